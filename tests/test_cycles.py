@@ -310,7 +310,7 @@ def test_what_has_no_cycle_is_told(sub: fs.Substructure, belt: fs.Belt, words: s
 
 @pytest.mark.parametrize(("options", "words"), [
     ({"harmonics": 0}, "harmonics must be at least 1"), ({"tol": 0.0}, "tol must lie"),
-    ({"start": -1.0}, "positive frequency"), ({"start": "0.7"}, "start must be"),
+    ({"start": -1.0}, "start .a frequency, .* must be positive"), ({"start": "0.7"}, "start .a frequency, .* must be a number"),
     ({"start": (np.arange(10.0), np.zeros(10))}, "64 are needed"),
     ({"start": (np.arange(200.0), np.zeros(200))}, "must contain two oscillations"),
     ({"start": (np.arange(200.0), np.zeros(100))}, "one row per column"),

@@ -13,7 +13,7 @@ from extendpages import names_of
 
 import femsub as fs
 from femsub.checks import Array
-from femsub.motion.first_order import equations
+from femsub.motion.first_order import Flow
 
 Rubbing: Any = names_of("contact", blocks=1)["Rubbing"]  # K + W k [[1, 0], [μ, 0]] Wᵀ on the ports "normal", "tangential"
 
@@ -178,12 +178,12 @@ def test_in_time_it_acts_beside_a_belt(method: str) -> None:
             step = h * np.eye(3)[j]
             moved = [run.contact.exerted(u + sign * step * (at == 0), v + sign * step * (at == 1)) for sign in (1, -1)]
             np.testing.assert_allclose(tangent[:, j], (moved[0] - moved[1]) / (2 * h), atol=1e-7)
-    system = equations(run.contact, run.start)
+    system = Flow(run.contact, run.start, 0.0, 1e-9, "lsoda", run.contact.W)
     y = np.random.default_rng(0).standard_normal(2 * sub.size + 2)
     exact = system.jacobian(0.0, y).T.copy()
     for j in range(len(y)):
         step = h * np.eye(len(y))[j]
-        difference = (system.rhs(0.0, y + step).copy() - system.rhs(0.0, y - step)) / (2 * h)
+        difference = (system.rate(0.0, y + step).copy() - system.rate(0.0, y - step)) / (2 * h)
         np.testing.assert_allclose(exact[:, j], difference, atol=1e-6 * np.abs(exact).max())
     assert "normal" in run.displacements and np.isfinite(run.velocity("tangential")).all()
 

@@ -32,15 +32,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array
-from femsub.errors import InputError, NotConvergedError
-from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import NotConvergedError
+from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State, massless
 
 PERIODS = 200  # periods of the highest mode integrated in one call; progress is reported in between
 SHARP = 1e-12  # largest rounding of K x₀, relative to the friction, if the motion is far from x₀
@@ -53,113 +52,137 @@ Right = Callable[[float, Array], Array]
 Balance = tuple[float, float, float, float, float]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Equations:
-    """ẏ = rhs(t, y) of y = [x, u, work, dissipation], shape (2n + 2,).
+class Flow:
+    """A trajectory of a model small enough to be dense: `advance` integrates it along a grid and keeps the current state.
 
     Attributes
     ----------
-    rhs, jacobian : callable
-        ẏ and ∂ẏ/∂y **transposed**, in arrays that the next call overwrites.
+    t, y
+        Current time and state, y = [x, u, work, dissipation], shape (2n + 2,).
+    rate, jacobian : callable
+        ẏ = rate(t, y) and ∂ẏ/∂y **transposed**, in arrays that the next call overwrites.
     rest : ndarray, shape (n,)
-        x₀.
+        x₀, if it is known (`shifted`); else 0.
     scale : float
         v/‖w‖_M⁻¹ of the error control: the largest s for velocities.
     omega, thrust : float
         ω and ‖G f(0)‖ of the error control.
     highest : float
         The largest ω of the model.
-    shifted : bool
-        Whether x₀ is known; else it is 0 here.
-    """
-
-    T: Array
-    Tinv: Array
-    K: Array
-    rest: Array
-    rhs: Right
-    jacobian: Right
-    scale: float
-    omega: float
-    thrust: float
-    highest: float
-    shifted: bool
-
-    @property
-    def size(self) -> int:
-        return len(self.T)
-
-    def vector(self, state: State) -> Array:
-        """y of a state, with zero work and dissipation."""
-        return np.concatenate([self.Tinv @ state.displacement - self.rest, self.Tinv @ state.velocity, [0.0, 0.0]])
-
-    def state(self, y: Array) -> State:
-        """q and q̇ of y."""
-        n = self.size
-        return State(self.T @ (y[:n] + self.rest), self.T @ y[n:2 * n])
-
-    def energy(self, y: Array) -> float:
-        """½ uᵀu + ½ xᵀK̂x: of the motion about x₀."""
-        x, u = y[:self.size], y[self.size:2 * self.size]
-        return float(u @ u + x @ (self.K @ x)) / 2
-
-    def common(self, x: Array) -> float:
-        """x₀ᵀK̂x = f(0)ᵀGᵀx, which is work of the friction at rest as well as energy."""
-        return float(self.rest @ (self.K @ x))
-
-    def motion(self, y: Array) -> float:
-        """m of the error control."""
-        n = self.size
-        return float(np.hypot(np.linalg.norm(y[n:2 * n]), np.linalg.norm(self.rhs(0.0, y)[n:2 * n]) / self.omega))
-
-    def tolerances(self, y: Array, tol: float) -> Array:
-        """tol · s of the error control from y on, at least the rounding, shape (2n + 2,)."""
-        n, pushed = self.size, self.thrust / self.omega
-        m = max(self.motion(y), FAINTEST * self.scale)
-        at = max(tol * min(self.scale, m), NOISE * (min(pushed, m / SMALL) if self.shifted else pushed))
-        power = at * (min(self.scale, m) + (min(pushed, m) if self.shifted else pushed))
-        return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
-
-
-def equations(contact: Sliding, start: State) -> Equations:
-    """The first-order system of a model small enough to be dense.
+    columns
+        What is recorded: columnsᵀq.
+    begins : float
+        The motion at the start, as a speed.
+    steps, rhs, jacobians : int
+        Counters of the effort.
 
     Raises
     ------
     InputError
         M is singular.
     """
-    model = contact.model
-    pencil = model.pencil.dense()
-    M, D, K = pencil.M, pencil.D, pencil.K
+
+    error = None  # SciPy's integrators do not report their local errors
+
+    def __init__(self, contact: Sliding, start: State, t: float, tol: float, method: str, columns: Matrix) -> None:
+        self.t, self.tol, self.method, self.columns = t, tol, method, columns
+        self.steps = self.rhs = self.jacobians = 0
+        pencil = contact.model.pencil.dense()
+        self.T = T = _coordinates(contact, pencil.M)
+        K, D, G = T.T @ pencil.K @ T, T.T @ pencil.D @ T, T.T @ contact.W
+        self.K = K = (K + K.T) / 2
+        self.highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
+        inverse = T.T @ pencil.M
+        begin = inverse @ start.displacement
+        rest = _rest(contact, start, begin, K, G)
+        self.shifted = rest is not None
+        change = contact.change(start.displacement if rest is None else T @ rest)
+        self.thrust = float(np.linalg.norm(G @ change.rest))
+        if rest is None:
+            rest, none = np.zeros(len(K)), np.zeros(contact.columns)
+            change = Change(contact, none, none, none)
+        self.rest = rest
+        self.rate, self.jacobian = _functions(change, K, D, G[:min(contact.columns, len(K))])
+        self.scale, self.omega = _scale(contact, start, K, G, self.highest)
+        self.first = self.y = np.concatenate([begin - rest, inverse @ start.velocity, [0.0, 0.0]])
+        self.begins = self._motion()
+
+    @property
+    def stretch(self) -> float:
+        """The time to integrate in one call."""
+        return PERIODS * 2 * np.pi / (self.highest or 1.0)
+
+    def advance(self, times: Array) -> tuple[Array, Array]:
+        """columnsᵀq and columnsᵀq̇ at times, (m, c) each.
+
+        times[0] is the current time; the integrator restarts there.
+
+        Raises
+        ------
+        NotConvergedError
+            The integrator failed.
+        """
+        step = _lsoda if self.method == "lsoda" else _solve_ivp
+        with np.errstate(over="ignore", invalid="ignore"):  # NaN and Inf are checked below
+            found = step(self, times)
+        if not np.isfinite(found).all():
+            raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}. Either the "
+                                    "friction law is not finite, or the motion grows without bound. A belt cannot cause that, "
+                                    "so check D")
+        self.t, self.y = float(times[-1]), found[-1].copy()
+        n, C = len(self.T), self.T.T @ self.columns
+        return (found[:, :n] + self.rest) @ C, found[:, n:2 * n] @ C
+
+    def close(self) -> None:
+        """Nothing to free; same interface as `AlphaFlow`."""
+
+    @property
+    def state(self) -> State:
+        n = len(self.T)
+        return State(self.T @ (self.y[:n] + self.rest), self.T @ self.y[n:2 * n])
+
+    @property
+    def balance(self) -> Balance:
+        """The terms of the energy balance since the start."""
+        before, now = self._energy(self.first), self._energy(self.y)
+        # x₀ᵀK̂x = f(0)ᵀGᵀx is work of the friction at rest as well as energy
+        common = float(self.rest @ (self.K @ (self.y - self.first)[:len(self.T)]))
+        return float(self.y[-2]), float(self.y[-1]), now - before, common, max(before, now)
+
+    def _energy(self, y: Array) -> float:
+        """½ uᵀu + ½ xᵀK̂x: of the motion about x₀."""
+        x, u = np.split(y[:-2], 2)
+        return float(u @ u + x @ (self.K @ x)) / 2
+
+    def _motion(self) -> float:
+        """m of the error control."""
+        u, a = self.y[len(self.T):-2], self.rate(0.0, self.y)[len(self.T):-2]
+        return float(np.hypot(np.linalg.norm(u), np.linalg.norm(a) / self.omega))
+
+    def tolerances(self) -> Array:
+        """tol · s of the error control from now on, at least the rounding, shape (2n + 2,)."""
+        n, pushed = len(self.T), self.thrust / self.omega
+        m = max(self._motion(), FAINTEST * self.scale)
+        at = max(self.tol * min(self.scale, m), NOISE * (min(pushed, m / SMALL) if self.shifted else pushed))
+        power = at * (min(self.scale, m) + (min(pushed, m) if self.shifted else pushed))
+        return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
+
+
+def _coordinates(contact: Sliding, M: Array) -> Array:
+    """T (n, n)."""
     try:
         L = la.cholesky(M, lower=True)
     except la.LinAlgError:
         L = np.zeros_like(M)
     # entry by entry: rotations and displacements in one vector have masses of different units
     if (np.diagonal(L) ** 2 <= len(M) * EPS * M.diagonal()).any():
-        raise InputError(f"M of {model.name!r} is singular (massless DOF), so velocities are not determined there. Condense "
-                         "those DOF, or reduce the model first (by Rubin: MacNeal leaves the interface without mass)")
+        raise massless(f"M of {contact.model.name!r}", "velocities are not determined")
     Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))
-    T = la.solve_triangular(L, Q, lower=True, trans="T")
-    K, D, G = T.T @ K @ T, T.T @ D @ T, T.T @ contact.W
-    K = (K + K.T) / 2
-    highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
-    Tinv = T.T @ M
-    rest = _rest(contact, start, Tinv, K, G)
-    change = contact.change(start.displacement if rest is None else T @ rest)
-    thrust = float(np.linalg.norm(G @ change.rest))
-    if rest is None:
-        none = np.zeros(contact.columns)
-        change = Change(contact, none, none, none)
-    rhs, jacobian = _functions(change, K, D, G[:min(contact.columns, len(M))])
-    return Equations(T, Tinv, K, np.zeros(len(K)) if rest is None else rest, rhs, jacobian,
-                     *_scale(contact, start, K, G, highest), thrust, highest, rest is not None)
+    return la.solve_triangular(L, Q, lower=True, trans="T")
 
 
-def _rest(contact: Sliding, start: State, Tinv: Array, K: Array, G: Array) -> Array | None:
+def _rest(contact: Sliding, start: State, begin: Array, K: Array, G: Array) -> Array | None:
     """x₀: the start, if it is an equilibrium; else K⁻¹ G f(0), if it exists and is accurate enough; else None."""
-    begin = Tinv @ start.displacement
     if not contact.pull(start.displacement).any():
         return begin
     if not contact.by_speed:
@@ -199,7 +222,7 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
     A = np.zeros((size + (0 if one else len(rows)), size))
     A[:n, n:2 * n] = np.eye(n)
     A[n:2 * n, :n], A[n:2 * n, n:2 * n] = -K, -D
-    A[loss if one else slice(size, None), n:2 * n] = rows[0] if one else rows
+    A[loss if one else slice(size, None), n:2 * n] = rows
     weights = values[felt]
     weight = float(weights[0]) if one else 0.0
     whole = np.empty(len(A))
@@ -215,136 +238,46 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
         elif len(tail):
             out[loss] = (weights * tail) @ tail
 
-    def start_gradient(y: Array) -> None:
+    def rhs(t: float, y: Array) -> Array:
+        dot(y, whole)
+        v = y[n:n + p] @ G
+        f = change(y[:p] @ G, v)
+        out[n:n + p] += G @ f
+        dissipated()
+        out[work] = f @ v
+        return out
+
+    def jacobian(t: float, y: Array) -> Array:
         np.copyto(gradient, linear)
         gradient[n:work, loss] = 2 * (symmetric @ y[n:work])
+        u, v = y[:p] @ G, y[n:n + p] @ G
+        of_u, of_v = contact.tangents(change.place + u, v)
+        gradient[:p, n:n + p] += (G @ of_u @ G.T).T
+        gradient[n:n + p, n:n + p] += (G @ of_v @ G.T).T
+        gradient[:p, work] = G @ (of_u.T @ v)
+        gradient[n:n + p, work] = G @ (change(u, v) + of_v.T @ v)
+        return gradient
 
     alone = contact.moving[0]
     if contact.columns > 1 or not contact.by_speed or not callable(getattr(alone, "scalar", None)):
-        def rhs(t: float, y: Array) -> Array:
-            dot(y, whole)
-            v = y[n:n + p] @ G
-            f = change(y[:p] @ G, v)
-            out[n:n + p] += G @ f
-            dissipated()
-            out[work] = f @ v
-            return out
+        return rhs, jacobian
+    exerted, slope = alone.scalar()
+    g, first, rounding = float(G[0, 0]), float(change.rest[0]), float(change.rounding[0])
+    small = SMALL * abs(first)
 
-        def jacobian(t: float, y: Array) -> Array:
-            start_gradient(y)
-            u, v = y[:p] @ G, y[n:n + p] @ G
-            of_u, of_v = contact.tangents(change.place + u, v)
-            gradient[:p, n:n + p] += (G @ of_u @ G.T).T
-            gradient[n:n + p, n:n + p] += (G @ of_v @ G.T).T
-            gradient[:p, work] = G @ (of_u.T @ v)
-            gradient[n:n + p, work] = G @ (change(u, v) + of_v.T @ v)
-            return gradient
-    else:
-        exerted, slope = alone.scalar()
-        g, first, rounding = float(G[0, 0]), float(change.rest[0]), float(change.rounding[0])
-        small = SMALL * abs(first)
+    def scalar_rhs(t: float, y: Array) -> Array:
+        dot(y, whole)
+        v = g * y.item(n)
+        f = exerted(v) - first
+        if -small < f < small:  # `change` in floats
+            smooth = v * slope(v / 2)
+            f = smooth if abs(smooth - f) <= rounding else f
+        out[n] += g * f
+        dissipated()
+        out[work] = f * v
+        return out
 
-        def smooth(f: float, v: float) -> float:  # `change` in floats
-            found = v * slope(v / 2)
-            return found if abs(found - f) <= rounding else f
-
-        def rhs(t: float, y: Array) -> Array:
-            dot(y, whole)
-            v = g * y.item(n)
-            f = exerted(v) - first
-            if -small < f < small:
-                f = smooth(f, v)
-            out[n] += g * f
-            dissipated()
-            out[work] = f * v
-            return out
-
-        def jacobian(t: float, y: Array) -> Array:
-            start_gradient(y)
-            v = g * y.item(n)
-            f, tangent = exerted(v) - first, slope(v)
-            gradient[n, n] += g * g * tangent
-            gradient[n, work] = g * ((smooth(f, v) if -small < f < small else f) + v * tangent)
-            return gradient
-
-    return rhs, jacobian
-
-
-@dataclass(repr=False)
-class Flow:
-    """A trajectory during integration: `advance` integrates it along a grid and keeps the current state.
-
-    Attributes
-    ----------
-    t, y
-        Current time and state.
-    columns, whole
-        What is recorded: columnsᵀq; also all of q if `whole`.
-    begins : float
-        The motion at the start, as a speed.
-    stretch : float
-        The time to integrate in one call.
-    steps, rhs, jacobians : int
-        Counters of the effort.
-    """
-
-    system: Equations
-    t: float
-    y: Array
-    tol: float
-    method: str
-    columns: Array
-    whole: bool
-    steps: int = 0
-    rhs: int = 0
-    jacobians: int = 0
-    error: float | None = None  # SciPy's integrators do not report their local errors
-
-    def __post_init__(self) -> None:
-        self.first, self.begins = self.y, self.system.motion(self.y)
-
-    @property
-    def stretch(self) -> float:
-        return PERIODS * 2 * np.pi / (self.system.highest or 1.0)
-
-    def advance(self, times: Array) -> tuple[Array, ...]:
-        """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n).
-
-        times[0] is the current time; the integrator restarts there.
-
-        Raises
-        ------
-        NotConvergedError
-            The integrator failed.
-        """
-        step = _lsoda if self.method == "lsoda" else _solve_ivp
-        with np.errstate(over="ignore", invalid="ignore"):  # NaN and Inf are checked below
-            found = step(self, times)
-        if not np.isfinite(found).all():
-            raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}. Either the "
-                                    "friction law is not finite, or the motion grows without bound. A belt cannot cause that, "
-                                    "so check D")
-        self.t, self.y = float(times[-1]), found[-1].copy()
-        n, T = self.system.size, self.system.T
-        parts = found[:, :n] + self.system.rest, found[:, n:2 * n]
-        C = T.T @ self.columns
-        ports = parts[0] @ C, parts[1] @ C
-        return (*ports, parts[0] @ T.T, parts[1] @ T.T) if self.whole else ports
-
-    def close(self) -> None:
-        """Nothing to free; same interface as `AlphaFlow`."""
-
-    @property
-    def state(self) -> State:
-        return self.system.state(self.y)
-
-    @property
-    def balance(self) -> Balance:
-        """The terms of the energy balance since the start."""
-        before, now = self.system.energy(self.first), self.system.energy(self.y)
-        n = self.system.size
-        return (float(self.y[-2]), float(self.y[-1]), now - before, self.system.common(self.y[:n] - self.first[:n]),
-                max(before, now))
+    return scalar_rhs, jacobian
 
 
 def _lsoda(flow: Flow, times: Array) -> Array:
@@ -352,8 +285,8 @@ def _lsoda(flow: Flow, times: Array) -> Array:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ODEintWarning)  # its message is in `info`
-        found, info = odeint(flow.system.rhs, flow.y, times, Dfun=flow.system.jacobian, col_deriv=True, tfirst=True,
-                             rtol=flow.tol, atol=flow.system.tolerances(flow.y, flow.tol), full_output=True, mxstep=MOST)
+        found, info = odeint(flow.rate, flow.y, times, Dfun=flow.jacobian, col_deriv=True, tfirst=True,
+                             rtol=flow.tol, atol=flow.tolerances(), full_output=True, mxstep=MOST)
     flow.steps += int(info["nst"][-1])
     flow.rhs += int(info["nfe"][-1])
     flow.jacobians += int(info["nje"][-1])
@@ -365,10 +298,10 @@ def _lsoda(flow: Flow, times: Array) -> Array:
 def _solve_ivp(flow: Flow, times: Array) -> Array:
     from scipy.integrate import solve_ivp
 
-    system, implicit = flow.system, flow.method in ("radau", "bdf")
-    options: dict[str, Any] = {"jac": lambda t, y: system.jacobian(t, y).T.copy()} if implicit else {}
-    done = solve_ivp(lambda t, y: system.rhs(t, y).copy(), (times[0], times[-1]), flow.y, method=METHODS[flow.method],
-                     t_eval=times, dense_output=True, rtol=flow.tol, atol=system.tolerances(flow.y, flow.tol), **options)
+    implicit = flow.method in ("radau", "bdf")
+    options: dict[str, Any] = {"jac": lambda t, y: flow.jacobian(t, y).T.copy()} if implicit else {}
+    done = solve_ivp(lambda t, y: flow.rate(t, y).copy(), (times[0], times[-1]), flow.y, method=METHODS[flow.method],
+                     t_eval=times, dense_output=True, rtol=flow.tol, atol=flow.tolerances(), **options)
     flow.steps += len(done.sol.ts) - 1
     flow.rhs += int(done.nfev)
     flow.jacobians += int(done.njev)

@@ -24,15 +24,15 @@ assumes that disturbances grow or decay like the motion itself. On a limit cycle
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Handle, factorise
-from femsub.checks import EPS, Array
-from femsub.errors import InputError, NotConvergedError, SingularMatrixError
-from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State, mass_solve
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import NotConvergedError, SingularMatrixError
+from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State, mass_solve, massless
 
 if TYPE_CHECKING:
     from femsub.motion.first_order import Balance
@@ -49,7 +49,17 @@ AT_MOST = 5  # largest number of halvings at one decision
 HALVINGS = 40  # halvings of the step in a row after which the integration fails
 
 
-Checkpoint = tuple[Array, Array, Array, float, float, float, float, int]  # x, v, a, work, loss, V, error, points shown
+class Moment(NamedTuple):
+    """x from the start, v, a and Δf (p,); and since the start work, dissipation and the sum of local errors; V."""
+
+    x: Array
+    v: Array
+    a: Array
+    force: Array
+    moving: float
+    work: float = 0.0
+    loss: float = 0.0
+    error: float = 0.0
 
 
 class AlphaFlow:
@@ -57,47 +67,51 @@ class AlphaFlow:
 
     method = "alpha"
 
-    def __init__(self, contact: Sliding, start: State, t: float, step: float, tol: float, columns: Array, whole: bool) -> None:
+    def __init__(self, contact: Sliding, start: State, t: float, step: float, tol: float, columns: Matrix) -> None:
         model = contact.model
-        self.contact, self.t, self.tol, self.columns, self.whole = contact, t, tol, columns, whole
+        self.contact, self.t, self.tol, self.columns = contact, t, tol, columns
         self.M, self.D, self.K = (sp.csr_array(part) for part in (model.M, model.D, model.K))
-        if self.M.diagonal().min() <= 0:
-            raise InputError(f"M of {model.name!r} is singular (massless DOF), so velocities are not determined there. Condense "
-                             "those DOF, or reduce the model first (by Rubin: MacNeal leaves the interface without mass)")
-        self.kind: Any = "definite" if model.pencil.symmetric[1] else "general"
         self.weight = self.M.diagonal()
+        if self.weight.min() <= 0:
+            raise massless(f"M of {model.name!r}", "velocities are not determined")
+        self.kind: Any = "definite" if model.pencil.symmetric[1] else "general"
         self.steps = self.rhs = self.jacobians = 0
-        self.work = self.loss = 0.0
         self.dt = self.largest = step
         self.speed = _speed(contact, start)
         self.rest, self.change = start.displacement, contact.change(start.displacement)
         self.pull = contact.pull(self.rest)
         self.shaken = self._shaken(self.change.rest)
-        self.begins, self.error = self._moving(start), 0.0
-        self.moving, self.before = self.begins, start.velocity @ (self.M @ start.velocity) / 2
-        self.done, self.worst = 0, 0.0  # steps since the last decision on their length, and the largest local error of these
+        self.before = start.velocity @ (self.M @ start.velocity) / 2
         self.kept = KEPT[0]
         self.factors: dict[tuple[float, float], tuple[Handle, Array, Array]] = {}
-        self.stepper = Stepper(self, start)
-        self.history: list[Array] = []  # the last speeds, at intervals of `last`
+        x, v = np.zeros(len(self.rest)), start.velocity
+        force = self.change(np.zeros(contact.columns), contact.W.T @ v)
+        a = mass_solve(self.M, -self._residual(x, v, x, force))
+        self.begins = self._moving(v, force)
+        self.reached = Moment(x, v, a, force, self.begins)
+        self.history = [self.reached]  # up to four moments at intervals of `last`
         self.last = 0.0
-        self.reached = self._checkpoint()
+        self.done, self.worst = 0, 0.0  # steps since the last decision on their length, and the largest local error of these
 
     @property
     def stretch(self) -> float:
         return AT_ONCE * self.largest
 
     @property
+    def error(self) -> float:
+        return self.reached.error
+
+    @property
     def state(self) -> State:
-        x, v = self.reached[:2]
-        return State(self.rest + x, v)
+        return State(self.rest + self.reached.x, self.reached.v)
 
     @property
     def balance(self) -> Balance:
         """The terms of the energy balance since the start."""
-        x, v, _, work, loss, *_ = self.reached
+        x, v = self.reached.x, self.reached.v
         now = float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
-        return (work + float(self.pull @ x), loss, now - self.before, float(self.rest @ (self.K @ x)), max(self.before, now))
+        return (self.reached.work + float(self.pull @ x), self.reached.loss, now - self.before,
+                float(self.rest @ (self.K @ x)), max(self.before, now))
 
     def close(self) -> None:
         """Free the factors."""
@@ -105,100 +119,100 @@ class AlphaFlow:
             handle.close()
         self.factors.clear()
 
-    def advance(self, times: Array) -> tuple[Array, ...]:
-        """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n)."""
-        shown = [self._seen()]
-        begin, at, done, worst = self._checkpoint(), 0, self.done, self.worst
-        history, last, halved = self.history or [begin[1]], self.last, 0
-        while at < len(times) - 1:
+    def advance(self, times: Array) -> tuple[Array, Array]:
+        """columnsᵀq and columnsᵀq̇ at times, (m, c) each."""
+        shown = [self.reached]
+        begin, kept, halved = self.reached, 1, 0
+        while len(shown) < len(times):
+            at = len(shown) - 1
             span = times[at + 1] - times[at]
             count = max(1, int(np.ceil(span / self.dt * (1 - 1e-9))))
             step = float(f"{span / count:.9e}")  # equal steps share a factorisation
-            if step != last:  # the third difference needs four speeds at equal intervals
-                history, last = history[-1:], step
+            if step != self.last:  # the third difference needs four speeds at equal intervals
+                self.history, self.last = self.history[-1:], step
             for _ in range(count):
-                history = [*history[-3:], self._step(step)]
-                done += 1
-                if len(history) == 4:
-                    worst = max(worst, self._error(history, step))
-                    if worst > self.tol:
-                        break
-            if worst > self.tol:
+                self._step(step)
+                if self.worst > self.tol:
+                    break
+            if self.worst > self.tol:
                 halved += 1
                 if halved > HALVINGS:
                     raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g}, but the local error is still "
-                                            f"{worst:.1e} at tol = {self.tol:g}. Use a larger tol or eps")
-                x, v, a, self.work, self.loss, self.moving, self.error, kept = begin
-                self.stepper.x, self.stepper.v, self.stepper.a = x, v, a
-                at -= len(shown) - kept
-                del shown[kept:]
+                                            f"{self.worst:.1e} at tol = {self.tol:g}. Use a larger tol or eps")
                 # the local error falls with the third power of the step: what is far too long is halved more than once
-                halvings = min(max(1, int(np.log2(worst / self.tol) / 3)), AT_MOST)
-                self.dt, done, worst, history = step / 2**halvings, 0, 0.0, [begin[1]]
+                self.dt = step / 2 ** min(max(1, int(np.log2(self.worst / self.tol) / 3)), AT_MOST)
+                self.history, self.done, self.worst = [begin], 0, 0.0
+                del shown[kept:]
                 continue
-            at += 1
-            shown.append(self._seen())
-            if done >= BLOCK:
-                if worst < self.tol / 16 and 2 * self.dt <= self.largest * (1 + 1e-9):
+            shown.append(self.history[-1])
+            if self.done >= BLOCK:
+                if self.worst < self.tol / 16 and 2 * self.dt <= self.largest * (1 + 1e-9):
                     self.dt *= 2
-                begin, done, worst, halved = self._checkpoint(), 0, 0.0, 0
-                begin = (*begin[:-1], len(shown))
-        self.t, self.done, self.worst, self.reached = float(times[-1]), done, worst, self._checkpoint()
-        self.history, self.last = history, last
-        return tuple(np.array(part) for part in zip(*shown, strict=True))
+                begin, kept, halved = shown[-1], len(shown), 0
+                self.done, self.worst = 0, 0.0
+        self.t, self.reached = float(times[-1]), shown[-1]
+        return (np.array([self.columns.T @ (self.rest + moment.x) for moment in shown]),
+                np.array([self.columns.T @ moment.v for moment in shown]))
 
-    def _checkpoint(self) -> Checkpoint:
-        at = self.stepper
-        return at.x, at.v, at.a, self.work, self.loss, self.moving, self.error, 1
+    def _step(self, h: float) -> None:
+        """One step, see `Moment`: one solve with S and p scalar equations; the stage equation then holds to rounding.
 
-    def _seen(self) -> tuple[Array, ...]:
-        x, v = self.rest + self.stepper.x, self.stepper.v
-        ports = (self.columns.T @ x, self.columns.T @ v)
-        return (*ports, x, v) if self.whole else ports
-
-    def _step(self, step: float) -> Array:
-        before = self.stepper.x
-        self.stepper.step(step)
-        v, moved = self.stepper.v, self.stepper.x - before
-        self.work += float(self.stepper.force @ (self.contact.W.T @ moved))
-        if self.D.nnz:
-            self.loss += float(moved @ (self.D @ moved)) / step
-        self.steps += 1
+        The stage is x_α = x₀ + α_f (x₁ - x₀), v_α likewise, a_α = a₀ + α_m (a₁ - a₀), with
+        x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). It starts from M a₀ = sum of all forces. A
+        step of another length continues with the last a.
+        """
+        now, contact = self.history[-1], self.contact
+        part, s, sigma = STAGE * BETA * h * h, GAMMA / (BETA * h), INERTIA / (STAGE * BETA * h * h)
+        # the predictor keeps a
+        place, speed = now.x + STAGE * (h * now.v + h * h / 2 * now.a), now.v + STAGE * h * now.a
+        guess = np.zeros(contact.columns) if contact.by_speed else contact.W.T @ place, contact.W.T @ speed
+        before = self.change(*guess)
+        handle, Z, C = self._factor(sigma, s)
+        d = handle.solve(-self._residual(place, speed, now.a, before))
+        force = _contact_force(self.change, guess, s * (contact.W.T @ d), before, C, s)
+        change = (d + Z @ (force - before)) / part  # of a
+        moved = h * now.v + h * h * (now.a / 2 + BETA * change)
+        x, v = now.x + moved, now.v + h * (now.a + GAMMA * change)
         if not np.isfinite(v[0]):
             raise NotConvergedError("alpha met a NaN or Inf. Either the motion grows without bound, or the law is not finite")
-        return v
+        after = Moment(x, v, now.a + change, force, now.moving, now.work + float(force @ (contact.W.T @ moved)),
+                       now.loss + float(moved @ (self.D @ moved)) / h, now.error)
+        self.history = [*self.history[-3:], after]
+        self.steps += 1
+        self.done += 1
+        if len(self.history) == 4:
+            self._judge(h)
 
-    def residual(self, x: Array, v: Array, a: Array, force: Array) -> Array:
+    def _judge(self, step: float) -> None:
+        """Local error of the velocity over its scale: a twelfth of the third difference, as for the trapezoidal rule."""
+        v, now = [moment.v for moment in self.history], self.history[-1]
+        wrong, size = self._norm(v[3] - v[0] - 3 * (v[2] - v[1])) / 12, self._norm(v[3])
+        shaken = min(self.shaken, self._shaken(now.force) / SMALL)  # forces whose rounding is in Δf
+        noise = NOISE * (2 / step * self._norm(now.x) + step / 2 * shaken)
+        moving = max(size, FADE * now.moving)
+        self.history[-1] = now._replace(moving=moving, error=now.error + (wrong / (moving + noise) if wrong else 0.0))
+        self.worst = max(self.worst, 0.0 if wrong <= noise else wrong / (size + min(self.speed, moving)))
+
+    def _residual(self, x: Array, v: Array, a: Array, force: Array) -> Array:
         """M a + D v + K (x₀ + x) - W f (n,), x the distance from the start, `force` Δf."""
         self.rhs += 1
-        found = self.M @ a + self.K @ x - self.contact.W @ force - self.pull
-        return found + self.D @ v if self.D.nnz else found
+        return self.M @ a + self.K @ x - self.contact.W @ force - self.pull + self.D @ v
 
     def _norm(self, v: Array) -> float:
         return float(np.sqrt(self.weight @ np.square(v)))
 
-    def _moving(self, start: State) -> float:
+    def _moving(self, v: Array, force: Array) -> float:
         """V at the start: the larger of ‖v‖ and aᵀMa/sqrt(aᵀKa), the largest speed of a single mode released from rest."""
-        W = self.contact.W
-        force = self.pull + W @ self.change(np.zeros(W.shape[1]), W.T @ start.velocity)
+        force = self.pull + self.contact.W @ force
         a = force / self.weight
         stiffness = float(a @ (self.K @ a))
-        return float(np.hypot(self._norm(start.velocity), force @ a / np.sqrt(stiffness) if stiffness > 0 else 0.0))
+        return float(np.hypot(self._norm(v), force @ a / np.sqrt(stiffness) if stiffness > 0 else 0.0))
 
     def _shaken(self, force: Array) -> float:
         """The acceleration by forces on the contact's columns, as a norm."""
         return float(np.sqrt(np.square(self.contact.W @ force) @ (1 / self.weight)))
 
-    def _error(self, v: list[Array], step: float) -> float:
-        """Local error of the velocity over its scale: a twelfth of the third difference, as for the trapezoidal rule."""
-        wrong, size = self._norm(v[3] - v[0] - 3 * (v[2] - v[1])) / 12, self._norm(v[3])
-        shaken = min(self.shaken, self._shaken(self.stepper.force) / SMALL)  # forces whose rounding is in Δf
-        noise = NOISE * (2 / step * self._norm(self.stepper.x) + step / 2 * shaken)
-        self.moving = max(size, FADE * self.moving)
-        self.error += wrong / (self.moving + noise) if wrong else 0.0
-        return 0.0 if wrong <= noise else wrong / (size + min(self.speed, self.moving))
-
-    def factor(self, sigma: float, s: float) -> tuple[Handle, Array, Array]:
+    def _factor(self, sigma: float, s: float) -> tuple[Handle, Array, Array]:
         """The factor of S = σM + sD + K, with S⁻¹W and s WᵀS⁻¹W; made once per pair of shifts."""
         key = (sigma, s)
         if key not in self.factors:
@@ -226,37 +240,6 @@ def _speed(contact: Sliding, start: State) -> float:
     return float(speed / np.sqrt(norms[norms > 0].min())) if norms.any() else speed
 
 
-class Stepper:
-    """x, v and a of a flow, and one step of the generalised-α method from them.
-
-    The stage is x_α = x₀ + α_f (x₁ - x₀), v_α likewise, a_α = a₀ + α_m (a₁ - a₀), with
-    x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). It starts from M a₀ = sum of all forces. A step
-    of another length continues with the last a.
-    """
-
-    def __init__(self, flow: AlphaFlow, start: State) -> None:
-        self.flow, self.x, self.v = flow, np.zeros(len(start.velocity)), start.velocity.copy()
-        self.force = flow.change(np.zeros(flow.contact.columns), flow.contact.W.T @ self.v)
-        self.a = mass_solve(flow.M, -flow.residual(self.x, self.v, np.zeros_like(self.v), self.force))
-
-    def step(self, h: float) -> None:
-        """One step: one solve with S and p scalar equations; the stage equation then holds to rounding."""
-        flow, contact = self.flow, self.flow.contact
-        part, s, sigma = STAGE * BETA * h * h, GAMMA / (BETA * h), INERTIA / (STAGE * BETA * h * h)
-        # the predictor keeps a
-        place, speed = self.x + STAGE * (h * self.v + h * h / 2 * self.a), self.v + STAGE * h * self.a
-        guess = np.zeros(contact.columns) if contact.by_speed else contact.W.T @ place, contact.W.T @ speed
-        before = flow.change(*guess)
-        residual = flow.residual(place, speed, self.a, before)
-        handle, Z, C = flow.factor(sigma, s)
-        d = handle.solve(-residual)
-        self.force = _contact_force(flow.change, guess, s * (contact.W.T @ d), before, C, s)
-        change = (d + Z @ (self.force - before)) / part  # of a
-        self.x = self.x + h * self.v + h * h * (self.a / 2 + BETA * change)
-        self.v = self.v + h * (self.a + GAMMA * change)
-        self.a = self.a + change
-
-
 def _contact_force(force: Change, guess: tuple[Array, Array], change: Array, before: Array, C: Array, s: float) -> Array:
     """Δf(u, v), v = v₀ + change + C (Δf(u, v) - before), u = u₀ + (v - v₀)/s, by Newton's method with step halving; (p,)."""
     contact, (place, begin) = force.contact, guess
@@ -277,13 +260,11 @@ def _contact_force(force: Change, guess: tuple[Array, Array], change: Array, bef
             return f
         of_u, of_v = contact.tangents(force.place + place + (v - begin) / s, v)
         step = np.linalg.solve(np.eye(len(v)) - C @ (of_v + of_u / s), rest)
-        part = 1.0
-        while part > 1e-12:
+        for part in 0.5 ** np.arange(40):
             trial = v - part * step
             found, f = gap(trial)
             if np.linalg.norm(found) < np.linalg.norm(rest) or np.abs(found).max() <= floor:
                 break
-            part /= 2
         else:
             if np.abs(rest).max() <= 1e4 * floor:
                 return gap(v)[1]

@@ -24,7 +24,7 @@ from femsub.errors import InputError, InputTypeError, NotConvergedError, Singula
 from femsub.model import ReducedSubstructure, Substructure, columns_of, contacts_of
 from femsub.modes import ShiftInvert
 
-NEWTON = 50  # largest number of steps to an equilibrium
+NEWTON = 50  # largest number of steps to an equilibrium or a mean displacement
 RESIDUE = 16 * EPS  # relative to the forces that cancel in an equilibrium: the rounding that remains
 SMALL = 1e-5  # of the force at rest: a smaller change of it is taken from the tangent
 
@@ -167,48 +167,49 @@ class Sliding:
         """Ports of the belts whose law has no ε."""
         return [belt.port for belt in self.belts if np.isnan(width_of(belt.law))]
 
-    def _held(self) -> ShiftInvert:
-        """The factor of K of a model that does not float; to be released."""
-        handle = ShiftInvert(self.model.K, self.model.M, carried=self.model.rigid_motion)
-        if handle.floating:
-            handle.release()
-            raise InputError(f"{self.model.name!r} floats ({handle.rigid.shape[1]} rigid-body modes), so the belt drags it away "
-                             "and there is no sliding equilibrium. Hold it with supports or springs")
-        return handle
-
     @cached_property
     def static(self) -> tuple[Array, Array]:
-        """K⁻¹W (n, p) and WᵀK⁻¹W (p, p)."""
-        handle = self._held()
-        Z = handle.factor.solve(self.W)
-        handle.release()
-        return Z, self.W.T @ Z
-
-    @cached_property
-    def equilibrium(self) -> Array:
-        """K q = W f at rest: steady sliding, shape (n,). If f depends on u, by Newton's method for u = WᵀK⁻¹W f(u, 0).
+        """K⁻¹W (n, p) and WᵀK⁻¹W (p, p).
 
         Raises
         ------
         InputError
             The model floats, so nothing balances the friction.
-        NotConvergedError
-            Newton's method found no equilibrium.
         """
-        u, still = np.zeros(self.columns), np.zeros(self.columns)
-        if self.by_speed:
-            handle = self._held()
-            found = handle.factor.solve(self.W @ self.exerted(u, still))
-            handle.release()
-            return found
-        Z, H = self.static
+        handle = ShiftInvert(self.model.K, self.model.M, carried=self.model.rigid_motion)
+        Z = None if handle.floating else handle.factor.solve(self.W)
+        handle.release()
+        if Z is None:
+            raise InputError(f"{self.model.name!r} floats ({handle.rigid.shape[1]} rigid-body modes), so the belt drags it away "
+                             "and there is no sliding equilibrium. Hold it with supports or springs")
+        return Z, self.W.T @ Z
+
+    def mean(self, u: Array, v: Array, begin: Array) -> tuple[Array, Array]:
+        """u₀ (p,) of u₀ = WᵀK⁻¹W f₀, f₀ the mean of f(u₀ + u, v) over m times, and f (p, m): by Newton's method from `begin` on.
+
+        Raises
+        ------
+        NotConvergedError
+            Newton's method found none.
+        """
+        H = self.static[1]
+        mean, size = begin, float(np.abs(u).max())
         for _ in range(NEWTON):
-            rest = u - H @ self.exerted(u, still)
-            if np.abs(rest).max() <= RESIDUE * (np.abs(u) + np.abs(H) @ np.abs(self.exerted(u, still))).max():
-                return Z @ self.exerted(u, still)
-            u = u - np.linalg.solve(np.eye(len(u)) - H @ self.tangents(u, still)[0], rest)
-        raise NotConvergedError(f"no equilibrium of {self.model.name!r} under its contacts was found in {NEWTON} steps of "
-                                "Newton's method. Give a start")
+            f = self.exerted(mean[:, None] + u, v)
+            rest = mean - H @ f.mean(axis=1)
+            if np.abs(rest).max() <= RESIDUE * ((np.abs(mean) + np.abs(H) @ np.abs(f).mean(axis=1)).max() + size):
+                return mean, f
+            of_u = self.tangents(mean[:, None] + u, v)[0].mean(axis=-1)
+            mean = mean - np.linalg.solve(np.eye(len(mean)) - H @ of_u, rest)
+        what = "mean displacement" if size else "equilibrium"
+        raise NotConvergedError(f"no {what} of {self.model.name!r} under its contacts was found in {NEWTON} steps of Newton's "
+                                "method. Give another start")
+
+    @cached_property
+    def equilibrium(self) -> Array:
+        """K q = W f at rest: steady sliding, shape (n,)."""
+        still = np.zeros((self.columns, 1))
+        return self.static[0] @ self.mean(still, still, still[:, 0])[1][:, 0]
 
     def pull(self, displacement: Array) -> Array:
         """W f - K q (n,), the force on a model at rest; 0 where only rounding is left of it."""
@@ -241,18 +242,20 @@ class Sliding:
     def checked(self, start: State) -> State:
         """A checked copy of an initial state: finite, and of the model's size."""
         instance("start", start, State, "displacement, velocity")
-        parts = [(name, real_array(f"the start's {name}", getattr(start, name))) for name in ("displacement", "velocity")]
-        for name, part in parts:
-            if part.shape != (self.model.size,):
-                raise InputError(f"the start's {name} has the shape {part.shape}, but the model has {self.model.size} DOF. "
-                                 "Project a state of the full model onto a reduced one with nonlinear_model.project")
-        return State(*(part.copy() for _, part in parts))
+        return State(self._vector("the start's displacement", start.displacement),
+                     self._vector("the start's velocity", start.velocity))
 
     def perturbed(self, displacement: Any = 0.0, velocity: Any = 0.0) -> State:
         """The sliding equilibrium plus a displacement and a velocity in the model's coordinates, shape (n,) each."""
-        parts = [_vector(name, value, self.model.size) for name, value in
-                 (("displacement", displacement), ("velocity", velocity))]
-        return State(self.equilibrium + parts[0], parts[1])
+        return State(self.equilibrium + self._vector("displacement", displacement), self._vector("velocity", velocity))
+
+    def _vector(self, name: str, value: Any) -> Array:
+        """A copy of a vector of the model's coordinates (n,); of a number, the vector with this number everywhere."""
+        found, size = real_array(name, value), self.model.size
+        if found.shape not in ((), (size,)):
+            raise InputError(f"{name} must have {size} entries, one per DOF of the model, but its shape is {found.shape}. "
+                             "Project a state of the full model onto a reduced one with nonlinear_model.project")
+        return np.broadcast_to(found, (size,)).copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,16 +354,13 @@ def mass_solve(M: Matrix, load: Array) -> Array:
     try:
         handle = factorise(M, "definite")
     except SingularMatrixError:
-        raise InputError("M is singular (massless DOF), so an impulse or a field of velocities has no meaning there. "
-                         "Condense those DOF, or reduce the model first (by Rubin: MacNeal leaves the interface without "
-                         "mass)") from None
+        raise massless("M", "an impulse or a field of velocities has no meaning") from None
     found = handle.solve(load)
     handle.close()
     return found
 
 
-def _vector(name: str, value: Any, size: int) -> Array:
-    found = real_array(name, value)
-    if found.shape not in ((), (size,)):
-        raise InputError(f"{name} must have {size} entries, one per DOF of the model, but its shape is {found.shape}")
-    return np.broadcast_to(found, (size,)).copy()
+def massless(matrix: str, lacks: str) -> InputError:
+    """The error for a singular M."""
+    return InputError(f"{matrix} is singular (massless DOF), so {lacks} there. Condense those DOF, or reduce the model first (by "
+                      "Rubin: MacNeal leaves the interface without mass)")

@@ -94,7 +94,7 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
     array([2.])
     """
     from scipy.fft import next_fast_len, rfft
-    from scipy.signal import get_window
+    from scipy.signal import find_peaks, get_window
 
     whole_number("count", count, least=0)
     if not 0 <= finite_number("floor", floor) <= 1:
@@ -106,18 +106,10 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
     amplitude = np.abs(rfft(g * (x - g @ x / g.sum()), long)) * 2 / g.sum()
     omega = 2 * np.pi * np.arange(len(amplitude)) / (long * step)
     resolution = 2 * np.pi / (m * step)
-    peaks, heights = _peaks(omega, amplitude, count, floor, LOBE * resolution)
-    return Spectrum(omega, amplitude, peaks, heights, resolution)
-
-
-def _peaks(omega: Array, amplitude: Array, count: int, floor: float, apart: float) -> tuple[Array, Array]:
-    from scipy.signal import find_peaks
-
-    step = omega[1] - omega[0]
-    at, _ = find_peaks(amplitude, height=floor * amplitude.max(), distance=apart / step)
+    at, _ = find_peaks(amplitude, height=floor * amplitude.max(), distance=LOBE * resolution / omega[1])
     at = at[np.argsort(-amplitude[at])][:count]
     vertices = np.array([_parabola(np.log(amplitude[i - 1:i + 2])) for i in at]).reshape(-1, 2)
-    return omega[at] + step * vertices[:, 0], np.exp(vertices[:, 1])
+    return Spectrum(omega, amplitude, omega[at] + omega[1] * vertices[:, 0], np.exp(vertices[:, 1]), resolution)
 
 
 def _parabola(y: Array) -> tuple[float, float]:

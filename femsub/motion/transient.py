@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from femsub.algebra import Interruptible
 from femsub.checks import EPS, Array, choice, finite_number, interval, items, listener, positive_number, whole_number, word
 from femsub.errors import InputError, unknown_name
-from femsub.motion.first_order import METHODS, Flow, equations
+from femsub.motion.first_order import METHODS, Flow
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
@@ -140,10 +140,6 @@ class Transient:
         """wᵀq̇(t) on a port, shape (m,) or (m, p)."""
         return self._recorded(self.velocities, name)
 
-    def relative_velocity(self, name: str) -> Array:
-        """v0 - wᵀq̇(t) under a belt."""
-        return self.belt(name).speed - self.velocity(name)
-
     def friction(self, name: str) -> Array:
         """F μ(v0 - wᵀq̇(t)) under a belt."""
         belt = self.belt(name)
@@ -229,26 +225,28 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     if tol is not None and not 1e-13 <= finite_number("tol", tol) <= 1e-2:
         raise InputError(f"tol must lie between 1e-13 and 1e-2, not {tol!r}")
     choice("record", record, ("ports", "states"))
-    columns, slices = _columns(contact, ports)
+    whole = record == "states"
+    columns, places = _columns(contact, ports, whole)
     if start is not None and impulse is not None:
         raise InputError("give either start or impulse, not both: an impulse starts from the sliding equilibrium")
     first = contact.impulse(1e-3 if impulse is None else impulse) if start is None else contact.checked(start)
-    flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns, record == "states")
-    parts: list[tuple[Array, ...]] = []
+    flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns)
+    parts = [(np.zeros((0, columns.shape[1])),) * 2]
     told = clock.perf_counter()
     with closing(flow), Interruptible() as course:
         for times, wanted in _stretches(t0, t1, grid, flow.stretch):
-            parts.append(tuple(part[wanted] for part in flow.advance(times)))
+            q, v = flow.advance(times)
+            parts.append((q[wanted], v[wanted]))
             if clock.perf_counter() - told > TELL:
                 told = clock.perf_counter()
                 tell(f"t = {flow.t:.6g} of {t1:g}")
-    q, v, *states = (np.concatenate(pieces) for pieces in zip(*parts, strict=True)) if parts else \
-        (np.zeros((0, columns.shape[1])),) * 2
+    q, v = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
     work, loss, change, common, energy = flow.balance
     largest = max(abs(work), abs(loss), abs(change), FAINT * energy)
     balance = EnergyBalance(work + common, loss, change + common, abs(work - loss - change) / largest if largest else 0.0)
-    run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
-                    {name: v[:, at] for name, at in slices.items()}, (states[0], states[1]) if states else None, first,
+    run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in places.items()},
+                    {name: v[:, at] for name, at in places.items()},
+                    (q[:, -model.size:], v[:, -model.size:]) if whole else None, first,
                     flow.state, flow.t, course.complete, balance,
                     Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began),
                     flow.error, 0.0 if start is None else _rounding(model, first, flow.begins))
@@ -264,7 +262,7 @@ def _rounding(model: Substructure, start: State, motion: float) -> float:
 
 
 def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple[Any, Any, Any],
-          tol: float | None, method: str, columns: Array, whole: bool) -> tuple[Flow | AlphaFlow, Array]:
+          tol: float | None, method: str, columns: Any) -> tuple[Flow | AlphaFlow, Array]:
     """The trajectory, ready to start, and the grid on which it is recorded."""
     model = contact.model
     large = sp.issparse(model.K) and model.size > DENSE
@@ -273,28 +271,31 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
 
         points = _grid(*time, *grid, 0.0)
         apart = float(points[1] - points[0]) if len(points) > 1 else time[1] - time[0]
-        return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns, whole), points
+        return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns), points
     if model.size > LARGEST:
         raise InputError(f"{method!r} is for dense models of up to {LARGEST} DOF, but {model.name!r} has {model.size}. Use "
                          "method='alpha', or reduce the model first")
-    system = equations(contact, start)
-    points = _grid(*time, *grid, system.highest)
-    return Flow(system, time[0], system.vector(start), TOL["dense"] if tol is None else float(tol),
-                "lsoda" if method == "auto" else method, columns, whole), points
+    flow = Flow(contact, start, time[0], TOL["dense"] if tol is None else float(tol), "lsoda" if method == "auto" else method,
+                columns)
+    return flow, _grid(*time, *grid, flow.highest)
 
 
-def _columns(contact: Sliding, ports: Sequence[str]) -> tuple[Array, dict[str, Any]]:
-    """The recorded columns, (n, c), and the position of each port in them: an index for a port of one column, else a slice."""
+def _columns(contact: Sliding, ports: Sequence[str], whole: bool) -> tuple[Any, dict[str, Any]]:
+    """The recorded columns, (n, c), the last n a unit matrix if `whole`, and the position of each port in them.
+
+    It is an index for a port of one column, else a slice.
+    """
     asked = [word("ports", name) for name in items("ports", ports, "names of ports")]
-    names = dict.fromkeys([*contact.ports, *asked])
-    parts, places, at = [], {}, 0
-    for name in names:
-        column = contact.model.port(name)
-        wide = column.reshape(len(column), -1)
-        places[name] = at if column.ndim == 1 else slice(at, at + wide.shape[1])
-        at += wide.shape[1]
-        parts.append(wide)
-    return np.hstack(parts) if parts else np.zeros((contact.model.size, 0)), places
+    columns = {name: contact.model.port(name) for name in (*contact.ports, *asked)}
+    places: dict[str, Any] = {}
+    at = 0
+    for name, column in columns.items():
+        width = column[0].size
+        places[name] = at if column.ndim == 1 else slice(at, at + width)
+        at += width
+    n = contact.model.size
+    found = np.column_stack([np.zeros((n, 0)), *columns.values()])
+    return sp.hstack([found, sp.eye_array(n)], format="csr") if whole else found, places
 
 
 def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_from: float | None, highest: float) -> Array:

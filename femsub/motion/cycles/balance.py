@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array
+from femsub.checks import Array
 from femsub.errors import NotConvergedError
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
@@ -38,8 +38,6 @@ from femsub.motion.nonlinear_model import Sliding
 ALIASING = 1e-7  # samples are doubled until the relative change of v is smaller
 SAMPLES = 2**17  # largest number of samples per period
 STEP = 1e-9  # relative size of a Newton step at which the iteration ends
-ROUNDS = 50  # Newton steps to the mean displacement
-STILL = 1e3 * EPS  # relative residual at which it is reached
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +55,11 @@ class Orbit:
     def harmonics(self) -> int:
         return len(self.v)
 
+    @property
+    def s(self) -> Array:
+        """ikω (H,)."""
+        return 1j * self.omega * np.arange(1, self.harmonics + 1)
+
     @cached_property
     def norm(self) -> float:
         """Root mean square of v over one period, summed over the columns."""
@@ -65,7 +68,7 @@ class Orbit:
     @property
     def vector(self) -> Array:
         """[Re v, Im v, ω] (2Hp + 1,)."""
-        return np.concatenate([self.v.real.ravel(), self.v.imag.ravel(), [self.omega]])
+        return np.append(parts_of(self.v), self.omega)
 
     def at(self, x: Array) -> Orbit:
         """The orbit of a vector of the same shape."""
@@ -81,6 +84,11 @@ class Orbit:
     def samples(self, count: int) -> Array:
         """v at `count` equidistant times of one period, (p, count)."""
         return samples_of(self.v, count)
+
+
+def parts_of(v: Array) -> Array:
+    """[Re v, Im v] (2Hp,) of v (H, p)."""
+    return np.concatenate([v.real.ravel(), v.imag.ravel()])
 
 
 def samples_of(v: Array, count: int) -> Array:
@@ -131,19 +139,10 @@ class Balance:
         v = orbit.samples(count)
         if self.contact.by_speed:
             return Course(None, v, self.contact.exerted(v, v), None)
-        u = samples_of(orbit.v / (1j * orbit.omega * np.arange(1, orbit.harmonics + 1)[:, None]), count)
-        mean = self.contact.W.T @ self.contact.equilibrium if orbit.mean is None else orbit.mean
-        static = self.contact.static[1]
-        for _ in range(ROUNDS):
-            f = self.contact.exerted(mean[:, None] + u, v)
-            rest = mean - static @ f.mean(axis=1)
-            size = float(np.abs(mean).max() + np.abs(u).max())
-            if np.abs(rest).max() <= STILL * size:
-                return Course(u, v, f, mean)
-            of_u = self.contact.tangents(mean[:, None] + u, v)[0].mean(axis=-1)
-            mean = mean - np.linalg.solve(np.eye(len(mean)) - static @ of_u, rest)
-        raise NotConvergedError(f"no mean displacement under the contacts was found: Newton's last residual is "
-                                f"{np.abs(rest).max() / size:.1e} of the motion. Give another start")
+        u = samples_of(orbit.v / orbit.s[:, None], count)
+        begin = self.contact.W.T @ self.contact.equilibrium if orbit.mean is None else orbit.mean
+        mean, f = self.contact.mean(u, v, begin)
+        return Course(u, v, f, mean)
 
     def force(self, orbit: Orbit, count: int) -> Array:
         """f at `count` equidistant times of one period, (p, count)."""
@@ -154,7 +153,7 @@ class Balance:
         H = orbit.harmonics
         count = power_of_two(max(64, 4 * H + 2))
         f = coefficients(self.force(orbit, count), H)
-        Y = self.flexibility.estimate(1j * orbit.omega * np.arange(1, H + 1))
+        Y = self.flexibility.estimate(orbit.s)
         while count < SAMPLES:
             finer = coefficients(self.force(orbit, 2 * count), H)
             error = np.einsum("kij,kj->ki", Y, (finer - f)[1:])
@@ -165,11 +164,10 @@ class Balance:
 
     def residual(self, orbit: Orbit, count: int) -> Terms:
         """R, and what it is made of."""
-        k = np.arange(1, orbit.harmonics + 1)
-        Y, slope = self.flexibility.mobility(1j * orbit.omega * k)
+        Y, slope = self.flexibility.mobility(orbit.s)
         course = self.course(orbit, count)
         f = coefficients(course.f, orbit.harmonics)[1:]
-        return Terms(orbit.v - np.einsum("kij,kj->ki", Y, f), Y, 1j * k[:, None, None] * slope, f, course)
+        return Terms(orbit.v - np.einsum("kij,kj->ki", Y, f), Y, (orbit.s / orbit.omega)[:, None, None] * slope, f, course)
 
     def derivative(self, orbit: Orbit, terms: Terms) -> Array:
         """dR/d[Re v, Im v, ω], shape (2Hp, 2Hp + 1)."""
@@ -184,7 +182,15 @@ class Balance:
             J[0, :, :, part], J[1, :, :, part] = change.real, change.imag
         J = J.reshape(2 * H * p, 2 * H * p)
         J[np.diag_indices(len(J))] += 1.0
-        return np.hstack([J, np.concatenate([omega.real.ravel(), omega.imag.ravel()])[:, None]])
+        return np.hstack([J, parts_of(omega)[:, None]])
+
+    def system(self, orbit: Orbit, terms: Terms) -> tuple[Array, Array]:
+        """R and 0 for the phase condition Σ k Im(v̄_k δv_k) = 0, (2Hp + 1,), and their Jacobian (2Hp + 1, 2Hp + 1).
+
+        The condition allows no step along the orbit itself.
+        """
+        phase = np.append(parts_of(orbit.s[:, None] * orbit.v), 0.0)
+        return np.append(parts_of(terms.R), 0.0), np.vstack([self.derivative(orbit, terms), phase / np.linalg.norm(phase)])
 
     def _linear(self, orbit: Orbit, course: Course) -> tuple[Array, Array, Array | None]:
         """∂f_k/∂v_j and ∂f_k/∂v̄_j (H, p, H, p), and ∂f_k/∂ω (H, p), None for 0."""
@@ -193,7 +199,7 @@ class Balance:
             return *_around(self.contact.tangents(course.v, course.v)[1], j[:, None], j), None
         k = np.arange(H + 1)[:, None]
         of_u, of_v = self.contact.tangents(course.mean[:, None] + course.u, course.v)
-        turn, static = 1 / (1j * orbit.omega * j)[:, None], self.contact.static[1]
+        turn, static = 1 / orbit.s[:, None], self.contact.static[1]
         (one, two), (less, more) = _around(of_v, k, j), _around(of_u, k, j)
         one, two = one + less * turn, two - more * turn
         fed = coefficients(np.einsum("abm,bm->am", of_u, course.u), H) / -orbit.omega
@@ -223,7 +229,7 @@ class Balance:
         return truncation, alias, int(enough[0]) if len(enough) else top
 
     def solve(self, orbit: Orbit, *, rounds: int = 40, tol: float = STEP) -> tuple[Orbit, float, int]:
-        """Newton's method with a line search and the phase condition Σ k Im(v̄_k δv_k) = 0; returns ‖R‖/‖v‖ and the steps, too.
+        """Newton's method with a line search on `system`; returns ‖R‖/‖v‖ and the steps, too.
 
         Raises
         ------
@@ -233,14 +239,13 @@ class Balance:
         start, count = orbit.norm, self.samples(orbit)
         terms = self.residual(orbit, count)
         for turn in range(1, rounds + 1):
-            J = np.vstack([self.derivative(orbit, terms), self.phase(orbit)])
-            right = np.concatenate([terms.R.real.ravel(), terms.R.imag.ravel(), [0.0]])
+            R, J = self.system(orbit, terms)
             try:
-                step = -la.solve(J, right, check_finite=False)
+                step = -la.solve(J, R, check_finite=False)
             except (la.LinAlgError, ValueError):
                 raise NotConvergedError(f"harmonic balance met a singular Jacobian at ω = {orbit.omega:.6g} in step {turn}, "
                                         "probably at a fold. Use fs.branch, which follows the branch around it") from None
-            size = self.size(orbit, step)
+            size = float(np.linalg.norm(step[:-1]) / np.linalg.norm(orbit.v) + abs(step[-1]) / orbit.omega)
             orbit, terms = self._searched(orbit, step, size, terms, count)
             if orbit.norm < 1e-3 * start or not orbit.omega > 0:
                 raise NotConvergedError("the iteration fell back to steady sliding: there is no cycle near the initial guess. "
@@ -254,16 +259,6 @@ class Balance:
         raise NotConvergedError(f"harmonic balance with {orbit.harmonics} harmonics did not converge: after {rounds} steps the "
                                 f"last relative step was {size:.1e}, above {tol:g}. Give a better start, e.g. a "
                                 "transient's signal: start=(t, v)")
-
-    def size(self, orbit: Orbit, step: Array) -> float:
-        """Relative size of a step."""
-        return float(np.linalg.norm(step[:-1]) / np.linalg.norm(orbit.v) + abs(step[-1]) / orbit.omega)
-
-    def phase(self, orbit: Orbit) -> Array:
-        """Σ k Im(v̄_k δv_k) as a row over [δRe v, δIm v, δω]: no step along the orbit itself."""
-        k = np.arange(1, orbit.harmonics + 1)[:, None]
-        row = np.concatenate([-(k * orbit.v.imag).ravel(), (k * orbit.v.real).ravel(), [0.0]])
-        return row / np.linalg.norm(row)
 
     def _searched(self, orbit: Orbit, step: Array, size: float, terms: Terms, count: int) -> tuple[Orbit, Terms]:
         before, factor = np.linalg.norm(terms.R), min(1.0, 0.5 / size)

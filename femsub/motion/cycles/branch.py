@@ -3,30 +3,52 @@
 A branch begins at a Hopf point, where steady sliding loses its stability, or at a known cycle. The Floquet multipliers tell
 which cycles are stable, and how stability changes. At a fold one multiplier passes +1, and the branch turns back. At a period
 doubling one passes -1. At a Neimark-Sacker point a pair leaves the unit circle, and quasi-periodic motion begins.
+
+The key of a cycle is the sign of dp/ds and the number of multipliers outside the unit circle. If it changes between two
+neighbours, the step between them is halved until the change is located. The multiplier that passes the circle gives the
+point its name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import Array, choice, finite_number, listener, truth, whole_number
+from femsub.checks import Array, choice, finite_number, listener, positive_number, truth, whole_number
 from femsub.coupling import Belt
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import InputError, NotConvergedError
 from femsub.model import fields_of
-from femsub.motion.cycles.balance import Orbit
-from femsub.motion.cycles.compliance import Compliance
-from femsub.motion.cycles.continuation import Path, with_parameter
+from femsub.motion.cycles.balance import Orbit, in_phase
+from femsub.motion.cycles.continuation import Path, Place, with_parameter
 from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of, within
 from femsub.motion.cycles.limit_cycle import LimitCycle, flexibility_of
-from femsub.motion.cycles.special_points import SpecialPoint, Tracer
 from femsub.motion.nonlinear_model import Sliding, sliding
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
+
+
+EASY, HARD = 4, 8  # with fewer Newton steps the step along the branch grows; with so many it was too long
+LONGEST, SHORTEST, FIRST = 0.15, 1e-5, 0.01  # scaled steps along a branch
+HALVINGS = 6  # halvings to locate a special point
+YOUNG = 0.02  # amplitude / belt speed below which the amplitude's multiplier is 1 within its error
+BESIDE = 2e-3  # distance from a fold, as a share of the parameter's range, within which a multiplier is 1 within its error
+TURN = 0.85  # smallest cosine between the tangents of neighbours
+
+
+@dataclass(frozen=True)
+class SpecialPoint:
+    """A named point of a branch: 'fold', 'period doubling', 'Neimark-Sacker' or 'branch point' (+1 without a fold)."""
+
+    kind: str
+    value: float
+    omega: float
+    rms: float
+    multiplier: complex
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -178,24 +200,30 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
     with_parameter(one, parameter, value)  # told now if the law cannot
     flexibility = flexibility_of(contact, start)
     tell = listener("progress", progress)
+    hopf = shape = None
+    walks = [(1.0, points)]
     if isinstance(start, LimitCycle):
-        limits = limits_of(between, parameter, value, one)
-        path = _path(contact, flexibility, parameter, at, limits, start.orbit, tol, harmonics)
-        first = path.at_value(start.orbit.with_harmonics(min(start.orbit.harmonics, harmonics)), value, value)
-        back, ahead = (Tracer(path, sign, limits, stability).walk(first, points // 2, tell) for sign in (-1.0, 1.0))
-        return Branch(parameter, np.array([*back.values[:0:-1], *ahead.values]), (*back.cycles[:0:-1], *ahead.cycles),
-                      (*back.special[::-1], *ahead.special), None, f"{back.ended}; {ahead.ended}")
-    if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float))):
-        raise InputTypeError(f"start must be a frequency or a LimitCycle, not {type(start).__name__}")
-    if len(contact.contacts) > 1 or not isinstance(one, Belt):
-        raise InputError("with several contacts, or one that is no belt, a branch must begin at a known cycle. Give start=, a "
-                         "cycle from fs.harmonic_balance")
-    hopf, shape = hopf_point(contact, flexibility, parameter, between, start)
-    limits = within(limits_of(between, parameter, hopf.value, one), parameter, hopf)
-    path = _path(contact, flexibility, parameter, at, limits, Orbit(shape[None, :], hopf.omega), tol, harmonics)
-    hopf, first = begun(path, hopf, shape)
-    traced = Tracer(path, 1.0, limits, stability).walk(first, points, tell)
-    return Branch(parameter, np.array(traced.values), tuple(traced.cycles), tuple(traced.special), hopf, traced.ended)
+        limits, orbit = limits_of(between, parameter, value, one), start.orbit
+        walks = [(-1.0, points // 2), (1.0, points // 2)]
+    else:
+        near = None if start is None else positive_number("start (a frequency, if it is no LimitCycle)", start)
+        if len(contact.contacts) > 1 or not isinstance(one, Belt):
+            raise InputError("with several contacts, or one that is no belt, a branch must begin at a known cycle. Give start=, "
+                             "a cycle from fs.harmonic_balance")
+        hopf, shape = hopf_point(contact, flexibility, parameter, between, near)
+        limits = within(limits_of(between, parameter, hopf.value, one), parameter, hopf)
+        orbit = Orbit(shape[None, :], hopf.omega)
+    speed = float(contact.speeds[contact.blocks[at]].max()) or orbit.norm
+    path = Path(contact, flexibility, parameter, at, (speed, orbit.omega, limits[1] - limits[0]), tol, harmonics)
+    if hopf is None or shape is None:
+        first = path.at_value(orbit.with_harmonics(min(orbit.harmonics, harmonics)), value, value)
+    else:
+        hopf, first = begun(path, hopf, shape)
+    *back, ahead = (Tracer(path, sign, limits, stability).walk(first, most, tell) for sign, most in walks)
+    found = [*(point for walk in back for point in walk.points[:0:-1]), *ahead.points]
+    special = [*(point for walk in back for point in walk.special[::-1]), *ahead.special]
+    return Branch(parameter, np.array([point.place.value for point in found]), tuple(point.cycle for point in found),
+                  tuple(special), hopf, "; ".join(walk.ended for walk in (*back, ahead)))
 
 
 def _varied(contact: Sliding, parameter: str, port: str | None) -> int:
@@ -209,7 +237,123 @@ def _varied(contact: Sliding, parameter: str, port: str | None) -> int:
     return ports[choice(f"port of a contact with a {parameter}", port, ports)]
 
 
-def _path(contact: Sliding, flexibility: Compliance, parameter: str, at: int, limits: tuple[float, float], orbit: Orbit,
-          tol: float, harmonics: int) -> Path:
-    speed = float(contact.speeds[contact.blocks[at]].max()) or orbit.norm
-    return Path(contact, flexibility, parameter, at, (speed, orbit.omega, limits[1] - limits[0]), tol, harmonics)
+class Point(NamedTuple):
+    """A place on a path, and its cycle."""
+
+    place: Place
+    cycle: LimitCycle
+
+    @property
+    def key(self) -> tuple[bool, int]:
+        """Whether the parameter grows, and the number of multipliers outside the unit circle."""
+        return self.place.direction > 0, 0 if self.cycle.floquet is None else self.cycle.floquet.unstable
+
+
+class Tracer:
+    """One walk along a path, in one direction: the points found, in order, and why it ended."""
+
+    def __init__(self, path: Path, direction: float, limits: tuple[float, float], stability: bool) -> None:
+        self.path, self.direction, self.limits, self.stability = path, direction, limits, stability
+        self.points: list[Point] = []
+        self.special: list[SpecialPoint] = []
+        self.ended = ""
+
+    def walk(self, first: Place, most: int, tell: Callable[[str], None]) -> Tracer:
+        """Walk from `first` on, until the end of the range, of the branch, or of the allowed number of points."""
+        self.points.append(self.point(first))
+        length = FIRST
+        while not self.ended:
+            last = self.points[-1]
+            if len(self.points) >= most:
+                self.ended = f"{most} points"
+                break
+            where = f"{self.path.parameter} = {last.place.value:.6g}"
+            tell(f"branch: {len(self.points)} cycles, {where}")
+            try:
+                found, turns = self.path.step(last.place, self.direction * length)
+                if self.path.resized(last.place, found.orbit.harmonics).tangent @ found.tangent < TURN:
+                    raise NotConvergedError("the branch turns too sharply for this step")
+            except NotConvergedError as error:
+                length /= 2
+                if length < SHORTEST:
+                    self.ended = f"the steps became too small at {where}: {error}"
+                continue
+            self.ended = self._over(last.place, found)
+            if not self.ended:
+                self.points.append(self.point(found))
+                self._scan(last, self.points[-1], length, HALVINGS)
+                length = min(LONGEST, 1.5 * length) if turns <= EASY else 0.5 * length if turns >= HARD else length
+        return self
+
+    def point(self, place: Place) -> Point:
+        """The point at a place."""
+        truncation, aliasing = place.left_out or self.path.left_out(place)
+        return Point(place, LimitCycle(self.path.contact(place.value), in_phase(place.orbit), self.path.flexibility,
+                                       place.residual, truncation, aliasing, stability=self.stability))
+
+    def _over(self, old: Place, new: Place) -> str:
+        """Why the branch ends at a new place; empty if it does not. Where the range ends, the cycle exactly there is kept."""
+        edge = float(np.clip(new.value, *self.limits))
+        if new.value != edge:
+            with suppress(NotConvergedError):
+                self.points.append(self.point(self.path.at_value(new.orbit, new.value, edge)))
+            return f"the range ends at {self.path.parameter} = {edge:.6g}"
+        here, there, before = (replace(place, orbit=place.orbit.with_harmonics(new.orbit.harmonics))
+                               for place in (new, self.points[0].place, old))
+        if np.vdot(before.orbit.v, here.orbit.v).real <= 0:
+            return f"back at steady sliding, a Hopf point near {self.path.parameter} = {(old.value + new.value) / 2:.6g}"
+        x, begin, last = (self.path.scaled(place.orbit, place.value) for place in (here, there, before))
+        if len(self.points) > 8 and np.linalg.norm(x - begin) < 0.6 * np.linalg.norm(x - last):
+            return "the branch is closed"
+        return ""
+
+    def _scan(self, a: Point, b: Point, length: float, halvings: int) -> None:
+        """Locate what changes between two points, by halving the step between them."""
+        if a.key == b.key:
+            return
+        if halvings:
+            with suppress(NotConvergedError):
+                middle = self.point(self.path.step(a.place, self.direction * length / 2)[0])
+                self._scan(a, middle, length / 2, halvings - 1)
+                self._scan(middle, b, length / 2, halvings - 1)
+                return
+        point = self._named(a, b)
+        if point is not None and not self._told(point):
+            self.special.append(point)
+
+    def _told(self, point: SpecialPoint) -> bool:
+        """Whether the point repeats a known one: a fold is also detected as a multiplier crossing +1 nearby."""
+        near = [other for other in self.special if {other.kind, point.kind} == {"fold", "branch point"}
+                and abs(other.value - point.value) <= BESIDE * self.path.scales[2]]
+        if point.kind == "fold":
+            self.special = [other for other in self.special if other not in near]
+            return False
+        return bool(near)
+
+    def _named(self, a: Point, b: Point) -> SpecialPoint | None:
+        critical, ends = 1 + 0j, (a.place.direction, b.place.direction)
+        fold = (ends[0] > 0) != (ends[1] > 0)
+        if not fold:
+            if max(a.cycle.peak, b.cycle.peak) < YOUNG * self.path.scales[0]:
+                return None
+            critical, ends = _passing(a.cycle, b.cycle)
+        share = float(np.clip(ends[0] / (ends[0] - ends[1]), 0, 1)) if ends[0] != ends[1] else 0.5
+        value, omega, rms = (x + share * (y - x) for x, y in ((a.place.value, b.place.value), (a.cycle.omega, b.cycle.omega),
+                                                              (a.cycle.rms, b.cycle.rms)))
+        return SpecialPoint("fold" if fold else _kind(critical), value, omega, rms, critical)
+
+
+def _passing(one: LimitCycle, two: LimitCycle) -> tuple[complex, tuple[float, float]]:
+    """The multiplier that passes the unit circle between two neighbours, and its distance from the circle at both."""
+    assert one.floquet is not None and two.floquet is not None
+    before, after = one.floquet.values[:12], two.floquet.values[:12]
+    before = before[np.argmin(np.abs(np.subtract.outer(after, before)), axis=1)]
+    gaps = np.abs(before) - 1, np.abs(after) - 1
+    at = int(np.argmin(np.abs(gaps[0]) + np.abs(gaps[1]) + (gaps[0] * gaps[1] > 0)))
+    return complex((before[at] + after[at]) / 2), (float(gaps[0][at]), float(gaps[1][at]))
+
+
+def _kind(multiplier: complex) -> str:
+    if abs(multiplier.imag) > 2e-2 * abs(multiplier):
+        return "Neimark-Sacker"
+    return "branch point" if multiplier.real > 0 else "period doubling"

@@ -9,8 +9,9 @@ requested frequencies, and the solutions serve as a basis for frequencies nearby
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from femsub.model import Substructure
     from femsub.motion.nonlinear_model import Sliding
 
+COALESCED = 1e8  # condition of the matrix of eigenvectors, ‖X‖ ‖X⁻¹‖ / m in the Frobenius norm (1 for a normal A)
 AGREE = 1e-7  # largest relative difference of partial fractions from a solve
 NEARBY = 1e-7  # estimated relative error of h up to which a basis of responses replaces the model
 MODES, MOMENTS = 40, 3  # size of the first basis of a sparse model
@@ -32,95 +34,80 @@ AT_ONCE = 8  # frequencies that are solved before the others are checked again
 CHUNK = 2_000_000  # entries of a temporary array
 
 
-class Compliance(Protocol):
+class Compliance(ABC):
     """Y(s) (m, p, p) and dY/ds at m frequencies; responses x = P(s)⁻¹W f (n, m) to forces f (m, p)."""
 
-    solves: int  #: linear systems of the size of the model that were solved for it
+    solves = 0  #: linear systems of the size of the model that were solved for it
 
+    @abstractmethod
     def mobility(self, s: Array) -> tuple[Array, Array]: ...
 
-    def estimate(self, s: Array) -> Array: ...
-
+    @abstractmethod
     def response(self, s: Array, force: Array) -> Array: ...
 
+    def estimate(self, s: Array) -> Array:
+        """Y(s) without a new solve, shape (m, p, p)."""
+        return self.mobility(s)[0]
 
-class Spectral:
-    """λ_j, right and left vectors of a dense pencil in modal form: (s - A)⁻¹ by partial fractions.
 
-    Attributes
-    ----------
-    form : ModalForm
-        The undamped modes, in which the state is (Ωq, q̇).
-    values : ndarray of complex, shape (m,)
-    right, left : ndarray of complex, shape (m, m)
-        A = right · diag(values) · left.
-    condition : float
-        Condition of the matrix of eigenvectors, ‖X‖ ‖X⁻¹‖ / m in the Frobenius norm; 1 for a normal A.
+class Spectral(NamedTuple):
+    """λ_j, right and left vectors of a dense pencil in modal form, A = right diag(values) left."""
+
+    form: ModalForm  #: the undamped modes, in which the state is (Ωq, q̇)
+    values: Array
+    right: Array
+    left: Array
+    lower: slice  #: the rows of q̇
+
+
+def spectral(pencil: Pencil) -> Spectral | None:
+    """The decomposition of a dense pencil.
+
+    None if M is not definite, or if eigenvalues (nearly) coalesce, so that partial fractions would suffer cancellation.
     """
-
-    def __init__(self, form: ModalForm) -> None:
-        A = form.state()
-        self.form, n, r = form, len(form.omega), form.rigid
-        values, right = la.eig(A, check_finite=False)
-        if form.H is None and (form.sign[r:] > 0).all() and is_symmetric(form.C):
-            values = with_energy(values, right[n - r:], form.C)
-        self.values, self.right = values, right
-        try:
-            self.left = la.inv(right, check_finite=False)
-            self.condition = float(np.linalg.norm(right) * np.linalg.norm(self.left)) / len(A)
-        except la.LinAlgError:
-            self.left, self.condition = np.full_like(right, np.nan), np.inf
-        self.lower = slice(n - r, None)  # the rows of q̇
-
-    @property
-    def usable(self) -> bool:
-        """False if eigenvalues (nearly) coalesce, so that partial fractions would suffer cancellation."""
-        return self.condition < 1e8
+    form = modal_form(pencil)
+    if form is None:
+        return None
+    n, r, A = len(form.omega), form.rigid, form.state()
+    values, right = la.eig(A, check_finite=False)
+    if form.H is None and (form.sign[r:] > 0).all() and is_symmetric(form.C):
+        values = with_energy(values, right[n - r:], form.C)
+    try:
+        left = la.inv(right, check_finite=False)
+    except la.LinAlgError:
+        return None
+    condition = np.linalg.norm(right) * np.linalg.norm(left) / len(A)
+    return Spectral(form, values, right, left, slice(n - r, None)) if condition < COALESCED else None
 
 
 _KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
 
 
-def spectral(model: Substructure) -> Spectral | None:
-    """The decomposition of a dense (or small) model, made once per model; None if M is not definite."""
-    if model not in _KNOWN:
-        form = modal_form(model.pencil.dense())
-        _KNOWN[model] = None if form is None else Spectral(form)
-    return _KNOWN[model]
-
-
 def compliance(contact: Sliding) -> Compliance:
-    """The compliance of a model under its belts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves."""
+    """The compliance of a model under its belts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves.
+
+    A model is decomposed once.
+    """
     model = contact.model
     if model.pencil.is_sparse and model.size > QUADRATIC:
         return Solved(model.pencil, contact.W)
-    found = spectral(model)
-    if found is not None and found.usable:
-        fractions = Fractions(found, contact.W)
-        if fractions.error <= AGREE:
-            return fractions
-    return Solved(model.pencil, contact.W)
+    if model not in _KNOWN:
+        _KNOWN[model] = spectral(model.pencil.dense())
+    found = _KNOWN[model]
+    fractions = None if found is None else Fractions(found, contact.W)
+    return fractions if fractions is not None and fractions.error <= AGREE else Solved(model.pencil, contact.W)
 
 
-class Fractions:
-    """Y(s) = Σ_j R_j / (s - λ_j), R = c_j b_jᵀ with c = Wᵀ X, b = Wᵀ Y of the eigenvectors, m = 2n of them.
-
-    Conjugate pairs are taken together, (s 2Re R - 2Re(R λ̄)) / ((s - λ)(s - λ̄)), which is half of the work.
-    """
+class Fractions(Compliance):
+    """Y(s) = Σ_j R_j / (s - λ_j), R = c_j b_jᵀ with c = Wᵀ X, b = Wᵀ Y of the eigenvectors, m = 2n of them."""
 
     def __init__(self, found: Spectral, W: Array) -> None:
-        self.found, self.solves = found, 0
+        self.found = found
         self._last: tuple[Array, Array, Array] | None = None
         self.w = found.form.shapes.T @ W
         self.out = self.w.T @ found.right[found.lower]
         self.into = found.left[:, found.lower] @ self.w
         self.residues = (self.out.T[:, :, None] * self.into[:, None, :]).reshape(len(found.values), -1)
-        upper, self.real = found.values.imag > 0, found.values.imag == 0
-        self.pairs, R = found.values[upper], self.residues[upper]
-        rise, rest = 2 * R.real, -2 * (R * self.pairs.conj()[:, None]).real
-        turn = -2 * self.pairs.real[:, None]
-        self.once = np.hstack([rise, rest]).astype(complex)
-        self.twice = np.hstack([2 * rise, turn * rise + 2 * rest, turn * rest]).astype(complex)
         self.error = self._checked()
 
     def mobility(self, s: Array) -> tuple[Array, Array]:
@@ -132,24 +119,14 @@ class Fractions:
         Y, slope = (np.empty((len(s), p * p), dtype=complex) for _ in range(2))
         step = max(1, CHUNK // len(self.found.values))
         for start in range(0, len(s), step):
-            part = s[start:start + step, None]
-            inverse = 1 / ((part - self.pairs) * (part - self.pairs.conj()))
+            at = slice(start, start + step)
+            inverse = 1 / (s[at, None] - self.found.values)
             # einsum instead of @: for such small products waking the threads of a BLAS costs more than it gains, and they
             # slow down the other libraries' threads (NumPy, SciPy and PETSc have their own)
-            rise, rest = np.split(np.einsum("mj,jk->mk", inverse, self.once), 2, axis=1)
-            square, line, constant = np.split(np.einsum("mj,jk->mk", np.square(inverse), self.twice), 3, axis=1)
-            Y[start:start + step] = part * rise + rest
-            slope[start:start + step] = rise - (part * (part * square + line) + constant)
-            if self.real.any():
-                poles = 1 / (part - self.found.values[self.real])
-                Y[start:start + step] += poles @ self.residues[self.real]
-                slope[start:start + step] -= np.square(poles) @ self.residues[self.real]
+            Y[at] = np.einsum("mj,jk->mk", inverse, self.residues)
+            slope[at] = -np.einsum("mj,jk->mk", np.square(inverse, out=inverse), self.residues)
         self._last = s.copy(), Y.reshape(-1, p, p), slope.reshape(-1, p, p)
         return self._last[1:]
-
-    def estimate(self, s: Array) -> Array:
-        """Y(s), shape (m, p, p)."""
-        return self.mobility(s)[0]
 
     def response(self, s: Array, force: Array) -> Array:
         """x (n, m) with P(s_k) x_k = W f_k, s ≠ 0."""
@@ -170,7 +147,7 @@ class Fractions:
         return float((np.abs(found - exact).max(axis=(1, 2)) / np.where(size > 0, size, 1.0)).max())
 
 
-class Solved:
+class Solved(Compliance):
     """Y(s) by one solve for each frequency that the responses found so far do not represent.
 
     The real and imaginary parts of the responses span V. V q with VᵀP(s)V q = VᵀW replaces the model if the error of h,
@@ -179,30 +156,18 @@ class Solved:
     """
 
     def __init__(self, pencil: Pencil, W: Array) -> None:
-        self.pencil, self.W, self.solves = pencil, W, 0
+        self.pencil, self.W = pencil, W
         self.symmetric = all(pencil.symmetric)
         self.V = np.zeros((pencil.size, 0))
+        self.quick: Fractions | None = None
         if pencil.is_sparse and pencil.size > QUADRATIC:
-            self._grow(self._first())
-        else:
-            self._project()
-
-    def _first(self) -> Array:
-        """The first basis: the lowest modes, which nearby responses cannot distinguish, and the first moments of h about 0."""
-        handle = ShiftInvert(self.pencil.K, self.pencil.M, carried=self.pencil.rigid_motion)
-        modes = lowest_modes(handle, MODES, evidence=False)
-        moments = [self.static.solve(self.W)]
-        for _ in range(MOMENTS):
-            moments.append(self.static.solve(self.pencil.M @ moments[-1]))
-        self.V = orthonormal(modes.shapes, np.asarray)[0]  # first, since little of the moments remains beside the modes
-        return np.hstack(moments)
-
-    def _project(self) -> None:
-        self.images = [part @ self.V for part in (self.pencil.M, self.pencil.D, self.pencil.K)]
-        M, D, K = (self.V.T @ image for image in self.images)
-        form = modal_form(Pencil((M + M.T) / 2, D, (K + K.T) / 2)) if len(M) else None
-        found = None if form is None else Spectral(form)
-        self.quick = Fractions(found, self.V.T @ self.W) if found is not None and found.usable else None
+            # the lowest modes, which nearby responses cannot distinguish, and the first moments of h about 0
+            modes = lowest_modes(ShiftInvert(pencil.K, pencil.M, carried=pencil.rigid_motion), MODES, evidence=False)
+            moments = [self.static.solve(W)]
+            for _ in range(MOMENTS):
+                moments.append(self.static.solve(pencil.M @ moments[-1]))
+            self.V = orthonormal(modes.shapes, np.asarray)[0]  # first, since little of the moments remains beside the modes
+            self._grow(np.hstack(moments))
 
     def _galerkin(self, s: Array) -> tuple[Array, Array]:
         """x = V q - K⁻¹r with r = P(s)Vq - W, shape (m, n, p), and the error |rᵀK⁻¹r| / |h| (m,), infinite without a basis.
@@ -258,7 +223,10 @@ class Solved:
     def _grow(self, new: Array) -> None:
         new = np.hstack([new.real, new.imag]) if np.iscomplexobj(new) else new
         self.V = np.hstack([self.V, orthonormal(new, np.asarray, self.V)[0]])
-        self._project()
+        self.images = [part @ self.V for part in (self.pencil.M, self.pencil.D, self.pencil.K)]
+        M, D, K = (self.V.T @ image for image in self.images)
+        found = spectral(Pencil((M + M.T) / 2, D, (K + K.T) / 2))
+        self.quick = None if found is None else Fractions(found, self.V.T @ self.W)
 
     def mobility(self, s: Array) -> tuple[Array, Array]:
         """Y(s) and dY/ds = h - s yᵀ(2sM + D)x, shape (m, p, p) each."""
@@ -273,10 +241,8 @@ class Solved:
         return Y, slope
 
     def estimate(self, s: Array) -> Array:
-        """Y(s) from the responses found so far, without a new solve, shape (m, p, p)."""
-        if self.quick is None:
-            return self.mobility(s)[0]
-        return self.quick.mobility(s)[0].copy()
+        """Y(s) from the responses found so far, shape (m, p, p)."""
+        return (self.mobility(s) if self.quick is None else self.quick.mobility(s))[0]
 
     def response(self, s: Array, force: Array) -> Array:
         """x (n, m) with P(s_k) x_k = W f_k."""

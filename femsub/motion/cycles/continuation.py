@@ -17,12 +17,11 @@ import scipy.linalg as la
 from femsub.checks import Array
 from femsub.coupling import Belt, with_slope
 from femsub.errors import InputError, NotConvergedError
-from femsub.motion.cycles.balance import Balance, Orbit, coefficients
+from femsub.motion.cycles.balance import Balance, Orbit, coefficients, parts_of
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
 
 PARAMETERS = ("speed", "force", "slope")  # of a belt
-EASY, HARD = 4, 8  # with fewer Newton steps the step along the branch grows; with so many it was too long
 DIFFERENCE = 1e-6  # step of the central difference for dR/dp, relative to the scale of p
 CONVERGED = 1e-8
 
@@ -71,29 +70,31 @@ class Path:
         """The balance at a value of the parameter."""
         return Balance(self.contact(value), self.flexibility)
 
+    def _scale(self, unknowns: int) -> Array:
+        """The scales of `unknowns` numbers."""
+        speed, omega, size = self.scales
+        return np.append(np.full(unknowns - 2, speed), [omega, size])
+
     def scaled(self, orbit: Orbit, value: float) -> Array:
         """x of an orbit."""
-        speed, omega, size = self.scales
-        return np.concatenate([orbit.vector[:-1] / speed, [orbit.omega / omega, value / size]])
+        x = np.append(orbit.vector, value)
+        return x / self._scale(len(x))
 
     def unscaled(self, x: Array, like: Orbit) -> tuple[Orbit, float]:
-        speed, omega, size = self.scales
-        return like.at(np.append(x[:-2] * speed, x[-2] * omega)), float(x[-1] * size)
+        whole = x * self._scale(len(x))
+        return like.at(whole[:-1]), float(whole[-1])
 
     def _system(self, orbit: Orbit, value: float, count: int) -> tuple[Array, Array, Array | None]:
         """R and phase (2Hp + 1,), their scaled derivatives (2Hp + 1, 2Hp + 2), and the mean displacement."""
-        speed, omega, size = self.scales
+        speed, _, size = self.scales
         balance = self.balance(value)
         terms = balance.residual(orbit, count)
-        J = balance.derivative(orbit, terms)
+        R, J = balance.system(orbit, terms)
         h = DIFFERENCE * size
         ahead, behind = (coefficients(self.balance(value + side).force(orbit, count), orbit.harmonics)[1:] for side in (h, -h))
         change = -np.einsum("kij,kj->ki", terms.Y, (ahead - behind) / (2 * h))
-        column = np.concatenate([change.real.ravel(), change.imag.ravel()]) * (size / speed)
-        scaled = np.hstack([J[:, :-1], J[:, -1:] * (omega / speed), column[:, None]])
-        R = np.concatenate([terms.R.real.ravel(), terms.R.imag.ravel()]) / speed
-        phase = np.append(balance.phase(orbit), 0.0)
-        return np.append(R, 0.0), np.vstack([scaled, phase]), terms.course.mean
+        whole = np.column_stack([J, np.append(parts_of(change), 0.0)])
+        return R / speed, whole * (self._scale(len(R) + 1) / speed), terms.course.mean
 
     def correct(self, orbit: Orbit, value: float, row: Array, target: float, rounds: int = 14) -> tuple[Place, int]:
         """Newton's method on R = 0, phase = 0, row·x = target. The tangent has a positive component along `row`.
@@ -124,27 +125,21 @@ class Path:
                 count = self.balance(value).samples(orbit)
         else:
             raise NotConvergedError(f"the corrector did not converge at {self.parameter} = {value:.6g}: last step {size:.1e}")
-        right = np.zeros(len(row))
-        right[-1] = 1.0
-        tangent = la.solve(bordered, right, check_finite=False)
+        tangent = la.solve(bordered, np.append(np.zeros(len(R)), 1.0), check_finite=False)
         return Place(orbit, value, tangent / np.linalg.norm(tangent),
                      float(np.linalg.norm(R) / np.linalg.norm(x[:-2]))), turn
 
     def at_value(self, orbit: Orbit, value: float, wanted: float) -> Place:
         """The cycle at exactly this value of the parameter, from an orbit at a value nearby."""
-        row = np.zeros(2 * orbit.v.size + 2)
-        row[-1] = 1.0
+        row = np.append(np.zeros(orbit.vector.size), 1.0)
         return self.correct(orbit, value, row, wanted / self.scales[2])[0]
 
     def resized(self, place: Place, harmonics: int) -> Place:
         """The same place with another number of harmonics, not corrected."""
-        t, p = place.tangent, place.orbit.v.shape[1]
-        half = (len(t) - 2) // 2
-        parts = [np.zeros(harmonics * p), np.zeros(harmonics * p)]
-        for part, old in zip(parts, (t[:half], t[half:-2]), strict=True):
-            part[:min(half, len(part))] = old[:len(part)]
-        whole = np.concatenate([*parts, t[-2:]])
-        return replace(place, orbit=place.orbit.with_harmonics(harmonics), tangent=whole / np.linalg.norm(whole), left_out=None)
+        direction = place.orbit.at(place.tangent[:-1]).with_harmonics(harmonics)
+        tangent = np.append(direction.vector, place.tangent[-1])
+        return replace(place, orbit=place.orbit.with_harmonics(harmonics), tangent=tangent / np.linalg.norm(tangent),
+                       left_out=None)
 
     def step(self, place: Place, length: float) -> tuple[Place, int]:
         """The place at arclength `length` ahead, with as many harmonics as needed."""

@@ -29,6 +29,7 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg as la
 from scipy.interpolate import CubicSpline
+from scipy.special import exprel
 
 from femsub.checks import Array
 from femsub.modes import match
@@ -61,18 +62,11 @@ class Multipliers:
         orbit is too far from a cycle.
     trivial : complex
         The one that is 1 in exact arithmetic.
-    discretisation, moved : float
-        The largest change by the last extrapolation of the step, and by the correction of the orbit.
-    steps : int
-        Steps per period.
     """
 
     values: Array
     doubts: Array
     trivial: complex
-    discretisation: float
-    moved: float
-    steps: int
 
     @property
     def error(self) -> float:
@@ -132,8 +126,7 @@ def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps
     doubts = MARGIN * (moved + stepped + SPILLED * (moved + stepped).max()) + AMPLIFIED * abs(values[at] - 1)
     if corrected is None:
         doubts = np.full(len(values), np.inf)
-    return Multipliers(np.delete(values, at), np.delete(doubts, at), complex(values[at]), float(stepped.max()),
-                       float(moved.max()), 2 * steps)
+    return Multipliers(np.delete(values, at), np.delete(doubts, at), complex(values[at]))
 
 
 def _sorted(values: Array) -> Array:
@@ -233,9 +226,7 @@ def _impulses(strength: Array, S: Array) -> Array:
     """E (m, p, p) with exp(U G V) = I + U E V, VU = S, and G (p, p, m) at m times: E = φ(GS) G, φ(x) = (eˣ - 1)/x."""
     p, G = len(S), np.moveaxis(strength, -1, 0)
     if p == 1:
-        x = G * S
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(np.abs(x) > 1e-300, np.expm1(x) / x, 1.0) * G
+        return exprel(G * S) * G
     whole = np.zeros((len(G), 2 * p, 2 * p))
     whole[:, :p, :p], whole[:, :p, p:] = G @ S, G
     return la.expm(whole)[:, :p, p:]
@@ -246,10 +237,9 @@ def _edges(contact: Sliding, orbit: Orbit, steps: int) -> Array:
     count = power_of_two(max(8 * orbit.harmonics, 4096))
     v = orbit.samples(count)
     g = contact.tangents(v, v)[1].reshape(-1, count)
-    change = np.abs(np.diff(np.hstack([g, g[:, :1]]), axis=1)).sum(axis=0)
-    total = float(change.sum())
+    change = np.abs(np.diff(g, append=g[:, :1], axis=1)).sum(axis=0)
     # the square root places steps on the flanks of a jump, where most of the error arises
-    weight = np.sqrt(change) / np.sqrt(change).sum() if total > 0 else np.full(count, 1 / count)
+    weight = np.sqrt(change) if change.any() else np.ones(count)
     kernel = max(3, count // 512)
     weight = np.convolve(np.tile(weight, 3), np.ones(kernel) / kernel, mode="same")[count:2 * count]
     density = 0.4 / count + 0.6 * weight / weight.sum()

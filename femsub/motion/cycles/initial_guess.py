@@ -37,15 +37,11 @@ def levels(contact: Sliding) -> list[Sliding]:
     widths = [width_of(belt.law) if is_dataclass(belt.law) else np.nan for belt in contact.belts]
     speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
     most = max([1.0, *(WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width > 0)])
-    steps = max(0, int(np.ceil(np.log(most) / -np.log(SHARPER))))
-    found = []
-    for at in range(steps, -1, -1):
-        factor = most ** (at / steps) if steps else 1.0
-        belts = tuple(belt if np.isnan(width) or factor == 1 else
-                      replace(belt, law=replace(belt.law, eps=max(width, min(width * factor, WIDE * speed))))  # type: ignore[type-var]
-                      for belt, width, speed in zip(contact.belts, widths, speeds, strict=True))
-        found.append(contact.changed(belts))
-    return found
+    steps = int(np.ceil(np.log(most) / -np.log(SHARPER)))
+    return [contact.changed([belt if np.isnan(width) or factor == 1 else
+                             replace(belt, law=replace(belt.law, eps=max(width, min(width * factor, WIDE * speed))))  # type: ignore[type-var]
+                             for belt, width, speed in zip(contact.belts, widths, speeds, strict=True)])
+            for factor in np.geomspace(most, 1.0, steps + 1).tolist()]
 
 
 def harmonics_for(contact: Sliding, most: int) -> int:
@@ -92,25 +88,6 @@ def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None) -
         _of_crossings(contact, flexibility, growing, near)
 
 
-def _no_seeds(contact: Sliding, flexibility: Fractions, near: float | None) -> NoCycleError:
-    if near is None and not len(unstable_modes(contact, flexibility)):
-        return NoCycleError(f"steady sliding is stable{_because(contact)}: no mode of {contact.model.name!r} grows, so there is "
-                            "no initial guess for a cycle. Make the slope of the friction more negative or its force larger (see "
-                            "fs.critical_slope), or give start= if a cycle is known")
-    return NoCycleError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
-                        + (f" near ω = {near:g}" if near else "") +
-                        ". Give start=(t, v), a signal in time, or another frequency")
-
-
-def _because(contact: Sliding) -> str:
-    if all(belt.speed == 0 for belt in contact.belts):
-        return " (the belt is at rest and supplies no energy: give it a speed)"
-    if all(belt.force == 0 for belt in contact.belts):
-        return " (the normal force is zero: give it one)"
-    slopes = ", ".join(f"F μ' = {belt.force * belt.slope:.4g}" for belt in contact.belts if belt.slope is not None)
-    return f" ({slopes})"
-
-
 def _sweep(contact: Sliding) -> Array:
     shares = np.concatenate([np.geomspace(1e-3, 0.3, 40), np.linspace(0.31, 1.3, 200), np.linspace(1.32, SWEPT, 60)])
     return float(contact.speeds.max()) * shares
@@ -141,7 +118,7 @@ def crossings(flexibility: Fractions, lo: float, hi: float) -> tuple[Array, Arra
     omega, c = (np.concatenate([pair[i] for pair in pairs] or [np.zeros(0)]) for i in range(2))
     order = np.argsort(omega)
     omega, c = omega[order], c[order]
-    fresh = np.append(True, np.diff(omega) > 1e-9 * omega[1:]) if len(omega) else np.zeros(0, dtype=bool)
+    fresh = np.diff(omega, prepend=-np.inf) > 1e-9 * omega
     return omega[fresh], c[fresh]
 
 
@@ -190,7 +167,7 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     InputError
         The signal is too short, not finite, or not periodic.
     """
-    from scipy.signal import find_peaks
+    from scipy.signal import correlate, find_peaks
 
     time, speed = real_array("t of start=(t, v)", t), np.atleast_2d(real_array("v of start=(t, v)", v))
     if time.ndim != 1 or speed.shape != (columns, len(time)) or not (np.diff(time) > 0).all():
@@ -201,8 +178,8 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     even = np.linspace(time[len(time) // 2], time[-1], power_of_two(len(time)))
     tail = np.array([np.interp(even, time, row) for row in speed])
     tail = tail - tail.mean(axis=1, keepdims=True)
-    spectrum = np.fft.rfft(tail, n=2 * len(even), axis=1)
-    alike = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=0))[:len(even) // 2] / np.arange(len(even), len(even) // 2, -1)
+    lags = np.arange(len(even) // 2)
+    alike = sum(correlate(row, row, method="fft")[len(even) - 1 + lags] for row in tail) / (len(even) - lags)
     low = np.flatnonzero(alike < 0.3 * alike[0])
     if not alike[0] > 0 or not len(low):
         raise InputError("the second half of the signal must contain two oscillations, but does not. Give a longer signal")
@@ -237,7 +214,15 @@ def orbits(contact: Sliding, flexibility: Compliance, near: float | None) -> Ite
         found = seeds(sharp[at], flexibility, near)
         for orbit in found[:2]:
             yield sharp[at:], orbit
-        if found and at + 1 < len(sharp) and at > len(sharp) // 2:
+        if found and at > len(sharp) // 2:
             return
-    if not found:
-        raise _no_seeds(contact, flexibility, near)
+    if found:
+        return
+    if near is None and not len(unstable_modes(contact, flexibility)):
+        slopes = ", ".join(f"F μ' = {belt.force * belt.slope:.4g}" for belt in contact.belts if belt.slope is not None)
+        why = slopes if contact.speeds.any() else "the belt is at rest and supplies no energy: give it a speed"
+        raise NoCycleError(f"steady sliding is stable ({why}): no mode of {contact.model.name!r} grows, so there is no initial "
+                           "guess for a cycle. Make the slope of the friction more negative or its force larger (see "
+                           "fs.critical_slope), or give start= if a cycle is known")
+    raise NoCycleError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
+                       + (f" near ω = {near:g}" if near else "") + ". Give start=(t, v), a signal in time, or another frequency")

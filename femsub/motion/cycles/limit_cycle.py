@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.algebra import shared_factor
-from femsub.checks import Array, finite_number, whole_number
+from femsub.checks import Array, finite_number, positive_number, whole_number
 from femsub.coupling import Belt
-from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, warn
+from femsub.errors import FemsubWarning, InputError, NotConvergedError, warn
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
+from femsub.motion.transient import Transient
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 
 MOST_ASKED = 100_000  # largest number of harmonics that may be requested; each needs some 16 samples of every column
 MOST = 1500  # largest number of harmonics that is chosen automatically
+TAIL = 1e-5  # share of a cycle that its highest harmonics may be together and yet be left out of a start
 ROUGH = 1e-2  # truncation or aliasing above which there is a warning
 
 
@@ -113,18 +114,14 @@ class LimitCycle:
     def velocity(self, t: Any) -> Array:
         """v(t) = Wᵀq̇, shape of t for one column, `(p, *t.shape)` for several."""
         times = np.asarray(t, dtype=float)
-        k = np.arange(1, self.orbit.harmonics + 1)
-        waves = np.exp(1j * np.multiply.outer(times, k * self.omega))
-        found = np.moveaxis(2 * (waves @ self.orbit.v).real, -1, 0)
+        found = np.moveaxis(2 * (np.exp(np.multiply.outer(times, self.orbit.s)) @ self.orbit.v).real, -1, 0)
         return found[0] if self.contact.columns == 1 else found
 
     @cached_property
     def _motion(self) -> tuple[Array, Array, Array]:
         """K⁻¹W f_0 (n,), ikω (H,) and q_k (n, H)."""
         f = coefficients(Balance(self.contact, self.flexibility).force(self.orbit, self._wave.shape[1]), self.orbit.harmonics)
-        rest = shared_factor(self.contact.model.K, "definite").solve(self.contact.W @ f[0].real)
-        s = 1j * self.omega * np.arange(1, self.orbit.harmonics + 1)
-        return rest, s, self.flexibility.response(s, f[1:])
+        return self.contact.static[0] @ f[0].real, self.orbit.s, self.flexibility.response(self.orbit.s, f[1:])
 
     def state(self, t: float = 0.0) -> State:
         """q and q̇ on the cycle at time t in the model's own coordinates: q_k = P(ikω)⁻¹ W f_k, K q_0 = W f_0."""
@@ -147,9 +144,10 @@ class LimitCycle:
     def __repr__(self) -> str:
         verdict = {True: "stable", False: "unstable",
                    None: "stability not computed" if self.floquet is None else "stability undecided"}[self.is_stable]
-        without = self.contact.without_eps
-        sticking = f"unknown (the law on {without[0]!r} has no eps)" if without else \
-            f"{100 * self.sticking:.3g} %" if self.contact.belts else "not told (no belt)"
+        sticking = f"{100 * self.sticking:.3g} %"
+        if np.isnan(self.sticking):
+            sticking = "not told (no belt)" if not self.contact.belts else \
+                f"unknown (the law on {self.contact.without_eps[0]!r} has no eps)"
         return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking {sticking}, {verdict}; "
                 f"{self.orbit.harmonics} harmonics, residual {self.residual:.0e}, left out {self.truncation:.0e}")
 
@@ -216,9 +214,21 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
     flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
-    cycle = refined(contact, flexibility, orbit, harmonics, tol, steps)
-    log.info("limit cycle at ω = %.6g with %d harmonics after %d Newton steps", cycle.omega, cycle.orbit.harmonics, cycle.newton)
-    return cycle
+    balance = Balance(contact, flexibility)
+    orbit = orbit.with_harmonics(harmonics or min(orbit.harmonics, MOST))
+    while True:
+        orbit, residual, turns = balance.solve(orbit)
+        steps += turns
+        truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tol)
+        if harmonics is not None or truncation <= tol or orbit.harmonics >= MOST:
+            break
+        orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
+    if max(truncation, aliasing) > ROUGH:
+        target = 0.1 * truncation if harmonics else 0.5 * tol  # the truncation with `enough` harmonics
+        warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}). "
+             f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning)
+    log.info("limit cycle at ω = %.6g with %d harmonics after %d Newton steps", orbit.omega, orbit.harmonics, steps)
+    return LimitCycle(contact, in_phase(orbit), flexibility, residual, truncation, aliasing, steps)
 
 
 def flexibility_of(contact: Sliding, start: Any) -> Compliance:
@@ -239,47 +249,26 @@ def flexibility_of(contact: Sliding, start: Any) -> Compliance:
     return start.flexibility if known.model is contact.model and np.array_equal(known.W, contact.W) else compliance(contact)
 
 
-def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: int | None, tol: float,
-            steps: int = 0) -> LimitCycle:
-    """Newton's method from a nearby orbit, with a given number of harmonics, or as many as needed."""
-    balance = Balance(contact, flexibility)
-    orbit = orbit.with_harmonics(harmonics or min(orbit.harmonics, MOST))
-    while True:
-        orbit, residual, turns = balance.solve(orbit)
-        steps += turns
-        truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tol)
-        if harmonics is not None or truncation <= tol or orbit.harmonics >= MOST:
-            break
-        orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
-    if max(truncation, aliasing) > ROUGH:
-        target = 0.1 * truncation if harmonics else 0.5 * tol  # the truncation with `enough` harmonics
-        warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}). "
-             f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning)
-    return LimitCycle(contact, in_phase(orbit), flexibility, residual, truncation, aliasing, steps)
-
-
 def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) -> tuple[Orbit, int]:
     if isinstance(start, LimitCycle):
-        return _trimmed(start.orbit), 0
-    if start is not None and hasattr(start, "t") and callable(getattr(start, "velocity", None)):
+        beyond = np.sqrt(np.cumsum(np.square(np.linalg.norm(start.harmonics, axis=1))[::-1])[::-1])
+        return start.orbit.with_harmonics(max(5, np.count_nonzero(beyond > TAIL * beyond[0]))), 0
+    if isinstance(start, Transient):
         start = (start.t, _speeds(contact, start))
     if isinstance(start, tuple) and len(start) == 2:
         orbit = of_signal(*start, contact.columns)
         return orbit.with_harmonics(harmonics_for(contact, min(most, orbit.harmonics))), 0
-    if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float, np.integer, np.floating))):
-        raise InputTypeError("start must be a frequency, a LimitCycle, a transient or (t, v), not "
-                             f"{type(start).__name__}")
-    if start is not None and not 0 < start < np.inf:
-        raise InputError(f"start must be a positive frequency in rad per unit of time, not {start!r}")
+    near = None if start is None else \
+        positive_number("start (a frequency, if it is no LimitCycle, transient or (t, v))", start)
     if bare := next((one for one in contact.contacts if not isinstance(one, Belt)), None):
         raise InputError(f"with {type(bare).__name__} a cycle needs a start that moves: a transient, a signal start=(t, v), or a "
                          "LimitCycle. Only belts have one that is found by itself")
-    return _sharpened(contact, flexibility, None if start is None else float(start), most)
+    return _sharpened(contact, flexibility, near)
 
 
-def _speeds(contact: Sliding, run: Any) -> Array:
+def _speeds(contact: Sliding, run: Transient) -> Array:
     """Wᵀq̇ of a transient, (p, m): of its states, or as recorded at the ports."""
-    if getattr(run, "states", None) is not None and run.contact.model is contact.model:
+    if run.states is not None and run.contact.model is contact.model:
         return np.asarray(contact.W.T @ run.states[1].T)
     if bare := next((one for one in contact.contacts if getattr(one, "sets", ())), None):
         raise InputError(f"{type(bare).__name__} acts on the sets {', '.join(bare.sets)}, which a transient does not record at "
@@ -287,28 +276,18 @@ def _speeds(contact: Sliding, run: Any) -> Array:
     return np.vstack([np.asarray(run.velocity(port)).T for one in contact.contacts for port in one.ports])
 
 
-def _trimmed(orbit: Orbit, tail: float = 1e-5) -> Orbit:
-    """The orbit without the highest harmonics that together are less than `tail` of it."""
-    size = np.linalg.norm(orbit.v, axis=1)
-    beyond = np.sqrt(np.cumsum(size[::-1] ** 2)[::-1])
-    return orbit.with_harmonics(max(5, int(np.count_nonzero(beyond > tail * beyond[0]))))
-
-
-def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None, most: int) -> tuple[Orbit, int]:
+def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None) -> tuple[Orbit, int]:
     """From one harmonic of a smooth law to all harmonics of the belts' own laws, level by level."""
     failed: NotConvergedError | None = None
     for sharp, orbit in orbits(contact, flexibility, near):
-        steps, level = 0, 0
+        steps = 0
+        levels = [(sharp[0], count) for count in (1, 3, 5, 10)] + [(at, harmonics_for(at, MOST)) for at in sharp]
         try:
-            for count in (1, 3, 5, 10):
-                orbit, _, turns = Balance(sharp[0], flexibility).solve(orbit.with_harmonics(count))
-                steps += turns
-            for at in sharp:
-                level += 1
-                orbit, _, turns = Balance(at, flexibility).solve(orbit.with_harmonics(harmonics_for(at, MOST)))
+            for at, count in levels:
+                orbit, _, turns = Balance(at, flexibility).solve(orbit.with_harmonics(count))
                 steps += turns
         except NotConvergedError as error:
             failed = failed or error
-            continue
-        return orbit, steps
+        else:
+            return orbit, steps
     raise failed or NotConvergedError("no cycle was found. Give start=, e.g. a frequency or a transient")

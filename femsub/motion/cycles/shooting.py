@@ -9,7 +9,7 @@ models of a few dozen DOF. Its purpose is to check harmonic balance (Peeters et 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -146,11 +146,15 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
     start = contact.checked(start)
     if period is None or finite_number("period", period) <= 0:
         raise InputError(f"shooting from a state needs a positive period, not {period!r}")
-    _check_period(model, period)
+    modes = all_modes(model.K, model.M, carried=model.rigid_motion)
+    turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
+    if (turns > LONGEST).any():  # it would take too long
+        raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most {LONGEST} "
+                         "are allowed. Give the period in the model's unit of time")
     y = np.concatenate([start.displacement, start.velocity])
     flow = _Flow(contact, tol)
     for turn in range(1, rounds + 1):  # noqa: B007 - told in the result
-        end, Phi, _ = flow.run(y, period)
+        end, Phi = flow.run(y, period)
         slope = flow.rate(y)
         scale = float(np.linalg.norm(slope)) / (2 * np.pi / period)
         gap = end - y
@@ -167,16 +171,7 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
     values = np.linalg.eigvals(Phi)
     n = model.size
     return ShotCycle(State(y[:n], y[n:]), float(period), values[np.argsort(-np.abs(values))],
-                     float(np.linalg.norm(gap)) / scale, flow.run(y, period, SAMPLES)[2], turn)
-
-
-def _check_period(model: Substructure, period: float) -> None:
-    """Refuse a period in which the lowest elastic mode oscillates more than LONGEST times: it would take too long."""
-    modes = all_modes(model.K, model.M, carried=model.rigid_motion)
-    turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
-    if (turns > LONGEST).any():
-        raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most {LONGEST} "
-                         "are allowed. Give the period in the model's unit of time")
+                     float(np.linalg.norm(gap)) / scale, flow.speeds(y, period), turn)
 
 
 class _Flow:
@@ -195,25 +190,26 @@ class _Flow:
         """ẏ (2n,)."""
         return self.A @ y + self.B @ self.contact.exerted(self.U @ y, self.C @ y)
 
-    def run(self, y: Array, period: float, samples: int = 0) -> tuple[Array, Array, Array]:
-        """y(T), Φ(T), and v at equidistant times; without Φ if samples are requested."""
+    def both(self, x: Array) -> Array:
+        """ẏ and Φ̇ of [y, Φ] (2n (2n + 1),)."""
+        whole = x.reshape(-1, self.A.shape[0])
+        of_u, of_v = self.contact.tangents(self.U @ whole[0], self.C @ whole[0])
+        change = whole[1:] @ (self.A + self.B @ (of_u @ self.U + of_v @ self.C)).T
+        return np.concatenate([self.rate(whole[0]), change.ravel()])
+
+    def run(self, y: Array, period: float) -> tuple[Array, Array]:
+        """y(T) and Φ(T)."""
+        last = self._integrated(self.both, np.concatenate([y, np.eye(len(y)).ravel()]), period)[:, -1].reshape(-1, len(y))
+        return last[0], last[1:].T
+
+    def speeds(self, y: Array, period: float) -> Array:
+        """v at equidistant times, (p, m)."""
+        return self.C @ self._integrated(self.rate, y, period, period * np.arange(SAMPLES) / SAMPLES)
+
+    def _integrated(self, rate: Callable[[Array], Array], y: Array, period: float, times: Array | None = None) -> Array:
         from scipy.integrate import solve_ivp
 
-        m = len(y)
-        if samples:
-            t = period * np.arange(samples) / samples
-            found = solve_ivp(lambda _, x: self.rate(x), (0, period), y, "DOP853", t, rtol=self.tol, atol=1e-3 * self.tol)
-            return found.y[:, -1], np.zeros((0, 0)), self.C @ found.y
-
-        def both(_: float, x: Array) -> Array:
-            whole = x.reshape(m + 1, m)
-            of_u, of_v = self.contact.tangents(self.U @ whole[0], self.C @ whole[0])
-            change = whole[1:] @ (self.A + self.B @ (of_u @ self.U + of_v @ self.C)).T
-            return np.concatenate([self.rate(whole[0]), change.ravel()])
-
-        found = solve_ivp(both, (0, period), np.concatenate([y, np.eye(m).ravel()]), "DOP853", rtol=self.tol,
-                          atol=1e-3 * self.tol)
+        found = solve_ivp(lambda _, x: rate(x), (0, period), y, "DOP853", times, rtol=self.tol, atol=1e-3 * self.tol)
         if not found.success:
             raise NotConvergedError(f"the time integration over one period failed: {found.message}. Start nearer to the cycle")
-        last = found.y[:, -1].reshape(m + 1, m)
-        return last[0], last[1:].T, np.zeros((0, 0))
+        return found.y
