@@ -13,9 +13,9 @@ import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.algebra.petsc import has_cholmod
 from femsub.checks import Tally
+from femsub.modes import match
 from femsub.modes.quadratic import cost, dense
 from femsub.modes.quadratic.complex_modes import with_bars
-from femsub.modes.quadratic.matching import match
 from femsub.modes.quadratic.region import Region
 from femsub.modes.quadratic.search import Found
 from femsub.stability import port_root

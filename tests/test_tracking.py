@@ -14,7 +14,7 @@ from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.components.two_mode import two_mode, two_mode_critical
 from femsub.components.ziegler import ziegler, ziegler_critical
-from femsub.modes.quadratic.matching import match
+from femsub.modes import match
 from femsub.studies.charts_flutter import flutter_chart
 
 EYE = np.eye(2)

@@ -16,7 +16,7 @@ from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, co
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.modes.quadratic.full_solve import FullSolve, solve_of
-from femsub.modes.quadratic.matching import assigned, pair_costs
+from femsub.modes.quadratic.multiplicity import assigned, pair_costs
 
 BELONGS = 1e-6  # largest backward error of modes that are accepted as those of the reduced model
 LOST = 0.5  # a refined mode with less of the reduced shape (share of energy) is a different mode

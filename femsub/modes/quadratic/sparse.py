@@ -12,8 +12,7 @@ from femsub.algebra import Factor, Handle, Transposed, quadratic_modes, shared_f
 from femsub.checks import Array
 from femsub.errors import BreakdownError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.quadratic.matching import match
-from femsub.modes.quadratic.multiplicity import distinct, joined
+from femsub.modes.quadratic.multiplicity import distinct, joined, match
 from femsub.modes.shift_invert import ShiftInvert, motion_of
 
 if TYPE_CHECKING:
