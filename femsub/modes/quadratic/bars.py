@@ -9,6 +9,7 @@ import numpy as np
 from femsub.algebra import equilibration, scaled
 from femsub.checks import EPS, Array
 from femsub.modes.quadratic.dense import carries
+from femsub.modes.quadratic.multiplicity import clusters
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -60,7 +61,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
     size = np.abs(Y)
     spread, length = np.einsum("ij,ij->j", size, doubt), np.sqrt(np.einsum("ij,ij->j", size, size))
-    for group in _clusters(values):
+    for group in clusters(values, CLUSTER):
         # in a group of equal eigenvalues any basis is valid: take the dual left vectors
         gram = Y[:, group].conj().T @ slope[:, group]
         # dimensionless: vectors of unit length would depend on the units of the DOF
@@ -114,21 +115,8 @@ def _by_better_left(pencil: Pencil, values: Array, Y: Array, residual: Array, sl
 
 def _gaps(values: Array, found: Array) -> Array:
     """The distance of each eigenvalue to the nearest other found one (its conjugate included); inf without one."""
-    if len(values) == 0:
-        return np.zeros(0)
     from scipy.spatial import cKDTree
 
-    upper, lower = found[found.imag >= 0], found[found.imag < 0].conj()
-    upper = np.append(upper, lower[~np.isin(lower, upper)])  # one or both of a pair may be listed
-    every = np.append(upper, upper[upper.imag > 0].conj())
+    every = np.append(found, found[~np.isin(found.conj(), found)].conj())  # one or both of a pair may be listed
     points, asked = (np.stack([part.real, part.imag], axis=1) for part in (every, values))
     return np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])
-
-
-def _clusters(values: Array) -> list[Array]:
-    if len(values) == 0:
-        return []
-    order = np.lexsort((values.real, values.imag))
-    close = np.abs(np.diff(values[order])) <= CLUSTER * np.abs(values[order][1:])
-    groups = np.split(order, np.flatnonzero(~close) + 1)
-    return [group for group in groups if len(group) > 1]
