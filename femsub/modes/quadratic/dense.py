@@ -21,7 +21,7 @@ from femsub.algebra import FEW, RigidMotion, is_symmetric, one_thread, unit_leng
 from femsub.checks import EPS, Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.modes.dense import dense_modes
-from femsub.modes.quadratic import rigid_apart, singular_mass
+from femsub.modes.quadratic import singular_mass
 from femsub.modes.quadratic.singular_mass import REGULAR
 from femsub.modes.shift_invert import (
     RIGID,
@@ -272,11 +272,11 @@ def _solved(pencil: Pencil) -> tuple[Array, Array, Array]:
     bare = singular_mass.bare(pencil)
     form = modal_form(pencil) if not len(bare) else None
     if form is None and (motion := motion_of(pencil.rigid_motion)) is not None and motion.count and all(pencil.symmetric):
-        return rigid_apart.solve(pencil, motion, solve)
+        return singular_mass.without_rigid(pencil, motion, solve)
     if len(bare):
         return singular_mass.condensed(pencil, bare, solve)
     if form is None:
-        return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)))
+        return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.qz_of(pencil)))
     return _lifted(pencil, *_by_modes(pencil.size, form))
 
 

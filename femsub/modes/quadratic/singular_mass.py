@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
@@ -18,8 +18,12 @@ from femsub.algebra import SINGULAR, equilibration, scaled, unit_length
 from femsub.checks import EPS, Array
 from femsub.model import Pencil
 
+if TYPE_CHECKING:
+    from femsub.algebra import RigidMotion
+
 REGULAR = 1e12  # condition up to which a matrix is inverted
 UNSURE = 8.0  # factor about the limit of a rank within which a singular value may be rounding or not
+DUST = 1e-14  # share of the mass that moves with the rigid motion below which the rest is no mass
 ROUNDED = 20.0  # roundings that an entry of a product may have
 Eigenpairs: TypeAlias = tuple[Array, Array, Array]  # λ (k,), right and left shapes (n, k) of unit length
 Solver: TypeAlias = Callable[[Pencil], Eigenpairs]  # of a pencil with a regular M
@@ -211,6 +215,38 @@ def as_multipliers(pencil: Pencil, parts: Parts) -> tuple[Pencil, Array, Array, 
     return Pencil(M, D, K), U, V, clear
 
 
+def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpairs:
+    """Eigenpairs without the rigid motion, which is at λ = 0 exactly: QZ would return that as numbers of any sign.
+
+    M and D are symmetric. With K Z = 0, and D Z_f = 0 for the free motions Z_f of Z = [Z_f Z_d], let x = Z_f c + Z_d d + E y.
+    y are the DOF but a few that hold the model. The rows of c give c = -(Z_fᵀMZ_f)⁻¹Z_fᵀM (Z_d d + E y) for every λ ≠ 0. What is
+    left has K in y alone. Where there is a d, the states are (y, ḋ, ẏ), since d itself has no energy.
+    """
+    Z, free, n = motion.shapes, motion.free, pencil.size
+    heavy = np.sqrt(np.abs(pencil.M.diagonal()))  # a DOF without mass would leave the rounding of one to the others
+    Z = Z / np.linalg.norm(heavy[:, None] * Z, axis=0)
+    holding = la.qr((heavy[:, None] * Z).T, mode="r", pivoting=True)[1][:motion.count]
+    rest = np.setdiff1d(np.arange(n), holding)
+    T = np.hstack([Z[:, free:], np.eye(n)[:, rest]])
+    M, D = (T.T @ part @ T for part in (pencil.M, pencil.D))
+    K, moving = np.zeros_like(M), slice(motion.count - free, None)
+    K[moving, moving] = pencil.K[np.ix_(rest, rest)]
+    if free:
+        momentum = Z[:, :free].T @ pencil.M
+        drift = -np.linalg.solve(momentum @ Z[:, :free], momentum @ T)
+        share = (momentum @ T).T @ drift
+        M = np.where(np.abs(M + share) > DUST * np.abs(share), M + share, 0.0)
+        T = T + Z[:, :free] @ drift
+    small = Pencil((M + M.T) / 2, (D + D.T) / 2, K)
+    if free == motion.count:
+        values, x, y = solve(small.carrying(motion.none(len(M)), small.noise))
+    else:
+        values, x, y = qz_of(small, motion.count - free)
+    still = np.hstack([Z, Z[:, :free]])
+    return (np.append(values, np.zeros(motion.zeros)), unit_length(np.hstack([T @ x, still])),
+            unit_length(np.hstack([T @ y, still])))
+
+
 def finite(pencil: Pencil) -> int | None:
     """The number of finite eigenvalues of a dense pencil; None if it depends on rounding, or on a constraint of velocities.
 
@@ -273,13 +309,8 @@ def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
     return values, rows[:, None] * left, columns[:, None] * right
 
 
-def companion(pencil: Pencil) -> Eigenpairs:
-    """By QZ on the companion form, all DOF with states of both kinds."""
-    return qz_of(pencil, 0)
-
-
-def qz_of(pencil: Pencil, drifting: int) -> Eigenpairs:
-    """By QZ in the states (q, q̇); the first `drifting` DOF have no stiffness, and of these q̇ alone is a state."""
+def qz_of(pencil: Pencil, drifting: int = 0) -> Eigenpairs:
+    """By QZ on the companion form, states (q, q̇). The first `drifting` DOF have no stiffness, and of these q̇ alone is a state."""
     rows, columns = pencil.units
     M, D, K = (scaled(part, rows, columns) for part in (pencil.M, pencil.D, pencil.K))
     mass, damping, stiffness = (np.linalg.norm(part, 2) for part in (M, D, K))
