@@ -420,7 +420,8 @@ def test_what_solves_nothing_has_no_bar() -> None:
     assert np.isinf(found.error_bar[0]) and np.isfinite(found.error_bar[2:]).all()
 
 
-@pytest.mark.parametrize(("kind", "seeds"), [("scales", (45, 68, 511, 570)), ("units", (113, 426, 600236)), ("friction", (38, 471, 507)),
+@pytest.mark.parametrize(("kind", "seeds"), [("scales", (45, 68, 511, 570)), ("units", (113, 426, 600236)),
+                                             ("friction", (38, 471, 507)),
                                              ("nearly singular", (55, 304, 501)), ("clusters", (0,))])
 def test_error_bars_hold_where_matrices_are_many_orders_apart(kind: str, seeds: tuple[int, ...]) -> None:
     from benchmarks.attacks.bars import attacked
