@@ -26,7 +26,6 @@ from femsub.modes.quadratic.singular_mass import REGULAR
 from femsub.modes.shift_invert import (
     RIGID,
     ShiftInvert,
-    costs_nothing,
     energy_ratio,
     motion_of,
     rounding,
@@ -179,27 +178,10 @@ def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tupl
         handle = ShiftInvert(K, M)
     except SingularMatrixError:  # a negative stiffness, or a large stiffness contrast
         top = float(np.abs(values).max()) or 1.0
-        return _annihilated(K, M, _cleaned(K, M, shapes[:, low], top)), float(np.abs(values[~low]).min(initial=top))
+        Z, loose = unresisted(K, _cleaned(K, M, shapes[:, low], top), units(K))
+        Z = Z[:, loose]
+        return Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T, float(np.abs(values[~low]).min(initial=top))
     return handle.rigid, handle.lowest if np.isfinite(handle.lowest) else float(np.abs(values).max())
-
-
-def _annihilated(K: Array, M: Array, x: Array) -> Array:
-    """An M-orthonormal basis of those motions in the span of x (n, k) that have Kx = 0 within rounding.
-
-    A single motion may move only DOF whose entries in K are rounding. Example: a reduced block joined at a few nodes in
-    one plane has no stiffness across the plane. Such a motion causes no large forces with which its own could be compared.
-    Combined with the other rigid-body modes it does.
-    """
-    x = x @ np.linalg.inv(np.linalg.cholesky(x.T @ M @ x)).T
-    unit = units(K)[:, None]
-    force, turn = np.linalg.svd(unit * (K @ x), full_matrices=False)[1:]
-    x = x @ turn[::-1].T
-    most = int(np.count_nonzero(force <= RIGID * np.linalg.norm(unit * (abs(K) @ abs(x)))))
-    for count in range(most, 0, -1):
-        mix = np.linalg.qr(np.random.default_rng(7).standard_normal((count, count)))[0]
-        if costs_nothing(K, x[:, :count] @ mix).all():
-            return x[:, :count]
-    return x[:, :0]
 
 
 def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
@@ -269,12 +251,9 @@ def _solved(pencil: Pencil) -> tuple[Array, Array, Array]:
     if (freed := pencil.freed) is not None:
         values, X, Y = _solved(freed.pencil)
         return values, *freed.shapes(values, X, Y)
-    bare = singular_mass.bare(pencil)
-    form = modal_form(pencil) if not len(bare) else None
+    form = modal_form(pencil)
     if form is None and (motion := motion_of(pencil.rigid_motion)) is not None and motion.count and all(pencil.symmetric):
         return singular_mass.without_rigid(pencil, motion, solve)
-    if len(bare):
-        return singular_mass.condensed(pencil, bare, solve)
     if form is None:
         return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.qz_of(pencil)))
     return _lifted(pencil, *_by_modes(pencil.size, form))

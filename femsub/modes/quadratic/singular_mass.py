@@ -29,31 +29,9 @@ Eigenpairs: TypeAlias = tuple[Array, Array, Array]  # λ (k,), right and left sh
 Solver: TypeAlias = Callable[[Pencil], Eigenpairs]  # of a pencil with a regular M
 
 
-def bare(pencil: Pencil) -> Array:
-    """DOF with neither mass nor damping, if they can be condensed statically: they have no dynamics."""
-    M, D, K = pencil.M, pencil.D, pencil.K
-    bare = np.flatnonzero(~sum(part.any(axis=axis) for part in (M, D) for axis in (0, 1)).astype(bool))
-    if len(bare) in (0, pencil.size) or not _regular(K[np.ix_(bare, bare)]):
-        return bare[:0]
-    return bare
-
-
 def _regular(A: Array) -> bool:
     """Whether A, after equilibration, is well conditioned enough to be inverted."""
     return bool(np.linalg.cond(scaled(A, *equilibration(A))) < REGULAR) if A.size else True
-
-
-def condensed(pencil: Pencil, bare: Array, solve: Solver) -> Eigenpairs:
-    """Eigenpairs of the other DOF with K_mm - K_mb K_bb⁻¹ K_bm, extended statically to the bare DOF, right and left."""
-    rest = np.setdiff1d(np.arange(pencil.size), bare)
-    K = pencil.K
-    right = -np.linalg.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, rest)])
-    left = -np.linalg.solve(K[np.ix_(bare, bare)].T, K[np.ix_(rest, bare)].T)
-    stiffness = K[np.ix_(rest, rest)] + K[np.ix_(rest, bare)] @ right
-    values, x, y = solve(Pencil(pencil.M[np.ix_(rest, rest)], pencil.D[np.ix_(rest, rest)], stiffness))
-    X, Y = (np.zeros((pencil.size, len(values)), dtype=complex) for _ in range(2))
-    X[rest], X[bare], Y[rest], Y[bare] = x, right @ x, y, left @ y
-    return values, unit_length(X), unit_length(Y)
 
 
 @dataclass(frozen=True, eq=False)
