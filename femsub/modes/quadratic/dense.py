@@ -196,11 +196,10 @@ def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array, motion: RigidMot
 
     Each of these has a double eigenvalue at 0, which rounding in C would split.
     """
-    C = shapes.T @ (D @ shapes)
-    if not rigid:
-        return shapes, C
-    z, free = (shapes[:, :rigid], np.arange(motion.free)) if motion is not None else unresisted(D, shapes[:, :rigid], unit)
-    shapes = np.hstack([z, shapes[:, rigid:]])
+    free = np.arange(0 if motion is None else motion.free)
+    if rigid and motion is None:
+        z, free = unresisted(D, shapes[:, :rigid], unit)
+        shapes = np.hstack([z, shapes[:, rigid:]])
     C = shapes.T @ (D @ shapes)
     C[:, free] = 0.0
     if is_symmetric(D):
@@ -212,10 +211,7 @@ def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
     # The softest modes contain rounding of the stiffest ones; two solves with K + sM remove it.
     sigma = 1e-10 * top
     with np.errstate(all="ignore"):
-        try:
-            factor = la.lu_factor(K + sigma * M, check_finite=False)
-        except la.LinAlgError:
-            return x
+        factor = la.lu_factor(K + sigma * M, check_finite=False)
         for _ in range(2):
             x = la.lu_solve(factor, M @ x, check_finite=False)
             x = x / np.sqrt(np.abs(np.einsum("ij,ij->j", x, M @ x)))

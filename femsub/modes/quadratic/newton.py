@@ -48,15 +48,16 @@ def mended(pencil: Pencil, values: Array, X: Array, Y: Array) -> Mended:
     kept out of it. If two still come to the same shape, the second stays as it was, so none is lost. Without a left vector (a
     zero column) x̄ is the start.
     """
-    values, X, Y, done = values.copy(), X.astype(complex), Y.astype(complex), np.zeros(len(values), dtype=bool)
+    values, X, done = values.copy(), X.astype(complex), np.zeros(len(values), dtype=bool)
+    Y = np.where(Y.any(axis=0), Y, X.conj())
     if not len(values):
         return Mended(values, X, Y, done, done)
-    bar = bars(pencil, values, X, np.where(Y.any(axis=0), Y, X.conj())).error_bar
+    bar = bars(pencil, values, X, Y).error_bar
     poor = _is_poor(pencil, values, X, Y, bar)
     for k in np.flatnonzero(poor):
         around = done & (np.abs(values - values[k]) <= max(AROUND * abs(values[k]), bar[k]))
         others = values[around], X[:, around], Y[:, around]
-        found = _newton(pencil, values[k], X[:, k], Y[:, k] if Y[:, k].any() else X[:, k].conj(), others)
+        found = _newton(pencil, values[k], X[:, k], Y[:, k], others)
         if found is None or not abs(found[0] - values[k]) <= max(bar[k], POOR * abs(values[k])):
             continue
         near = np.flatnonzero(np.abs(values - found[0]) <= NEAR * abs(found[0]))
@@ -72,7 +73,7 @@ def _is_poor(pencil: Pencil, values: Array, X: Array, Y: Array, bar: Array) -> A
     size = np.abs(values)
     poor = (bar > POOR * size) & (size > 0)
     rounding, residual = EPS * pencil.magnitude(values, X), np.abs(pencil.residual(values, X))
-    left = np.abs(np.where(Y.any(axis=0), Y, X.conj()))
+    left = np.abs(Y)
     return poor & (np.einsum("ij,ij->j", left, residual) > FLOOR * np.einsum("ij,ij->j", left, rounding))
 
 

@@ -187,8 +187,6 @@ def _mended(pencil: Pencil, certificate: Nearest | Enclosed, values: Array, X: A
     mass, damping, stiffness = (np.abs(part.diagonal()) for part in (pencil.M, pencil.D, pencil.K))
     if pencil.size > KEPT or (pencil.size > QUADRATIC and (damping <= HEAVY * np.sqrt(mass * stiffness)).all()):
         return values, X, Y, done
-    if all(pencil.symmetric):
-        Y[:, at] = X[:, at].conj()
     found = mended(pencil, values[at], X[:, at], Y[:, at])
     if not found.done.any() and not found.vague.any():
         return values, X, Y, done

@@ -122,8 +122,8 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
 
     q_b has neither mass nor damping and follows statically: 0 = K_b1 q₁ + D_b1 v₁ + K_ba q_a + K_bb q_b, v₁ = λq₁. Inserted
     into the other rows, this gives a pencil A - λE in (q₁, v₁, q_a) with a regular E. If the massless part has no damping, the
-    result is a quadratic pencil again, with the regular Σ. If K_bb is singular, q_b holds multipliers, see `_constrained`.
-    Returns None if M is regular, or if a constraint holds velocities.
+    result is a quadratic pencil again, with the regular Σ. If K_bb is singular, its null vectors are multipliers, as in
+    `Pencil.freed`. Returns None if M is regular, or if a constraint holds velocities.
     """
     parts = parts_of(pencil)
     U, V, mass = parts.U, parts.V, parts.mass
@@ -134,7 +134,11 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
     D, K = _between(U, pencil.D, V)[0], U.T @ pencil.K @ V
     D[a, a], D[a, b], D[b, a], D[b, b] = np.diag(parts.drag), 0.0, 0.0, 0.0
     if not _regular(K[b, b]):
-        return _constrained(pencil, parts, solve)
+        if (found := as_multipliers(pencil, parts)) is None:
+            return None
+        changed, U, V, _ = found
+        values, q, w = solve(changed)
+        return values, unit_length(V @ q), unit_length(U @ w)
     G = -np.linalg.solve(K[b, b], np.hstack([K[b, one], D[b, one], K[b, a]]))
     g1, gv, ga = G[:, :rank], G[:, rank:2 * rank], G[:, 2 * rank:]
     if not damped and not D[one, b].any() and not D[b, one].any():
@@ -163,16 +167,6 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
         qb = g1 @ q1 + gv @ (q1 * values) + ga @ qa
     wb = -np.linalg.solve(K[b, b].T, (D[one, b].T @ w1) * values.conj() + K[one, b].T @ w1 + K[a, b].T @ wa)
     return values, unit_length(V @ np.vstack([q1, qa, qb])), unit_length(U @ np.vstack([w1, wa, wb]))
-
-
-def _constrained(pencil: Pencil, parts: Parts, solve: Solver) -> Eigenpairs | None:
-    """The same for a singular K_bb: in coordinates in which its null vectors are multipliers, see `Pencil.freed`."""
-    found = as_multipliers(pencil, parts)
-    if found is None:
-        return None
-    changed, U, V, _ = found
-    values, q, w = solve(changed)
-    return values, unit_length(V @ q), unit_length(U @ w)
 
 
 def as_multipliers(pencil: Pencil, parts: Parts) -> tuple[Pencil, Array, Array, bool] | None:
