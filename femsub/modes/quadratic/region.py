@@ -69,7 +69,7 @@ def _nearest(values: Array, count: int | None) -> Array:
     """Indices by |λ|, conjugates side by side with Im λ > 0 first; at least `count`, a pair never split."""
     with np.errstate(divide="ignore"):
         size = np.round(np.log(np.abs(values)), 13)  # equal up to rounding of each |λ|, however large others are
-    turn = [np.count_nonzero(values[:i] == value) for i, value in enumerate(values)]  # among equal ones
+    turn = np.array([np.count_nonzero(values[:i] == value) for i, value in enumerate(values)])  # among equal ones
     order = np.lexsort((-values.imag, turn, np.abs(values.imag), values.real, size))
     if count is None or count >= len(order):
         return order
