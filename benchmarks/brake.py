@@ -34,7 +34,7 @@ from benchmarks.processes import fresh, machine, peak_mb
 from femsub.app.scenes.brake import PADS, Brake, BrakeScene
 from femsub.io.atomic import write_whole
 from femsub.model.affine import Affine
-from femsub.modes.quadratic.matching import match
+from femsub.modes import match
 from femsub.studies.losses import affine_over, first_loss
 from femsub.studies.tables import table
 

@@ -11,7 +11,7 @@ import scipy.linalg as la
 
 import femsub as fs
 from femsub.model.bands import upper, within
-from femsub.modes.quadratic.matching import match
+from femsub.modes import match
 
 TOL = 1e-3
 Random = np.random.Generator

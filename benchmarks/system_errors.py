@@ -7,7 +7,7 @@ import numpy as np
 import femsub as fs
 from benchmarks.random_systems import Case, compositions
 from femsub.model.bands import upper, within
-from femsub.modes.quadratic.matching import match
+from femsub.modes import match
 from femsub.reduction.estimates.joined import JoinedSpace, held_statics
 from femsub.reduction.estimates.nested import FAR, Nested
 

@@ -20,7 +20,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.figure_style import PAGE, legend_below, new_figure, render
 from femsub.app.scenes.brake import Brake, BrakeScene
-from femsub.modes.quadratic.matching import match
+from femsub.modes import match
 from femsub.studies.losses import first_loss
 
 MODES = 100

@@ -27,7 +27,7 @@ from femsub.app.figure_style import PAGE, legend_below, new_figure, render
 from femsub.io.atomic import write_whole
 from femsub.model.bands import within
 from femsub.model.estimate import SHARE
-from femsub.modes.quadratic.matching import match
+from femsub.modes import match
 from femsub.reduction.estimates.found_modes import FoundModes
 from femsub.reduction.estimates.nested import FAR, Nested
 from femsub.reduction.estimates.search import Space

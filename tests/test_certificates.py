@@ -13,8 +13,8 @@ import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.algebra.factor import factorise
 from femsub.algebra.petsc import Factor
+from femsub.modes import match
 from femsub.modes.quadratic import damping_split, dense, disc_count, sparse
-from femsub.modes.quadratic.matching import match
 
 BELT = fs.Belt(slope=-0.2677)
 

@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub.modes.quadratic.matching import match
+from femsub.modes import match
 from femsub.studies.self_excitation import CRITERIA, table_rows
 
 BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-3))

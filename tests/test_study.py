@@ -13,7 +13,7 @@ import pytest
 import femsub as fs
 from femsub.algebra.petsc import Factor
 from femsub.algebra.timing import timed
-from femsub.modes.quadratic.matching import match, spectrum_errors, turnover
+from femsub.modes import match, spectrum_errors, turnover
 from femsub.reduction import METHODS, Reductor
 from femsub.studies.results import Row, Study, Timing, with_front
 

@@ -19,9 +19,8 @@ from femsub.algebra.factor import inertia
 from femsub.algebra.petsc import Factor
 from femsub.model.bands import within
 from femsub.model.estimate import SHARE
-from femsub.modes import normal_modes
+from femsub.modes import match, normal_modes
 from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.quadratic.matching import match
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.reduction.estimates.found_modes import FoundModes
 from femsub.reduction.estimates.nested import FAR, Nested

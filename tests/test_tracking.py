@@ -13,7 +13,7 @@ import femsub as fs
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.components import two_mode, two_mode_critical, ziegler, ziegler_critical
-from femsub.modes.quadratic.matching import match
+from femsub.modes import match
 from femsub.studies.charts_flutter import flutter_chart
 
 EYE = np.eye(2)

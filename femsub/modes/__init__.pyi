@@ -13,22 +13,19 @@ from .quadratic.dense import (
     eigenvalues as eigenvalues,
     modal_form as modal_form,
     solve as solve,
-    unresisted as unresisted,
     with_energy as with_energy,
 )
 from .quadratic.matching import (
     NEAR as NEAR,
-    assigned as assigned,
     extra_eigenvalues as extra_eigenvalues,
     frequency_error as frequency_error,
     likeness as likeness,
     listed as listed,
-    match as match,
     relative_error as relative_error,
     spectrum_errors as spectrum_errors,
     turnover as turnover,
 )
-from .quadratic.multiplicity import clusters as clusters
+from .quadratic.multiplicity import assigned as assigned, clusters as clusters, match as match
 from .quadratic.port_function import PortFunction as PortFunction, port_responses as port_responses
 from .quadratic.region import Region as Region, region_of as region_of
 from .quadratic.singular_mass import REGULAR as REGULAR

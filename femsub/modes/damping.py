@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, finite_number, whole_number
+from femsub.checks import Matrix, finite_number, whole_number
 from femsub.components import not_negative, pair, proportional
 from femsub.errors import InputError, InputTypeError
 from femsub.model import ReducedSubstructure, Substructure
@@ -135,18 +135,12 @@ def _column(sub: Substructure, key: Any) -> Matrix:
     pair = key if isinstance(key, tuple) else (key,)
     if not 1 <= len(pair) <= 2:
         raise InputError(f"a dashpot acts at one DOF or between two, not at {key!r}")
-    rows = [_row(sub, whole_number("the DOF of a dashpot", dof)) for dof in pair]
-    if len(set(pair)) < len(pair):
+    basis = sub.V if isinstance(sub, ReducedSubstructure) else sp.eye_array(sub.size, format="csr")
+    ends = [whole_number("the DOF of a dashpot", dof) for dof in pair]
+    for dof in ends:
+        if not 0 <= dof < basis.shape[0]:
+            raise InputError(f"dashpot: there is no DOF {dof}. {sub.name!r} has {basis.shape[0]}, counted from 0")
+    if len(set(ends)) < len(ends):
         raise InputError(f"the dashpot {key!r} has the same DOF at both ends. Give two different DOF")
-    return sp.csr_array((rows[0] if len(rows) == 1 else rows[0] - rows[1]).reshape(-1, 1))
-
-
-def _row(sub: Substructure, dof: int) -> Array:
-    size = len(sub.V) if isinstance(sub, ReducedSubstructure) else sub.size
-    if not 0 <= dof < size:
-        raise InputError(f"dashpot: there is no DOF {dof}. {sub.name!r} has {size}, counted from 0")
-    if isinstance(sub, ReducedSubstructure):
-        return sub.V[dof]
-    row = np.zeros(size)
-    row[dof] = 1.0
-    return row
+    rows = basis[ends]
+    return sp.csr_array(rows if len(ends) == 1 else rows[[0]] - rows[[1]]).T

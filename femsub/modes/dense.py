@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
@@ -97,7 +95,7 @@ def refined(K: Matrix, M: Matrix, values: Array, shapes: Array, which: Array) ->
         lam, x = values[group], shapes[:, group]
         for _ in range(TURNS):
             sigma = float(lam.mean()) * (1 + BESIDE)
-            unit = 2.0 ** np.rint(np.log2(_units(K, M, sigma)))
+            unit = 2.0 ** np.rint(np.log2(_units(K, M, np.array([sigma]))[:, 0]))
             y = _solved(K - sigma * M, unit, M @ x)
             if y is None:
                 break
@@ -121,24 +119,19 @@ def scaled_errors(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[A
     return residual / size, np.divide(residual * size, values, out=np.zeros_like(size), where=values > 0)
 
 
-def _units(K: Matrix, M: Matrix, value: Any) -> Array:
-    """max(|k_ii|, λ m_ii)^(-1/2), (n,) of one λ or (n, k) of several."""
-    stiffness, inertia = np.abs(K.diagonal()), M.diagonal()
-    if np.ndim(value):
-        stiffness, inertia = stiffness[:, None], inertia[:, None]
-    size = np.maximum(stiffness, value * inertia)
+def _units(K: Matrix, M: Matrix, values: Array) -> Array:
+    """max(|k_ii|, λ m_ii)^(-1/2), (n, k)."""
+    size = np.maximum(np.abs(K.diagonal())[:, None], np.outer(M.diagonal(), values))
     return np.where(size > 0, size, 1.0) ** -0.5
 
 
 def _solved(A: Matrix, unit: Array, b: Array) -> Array | None:
     """A⁻¹b by LU of UAU, or None of a singular A. An A that is nearly singular is what inverse iteration needs."""
-    if sp.issparse(A):
-        from scipy.sparse.linalg import splu
+    from scipy.sparse.linalg import splu
 
-        U = sp.diags_array(unit)
-        try:
-            return unit[:, None] * splu(sp.csc_array(U @ A @ U)).solve(unit[:, None] * b)
-        except RuntimeError:
-            return None
-    factor, pivots, singular = la.lapack.dgetrf(unit[:, None] * A * unit)
-    return None if singular else unit[:, None] * la.lapack.dgetrs(factor, pivots, unit[:, None] * b)[0]
+    U, b = sp.diags_array(unit), unit[:, None] * b
+    try:
+        y: Array = splu(sp.csc_array(U @ A @ U)).solve(b) if sp.issparse(A) else np.linalg.solve(unit[:, None] * A * unit, b)
+    except (RuntimeError, np.linalg.LinAlgError):
+        return None
+    return unit[:, None] * y

@@ -119,13 +119,13 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
     With `defer`, the inertia count of a large model is left to `count_deferred`: it needs a second factorisation, and the first
     one may have to be freed before. `known` modes are deflated instead of computed again. Without `evidence` there is no count.
     """
-    n, rigid, finite = handle.K.shape[0], handle.rigid.shape[1], handle.finite
+    n, rigid = handle.K.shape[0], handle.rigid.shape[1]
     if not 0 <= count <= handle.elastic:
         raise InputError(f"{count} elastic modes were asked for, but there are {handle.elastic}"
                          + (f" (and {rigid} rigid-body modes)" if rigid else ""))
     if n <= SMALL or not sp.issparse(handle.K) or (count > 0.3 * n and n <= DENSE):
         return _dense(handle, count)
-    return _sparse(handle, count, finite, defer, known, evidence)
+    return _sparse(handle, count, defer, known, evidence)
 
 
 def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED, carried: Carried = None) -> NormalModes:
@@ -180,12 +180,12 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
     return _result(handle, values[keep], shapes, (np.inf, len(values)), tally, accepted)
 
 
-def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: NormalModes | None, evidence: bool) -> NormalModes:
+def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | None, evidence: bool) -> NormalModes:
     from femsub.algebra import Factor, symmetric_modes
     from femsub.modes.block_lanczos import block_lanczos
 
     assert isinstance(handle.factor, Factor)
-    rigid = handle.rigid.shape[1]
+    rigid, finite = handle.rigid.shape[1], handle.finite
     values, shapes = np.zeros(0), np.zeros((handle.K.shape[0], 0))
     if known is not None:
         values, shapes = known.eigenvalues[rigid:], known.shapes[:, rigid:]

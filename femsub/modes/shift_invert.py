@@ -84,11 +84,14 @@ class ShiftInvert:
             self._factorise(self.sigma)
 
     def _found(self) -> tuple[float, Array, float, float, str]:
-        n = self.K.shape[0]
-        self.rigid, self.lowest, self.unit, self.note = np.zeros((n, 0)), np.inf, EPS, ""
+        self.rigid, self.lowest, self.unit, self.note = np.zeros((self.K.shape[0], 0)), np.inf, EPS, ""
         if self._given is not None:
             self._carried(self._given)
-            return self.sigma, self.rigid, self.lowest, self.unit, self.note
+        else:
+            self._looked_for()
+        return self.sigma, self.rigid, self.lowest, self.unit, self.note
+
+    def _looked_for(self) -> None:
         self.unit = rounding(self.K)
         if not annihilates_a_translation(self.K, self.unit):
             try:
@@ -97,7 +100,7 @@ class ShiftInvert:
                 pass
             else:
                 if not self._nearly_singular():
-                    return self.sigma, self.rigid, self.lowest, self.unit, self.note
+                    return
         self._float(self._find_rigid)
         if not self.floating:
             try:
@@ -107,7 +110,6 @@ class ShiftInvert:
                     "K is numerically singular, but no rigid-body modes were found. Likely causes: elements too thin or too "
                     "small for a slender part, or a soft piece beside a much stiffer one. Coarsen the mesh, support each piece, "
                     f"or make each piece a separate part ({error})") from None
-        return self.sigma, self.rigid, self.lowest, self.unit, self.note
 
     def _carried(self, Z: Array) -> None:
         """With given rigid motions: only the shift and the lowest elastic ω² are looked for."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from femsub.algebra import equilibration, scaled
 from femsub.checks import EPS, Array
 from femsub.modes.quadratic.dense import carries
+from femsub.modes.quadratic.multiplicity import clusters
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -35,15 +37,12 @@ def bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None 
     If each complex value is followed by its conjugate, only one of the two is computed.
     """
     gaps = _gaps(values, values if known is None else known)
-    first = np.flatnonzero(values.imag > 0)
-    in_pairs = len(first) > 0 and len(first) == np.count_nonzero(values.imag < 0) and first[-1] + 1 < len(values) \
-        and np.array_equal(values[first + 1], values[first].conj()) and np.array_equal(X[:, first + 1], X[:, first].conj())
-    if in_pairs and bool((values.imag[first] > CLUSTER * np.abs(values[first])).all()):
-        half = np.flatnonzero(values.imag >= 0)
-        double = np.sort(np.append(np.arange(len(half)), np.flatnonzero(values.imag[half])))
-        regular = len(values) == 2 * len(half)  # then a view of the left vectors is enough
-        both = _one_by_one(pencil, values[half], X[:, half], Y[:, ::2] if regular else Y[:, half], gaps[half])
-        return Bars(*(figures[double] for figures in both))
+    half, second = np.flatnonzero(values.imag >= 0), np.flatnonzero(values.imag < 0)
+    upper = values[half]
+    of = np.repeat(np.arange(len(half)), 1 + (upper.imag > CLUSTER * np.abs(upper)))
+    if len(of) == len(values) and np.array_equal(np.where(values.imag < 0, upper[of].conj(), upper[of]), values) \
+            and np.array_equal(X[:, second], X[:, second - 1].conj()):
+        return Bars(*(figures[of] for figures in _one_by_one(pencil, upper, X[:, half], Y[:, half], gaps[half])))
     return _one_by_one(pencil, values, X, Y, gaps)
 
 
@@ -60,7 +59,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
     size = np.abs(Y)
     spread, length = np.einsum("ij,ij->j", size, doubt), np.sqrt(np.einsum("ij,ij->j", size, size))
-    for group in _clusters(values):
+    for group in clusters(values, CLUSTER):
         # in a group of equal eigenvalues any basis is valid: take the dual left vectors
         gram = Y[:, group].conj().T @ slope[:, group]
         # dimensionless: vectors of unit length would depend on the units of the DOF
@@ -101,34 +100,23 @@ def _by_better_left(pencil: Pencil, values: Array, Y: Array, residual: Array, sl
     better = np.zeros(len(values))
     poor = np.flatnonzero(np.isfinite(bar) & (bar > POOR * np.abs(values)) & (values != 0))
     for k in poor[:int(WORK / pencil.size**3)]:
-        P, forces = pencil.at(complex(values[k])).conj().T, 2 * values[k].conj() * (pencil.M.T @ Y[:, k]) + pencil.D.T @ Y[:, k]
+        P = pencil.at(complex(values[k])).conj().T
         rows, columns = equilibration(P)
-        try:
-            y = columns * np.linalg.solve(scaled(P, rows, columns), rows * forces)
-        except np.linalg.LinAlgError:  # λ is exact
-            continue
-        if np.isfinite(y).all() and (sensitivity := abs(y.conj() @ slope[:, k])) > 0:
-            better[k] = 2 * np.abs(y) @ residual[:, k] / sensitivity
-    return better
+        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):  # λ is exact
+            y = columns * np.linalg.solve(scaled(P, rows, columns), rows * left_slope(pencil, values[k], Y[:, k]))
+            better[k] = 2 * np.abs(y) @ residual[:, k] / abs(y.conj() @ slope[:, k])
+    return np.where(np.isfinite(better), better, 0.0)
+
+
+def left_slope(pencil: Pencil, value: complex, y: Array) -> Array:
+    """P'(λ)ᴴy."""
+    return 2 * np.conj(value) * (pencil.M.T @ y) + pencil.D.T @ y
 
 
 def _gaps(values: Array, found: Array) -> Array:
     """The distance of each eigenvalue to the nearest other found one (its conjugate included); inf without one."""
-    if len(values) == 0:
-        return np.zeros(0)
     from scipy.spatial import cKDTree
 
-    upper, lower = found[found.imag >= 0], found[found.imag < 0].conj()
-    upper = np.append(upper, lower[~np.isin(lower, upper)])  # one or both of a pair may be listed
-    every = np.append(upper, upper[upper.imag > 0].conj())
+    every = np.append(found, found[~np.isin(found.conj(), found)].conj())  # one or both of a pair may be listed
     points, asked = (np.stack([part.real, part.imag], axis=1) for part in (every, values))
     return np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])
-
-
-def _clusters(values: Array) -> list[Array]:
-    if len(values) == 0:
-        return []
-    order = np.lexsort((values.real, values.imag))
-    close = np.abs(np.diff(values[order])) <= CLUSTER * np.abs(values[order][1:])
-    groups = np.split(order, np.flatnonzero(~close) + 1)
-    return [group for group in groups if len(group) > 1]

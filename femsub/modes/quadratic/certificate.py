@@ -6,21 +6,24 @@ search. The search finds the eigenvalues nearest to 0, and lists those with Im Î
 
 from __future__ import annotations
 
-from functools import partial
+from contextlib import suppress
+from dataclasses import replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from femsub.algebra import QUADRATIC
 from femsub.algebra.shared import shared
-from femsub.checks import Array, Tally
+from femsub.checks import Array, Matrix, Tally
 from femsub.errors import SingularMatrixError
 from femsub.model import beyond, in_band
+from femsub.modes.normal_modes import modes_under
 from femsub.modes.quadratic import damping_split, disc_count
 from femsub.modes.quadratic.disc_count import Count, Edge
 from femsub.modes.quadratic.multiplicity import clear_radius
 from femsub.modes.quadratic.region import Box
 from femsub.modes.quadratic.sparse import KEPT, Shifted
-from femsub.modes.quadratic.winding_count import missed_around, undamped_reference
+from femsub.modes.quadratic.winding_count import missed_eigenvalues, undamped_reference
 
 MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hours and backward errors grow
 
@@ -36,15 +39,12 @@ class _Disc:
 
     def edge(self, radius: float) -> Edge | None:
         """The undamped count at a radius, moved out by up to 0.1 % if a mode lies there; None if no count is possible."""
-        for share in (0.0, 1e-5, 1e-3):
-            if (parts := self.parts) is not None:
-                there = radius * (1 + share)
-                try:
-                    owners = (parts.K0, parts.M, *([] if parts.skew is None else [self.problem.pencil.D]))
-                    return shared(owners, ("edge", there, parts.W.shape[1] > 0),
-                                  partial(disc_count.edge, parts, there))
-                except SingularMatrixError:
-                    continue
+        if (parts := self.parts) is None:
+            return None
+        owners = (parts.K0, parts.M, *([] if parts.skew is None else [self.problem.pencil.D]))
+        for there in (radius, radius * (1 + 1e-5), radius * (1 + 1e-3)):
+            with suppress(SingularMatrixError):
+                return shared(owners, ("edge", there, parts.W.shape[1] > 0), partial(disc_count.edge, parts, there))
         return None
 
     def missed_in(self, at: Edge | None, values: Array, X: Array) -> int | None:
@@ -59,25 +59,17 @@ class _Disc:
     def told_again(self, values: Array, vague: int) -> None:
         """The tally of values that are known better now, without those that may be no eigenvalues."""
         if self.counted is not None:
-            self.tally = self.counted.tally(_listed(values[np.abs(values) < self.counted.radius]) - vague)
-        elif vague:
-            self.tally = Tally(self.tally.listed - vague, self.tally.counted, self.tally.sampled)
+            self.tally = self.counted.tally(_listed(values[np.abs(values) < self.counted.radius]))
+        self.tally = replace(self.tally, listed=self.tally.listed - vague)
 
     def _counted(self, at: Edge, inside: Array) -> Count | None:
-        problem, parts = self.problem, self.parts
+        problem, parts, found = self.problem, self.parts, None
         assert parts is not None
-        if parts.K0 is problem.pencil.K:  # an existing factor may be used
-            found = None
-            if problem.shift == 0 and problem.factor.kind == "definite":
-                found = disc_count.count(parts, at, problem.factor.solve, 0.0, inside)
-            elif problem.handle is not None and problem.handle.factor.kind == "definite":
-                found = disc_count.count(parts, at, problem.handle.factor.solve, -problem.handle.sigma, inside)
-            if found is not None and found.is_valid:
-                return found
-        try:
-            found = disc_count.count(parts, at, *disc_count.definite(parts, at.radius), inside)
-        except SingularMatrixError:
-            return None
+        if parts.K0 is problem.pencil.K and problem.definite is not None:  # an existing factor
+            found = disc_count.count(parts, at, *problem.definite, inside)
+        if found is None or not found.is_valid:
+            with suppress(SingularMatrixError):
+                found = disc_count.count(parts, at, *disc_count.definite(parts, at.radius), inside)
         return found if found is not None and found.is_valid else None
 
     def lacking(self, missed: int) -> str:
@@ -151,9 +143,21 @@ class Enclosed(_Disc):
         self.radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
         self.at = self.edge(self.radius)
         self.wound = winding and (pencil.size <= QUADRATIC if evidence is None else evidence)  # whether det P may be sampled
-        self.known = self.at is None and self.wound  # whether `reference` has its modes
-        self.reference = undamped_reference(pencil, self.radius, self.known) if self.at is None else None
-        self.ask = 2 * (self.at.below if self.at else self.reference[1].counted[1] if self.reference else 10) + 12
+        self.ask = 2 * (self.at.below if self.at else self._undamped()) + 12
+
+    @cached_property
+    def reference(self) -> tuple[Matrix, Array] | None:
+        """See `undamped_reference`."""
+        return undamped_reference(self.problem.pencil, self.radius)
+
+    def _undamped(self) -> int:
+        """About the number of undamped modes in the disc."""
+        pencil = self.problem.pencil
+        if self.wound:
+            return 10 if self.reference is None else len(self.reference[1])
+        with suppress(SingularMatrixError):
+            return modes_under(pencil.symmetric_stiffness, pencil.M, self.radius**2) if pencil.symmetric[0] else 10
+        return 10
 
     def is_short(self, values: Array) -> bool:
         """Whether the disc around the rectangle may contain more eigenvalues; then `ask` is increased."""
@@ -168,11 +172,9 @@ class Enclosed(_Disc):
         missed = self.missed_in(self.at, values, X)
         if missed is not None or not self.wound:
             return missed
-        if not self.known:
-            self.reference, self.known = undamped_reference(self.problem.pencil, self.radius, True), True
         if self.reference is None:
             return None
-        missed = missed_around(self.problem.pencil, self.box, values, self.radius, self.reference)
+        missed = missed_eigenvalues(self.problem.pencil, self.box, values[np.abs(values) <= self.radius], *self.reference)
         self.tally = Tally(_listed(values), _listed(values) + missed, sampled=True)
         return missed
 

@@ -214,7 +214,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     (array([ 0.149, -0.149]), True)
     """
     pencil, cutoff = _with_contacts(model, contacts)
-    if band is not None and (estimate := getattr(model, "estimate", None)) is not None:
+    estimate = getattr(model, "estimate", None)
+    if band is not None and estimate is not None:
         band = estimate.reaching(check_band(band))
     region = region_of(pencil, count, band, re)
     found = search(pencil, region, evidence)
@@ -234,17 +235,10 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
                      tally=found.tally,
                      counted=None if found.counted is None else (found.counted.radius, found.counted.number),
-                     full_growth=_of_full(model, result.eigenvalues))
+                     full_growth=None if estimate is None or not len(estimate.located) else
+                     estimate.growth_of_full(result.eigenvalues))
     log.info("%r", result)
     return result
-
-
-def _of_full(model: Substructure | Pencil, values: Array) -> Array | None:
-    estimate = getattr(model, "estimate", None)
-    if estimate is None or not len(estimate.located):
-        return None
-    found: Array = estimate.growth_of_full(values)
-    return found
 
 
 def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> tuple[Pencil, float]:

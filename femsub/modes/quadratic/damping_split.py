@@ -73,7 +73,7 @@ def _proportional_but_for_columns(pencil: Pencil) -> Split | None:
         parts.append(sp.csr_array((pencil.K0 - pencil.K0.T) * 0.5))
     rows = np.unique(np.concatenate([np.concatenate(part.nonzero()) for part in parts]))
     small = [part[rows][:, rows] for part in parts]
-    rng, sketch = np.random.default_rng(11), []
+    rng, sketch = np.random.default_rng(11), [np.zeros((len(rows), 0))]
     if any(_rank_of_some_rows(part, rng) > RANK for part in small):
         return None
     for part in small:
@@ -81,11 +81,8 @@ def _proportional_but_for_columns(pencil: Pencil) -> Split | None:
         if size:  # explicit zeros may be stored
             probes = rng.standard_normal((len(rows), RANK + 10))
             sketch += [part @ probes / size, part.T @ probes / size]
-    if not sketch:
-        none = np.zeros((0, 0))
-        return _with_contacts(Split(M, K0, alpha, beta, np.zeros((pencil.size, 0)), none, none), pencil)
-    Q, sizes, _ = la.svd(np.hstack(sketch), full_matrices=False)
-    Q = Q[:, sizes > 1e-13 * sizes[0]]
+    Q, sizes, _ = np.linalg.svd(np.hstack(sketch), full_matrices=False)
+    Q = Q[:, sizes > 1e-13 * sizes.max(initial=0.0)]
     if Q.shape[1] > RANK:
         return None
     cores = [Q.T @ (part @ Q) for part in small] + [np.zeros((Q.shape[1], Q.shape[1]))]

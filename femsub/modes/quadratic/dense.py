@@ -21,12 +21,11 @@ from femsub.algebra import FEW, RigidMotion, is_symmetric, one_thread, unit_leng
 from femsub.checks import EPS, Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.modes.dense import dense_modes
-from femsub.modes.quadratic import rigid_apart, singular_mass
+from femsub.modes.quadratic import singular_mass
 from femsub.modes.quadratic.singular_mass import REGULAR
 from femsub.modes.shift_invert import (
     RIGID,
     ShiftInvert,
-    costs_nothing,
     energy_ratio,
     motion_of,
     rounding,
@@ -179,27 +178,10 @@ def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tupl
         handle = ShiftInvert(K, M)
     except SingularMatrixError:  # a negative stiffness, or a large stiffness contrast
         top = float(np.abs(values).max()) or 1.0
-        return _annihilated(K, M, _cleaned(K, M, shapes[:, low], top)), float(np.abs(values[~low]).min(initial=top))
+        Z, loose = unresisted(K, _cleaned(K, M, shapes[:, low], top), units(K))
+        Z = Z[:, loose]
+        return Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T, float(np.abs(values[~low]).min(initial=top))
     return handle.rigid, handle.lowest if np.isfinite(handle.lowest) else float(np.abs(values).max())
-
-
-def _annihilated(K: Array, M: Array, x: Array) -> Array:
-    """An M-orthonormal basis of those motions in the span of x (n, k) that have Kx = 0 within rounding.
-
-    A single motion may move only DOF whose entries in K are rounding. Example: a reduced block joined at a few nodes in
-    one plane has no stiffness across the plane. Such a motion causes no large forces with which its own could be compared.
-    Combined with the other rigid-body modes it does.
-    """
-    x = x @ np.linalg.inv(np.linalg.cholesky(x.T @ M @ x)).T
-    unit = units(K)[:, None]
-    force, turn = np.linalg.svd(unit * (K @ x), full_matrices=False)[1:]
-    x = x @ turn[::-1].T
-    most = int(np.count_nonzero(force <= RIGID * np.linalg.norm(unit * (abs(K) @ abs(x)))))
-    for count in range(most, 0, -1):
-        mix = np.linalg.qr(np.random.default_rng(7).standard_normal((count, count)))[0]
-        if costs_nothing(K, x[:, :count] @ mix).all():
-            return x[:, :count]
-    return x[:, :0]
 
 
 def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
@@ -214,11 +196,10 @@ def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array, motion: RigidMot
 
     Each of these has a double eigenvalue at 0, which rounding in C would split.
     """
-    C = shapes.T @ (D @ shapes)
-    if not rigid:
-        return shapes, C
-    z, free = (shapes[:, :rigid], np.arange(motion.free)) if motion is not None else unresisted(D, shapes[:, :rigid], unit)
-    shapes = np.hstack([z, shapes[:, rigid:]])
+    free = np.arange(0 if motion is None else motion.free)
+    if rigid and motion is None:
+        z, free = unresisted(D, shapes[:, :rigid], unit)
+        shapes = np.hstack([z, shapes[:, rigid:]])
     C = shapes.T @ (D @ shapes)
     C[:, free] = 0.0
     if is_symmetric(D):
@@ -230,10 +211,7 @@ def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
     # The softest modes contain rounding of the stiffest ones; two solves with K + sM remove it.
     sigma = 1e-10 * top
     with np.errstate(all="ignore"):
-        try:
-            factor = la.lu_factor(K + sigma * M, check_finite=False)
-        except la.LinAlgError:
-            return x
+        factor = la.lu_factor(K + sigma * M, check_finite=False)
         for _ in range(2):
             x = la.lu_solve(factor, M @ x, check_finite=False)
             x = x / np.sqrt(np.abs(np.einsum("ij,ij->j", x, M @ x)))
@@ -269,14 +247,11 @@ def _solved(pencil: Pencil) -> tuple[Array, Array, Array]:
     if (freed := pencil.freed) is not None:
         values, X, Y = _solved(freed.pencil)
         return values, *freed.shapes(values, X, Y)
-    bare = singular_mass.bare(pencil)
-    form = modal_form(pencil) if not len(bare) else None
+    form = modal_form(pencil)
     if form is None and (motion := motion_of(pencil.rigid_motion)) is not None and motion.count and all(pencil.symmetric):
-        return rigid_apart.solve(pencil, motion, solve)
-    if len(bare):
-        return singular_mass.condensed(pencil, bare, solve)
+        return singular_mass.without_rigid(pencil, motion, solve)
     if form is None:
-        return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)))
+        return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.qz_of(pencil)))
     return _lifted(pencil, *_by_modes(pencil.size, form))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,25 +26,8 @@ WIDE = 5000  # DOF between the parts up to which the dense matrix of these is fa
 COLUMNS = 64  # right-hand sides at a time
 
 
-class FullSolve(Protocol):
-    """A = K + S, symmetric positive definite, S ≥ 0 small. `whole` says why the whole was factorised, where it was.
-
-    K may hold the stiffness of contacts.
-    """
-
-    whole: str
-    factorisations: int
-
-    def product(self, X: Array) -> Array: ...
-
-    def solve(self, B: Array) -> Array: ...
-
-    def added(self, V: Array, M: Array) -> Array:
-        """VᵀSV, where M is VᵀMV."""
-
-
 class ByWhole:
-    """A = K - σM by a factor of the whole."""
+    """A = K - σM by a factor of the whole, and S = -σM; K may hold the stiffness of contacts. `whole` says why."""
 
     def __init__(self, K: Matrix, M: Matrix, why: str) -> None:
         handle = ShiftInvert(K, M)
@@ -58,11 +41,12 @@ class ByWhole:
         return self._handle.factor.solve(B)
 
     def added(self, V: Array, M: Array) -> Array:
+        """VᵀSV, where M is VᵀMV."""
         return -self._handle.sigma * M
 
 
 class ByParts:
-    """A = K + E diag(s) Eᵀ, E the DOF b between the parts, by the factors of the parts with their interfaces held:
+    """A = K + S, S = E diag(s) Eᵀ, E the DOF b between the parts, by the factors of the parts with their interfaces held:
 
         A⁻¹ = Σ_p K_ii,p⁻¹ + T S_b⁻¹ Tᵀ,   T = [I; Ψ],   S_b = K_bb + K_bi Ψ + diag(s),   Ψ = -K_ii⁻¹ K_ib,
 
@@ -116,7 +100,7 @@ class ByParts:
         return (self._soft[:, None] * V[self._b]).T @ V[self._b]
 
 
-def solve_of(full: Substructure, rom: Any, K: Matrix) -> FullSolve:
+def solve_of(full: Substructure, rom: Any, K: Matrix) -> ByWhole | ByParts:
     """By the parts where the full model is a system whose parts can be held at their interfaces, else by the whole.
 
     K is that of the full model, or holds the stiffness of contacts, too.

@@ -1,4 +1,4 @@
-"""Comparison of two spectra: eigenvalues are matched by distance and by shape, never by position."""
+"""Comparison of two models by their spectra: eigenvalues are matched by distance and by shape, never by position."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from femsub.checks import Array, Matrix
 from femsub.coupling import System
 from femsub.model import Contacts, ReducedSubstructure, Substructure, contacts_of, in_band, small_matrices, upper, within
+from femsub.modes.quadratic.multiplicity import match
 
 if TYPE_CHECKING:
     from femsub.modes.quadratic.complex_modes import ComplexModes
 
 NEAR = 0.5  # |Δλ| / |λ| above which an eigenvalue has no counterpart
-SWAP = 0.05  # |Δλ| / |λ| that costs as much as a MAC of 0
 CLUSTER = 1e-3  # |Δλ| / |λ| up to which modes are compared as one subspace
 
 
@@ -32,38 +32,6 @@ class SpectrumErrors(NamedTuple):
     real: float
     missed: int
     invented: int
-
-
-def match(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
-          far: float | None = None) -> tuple[Array, Array]:
-    """The one-to-one assignment of two spectra with the least sum of `pair_costs`: indices into both."""
-    return assigned(pair_costs(reference, values, alike, weight=weight, far=far))
-
-
-def pair_costs(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
-               far: float | None = None) -> Array:
-    """|Δλ| + weight |λ| (1 - MAC); with `far` min(|Δλ| / |λ|, far) + weight (1 - MAC), shape (k, l).
-
-    `far` limits the cost of an eigenvalue without a counterpart, so that it does not change the assignment of others.
-
-    Parameters
-    ----------
-    reference, values : ndarray, shapes (k,) and (l,)
-    alike : ndarray, shape (k, l), optional
-        The MAC of the shapes, which decides between close frequencies; NaN means no cost.
-    """
-    cost, size = np.abs(reference[:, None] - values), np.abs(reference)[:, None]
-    if far is not None:
-        cost = np.divide(cost, size, out=np.where(cost > 0, far, 0.0), where=size > 0)
-        cost, size = np.minimum(cost, far), np.ones(1)
-    return cost if alike is None else cost + weight * size * np.nan_to_num(1 - alike)
-
-
-def assigned(cost: Array) -> tuple[Array, Array]:
-    """Rows and columns of the one-to-one assignment with the least sum of costs."""
-    from scipy.optimize import linear_sum_assignment
-
-    return linear_sum_assignment(cost)
 
 
 def likeness(full: Substructure, model: Substructure, x: Array, y: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Equal and almost equal eigenvalues of a sparse search: duplicates are removed, several searches are merged."""
+"""Equal and almost equal eigenvalues: two spectra are matched, duplicates are removed, several searches are merged."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ SAME = 1e-10  # |Δλ| / |λ| up to which two results may be the same eigenvalue
 PARALLEL = 1e-6  # two unit vectors are the same up to this remainder; those of a double eigenvalue differ by more
 SPLIT = 1e-5  # |Δλ| / |λ| between the results of two searches for a defective eigenvalue: the root of their tolerance
 NEW = 1e-3  # a shape is new if this share of it lies outside the span of the cluster's shapes
+SWAP = 0.05  # |Δλ| / |λ| that costs as much as a MAC of 0
 FETCHES = 3  # additional searches, each from another start, for missing eigenvalues
 
 
@@ -57,6 +58,38 @@ class Search:
         with suppress(NotConvergedError):
             self.pool = joined(values, X, *self.nearest(self.ask, self.searches))
         return len(self.pool[0]) == len(values)
+
+
+def match(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
+          far: float | None = None) -> tuple[Array, Array]:
+    """The one-to-one assignment of two spectra with the least sum of `pair_costs`: indices into both."""
+    return assigned(pair_costs(reference, values, alike, weight=weight, far=far))
+
+
+def pair_costs(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
+               far: float | None = None) -> Array:
+    """|Δλ| + weight |λ| (1 - MAC); with `far` min(|Δλ| / |λ|, far) + weight (1 - MAC), shape (k, l).
+
+    `far` limits the cost of an eigenvalue without a counterpart, so that it does not change the assignment of others.
+
+    Parameters
+    ----------
+    reference, values : ndarray, shapes (k,) and (l,)
+    alike : ndarray, shape (k, l), optional
+        The MAC of the shapes, which decides between close frequencies; NaN means no cost.
+    """
+    cost, size = np.abs(reference[:, None] - values), np.abs(reference)[:, None]
+    if far is not None:
+        cost = np.divide(cost, size, out=np.where(cost > 0, far, 0.0), where=size > 0)
+        cost, size = np.minimum(cost, far), np.ones(1)
+    return cost if alike is None else cost + weight * size * np.nan_to_num(1 - alike)
+
+
+def assigned(cost: Array) -> tuple[Array, Array]:
+    """Rows and columns of the one-to-one assignment with the least sum of costs."""
+    from scipy.optimize import linear_sum_assignment
+
+    return linear_sum_assignment(cost)
 
 
 def distinct(values: Array, X: Array) -> tuple[Array, Array]:

@@ -8,18 +8,17 @@ The residual shows it entry by entry, and two-sided Newton steps mend it:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Matrix
+from femsub.algebra import ComplexFactor
+from femsub.checks import EPS, Array
 from femsub.errors import SingularMatrixError
-from femsub.modes.quadratic.bars import bars
+from femsub.modes.quadratic.bars import bars, left_slope
 from femsub.modes.quadratic.multiplicity import PARALLEL
 
 if TYPE_CHECKING:
-    from femsub.algebra import ComplexFactor
     from femsub.model import Pencil
 
 POOR = 1e-8  # error bar relative to |λ| above which an eigenpair is mended,
@@ -42,22 +41,23 @@ class Mended(NamedTuple):
     vague: Array
 
 
-def mended(pencil: Pencil, values: Array, X: Array, Y: Array, factor: Callable[[Matrix], ComplexFactor]) -> Mended:
+def mended(pencil: Pencil, values: Array, X: Array, Y: Array) -> Mended:
     """Eigenpairs with Newton steps for those whose error bar is poor.
 
     A pair is mended only if λ stays within its error bar and its residual falls to rounding. Pairs that are mended already are
     kept out of it. If two still come to the same shape, the second stays as it was, so none is lost. Without a left vector (a
     zero column) x̄ is the start.
     """
-    values, X, Y, done = values.copy(), X.astype(complex), Y.astype(complex), np.zeros(len(values), dtype=bool)
+    values, X, done = values.copy(), X.astype(complex), np.zeros(len(values), dtype=bool)
+    Y = np.where(Y.any(axis=0), Y, X.conj())
     if not len(values):
         return Mended(values, X, Y, done, done)
-    bar = bars(pencil, values, X, np.where(Y.any(axis=0), Y, X.conj())).error_bar
+    bar = bars(pencil, values, X, Y).error_bar
     poor = _is_poor(pencil, values, X, Y, bar)
     for k in np.flatnonzero(poor):
         around = done & (np.abs(values - values[k]) <= max(AROUND * abs(values[k]), bar[k]))
         others = values[around], X[:, around], Y[:, around]
-        found = _newton(pencil, values[k], X[:, k], Y[:, k] if Y[:, k].any() else X[:, k].conj(), others, factor)
+        found = _newton(pencil, values[k], X[:, k], Y[:, k], others)
         if found is None or not abs(found[0] - values[k]) <= max(bar[k], POOR * abs(values[k])):
             continue
         near = np.flatnonzero(np.abs(values - found[0]) <= NEAR * abs(found[0]))
@@ -73,21 +73,21 @@ def _is_poor(pencil: Pencil, values: Array, X: Array, Y: Array, bar: Array) -> A
     size = np.abs(values)
     poor = (bar > POOR * size) & (size > 0)
     rounding, residual = EPS * pencil.magnitude(values, X), np.abs(pencil.residual(values, X))
-    left = np.abs(np.where(Y.any(axis=0), Y, X.conj()))
+    left = np.abs(Y)
     return poor & (np.einsum("ij,ij->j", left, residual) > FLOOR * np.einsum("ij,ij->j", left, rounding))
 
 
-def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Array, Array, Array],
-            factor: Callable[[Matrix], ComplexFactor]) -> tuple[complex, Array, Array] | None:
+def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Array, Array, Array]
+            ) -> tuple[complex, Array, Array] | None:
     """The eigenpair near (λ, x, y), columns of unit length; None if the residual does not fall to rounding."""
     real, apart = value.imag == 0, APART if len(others[0]) else 0
     for turn in range(STEPS):
         if turn < apart:
             x, y = _without(pencil, x, y, others)
-        solver = _solver(pencil, value, factor)
+        solver = _solver(pencil, value)
         if solver is None:
             return None
-        x, y = solver.solve(_slope(pencil, value, x)), solver.solve(_slope_left(pencil, value, y).conj(), transposed=True).conj()
+        x, y = solver.solve(_slope(pencil, value, x)), solver.solve(left_slope(pencil, value, y).conj(), transposed=True).conj()
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             return None
         x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
@@ -107,11 +107,11 @@ def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Ar
     return (value, x, y) if settled else None
 
 
-def _solver(pencil: Pencil, value: complex, factor: Callable[[Matrix], ComplexFactor]) -> ComplexFactor | None:
+def _solver(pencil: Pencil, value: complex) -> ComplexFactor | None:
     """P(λ)⁻¹, or that of a λ beside it; None if both are singular to working precision, as beside rigid motion."""
     for beside in (0.0, BESIDE):
         try:
-            return factor(pencil.at(complex(value * (1 + beside))))
+            return ComplexFactor(pencil.at(complex(value * (1 + beside))))
         except SingularMatrixError:
             continue
     return None
@@ -122,15 +122,10 @@ def _slope(pencil: Pencil, value: complex, x: Array) -> Array:
     return 2 * value * (pencil.M @ x) + pencil.D @ x
 
 
-def _slope_left(pencil: Pencil, value: complex, y: Array) -> Array:
-    """P'(λ)ᴴy."""
-    return 2 * np.conj(value) * (pencil.M.T @ y) + pencil.D.T @ y
-
-
 def _without(pencil: Pencil, x: Array, y: Array, others: tuple[Array, Array, Array]) -> tuple[Array, Array]:
     """x and y with yᵢᴴP'(λᵢ)x = 0 and yᴴP'(λᵢ)xᵢ = 0 for the eigenpairs (λᵢ, xᵢ, yᵢ) near them, and of unit length."""
     for value, right, left in zip(others[0], others[1].T, others[2].T, strict=True):
-        slope, back = _slope(pencil, value, right), _slope_left(pencil, value, left)
+        slope, back = _slope(pencil, value, right), left_slope(pencil, value, left)
         whole = left.conj() @ slope
         x, y = x - right * ((back.conj() @ x) / whole), y - left * (y.conj() @ slope / whole).conj()
         x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)

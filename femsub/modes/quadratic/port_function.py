@@ -57,21 +57,22 @@ class PortFunction:
 
     def exact(self, omega: float) -> tuple[complex, complex, Array]:
         """G(ω), dG/dω and the modal shape q with P(iω)q = w."""
-        s = 1j * omega
-        factor = la.lu_factor(self.form.at(s), check_finite=False)
-        q = la.lu_solve(factor, self.w, check_finite=False)
-        y = la.lu_solve(factor, self.w, trans=1, check_finite=False)
+        s, (q, y) = 1j * omega, self._responses(omega)
         h = self.w @ q
         slope = h - s * (y @ (2 * s * q + self.form.C @ q))
         return s * h, 1j * slope, q
+
+    def _responses(self, omega: float) -> tuple[Array, Array]:
+        """q and y with P(iω)q = w and P(iω)ᵀy = w."""
+        factor = la.lu_factor(self.form.at(1j * omega), check_finite=False)
+        return (la.lu_solve(factor, self.w, check_finite=False), la.lu_solve(factor, self.w, trans=1, check_finite=False))
 
     def rounding(self, omega: float) -> float:
         """Relative change of c = -1/G(ω) if each entry of C changes by one rounding: EPS ω |y|ᵀ|C||q| / |h|.
 
         Rounding in the stiffness moves ω, but c by less.
         """
-        factor = la.lu_factor(self.form.at(1j * omega), check_finite=False)
-        q, y = (la.lu_solve(factor, self.w, trans=trans, check_finite=False) for trans in (0, 1))
+        q, y = self._responses(omega)
         return float(EPS * omega * np.abs(y) @ (np.abs(self.form.C) @ np.abs(q)) / np.abs(self.w @ q))
 
     def grid(self, lo: float, hi: float) -> Array:

@@ -15,8 +15,8 @@ from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConverge
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, fields_of
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars
-from femsub.modes.quadratic.full_solve import FullSolve, solve_of
-from femsub.modes.quadratic.matching import assigned, pair_costs
+from femsub.modes.quadratic.full_solve import ByParts, ByWhole, solve_of
+from femsub.modes.quadratic.multiplicity import assigned, pair_costs
 
 BELONGS = 1e-6  # largest backward error of modes that are accepted as those of the reduced model
 LOST = 0.5  # a refined mode with less of the reduced shape (share of energy) is a different mode
@@ -192,7 +192,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
                    (step, by.factorisations, space.solves), by.whole)
 
 
-def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> tuple[Matrix, FullSolve]:
+def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> tuple[Matrix, ByWhole | ByParts]:
     """K with the symmetric stiffness of contacts without friction, which presses surfaces together, and its solutions.
 
     Friction is what a contact calls mu. Where that K is not positive definite, the one without contacts takes its place; the
@@ -234,7 +234,7 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
 class _Space:
     """V with VᵀAV = I, and the pencil projected on it."""
 
-    def __init__(self, pencil: Pencil, K: Matrix, by: FullSolve) -> None:
+    def __init__(self, pencil: Pencil, K: Matrix, by: ByWhole | ByParts) -> None:
         self.full, self.by, self.solves = pencil, by, 0
         self.V = np.zeros((pencil.size, 0))
         self.M, self.D = np.zeros((0, 0)), np.zeros((0, 0))
@@ -316,34 +316,25 @@ def _representatives(modes: ComplexModes, chosen: Array) -> tuple[Array, Array]:
     """Rows to be refined, one of each conjugate pair, and the representative of each chosen row."""
     rows: list[int] = []
     stands: list[int] = []
-    free: list[int] = []
-    for row in chosen:
+    for row in chosen.tolist():
         value = modes.eigenvalues[row]
-        partner = [i for i in free if value.imag and modes.eigenvalues[i] == value.conjugate()]
-        if partner:
-            free.remove(partner[0])
-            stands.append(partner[0])
-        else:
-            rows.append(int(row))
-            free.append(int(row))
-            stands.append(int(row))
+        free = [i for i in rows if value.imag and stands.count(i) == 1 and modes.eigenvalues[i] == value.conjugate()]
+        rows += [] if free else [row]
+        stands.append(free[0] if free else row)
     return np.array(rows, dtype=int), np.array(stands, dtype=int)
 
 
 def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> tuple[Array, Array]:
     """The rows of the modes, and V with x = Vq."""
-    if isinstance(full, System) and isinstance(rom, System):
-        if list(full.parts) != list(rom.parts):
-            raise InputError(f"the parts of {rom.name!r} ({', '.join(rom.parts)}) are not those of {full.name!r} "
-                             f"({', '.join(full.parts)})")
-        V = full.collected(rom.expand(np.eye(rom.size)))
-    elif isinstance(full, Substructure) and isinstance(rom, ReducedSubstructure):
-        V = rom.V
-    else:
-        V = None
-    if V is None or not isinstance(modes, ComplexModes):
+    joined = isinstance(full, System) and isinstance(rom, System)
+    fits = joined or (isinstance(full, Substructure) and isinstance(rom, ReducedSubstructure))
+    if not fits or not isinstance(modes, ComplexModes):
         raise InputTypeError("refine takes (full, modes, rom): a Substructure, complex_modes(rom, …) and the reduced model, not "
                              f"({type(full).__name__}, {type(modes).__name__}, {type(rom).__name__})")
+    if joined and list(full.parts) != list(rom.parts):
+        raise InputError(f"the parts of {rom.name!r} ({', '.join(rom.parts)}) are not those of {full.name!r} "
+                         f"({', '.join(full.parts)})")
+    V = full.collected(rom.expand(np.eye(rom.size))) if joined else rom.V
     if V.shape[0] != full.size:
         raise InputError(f"{rom.name!r} was reduced from {V.shape[0]} DOF, but the full model has {full.size}")
     if modes.shapes.shape[0] != rom.size:

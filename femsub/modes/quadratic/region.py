@@ -69,19 +69,9 @@ def _nearest(values: Array, count: int | None) -> Array:
     """Indices by |λ|, conjugates side by side with Im λ > 0 first; at least `count`, a pair never split."""
     with np.errstate(divide="ignore"):
         size = np.round(np.log(np.abs(values)), 13)  # equal up to rounding of each |λ|, however large others are
-    order = np.lexsort((-values.imag, values.real, size))
-    ordered, taken = values[order], np.zeros(len(values), dtype=bool)
-    result: list[int] = []
-    for i in range(len(order)):
-        if taken[i]:
-            continue
-        if count is not None and len(result) >= count:
-            break
-        taken[i] = True
-        result.append(int(order[i]))
-        if ordered[i].imag != 0:
-            ahead = np.flatnonzero(~taken & (ordered == ordered[i].conj()))
-            if len(ahead):
-                taken[ahead[0]] = True
-                result.append(int(order[ahead[0]]))
-    return np.array(result, dtype=int)
+    turn = np.array([np.count_nonzero(values[:i] == value) for i, value in enumerate(values)])  # among equal ones
+    order = np.lexsort((-values.imag, turn, np.abs(values.imag), values.real, size))
+    if count is None or count >= len(order):
+        return order
+    split = values[order[count]].imag < 0 and values[order[count]] == values[order[count - 1]].conj()
+    return order[:count + split]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.algebra import FEW, QUADRATIC, SMALL, WIDE, ComplexFactor, negative_eigenvalues, one_thread
+from femsub.algebra import FEW, QUADRATIC, SMALL, WIDE, negative_eigenvalues, one_thread
 from femsub.checks import Array, Tally
 from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, warn
 from femsub.modes.quadratic import damping_split, dense
@@ -83,7 +83,7 @@ def _mended_by_lapack(pencil: Pencil, given: Pencil, region: Region) -> Found:
     found = _by_lapack(pencil, given)
     at = region.listed(found.values)
     at = at[found.values[at].imag >= 0]
-    values, X, Y, done, vague = mended(pencil, found.values[at], found.X[:, at], found.Y[:, at], ComplexFactor)
+    values, X, Y, done, vague = mended(pencil, found.values[at], found.X[:, at], found.Y[:, at])
     if vague.any():
         found = found._replace(tally=Tally(found.tally.listed - int(vague.sum()), found.tally.counted))
     every, right, left = found.values.copy(), found.X.astype(complex), found.Y.astype(complex)
@@ -187,9 +187,7 @@ def _mended(pencil: Pencil, certificate: Nearest | Enclosed, values: Array, X: A
     mass, damping, stiffness = (np.abs(part.diagonal()) for part in (pencil.M, pencil.D, pencil.K))
     if pencil.size > KEPT or (pencil.size > QUADRATIC and (damping <= HEAVY * np.sqrt(mass * stiffness)).all()):
         return values, X, Y, done
-    if all(pencil.symmetric):
-        Y[:, at] = X[:, at].conj()
-    found = mended(pencil, values[at], X[:, at], Y[:, at], ComplexFactor)
+    found = mended(pencil, values[at], X[:, at], Y[:, at])
     if not found.done.any() and not found.vague.any():
         return values, X, Y, done
     values, X = values.copy(), X.astype(complex)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
@@ -18,38 +18,20 @@ from femsub.algebra import SINGULAR, equilibration, scaled, unit_length
 from femsub.checks import EPS, Array
 from femsub.model import Pencil
 
+if TYPE_CHECKING:
+    from femsub.algebra import RigidMotion
+
 REGULAR = 1e12  # condition up to which a matrix is inverted
 UNSURE = 8.0  # factor about the limit of a rank within which a singular value may be rounding or not
+DUST = 1e-14  # share of the mass that moves with the rigid motion below which the rest is no mass
 ROUNDED = 20.0  # roundings that an entry of a product may have
 Eigenpairs: TypeAlias = tuple[Array, Array, Array]  # λ (k,), right and left shapes (n, k) of unit length
 Solver: TypeAlias = Callable[[Pencil], Eigenpairs]  # of a pencil with a regular M
 
 
-def bare(pencil: Pencil) -> Array:
-    """DOF with neither mass nor damping, if they can be condensed statically: they have no dynamics."""
-    M, D, K = pencil.M, pencil.D, pencil.K
-    bare = np.flatnonzero(~sum(part.any(axis=axis) for part in (M, D) for axis in (0, 1)).astype(bool))
-    if len(bare) in (0, pencil.size) or not _regular(K[np.ix_(bare, bare)]):
-        return bare[:0]
-    return bare
-
-
 def _regular(A: Array) -> bool:
     """Whether A, after equilibration, is well conditioned enough to be inverted."""
     return bool(np.linalg.cond(scaled(A, *equilibration(A))) < REGULAR) if A.size else True
-
-
-def condensed(pencil: Pencil, bare: Array, solve: Solver) -> Eigenpairs:
-    """Eigenpairs of the other DOF with K_mm - K_mb K_bb⁻¹ K_bm, extended statically to the bare DOF, right and left."""
-    rest = np.setdiff1d(np.arange(pencil.size), bare)
-    K = pencil.K
-    right = -np.linalg.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, rest)])
-    left = -np.linalg.solve(K[np.ix_(bare, bare)].T, K[np.ix_(rest, bare)].T)
-    stiffness = K[np.ix_(rest, rest)] + K[np.ix_(rest, bare)] @ right
-    values, x, y = solve(Pencil(pencil.M[np.ix_(rest, rest)], pencil.D[np.ix_(rest, rest)], stiffness))
-    X, Y = (np.zeros((pencil.size, len(values)), dtype=complex) for _ in range(2))
-    X[rest], X[bare], Y[rest], Y[bare] = x, right @ x, y, left @ y
-    return values, unit_length(X), unit_length(Y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +122,8 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
 
     q_b has neither mass nor damping and follows statically: 0 = K_b1 q₁ + D_b1 v₁ + K_ba q_a + K_bb q_b, v₁ = λq₁. Inserted
     into the other rows, this gives a pencil A - λE in (q₁, v₁, q_a) with a regular E. If the massless part has no damping, the
-    result is a quadratic pencil again, with the regular Σ. If K_bb is singular, q_b holds multipliers, see `_constrained`.
-    Returns None if M is regular, or if a constraint holds velocities.
+    result is a quadratic pencil again, with the regular Σ. If K_bb is singular, its null vectors are multipliers, as in
+    `Pencil.freed`. Returns None if M is regular, or if a constraint holds velocities.
     """
     parts = parts_of(pencil)
     U, V, mass = parts.U, parts.V, parts.mass
@@ -152,7 +134,11 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
     D, K = _between(U, pencil.D, V)[0], U.T @ pencil.K @ V
     D[a, a], D[a, b], D[b, a], D[b, b] = np.diag(parts.drag), 0.0, 0.0, 0.0
     if not _regular(K[b, b]):
-        return _constrained(pencil, parts, solve)
+        if (found := as_multipliers(pencil, parts)) is None:
+            return None
+        changed, U, V, _ = found
+        values, q, w = solve(changed)
+        return values, unit_length(V @ q), unit_length(U @ w)
     G = -np.linalg.solve(K[b, b], np.hstack([K[b, one], D[b, one], K[b, a]]))
     g1, gv, ga = G[:, :rank], G[:, rank:2 * rank], G[:, 2 * rank:]
     if not damped and not D[one, b].any() and not D[b, one].any():
@@ -183,16 +169,6 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
     return values, unit_length(V @ np.vstack([q1, qa, qb])), unit_length(U @ np.vstack([w1, wa, wb]))
 
 
-def _constrained(pencil: Pencil, parts: Parts, solve: Solver) -> Eigenpairs | None:
-    """The same for a singular K_bb: in coordinates in which its null vectors are multipliers, see `Pencil.freed`."""
-    found = as_multipliers(pencil, parts)
-    if found is None:
-        return None
-    changed, U, V, _ = found
-    values, q, w = solve(changed)
-    return values, unit_length(V @ q), unit_length(U @ w)
-
-
 def as_multipliers(pencil: Pencil, parts: Parts) -> tuple[Pencil, Array, Array, bool] | None:
     """UᵀP(λ)V with multipliers as the last DOF, U, V, and whether their number is clear; None if a constraint holds velocities.
 
@@ -209,6 +185,38 @@ def as_multipliers(pencil: Pencil, parts: Parts) -> tuple[Pencil, Array, Array, 
     M[:len(parts.mass), :len(parts.mass)] = np.diag(parts.mass)
     K[held, b], K[b, held] = 0.0, 0.0
     return Pencil(M, D, K), U, V, clear
+
+
+def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpairs:
+    """Eigenpairs without the rigid motion, which is at λ = 0 exactly: QZ would return that as numbers of any sign.
+
+    M and D are symmetric. With K Z = 0, and D Z_f = 0 for the free motions Z_f of Z = [Z_f Z_d], let x = Z_f c + Z_d d + E y.
+    y are the DOF but a few that hold the model. The rows of c give c = -(Z_fᵀMZ_f)⁻¹Z_fᵀM (Z_d d + E y) for every λ ≠ 0. What is
+    left has K in y alone. Where there is a d, the states are (y, ḋ, ẏ), since d itself has no energy.
+    """
+    Z, free, n = motion.shapes, motion.free, pencil.size
+    heavy = np.sqrt(np.abs(pencil.M.diagonal()))  # a DOF without mass would leave the rounding of one to the others
+    Z = Z / np.linalg.norm(heavy[:, None] * Z, axis=0)
+    holding = la.qr((heavy[:, None] * Z).T, mode="r", pivoting=True)[1][:motion.count]
+    rest = np.setdiff1d(np.arange(n), holding)
+    T = np.hstack([Z[:, free:], np.eye(n)[:, rest]])
+    M, D = (T.T @ part @ T for part in (pencil.M, pencil.D))
+    K, moving = np.zeros_like(M), slice(motion.count - free, None)
+    K[moving, moving] = pencil.K[np.ix_(rest, rest)]
+    if free:
+        momentum = Z[:, :free].T @ pencil.M
+        drift = -np.linalg.solve(momentum @ Z[:, :free], momentum @ T)
+        share = (momentum @ T).T @ drift
+        M = np.where(np.abs(M + share) > DUST * np.abs(share), M + share, 0.0)
+        T = T + Z[:, :free] @ drift
+    small = Pencil((M + M.T) / 2, (D + D.T) / 2, K)
+    if free == motion.count:
+        values, x, y = solve(small.carrying(motion.none(len(M)), small.noise))
+    else:
+        values, x, y = qz_of(small, motion.count - free)
+    still = np.hstack([Z, Z[:, :free]])
+    return (np.append(values, np.zeros(motion.zeros)), unit_length(np.hstack([T @ x, still])),
+            unit_length(np.hstack([T @ y, still])))
 
 
 def finite(pencil: Pencil) -> int | None:
@@ -273,13 +281,8 @@ def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
     return values, rows[:, None] * left, columns[:, None] * right
 
 
-def companion(pencil: Pencil) -> Eigenpairs:
-    """By QZ on the companion form, all DOF with states of both kinds."""
-    return qz_of(pencil, 0)
-
-
-def qz_of(pencil: Pencil, drifting: int) -> Eigenpairs:
-    """By QZ in the states (q, q̇); the first `drifting` DOF have no stiffness, and of these q̇ alone is a state."""
+def qz_of(pencil: Pencil, drifting: int = 0) -> Eigenpairs:
+    """By QZ on the companion form, states (q, q̇). The first `drifting` DOF have no stiffness, and of these q̇ alone is a state."""
     rows, columns = pencil.units
     M, D, K = (scaled(part, rows, columns) for part in (pencil.M, pencil.D, pencil.K))
     mass, damping, stiffness = (np.linalg.norm(part, 2) for part in (M, D, K))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from copy import copy
 from typing import TYPE_CHECKING
@@ -10,10 +11,9 @@ import numpy as np
 
 from femsub.algebra import Factor, Handle, Transposed, quadratic_modes, shared_factor
 from femsub.checks import Array
-from femsub.errors import BreakdownError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.quadratic.matching import match
-from femsub.modes.quadratic.multiplicity import distinct, joined
+from femsub.modes.quadratic.multiplicity import distinct, joined, match
 from femsub.modes.shift_invert import ShiftInvert, motion_of
 
 if TYPE_CHECKING:
@@ -56,6 +56,13 @@ class Shifted:
         assert isinstance(found, Factor)
         return found
 
+    @property
+    def definite(self) -> tuple[Callable[[Array], Array], float] | None:
+        """The solver of K + μM, positive definite, and μ, where its factor is there; else None."""
+        if self.shift == 0:
+            return (self.factor.solve, 0.0) if self.factor.kind == "definite" else None
+        return None if self.handle is None else (self.handle.factor.solve, -self.handle.sigma)
+
     def _scale(self) -> float:
         """The size of the smallest eigenvalues, min(‖K⁻¹M‖^-½, ‖K⁻¹D‖^-1), by a few power steps."""
         x = np.random.default_rng(5).standard_normal((self.pencil.size, 2))
@@ -93,12 +100,10 @@ class Shifted:
             try:
                 values, X = quadratic_modes(self.factor, matrices, self.shift, ask, tol=tol, scale=self.scale, seed=seed + start)
                 break
-            except BreakdownError:
-                if (tol, start, room) == ATTEMPTS[-1]:
-                    raise
-            except NotConvergedError:
-                if tol == ATTEMPTS[-1][0]:
-                    raise
+            except NotConvergedError as error:
+                last = error
+        else:
+            raise last
         values, X = distinct(values, X)
         if self.rigid.shape[1]:
             values, X = self._zeros(values, X)

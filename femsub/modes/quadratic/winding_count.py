@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
-from femsub.modes.normal_modes import NormalModes, modes_below, modes_under
+from femsub.modes.normal_modes import modes_below
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -22,8 +23,10 @@ MOST = 600  # largest number of contour points
 NEAR = 1e-7  # share of an edge used for the finite-difference slope of the phase
 
 
-def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix, undamped: Array) -> int:
-    """The number of eigenvalues of P in a rectangle (re_lo, re_hi, im_lo, im_hi) that are not among the known ones.
+def missed_eigenvalues(pencil: Pencil, box: Box, found: Array, reference: Matrix, undamped: Array) -> int:
+    """The number of eigenvalues of P in a rectangle (re_lo, re_hi, im_lo, im_hi) that are not among those found, Im λ ≥ 0.
+
+    Its edges are moved out a little, to keep clear of those.
 
     By the argument principle it is (1/2π) Δ arg g(z) around the rectangle, with
 
@@ -39,7 +42,8 @@ def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix
     NotConvergedError
         An eigenvalue lies on the contour.
     """
-    a, b, lo, hi = box
+    a, b, lo, hi = _clear_of(found, box)
+    known = np.append(found, found[found.imag != 0].conj())
     corners = [b + 0j, b + 1j * hi, a + 1j * hi, a + 0j] if lo == 0 else \
         [b + 1j * lo, b + 1j * hi, a + 1j * hi, a + 1j * lo, b + 1j * lo]
     poles = np.concatenate([1j * undamped, -1j * undamped])
@@ -58,13 +62,6 @@ def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix
     return round(turn / np.pi) if lo == 0 else round(turn / (2 * np.pi))
 
 
-def missed_around(pencil: Pencil, box: Box, values: Array, radius: float, reference: tuple[Matrix, NormalModes]) -> int:
-    """The number of missing eigenvalues in a slightly larger rectangle, whose edges keep clear of those known (Im λ ≥ 0)."""
-    disc = values[np.abs(values) <= radius]
-    both = np.append(disc, disc[disc.imag != 0].conj())
-    return missed_eigenvalues(pencil, _clear_of(values, box), both, reference[0], reference[1].frequencies)
-
-
 def _clear_of(values: Array, box: Box) -> Box:
     """The rectangle with each edge moved out by up to 2 %, into the widest gap between known eigenvalues."""
     a, b, lo, hi = box
@@ -78,25 +75,19 @@ def _clear_of(values: Array, box: Box) -> Box:
     return best(a - moves, values.real), best(b + moves, values.real), low, best(hi + moves, coordinates)
 
 
-def undamped_reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Matrix, NormalModes] | None:
-    """A symmetric K0 close to K with its undamped modes below a frequency; only their number with shapes=False.
+def undamped_reference(pencil: Pencil, radius: float) -> tuple[Matrix, Array] | None:
+    """The reference of the winding count: a symmetric K0 close to K with its frequencies below the radius.
 
-    Their number is a first estimate of the number of eigenvalues in a disc. Their frequencies are the reference of the
-    winding count. K0 is the symmetric part of K without contacts, plus a multiple of M if friction has made it indefinite.
-    None if M is not symmetric positive semidefinite.
+    K0 is the symmetric part of K without contacts, plus a multiple of M if friction has made it indefinite. None if M is not
+    symmetric positive semidefinite.
     """
     if not pencil.symmetric[0]:
         return None
     symmetric = pencil.symmetric_stiffness
     for lift in (0.0, 1e-3, 1e-2, 1e-1, 1.0):
         K = symmetric + lift * radius**2 * pencil.M if lift else symmetric
-        try:
-            if shapes:
-                return K, modes_below(K, pencil.M, radius)
-            count = modes_under(K, pencil.M, radius**2)
-            return K, NormalModes(np.zeros(0), np.zeros((pencil.size, 0)), 0, np.zeros(0), (radius, count))
-        except (SingularMatrixError, MissedModesError):
-            continue
+        with suppress(SingularMatrixError, MissedModesError):
+            return K, modes_below(K, pencil.M, radius).frequencies
     return None
 
 

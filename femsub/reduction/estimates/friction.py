@@ -33,11 +33,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import check_columns, orthonormal
+from femsub.algebra import check_columns, orthonormal, unresisted
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
-from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, solve, units, unresisted
+from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, solve, units
 from femsub.modes.quadratic.bars import bars
 from femsub.reduction.basis import Kept
 from femsub.reduction.estimates.found_modes import FoundModes, compressed
