@@ -20,7 +20,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import FemsubError
-from femsub.stability.contact_model import Band, Border, Model
+from femsub.stability.border import Band, Border, Model
 
 if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure

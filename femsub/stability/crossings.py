@@ -9,7 +9,7 @@ as there are roots.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
@@ -181,9 +181,15 @@ def _roots(family: Family, a: float, b: float) -> list[tuple[float, Array]]:
     return [(float(places[i].real), x / np.linalg.norm(x)) for i, x in zip(numbers, shapes.T, strict=True)]
 
 
-def weight(one: Crossing) -> int:
-    """The number of eigenvalues that cross: a pair counts twice."""
-    return 2 if one.omega else 1
+def weight(heights: Iterable[float]) -> int:
+    """The number of eigenvalues with these Im λ ≥ 0: a pair counts twice."""
+    return sum(2 if height else 1 for height in heights)
+
+
+def change(losses: Iterable[Crossing], regains: Iterable[Crossing]) -> int:
+    """How many more eigenvalues grow beyond these crossings than before them."""
+    lost, regained = (weight(one.omega for one in several) for several in (losses, regains))
+    return lost - regained
 
 
 def settled(family: Family, window: tuple[float, float], room: tuple[float, float],
@@ -205,7 +211,7 @@ def settled(family: Family, window: tuple[float, float], room: tuple[float, floa
             counts.append(int(grown.sum()) if number is not None or not undecided else -1)
         if all(count >= 0 and number in (None, count) for count, number in zip(counts, known, strict=True)):
             found = _changes(family, a, b)
-            if found is not None and sum((2 if one.omega else 1) * (1 if one.begins else -1) for one in found) == \
+            if found is not None and sum(weight([one.omega]) * (1 if one.begins else -1) for one in found) == \
                     counts[1] - counts[0]:
                 told = tuple(side if number is None else edge for side, edge, number in zip((a, b), window, known, strict=True))
                 return _told(family, found, (a, b), (told[0], min(told[1], family.between[1])), room)

@@ -72,23 +72,22 @@ class Family:
     """The state matrices A(p) of a pencil over a range of p.
 
     The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine` tells whether A
-    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis. The `form` of the pencil declares
-    whether A is affine, and tells at which p the pencil must be looked at if it is not.
+    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis. `over` declares whether A is affine,
+    and tells at which p the pencil must be looked at if it is not.
     """
 
-    def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float],
-                 form: PencilOver | None = None) -> None:
-        self.pencil_at, self.between = _going_on(pencil_at, between[1]), between
-        lo, hi = between
+    def __init__(self, over: PencilOver, between: tuple[float, float]) -> None:
+        self.between = lo, hi = between
+        self.pencil_at = pencil_at = _going_on(over, hi)
         self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
         self.shapes, omega = _coordinates(pencil_at(self.middle))
         self.omega = np.maximum(omega, SLOWEST * omega.max())
         kept = max(8, int(MEMORY / (50 * (2 * len(self.omega)) ** 2)))
         self.matrix, self.spectrum = lru_cache(maxsize=kept)(self._matrix), lru_cache(maxsize=kept)(self._spectrum)
         points = [lo + share * (hi - lo) for share in SAMPLES]
-        declared = form is not None and form.affine(between)
-        self.kinks = [] if form is None or declared else form.kinks(between)
-        self.sampled = None if form is None or declared else form.sampled(between)
+        declared = over.affine(between)
+        self.kinks = over.kinks(between)
+        self.sampled = None if declared else over.sampled(between)
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
         self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
         if self.sampled is not None:
@@ -245,13 +244,13 @@ def _is_eye(M: Array) -> bool:
     return bool(np.abs(M - np.eye(len(M))).max() <= 1e-10)
 
 
-def _going_on(pencil_at: Callable[[float], Pencil], hi: float) -> Callable[[float], Pencil]:
-    """The same, but straight on a little above hi, where a contact may refuse the parameter."""
+def _going_on(over: PencilOver, hi: float) -> Callable[[float], Pencil]:
+    """The dense pencils, straight on a little above hi, where a contact may refuse the parameter."""
 
     def pencil(p: float) -> Pencil:
         if p <= hi:
-            return pencil_at(p)
-        last, before = pencil_at(hi), pencil_at(2 * hi - p)
+            return over(p).dense()
+        last, before = pencil(hi), pencil(2 * hi - p)
         return type(last)(*(2 * getattr(last, name) - getattr(before, name) for name in "MDK"))
 
     return pencil
