@@ -19,11 +19,12 @@ from femsub.motion.cycles.compliance import Compliance, Fractions
 from femsub.motion.cycles.continuation import Path, Place
 from femsub.motion.cycles.initial_guess import crossings
 from femsub.motion.nonlinear_model import Sliding
-from femsub.stability.critical_value import critical_slope, critical_value
+from femsub.stability import critical_slope
+from femsub.stability.critical_value import critical_value
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
-    from femsub.stability.crossings import Crossing
+    from femsub.stability import Crossing
 
 SMALL = 1e-3  # amplitude of the first cycle, relative to the belt's speed
 TOGETHER = 1e-6  # relative difference of slopes up to which crossings coincide
