@@ -235,14 +235,12 @@ def extrapolated(family: Family, window: tuple[float, float], room: tuple[float,
             continue
         places = [_to_axis(family, points, one.after if begins else one.before) for one in found]
         if np.isfinite(places).all() and np.abs(np.array(places)[:, 0] - near).max() <= 2 * abs(step):
-            losses: list[Crossing] = []
-            regains: list[Crossing] = []
+            several: list[Crossing] = []
             for one, (place, spread, omega) in zip(found, places, strict=True):
-                half = spread + family.least
-                told = _told(family, [one], (window[0], b) if begins else (a, window[1]), (place - half, place + half), room)
-                for several, new in zip((losses, regains), told, strict=True):
-                    several.extend(replace(item, omega=omega if item.omega else 0.0) for item in new)
-            return losses, regains
+                half, sides = spread + family.least, (window[0], b) if begins else (a, window[1])
+                told = _told(family, [one], sides, (place - half, place + half), room)[0 if begins else 1][0]
+                several.append(replace(told, omega=omega if told.omega else 0.0))
+            return (several, []) if begins else ([], several)
     return None
 
 
@@ -283,8 +281,7 @@ def _told(family: Family, found: list[_Change], sides: tuple[float, float], wind
     (lo, hi), (a, b) = family.between, sides
     roots = _roots(family, a, b) if any(one.omega == 0 for one in found) else []
     far = max(room[0], window[0] - BESIDE * (hi - lo)), min(room[1], window[1] + BESIDE * (hi - lo))
-    losses: list[Crossing] = []
-    regains: list[Crossing] = []
+    told: Found = ([], [])
     for one in found:
         p, at = (b, one.after) if one.begins else (a, one.before)
         value, shape = (window[0] + window[1]) / 2, family.shape(family.spectrum(p), at)
@@ -295,8 +292,8 @@ def _told(family: Family, found: list[_Change], sides: tuple[float, float], wind
             place, shape = roots.pop(int(np.argmax([abs(np.vdot(shape, x)) for _, x in roots])))
             value = min(max(place, window[0]), window[1])
         rates = _rate(family, a, far[0], one.before), _rate(family, b, far[1], one.after)
-        (losses if one.begins else regains).append(Crossing(value, window[1] - window[0], one.omega, shape, kind, rates))
-    return losses, regains
+        told[0 if one.begins else 1].append(Crossing(value, window[1] - window[0], one.omega, shape, kind, rates))
+    return told
 
 
 def _rate(family: Family, near: float, far: float, at: int) -> float:

@@ -38,7 +38,6 @@ from .tables import (
     fitted as fitted,
     label as label,
     table as table,
-    yes_no as yes_no,
 )
 from .verdicts import (
     NEVER as NEVER,
