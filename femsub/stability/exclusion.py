@@ -19,7 +19,7 @@ Sources: S. Gershgorin 1931; R. S. Varga, Geršgorin and His Circles (2004), sec
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -176,13 +176,7 @@ class Family:
             return None
         rate = discs.z.real[touching]
         centre, half = -rate / speed, np.maximum(radius / np.abs(speed), ROUNDING * max(abs(begin), abs(end)))
-        order = np.argsort(centre - half, kind="stable")
-        pieces: list[list[float]] = []
-        for lo, hi in zip(np.maximum(centre - half, -h)[order], np.minimum(centre + half, h)[order], strict=True):
-            if pieces and lo <= pieces[-1][1]:
-                pieces[-1][1] = max(pieces[-1][1], float(hi))
-            else:
-                pieces.append([float(lo), float(hi)])
+        pieces = union(zip(np.maximum(centre - half, -h).tolist(), np.minimum(centre + half, h).tolist(), strict=True))
         if sum(hi - lo for lo, hi in pieces) > h:
             return None
         middle, result = (begin + end) / 2, []
@@ -237,6 +231,17 @@ class Family:
                         heapq.heappush(waiting, (begin - end, begin, end))
         done += [Part(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
         return _joined(sorted(done, key=lambda part: part.begin))
+
+
+def union(intervals: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Intervals that do not overlap, ascending."""
+    found: list[tuple[float, float]] = []
+    for a, b in sorted(intervals):
+        if found and a <= found[-1][1]:
+            found[-1] = found[-1][0], max(found[-1][1], b)
+        else:
+            found.append((a, b))
+    return found
 
 
 def _is_eye(M: Array) -> bool:

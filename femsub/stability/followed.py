@@ -25,6 +25,7 @@ from femsub.modes import ComplexModes
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.stability.crossings import Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
+from femsub.stability.exclusion import union
 from femsub.stability.question import CriticalValue, Question, fastest
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class Followed:
                 unclear.append((a, b))
             if rise > listed:
                 lost.append(a)
-        left = _union(unclear)
+        left = union(unclear)
         grown = weight(begin.imag)
         tally = Tally(change(losses, regains), None if left else weight(growing[hi].imag) - grown, sampled=True)
         return CriticalValue.of(question, losses, regains, tally, growing=grown, fastest=fastest(begin), lost=lost, open=left,
@@ -239,13 +240,3 @@ def _growing(modes: ComplexModes, band: tuple[float, float]) -> Array:
     """λ in the band, Im λ ≥ 0, that certainly grow."""
     z = modes.eigenvalues
     return z[(z.imag >= 0) & (z.real > modes.error_bar) & ~modes.rigid & in_band(z, band)]
-
-
-def _union(intervals: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    found: list[tuple[float, float]] = []
-    for a, b in sorted(intervals):
-        if found and a <= found[-1][1]:
-            found[-1] = found[-1][0], max(found[-1][1], b)
-        else:
-            found.append((a, b))
-    return tuple(found)
