@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array
-from femsub.studies.charts import Chart, Level, Panel, Series, look
+from femsub.studies.charts import Chart, Level, Panel, Series, look, told_of
 
 PERIODS = 10  # of the highest peak, at the end of a signal
 COLUMNS = 600  # of pixels across an envelope
@@ -86,8 +86,7 @@ def period_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
     series = []
     for kind in dict.fromkeys(row["model"] for row in rows if row["model"] != "full"):
         own = [row for row in rows if row["model"] == kind]
-        told = {word: [row[key] for row in own] for word, key in (
-            ("DOF", "size"), ("error", "amplitude_error"), ("s per period", "seconds_per_period"), ("steps", "steps"))}
+        told = told_of(own, {"DOF": "size", "error": "amplitude_error", "s per period": "seconds_per_period", "steps": "steps"})
         series.append(Series(look(kind).label, told["s per period"], [max(error, FLOOR) for error in told["error"]], kind,
                              "solid", width=0.8, labels=[str(size) for size in told["DOF"]], told=told))
     levels = [Level(full["seconds_per_period"], f"full model, {full['size']} DOF"), Level(0.01, "1 %", "y", "dot", "#808080")]
@@ -129,7 +128,7 @@ def _branch(model: str, branch: Any, parameter: str, key: str, width: float) -> 
     """Pieces that are stable, or not, each to the next point, so that the line has no gaps; its begin, and special points."""
     rows, name = branch.rows(), look(model).label
     x, y = np.asarray(branch.values, dtype=float), np.array([row[key] for row in rows], dtype=float)
-    told = {parameter: x, **{word: [row[at] for row in rows] for word, at in TOLD.items()}}
+    told = {parameter: x, **told_of(rows, TOLD)}
     flags = [None if flag is None and all(one is None for one in branch.stable) else flag is not False for flag in branch.stable]
     series = []
     for flag, (word, line, thin) in LINES.items():
