@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import Array
-from femsub.coupling import System
 from femsub.errors import FemsubError
 from femsub.model import ReducedSubstructure
 from femsub.stability.border import Band, Border, Model
@@ -86,12 +85,12 @@ def _close(omega: Array, error: Array) -> Array:
 
 def _full_size(model: Any) -> int:
     """The number of DOF of the full component, or of those of all parts."""
-    if isinstance(model, System):
+    if hasattr(model, "parts"):
         return sum(map(_full_size, model.parts.values()))
     return len(model.V) if isinstance(model, ReducedSubstructure) else int(model.size)
 
 
-def _shares(system: System, q: Array) -> Iterator[tuple[str, Substructure, Array]]:
+def _shares(system: Any, q: Array) -> Iterator[tuple[str, Substructure, Array]]:
     """Each part by its name, with its share of the shapes q (r, k)."""
     at = 0
     for name, part in system.parts.items():
@@ -104,7 +103,7 @@ def _errors(model: Any, omega: Array, q: Array, joined: bool = False) -> Array:
     if (estimate := getattr(model, "estimate", None)) is not None and len(estimate.frequencies) and not joined:
         at = np.abs(omega[:, None] - estimate.frequencies).argmin(axis=1)
         return np.where(omega <= estimate.band[1], estimate.frequency_error[at], 0.0)
-    if isinstance(model, System):
+    if hasattr(model, "parts"):
         return np.sum([_errors(part, omega, own, True) for _, part, own in _shares(model, q)], axis=0)
     if not np.isfinite(model.cutoff):
         return np.zeros(len(omega))
@@ -120,7 +119,7 @@ def _errors(model: Any, omega: Array, q: Array, joined: bool = False) -> Array:
 
 def _wider(model: Any, omega: Array, q: Array, port: str) -> Substructure | None:
     """The model with the residuals of these modes in its basis; None if no full component can be reached."""
-    if isinstance(model, System):
+    if hasattr(model, "parts"):
         found = {name: _wider(part, omega, own, port.removeprefix(f"{name}.") if port.startswith(f"{name}.") else "")
                  for name, part, own in _shares(model, q)}
         wide = {name: part for name, part in found.items() if part is not None}
