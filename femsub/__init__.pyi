@@ -73,8 +73,7 @@ from .reduction.reduce import (
     Rubin as Rubin,
     reduce as reduce,
 )
-from .stability.critical_slope import critical_slope as critical_slope
-from .stability.critical_value import critical_value as critical_value
+from .stability.critical_value import critical_slope as critical_slope, critical_value as critical_value
 from .stability.question import CriticalValue as CriticalValue
 from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track

@@ -35,7 +35,7 @@ def test_random_models_agree_with_a_dense_scan(seed: int) -> None:
 def test_an_excluded_interval_holds_no_crossing(seed: int) -> None:
     """The number of growing eigenvalues is the same at its ends and inside as the test says, and neighbours agree."""
     task = attack.problem(seed)
-    family = Family(lambda p: task.family.at(p=p), task.between, pencil_over(task.family, None, "p"))
+    family = Family(pencil_over(task.family, None, "p"), task.between)
     assert family.affine
     parts = family.parts(2000)
     assert parts[0].begin == task.between[0] and parts[-1].end == task.between[1]

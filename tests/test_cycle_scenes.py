@@ -17,7 +17,7 @@ from femsub.app.scenes import cycle_keys
 from femsub.app.scenes.chain_cycles import ChainCycleScene
 from femsub.motion.cycles.branch import Branch
 from femsub.motion.cycles.continuation import with_parameter
-from femsub.studies.charts_cycles import bifurcation_chart
+from femsub.studies.charts_motion import bifurcation_chart
 
 
 def scene_file(folder: Path, text: str) -> str:

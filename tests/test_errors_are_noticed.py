@@ -14,7 +14,7 @@ from femsub import algebra
 from femsub.model import pencil
 from femsub.modes import normal_modes
 from femsub.modes.quadratic import dense, port_function, sparse
-from femsub.stability import border
+from femsub.stability import growing_border
 
 BELT = fs.Belt(slope=-0.2677)
 
@@ -202,13 +202,13 @@ def test_a_lost_border_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_border_of_a_sparse_model_that_does_not_hold_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    sub, dense = fs.chain(300, belt=2), border.dense_border
+    sub, dense = fs.chain(300, belt=2), growing_border.dense_border
 
     def spoilt(*arguments: object) -> object:
         found = dense(*arguments)
         return type(found)(1.01 * found.c, found.crossing, found.shapes, found.growth, found.method)
 
-    monkeypatch.setattr(border, "dense_border", spoilt)
+    monkeypatch.setattr(growing_border, "dense_border", spoilt)
     with pytest.raises(fs.NotConvergedError, match="does not hold on the full model"):
         fs.critical_slope(sub, band=(0.0, 0.1))
 
@@ -247,6 +247,6 @@ def test_a_flipped_sign_in_the_border_fails(monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_flipped_sign_is_noticed_between_border_and_full_model(monkeypatch: pytest.MonkeyPatch) -> None:
     """The verification of a large model's border uses the contact as belts have it: it does not hold with another sign."""
     original = pencil.contact_matrix
-    monkeypatch.setattr(border, "contact_matrix", lambda w, coefficient: original(w, -coefficient))
+    monkeypatch.setattr(growing_border, "contact_matrix", lambda w, coefficient: original(w, -coefficient))
     with pytest.raises(fs.NotConvergedError, match="does not hold on the full model"):
         fs.critical_slope(fs.chain(300, belt=2), band=(0.0, 0.1))

@@ -27,7 +27,7 @@ from femsub.modes.quadratic.port_function import port_responses
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.motion.cycles.compliance import compliance
 from femsub.motion.nonlinear_model import sliding
-from femsub.stability import border
+from femsub.stability import growing_border
 
 BELT = fs.Belt("belt", force=1.0, slope=-1e-4)
 BAND = (0.0, 0.02)
@@ -105,7 +105,7 @@ def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
 
 
 def test_a_border_takes_one_factor_and_one_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(border, "port_responses", None)  # nor one that nobody counts
+    monkeypatch.setattr(growing_border, "port_responses", None)  # nor one that nobody counts
     assert made(lambda: fs.critical_slope(long_chain(), band=BAND)) == 2
     assert made(lambda: fs.critical_slope(plate((26, 30)), band=(0.0, 1500.0))) == 2
 
@@ -116,9 +116,9 @@ def test_a_response_beyond_the_basis_is_found_by_its_factor_or_by_a_complex_one(
     sub = fs.chain(400, belt=2, damping=0.1)
     sub = sub.with_damping(sub.D + damping * sub.K)
     taken: list[int] = []
-    monkeypatch.setattr(border, "port_responses", lambda *given: taken.append(1) or port_responses(*given))
+    monkeypatch.setattr(growing_border, "port_responses", lambda *given: taken.append(1) or port_responses(*given))
     W, omega = sub.port("belt")[:, None], 0.1
-    basis = border._Growing(sub.pencil, W, 0.2)
+    basis = growing_border._Growing(sub.pencil, W, 0.2)
     Z = basis._beyond(omega)
     assert len(taken) == (not iterated)
     x = np.linalg.solve(sub.pencil.at(1j * omega).toarray(), W)

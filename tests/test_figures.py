@@ -23,7 +23,7 @@ from femsub.app.figure_style import PAGE, SMALL, STYLE, draw, label_points, new_
 from femsub.studies import ROUNDING, Chart, Panel, Series, look
 from femsub.studies.charts_components import eigenvalue_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
-from femsub.studies.charts_transient import COLUMNS, envelope
+from femsub.studies.charts_motion import COLUMNS, envelope
 
 #: what those see who lack one kind of cones, on linear RGB (Machado, Oliveira and Fernandes 2009, severity 1)
 SEEN = {"all": np.eye(3),

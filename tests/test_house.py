@@ -398,7 +398,7 @@ def test_the_loss_of_stability_has_three_solvers_and_one_result() -> None:
     assert makers == {f"femsub.stability.{name}" for name in ("discs", "followed", "port_root")}
     roots = {name_of(path) for path in modules() for node in nodes(path)
              if isinstance(node, ast.ImportFrom) and any(alias.name == "brentq" for alias in node.names)}
-    assert roots == {"femsub.stability.bracketing", "femsub.motion.cycles.hopf"}  # the latter: where μ'(v) has a value
+    assert roots == {"femsub.stability.border", "femsub.motion.cycles.hopf"}  # the latter: where μ'(v) has a value
 
 
 def test_another_answer_is_seen(tmp_path: Path) -> None:

@@ -1,56 +1,201 @@
-"""The stability border of a pencil under D + c W Wᵀ: for a dense pencil, and for a sparse one through a growing basis."""
+"""The stability border of a small model under a contact that feeds a port, D + c W Wᵀ: the largest c ≤ 0 at which a pair grows.
+
+For one column it is a root of the scalar function; for several it is bracketed on the complex modes. Rigid motion begins to drift
+where a real λ passes 0.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.linalg as la
 
-from femsub.algebra import FEW, is_symmetric, one_thread, orthonormal, unresisted
+from femsub.algebra import FEW, is_symmetric, one_thread
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError
-from femsub.model import Pencil, contact_matrix, in_band
-from femsub.modes import PortFunction, ShiftInvert, independent, lowest_modes, modes_below, port_responses, units
-from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.stability.bracketing import BESIDE, bracketed
-from femsub.stability.contact_model import MARGIN, TOGETHER, Band, Border, Model
+from femsub.model import REAL_ROOT, in_band
+from femsub.modes import PortFunction, definite_form
 
-STEPS = 60  # iterations for a response before a complex factor is used instead
-SETTLED, ROUNDED = 1e-12, 1e-9  # relative change of Z, and change relative to the response, at which the iteration stops
-ROUNDS = 8  # largest number of rounds in which the basis of a large model grows
-NEXT = 1e-3  # relative distance of an undamped mode from an edge of the band at which it may cross on the edge
+if TYPE_CHECKING:
+    from femsub.model import Pencil
+
+TOGETHER = 1e-9  # relative difference of c up to which pairs cross together
+MARGIN = 1e-3  # each border is verified on the pencil at c(1 ∓ MARGIN)
+KEPT = 3  # decompositions of one model that are cached
+FELT = 1e-10  # a shape moves the contact if |Wᵀq| exceeds this share of ‖W‖‖q‖
+NO_RATIO = 2e-13  # twice a damping ratio of the size of rounding
+BESIDE = 1e-2  # relative width beyond the band's edges in which pairs are followed, since Im λ moves with c
+METHOD = "bracketing"
+Band = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Border:
+    """A stability border: c, the k frequencies that cross there, their shapes (n, k), Re λ of the first just above and below c.
+
+    By default stability is never lost.
+
+    `unstable` are the λ that grow at c = 0 already, with Im λ ≥ 0. `beyond` is the number of growing eigenvalues just below c.
+    """
+
+    c: float = -np.inf
+    crossing: Array = field(default_factory=lambda: np.zeros(0))
+    shapes: Array = field(default_factory=lambda: np.zeros((1, 0)))
+    growth: tuple[float, float] = (np.nan, np.nan)
+    method: str = "scalar function"
+    unstable: Array = field(default_factory=lambda: np.zeros(0, dtype=complex))
+    beyond: int | None = None
+
+    @property
+    def omega(self) -> float:
+        return float(self.crossing[0]) if len(self.crossing) else np.nan
+
+    def joined(self, omega: Array, shapes: Array) -> Border:
+        """The border of a drift with the oscillating modes that cross with it."""
+        return replace(self, crossing=np.append(self.crossing, omega), shapes=np.hstack([self.shapes, shapes]))
+
+
+class Model:
+    """A dense pencil in modal form under a contact: its spectrum at any c."""
+
+    def __init__(self, pencil: Pencil, W: Array) -> None:
+        form = definite_form(pencil)
+        self.form, self.pencil = form, pencil
+        self.W = form.shapes.T @ W
+        self.contact = self.W @ self.W.T
+        self.symmetric = is_symmetric(pencil.D)
+        # Dissipation is summed dashpot by dashpot: in ΦᵀDΦ the rounding of a large dashpot would exceed the small ones.
+        # By LDLᵀ: eigenvectors have rounding errors of the size of the largest entry everywhere.
+        lower, blocks, _ = la.ldl((pencil.D + pencil.D.T) / 2, check_finite=False)
+        power, turn = np.linalg.eigh(blocks)
+        self.power, self.strokes = power[power != 0], (lower @ turn[:, power != 0]).T @ form.shapes
+        self.size = float(np.linalg.norm(form.state(), 2)) if len(form.omega) <= 300 else float(form.omega.max())
+        self._known: dict[float, tuple[Array, Array, Array]] = {}
+
+    def decomposition(self, c: float) -> tuple[Array, Array, Array]:
+        """λ, left and right vectors of the state matrix at contact coefficient c; the last few are cached."""
+        if c not in self._known:
+            if len(self._known) >= KEPT:
+                self._known.pop(next(iter(self._known)))
+            self._known[c] = la.eig(self.form.state(self.form.C + c * self.contact), left=True, right=True, check_finite=False)
+        return self._known[c]
+
+    def spectrum(self, c: float, band: Band, real: bool = False) -> tuple[Array, Array]:
+        """λ with Im λ > 0 (with real=True: ≥ 0) in the band at contact coefficient c, (k,), and modal shapes q (n, k).
+
+        For symmetric matrices Re λ is computed from the energy, see `femsub.modes.quadratic.dense.with_energy`.
+        """
+        values, _, right = self.decomposition(c)
+        keep = ((values.imag >= 0) if real else (values.imag > 0)) & in_band(values, band)
+        values, q = values[keep], right[len(self.form.omega) - self.form.rigid:, keep]
+        if self.form.H is None and (self.form.sign[self.form.rigid:] > 0).all() and self.symmetric:
+            gain = -(self.lost(q) + c * self.fed(q)) / np.maximum(np.linalg.norm(q, axis=0) ** 2, 1e-300) / 2
+            values = np.where(values.imag != 0, gain + 1j * values.imag, values)
+        return values, q
+
+    def lost(self, q: Array) -> Array:
+        """q̄ᵀCq, the power dissipated by D, without cancellation."""
+        return self.power @ np.abs(self.strokes @ q) ** 2
+
+    def fed(self, q: Array) -> Array:
+        """q̄ᵀWWᵀq, the power supplied by the contact, divided by -c."""
+        return (np.abs(self.W.T @ q) ** 2).sum(axis=0)
+
+    def felt(self, q: Array) -> Array:
+        """Which shapes move the contact, by more than rounding."""
+        return np.linalg.norm(self.W.T @ q, axis=0) > FELT * np.linalg.norm(self.W) * np.linalg.norm(q, axis=0)
+
+    def ranked(self, c: float, band: Band) -> Array:
+        """Re λ of the modes that move the contact, the largest first; a pair counts twice, a real λ once.
+
+        Real λ count, since a pair that grows fast enough becomes two real eigenvalues.
+        """
+        values, q = self.spectrum(c, band, real=True)
+        moving = self.felt(q) & (np.abs(values) > 1e-12 * self.size)
+        values = values[moving]
+        return np.sort(np.repeat(values.real, np.where(values.imag > 0, 2, 1)))[::-1]
+
+    def beside(self, c: float, omega: float, rate: float = 0.0) -> tuple[float, float]:
+        """Re λ of the pair next to iω at c(1 - 1e-3) and c(1 + 1e-3); for ω = 0 that of the real λ with dλ/dc = -rate."""
+        found = []
+        for at in (c * (1 - MARGIN), c * (1 + MARGIN)):
+            values, _ = self.spectrum(at, (0.0, np.inf), real=not omega)
+            values = values if omega else values[values.imag == 0]
+            expected = 1j * omega + (c - at) * rate
+            found.append(float(values[np.argmin(np.abs(values - expected))].real) if len(values) else np.nan)
+        return found[0], found[1]
+
+    def undamped(self, values: Array, q: Array) -> Array:
+        """Which modes are undamped: the dashpot is at a node of the mode, or the powers of two dashpots cancel.
+
+        A damping ratio below 1e-13, the size of rounding, counts as none.
+        """
+        dust = (np.abs(self.strokes) @ np.abs(q)) ** 2
+        lost, either = np.abs(self.lost(q)), np.abs(self.power) @ np.abs(self.strokes @ q) ** 2
+        size = np.linalg.norm(q, axis=0) ** 2
+        small = lost * np.trace(self.contact) <= NO_RATIO * np.abs(values.imag) * size * self.fed(q)
+        return (lost <= 1e-28 * (np.abs(self.power) @ dust)) | (lost <= 1e-13 * either) | small
+
+    @property
+    def noise(self) -> float:
+        """Re λ below this is rounding."""
+        return 1e-14 * self.size
+
+    @cached_property
+    def drift(self) -> Border | None:
+        """The c ≤ 0 at which ZᵀDZ + c ZᵀW WᵀZ becomes singular on the rigid-body modes Z (n, r), KZ = 0; None without one.
+
+        There a real λ passes 0, at the limit ω → 0 of the root of 1 + c G(ω): rigid motion has lost its damping and begins
+        to drift. If D does not damp a rigid motion that moves the contact, any falling characteristic drives it: c = 0.
+        """
+        r = self.form.rigid
+        if not r or np.linalg.norm(self.W[:r]) <= FELT * np.linalg.norm(self.W):
+            return None
+        _, damping, turn = np.linalg.svd(self.form.C[:r, :r])
+        motions = np.zeros((len(self.form.omega), r))
+        motions[:r] = turn.T
+        z = np.abs(self.form.shapes @ motions)
+        # As for elastic modes: a damping ratio below 1e-13 of the lowest one, or rounding of D's entries, counts as none.
+        lowest = float(self.form.omega[r:].min(initial=np.inf)) if r < len(self.form.omega) else 0.0
+        free = damping <= NO_RATIO * lowest + 1e2 * EPS * np.einsum("ij,ij->j", z, np.abs(self.pencil.D) @ z)
+        loose, braked = motions[:, free], motions[:, ~free]
+        if np.linalg.norm(self.W.T @ loose) > FELT * np.linalg.norm(self.W):
+            return Border(0.0, np.zeros(1), (self.form.shapes @ loose @ np.linalg.svd(self.W.T @ loose)[2][0])[:, None])
+        if not braked.shape[1]:
+            return None
+        fed = braked.T @ self.W
+        answer = np.linalg.solve(braked.T @ self.form.C @ braked, fed)
+        values, mix = np.linalg.eig(fed.T @ answer)
+        lost = np.flatnonzero((values.real > 0) & (np.abs(values.imag) <= REAL_ROOT * values.real))
+        if not len(lost):
+            return None
+        first = lost[np.argmax(values.real[lost])]
+        c, shape = -1 / float(values.real[first]), braked @ (answer @ mix[:, first].real)
+        growth = self.beside(c, 0.0, np.linalg.norm(self.W.T @ shape) ** 2 / (shape @ shape))  # zᵀ(λ + C + cWWᵀ)z = 0
+        shape = self.form.shapes @ shape
+        return Border(c, np.zeros(1), (shape / np.linalg.norm(shape))[:, None], growth) if growth[1] > 0 else None
 
 
 def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
     """The border of a small model from all of its modes. Method 'auto' uses the scalar function for a contact of one column."""
     with one_thread(pencil.size <= FEW):
-        return _dense_border(Model(pencil.dense(), W), band, method)
-
-
-def _dense_border(model: Model, band: Band, method: str) -> Border:
-    start = _at_rest(model, band)
-    if start is not None:
-        return start
-    border = _first(model, band, method)
-    if not np.isfinite(border.c):
-        return border
-    beyond = model.ranked(border.c * (1 + MARGIN), band)
-    return replace(border, beyond=int((beyond > 1e2 * model.noise).sum()))
+        model = Model(pencil.dense(), W)
+        return _at_rest(model, band) or _first(model, band, method)
 
 
 def _first(model: Model, band: Band, method: str) -> Border:
-    if method == "bracketing" or model.W.shape[1] > 1:
-        border = bracketed(model, band)
-        if np.isfinite(border.c) and border.omega > 0:
-            border = replace(border, growth=_verify(model, border.c, border.omega))
-    else:
-        border = _rooted(model, band)
-    already = model.growth(border.c * (1 - MARGIN), band) if np.isfinite(border.c) else 0.0
-    if already > 1e2 * model.noise:
+    border = bracketed(model, band) if method == METHOD or model.W.shape[1] > 1 else _rooted(model, band)
+    if not np.isfinite(border.c):
+        return border
+    before, beyond = (model.ranked(border.c * factor, band) for factor in (1 - MARGIN, 1 + MARGIN))
+    if (already := before.max(initial=-np.inf)) > 1e2 * model.noise:
         raise NotConvergedError(f"the border c = {border.c:.9g} (ω = {border.omega:.6g}) is not the first one: Re λ = "
                                 f"{already:.3g} just before it. A pair that lost its stability outside the band has moved into "
                                 "it, or one was missed. Widen the band, or use method='bracketing'")
-    return border
+    return replace(border, beyond=int((beyond > 1e2 * model.noise).sum()))
 
 
 def _at_rest(model: Model, band: Band) -> Border | None:
@@ -64,11 +209,11 @@ def _at_rest(model: Model, band: Band) -> Border | None:
         growing.append(every[(every.imag == 0) & (every.real > 1e3 * model.noise)])
     unstable = np.concatenate(growing)
     if len(unstable):
-        return replace(Border.none(model.pencil.size), unstable=unstable)
+        return Border(unstable=unstable)
     free = np.flatnonzero(model.felt(q) & undamped)
     order = free[np.argsort(values[free].imag)]
     if band[0] == 0 and model.drift is not None and model.drift.c == 0:
-        return model.with_others(model.drift, values[order].imag, form.shapes @ q[:, order])
+        return model.drift.joined(values[order].imag, form.shapes @ q[:, order])
     return Border(0.0, values[order].imag, form.shapes @ q[:, order]) if len(free) else None
 
 
@@ -86,19 +231,19 @@ def _rooted(model: Model, band: Band) -> Border:
             raise NotConvergedError(f"rounding may move the border c = {c[at]:.3g} at ω = {omega[at]:.6g} by a relative "
                                     f"{doubt:.0e}. Some dashpots are much larger than the relevant damping. Fix the DOF of such "
                                     "dashpots, or leave the dashpots out")
-        growth = _verify(model, float(c[at]), float(omega[at]))
+        growth = model.beside(float(c[at]), float(omega[at]))
         if growth[1] > 0:
             group = group[np.argsort(omega[group])]
             shapes = np.stack([model.form.shapes @ function.exact(value)[2] for value in omega[group].tolist()], axis=1)
             shapes /= np.linalg.norm(shapes, axis=0)
             if drift is not None and abs(c[at] - drift.c) <= TOGETHER * abs(drift.c):
-                return model.with_others(drift, omega[group], shapes)
+                return drift.joined(omega[group], shapes)
             return Border(float(c[at]), omega[group], shapes, growth)
         at = int(group.max()) + 1
     if drift is not None:
         return drift
     _check_damping(model, band)
-    return Border.none(model.pencil.size)
+    return Border()
 
 
 def _check_damping(model: Model, band: Band) -> None:
@@ -111,153 +256,81 @@ def _check_damping(model: Model, band: Band) -> None:
                                 "dashpot that is much larger. Fix the DOF of that dashpot, or leave it out")
 
 
-def _verify(model: Model, c: float, omega: float) -> tuple[float, float]:
-    """Re λ of the pair next to iω at c(1 - 1e-3) and at c(1 + 1e-3)."""
-    pair = []
-    for factor in (1 - MARGIN, 1 + MARGIN):
-        values, _ = model.spectrum(c * factor, (0.0, np.inf))
-        pair.append(float(values[np.argmin(np.abs(values - 1j * omega))].real))
-    return pair[0], pair[1]
+def bracketed(model: Model, band: Band) -> Border:
+    """Steps down in c, half of the way to the next crossing predicted by dλ/dc, then bisection on Re λ.
 
-
-def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
-    """The border of a large model, by a basis that grows until the border has converged.
-
-    The basis starts with the undamped modes up to 1.5 times the band, and the static responses to the contact and to dashpots
-    (a Craig-Chang basis, in which Ω is exact to rounding). At each border found, the full model's response to the contact,
-    (-ω²M + iωD + K)⁻¹W, joins. The same is done at an edge of the band where a pair may cross, to decide whether that border
-    belongs to the band. M and K are symmetric. All DOF are scaled to similar size, so that the complex modes that verify the
-    border share the factor.
+    Which pair crosses, and whether it does so in the band, is known only at the crossing. Pairs that cross outside the band
+    are counted, and the pair with the next largest growth is followed.
     """
-    if (alike := pencil.alike()) is not pencil:
-        unit = pencil.units[0][:, None]
-        border = sparse_border(alike, unit * W, band, method)
-        return replace(border, shapes=unit * border.shapes)
-    basis = _Growing(pencil, W, 1.5 * band[1])
-    basis.grow(_crossed_edges(basis, band))
-    previous = np.nan
-    for _ in range(ROUNDS):
-        border = dense_border(basis.pencil, basis.W, band, method)
-        if not np.isfinite(border.c) or border.c == 0 or border.omega == 0 or abs(border.c - previous) <= 1e-10 * abs(border.c):
-            break
-        previous = border.c
-        basis.grow(border.crossing[:4])
-    else:
-        raise NotConvergedError(f"the border still moved from {previous:.9g} to {border.c:.9g} in the last of {ROUNDS} rounds. "
-                                "Narrow the band")
-    border = replace(border, shapes=basis.V @ border.shapes, beyond=None)
-    if border.omega == 0 and border.c < 0:  # rigid motion is exact from the start; oscillating modes still need the refinement
-        later = sparse_border(pencil, W, (BESIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method)
-        return later if later.c > border.c * (1 - TOGETHER) else border
-    return border if not np.isfinite(border.c) or border.c == 0 else _verified(pencil, W, border, band)
+    contact = float(np.trace(model.contact))
+    if contact == 0:
+        return Border(method=METHOD)
+    wide = (band[0] * (1 - BESIDE), band[1] * (1 + BESIDE))
+    drift = model.drift if band[0] == 0 else None
+    furthest = -1e6 * model.size / contact * len(model.form.omega)
+    last = furthest if drift is None else drift.c * (1 - TOGETHER)
+    stable, lost = 0.0, 0
+
+    def grown(c: float) -> int:
+        return int(np.count_nonzero(model.ranked(c, wide) > 0))
+
+    def next_growth(c: float) -> float:
+        ranked = model.ranked(c, wide)
+        return float(ranked[lost]) if lost < len(ranked) else -model.size
+
+    lost = grown(stable)
+    while stable > last:
+        trial = max(_step(model, stable, wide, furthest), last)
+        if grown(trial) <= lost:
+            stable, lost = trial, grown(trial)
+            continue
+        from scipy.optimize import brentq
+
+        c = float(brentq(next_growth, trial, stable, xtol=1e-16 * abs(trial), rtol=1e-15)) if next_growth(stable) < 0 else stable
+        found = _at(model, c, band, wide, contact)
+        if found is not None:
+            return found
+        stable, lost = min(c, stable) * (1 + TOGETHER), max(grown(c * (1 + TOGETHER)), lost + 1)
+    return Border(method=METHOD) if drift is None else drift
 
 
-def _crossed_edges(basis: _Growing, band: Band) -> Array:
-    """The edges of a band at which a pair may cross, because a mode or a root of the scalar function is near."""
-    edges = [edge for edge in band if 0 < edge < np.inf]
-    at_modes = [edge for edge in edges if np.abs(basis.frequencies - edge).min(initial=np.inf) <= NEXT * edge]
-    if len(at_modes) == len(edges):
-        return np.array(edges)
-    with one_thread(len(basis.K) <= FEW):
-        model = Model(basis.pencil, basis.W)
-        functions = [PortFunction.of(model.form, w, model.decomposition(0.0)) for w in model.W.T]
-        return np.array([edge for edge in edges if edge in at_modes or any(
-            len(function.crossings((1 - BESIDE) * edge, (1 + BESIDE) * edge)[0]) for function in functions)])
+def _at(model: Model, c: float, band: Band, wide: Band, contact: float) -> Border | None:
+    """The border at c if a pair on the axis there has its frequency in the band."""
+    values, q = model.spectrum(c, wide)
+    values, q = values[model.felt(q)], q[:, model.felt(q)]
+    fed = model.fed(q) / np.maximum(np.linalg.norm(q, axis=0) ** 2, 1e-300)
+    slack = max(model.noise, 1e-9 * abs(c) * contact) * fed / contact
+    inside = in_band(values, band)
+    together = np.flatnonzero(inside & (np.abs(values.real) <= slack))
+    if not len(together):
+        near = np.flatnonzero(inside & (np.abs(values.real) <= 1e-6 * abs(c) * fed))
+        together = near[np.argsort(np.abs(values.real[near]))][:1]
+    if not len(together):
+        return None
+    order = together[np.argsort(values[together].imag)]
+    shapes: Array = model.form.shapes @ q[:, order]
+    omega = values[order].imag
+    return Border(c, omega, shapes / np.linalg.norm(shapes, axis=0), model.beside(c, float(omega[0])), METHOD)
 
 
-class _Growing:
-    """An M-orthonormal basis V of a sparse model with the projected pencil; `grow` adds responses to the contact."""
-
-    def __init__(self, model: Pencil, W: Array, limit: float) -> None:
-        self.full, self.load = model, W
-        self.handle = handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
-        modes = modes_below(model.K, model.M, limit, handle)
-        if modes.rigid == len(modes.eigenvalues):
-            modes = lowest_modes(handle, 1)
-        braked = np.unique(model.D.nonzero()[1])
-        forces = np.hstack([W, _units(model.size, braked if len(braked) <= 12 else braked[:0])])
-        rest = handle.elastic_solve(forces, modes.shapes)
-        statics, stiffness, mass, _ = independent(handle, rest, forces, modes.shapes, modes.eigenvalues)
-        massive = mass > 0
-        self.rigid = modes.rigid
-        loose = unresisted(model.D, modes.shapes[:, :modes.rigid], units(model.M))
-        self.loose = loose[1]
-        self.V = np.hstack([loose[0], modes.shapes[:, modes.rigid:], statics[:, massive]])
-        self.K = np.diag(np.concatenate([modes.eigenvalues, stiffness[massive]]))
-        self.frequencies = modes.frequencies[modes.rigid:]
-
-    @property
-    def W(self) -> Array:
-        return self.V.T @ self.load
-
-    @property
-    def pencil(self) -> Pencil:
-        force = self.full.D @ self.V
-        force[:, self.loose] = 0.0  # rounding in D must not damp rigid motion: it would define the border of its drift
-        D = self.V.T @ force
-        if is_symmetric(self.full.D):
-            D[self.loose] = 0.0
-        return Pencil(np.eye(len(self.K)), D, self.K)
-
-    def grow(self, omega: Array) -> None:
-        if not len(omega):
-            return
-        new = np.hstack([self._beyond(value) for value in omega])
-        new, _ = orthonormal(np.hstack([new.real, new.imag]), self.full.M.__matmul__, self.V)
-        cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
-        cross[:self.rigid] = 0.0  # rounding in K of rigid motion would look like a soft mount
-        self.K = np.block([[self.K, cross], [cross.T, (own + own.T) / 2]])
-        self.V = np.hstack([self.V, new])
+def _step(model: Model, stable: float, band: Band, furthest: float) -> float:
+    ahead = _foretold(model, stable, band)
+    if np.isinf(ahead):
+        return 2 * stable if stable else 1e-3 * furthest * 1e-6
+    if stable - ahead <= 1e-3 * abs(ahead):
+        return ahead * (1 + 2e-3)
+    return stable + 0.5 * (ahead - stable)
 
 
-    def _beyond(self, omega: float) -> Array:
-        """Z (n, p), the part of the response P(iω)⁻¹W = VQ + Z outside V.
-
-        VᵀMZ = 0, so Z consists of modes above the band, for which A = K - σM is near P(iω). Therefore
-        Z ← Z + A⁻¹(W - P(VQ + Z)) contracts, with Q by Galerkin's condition. If large damping prevents this, a complex
-        factor is used.
-        """
-        P, small, p = self.full.at(1j * omega), self.pencil.at(1j * omega), self.load.shape[1]
-        Z, step = np.zeros(self.load.shape, dtype=complex), np.inf
-        for _ in range(STEPS):
-            rest = self.load - P @ Z
-            inside = self.V @ np.linalg.solve(small, self.V.T @ rest)
-            rest = rest - P @ inside
-            both = self.handle.factor.solve(np.hstack([rest.real, rest.imag]))
-            change = both[:, :p] + 1j * both[:, p:]
-            change -= self.V @ (self.V.T @ (self.full.M @ change))
-            Z, before, step = Z + change, step, float(np.linalg.norm(change))
-            if step <= SETTLED * np.linalg.norm(Z) or before / 2 < step <= ROUNDED * np.linalg.norm(inside + Z):
-                return Z
-            if step > before:
-                break
-        return port_responses(self.full, 1j * omega, self.load)[0]
-
-
-def _units(size: int, at: Array) -> Array:
-    columns = np.zeros((size, len(at)))
-    columns[at, np.arange(len(at))] = 1.0
-    return columns
-
-
-def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
-    """Re λ of the full model at c(1 ∓ 1e-3) by PEP; an error if they contradict the border."""
-    growth = []
-    followed = (min(band[0], (1 - BESIDE) * border.omega), max(band[1], (1 + BESIDE) * border.omega))
-    for factor in (1 - MARGIN, 1 + MARGIN):
-        modes = complex_modes(pencil.with_damping(contact_matrix(W, border.c * factor)), band=followed,
-                              re=(-0.2 * band[1], 0.2 * band[1]), evidence=False)
-        values, bars = modes.eigenvalues, modes.error_bar
-        if modes.rigid.all():
-            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} could not be verified on the full "
-                                    f"model: it has no eigenvalue there at {factor:g} c. Narrow the band")
-        at = int(np.argmin(np.abs(values - 1j * border.omega) + np.where(modes.rigid, np.inf, 0.0)))
-        growth.append(float(values[at].real))
-        # Growing real eigenvalues come from a pair that crossed outside the band.
-        early = modes.unstable[values[modes.unstable].imag > 0] if factor < 1 else np.zeros(0, dtype=int)
-        early = early[in_band(values[early], band)]
-        if len(early) or (factor > 1 and values[at].real < -bars[at]):
-            shown = values[early[0]] if len(early) else values[at]
-            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} does not hold on the full model: "
-                                    f"at {factor:g} c it has λ = {shown:.6g}. Narrow the band")
-    return replace(border, growth=(growth[0], growth[1]))
+def _foretold(model: Model, c: float, band: Band) -> float:
+    """The nearest c below at which, to first order, a pair in the band crosses; -inf if none does."""
+    n, r = len(model.form.omega), model.form.rigid
+    values, left, right = model.decomposition(c)
+    keep = (values.imag > 0) & in_band(values, band)
+    values, left, right = values[keep], left[:, keep], right[:, keep]
+    b, d = right[n - r:], left[n - r:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = -np.einsum("ij,ij->j", d.conj(), model.contact @ b) / np.einsum("ij,ij->j", left.conj(), right)
+        ahead = c - values.real / rate.real
+    ahead = ahead[(rate.real < 0) & (ahead < c)]
+    return float(ahead.max(initial=-np.inf))

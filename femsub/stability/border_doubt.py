@@ -5,22 +5,23 @@ that the basis has no shape for does the same. So the border may be far off alth
 again on a wider model, which has the responses to the residuals of the modes in its basis as well (`femsub.reduction.wider`).
 
 For a large component this takes time. There only modes are looked at that are closer to each other than they are accurate. The
-error of a frequency is that of the model's estimate. Or it is bounded from the modes left out: with S, the mass of the constraint
-modes C that the kept modes do not have, and q_b, the coordinates of C, these lower ω² by at most
+error of a frequency is that of the model's estimate. Or it is bounded from the modes left out. With S = M_cc - M_co M_oo⁻¹ M_oc,
+the mass of the constraint modes that the kept modes do not have, and q_b, the coordinates of the former, ω² falls by at most
 
     ω⁴ q_bᵀ S q_b / (θ - ω²),   θ = ω_cut².
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import FemsubError
-from femsub.stability.contact_model import Band, Border, Model
+from femsub.model import ReducedSubstructure
+from femsub.stability.border import Band, Border, Model
 
 if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
@@ -84,9 +85,17 @@ def _close(omega: Array, error: Array) -> Array:
 
 def _full_size(model: Any) -> int:
     """The number of DOF of the full component, or of those of all parts."""
-    if (parts := getattr(model, "parts", None)) is not None:
-        return sum(map(_full_size, parts.values()))
-    return len(model.V) if hasattr(model, "V") else int(model.size)
+    if hasattr(model, "parts"):
+        return sum(map(_full_size, model.parts.values()))
+    return len(model.V) if isinstance(model, ReducedSubstructure) else int(model.size)
+
+
+def _shares(system: Any, q: Array) -> Iterator[tuple[str, Substructure, Array]]:
+    """Each part by its name, with its share of the shapes q (r, k)."""
+    at = 0
+    for name, part in system.parts.items():
+        yield name, part, system.L[at:at + part.size] @ q
+        at += part.size
 
 
 def _errors(model: Any, omega: Array, q: Array, joined: bool = False) -> Array:
@@ -94,39 +103,26 @@ def _errors(model: Any, omega: Array, q: Array, joined: bool = False) -> Array:
     if (estimate := getattr(model, "estimate", None)) is not None and len(estimate.frequencies) and not joined:
         at = np.abs(omega[:, None] - estimate.frequencies).argmin(axis=1)
         return np.where(omega <= estimate.band[1], estimate.frequency_error[at], 0.0)
-    if (parts := getattr(model, "parts", None)) is not None:
-        total, at = np.zeros(len(omega)), 0
-        for part in parts.values():
-            total += _errors(part, omega, model.L[at:at + part.size] @ q, True)
-            at += part.size
-        return total
+    if hasattr(model, "parts"):
+        return np.sum([_errors(part, omega, own, True) for _, part, own in _shares(model, q)], axis=0)
     if not np.isfinite(model.cutoff):
         return np.zeros(len(omega))
     constraint = np.array([kind == "constraint" for kind in getattr(model, "kinds", ())], dtype=bool)
     if constraint.any():
-        S = _missed(model.M, constraint)
-        energy = np.einsum("ij,ij->j", q[constraint], S @ q[constraint])
+        kept, cross = model.M[np.ix_(~constraint, ~constraint)], model.M[np.ix_(~constraint, constraint)]
+        missed = model.M[np.ix_(constraint, constraint)] - cross.T @ np.linalg.lstsq(kept, cross, rcond=None)[0]
+        energy = np.einsum("ij,ij->j", q[constraint], missed @ q[constraint])
     else:
         energy = np.einsum("ij,ij->j", q, model.M @ q) * joined  # the modes of a single part with free interface are exact
     return np.asarray(omega**2 * np.maximum(energy, 0.0) / (2 * np.maximum(model.cutoff**2 - omega**2, 1e-3 * omega**2)))
 
 
-def _missed(M: Array, constraint: Array) -> Array:
-    """S = M_cc - M_co M_oo⁻¹ M_oc."""
-    cross = M[np.ix_(~constraint, constraint)]
-    return np.asarray(M[np.ix_(constraint, constraint)] - cross.T @ np.linalg.lstsq(M[np.ix_(~constraint, ~constraint)], cross,
-                                                                                    rcond=None)[0])
-
-
 def _wider(model: Any, omega: Array, q: Array, port: str) -> Substructure | None:
     """The model with the residuals of these modes in its basis; None if no full component can be reached."""
-    if (parts := getattr(model, "parts", None)) is not None:
-        wide, at = {}, 0
-        for name, part in parts.items():
-            key = port.removeprefix(f"{name}.") if port.startswith(f"{name}.") else ""
-            if (found := _wider(part, omega, model.L[at:at + part.size] @ q, key)) is not None:
-                wide[name] = found
-            at += part.size
+    if hasattr(model, "parts"):
+        found = {name: _wider(part, omega, own, port.removeprefix(f"{name}.") if port.startswith(f"{name}.") else "")
+                 for name, part, own in _shares(model, q)}
+        wide = {name: part for name, part in found.items() if part is not None}
         return model.with_parts(wide) if wide else None
     widened = getattr(model, "wider", None)
     return None if widened is None else widened(model, omega, q, port)

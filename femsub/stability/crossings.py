@@ -9,7 +9,7 @@ as there are roots.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
@@ -181,9 +181,15 @@ def _roots(family: Family, a: float, b: float) -> list[tuple[float, Array]]:
     return [(float(places[i].real), x / np.linalg.norm(x)) for i, x in zip(numbers, shapes.T, strict=True)]
 
 
-def weight(one: Crossing) -> int:
-    """The number of eigenvalues that cross: a pair counts twice."""
-    return 2 if one.omega else 1
+def weight(heights: Iterable[float]) -> int:
+    """The number of eigenvalues with these Im λ ≥ 0: a pair counts twice."""
+    return sum(2 if height else 1 for height in heights)
+
+
+def change(losses: Iterable[Crossing], regains: Iterable[Crossing]) -> int:
+    """How many more eigenvalues grow beyond these crossings than before them."""
+    lost, regained = (weight(one.omega for one in several) for several in (losses, regains))
+    return lost - regained
 
 
 def settled(family: Family, window: tuple[float, float], room: tuple[float, float],
@@ -205,7 +211,7 @@ def settled(family: Family, window: tuple[float, float], room: tuple[float, floa
             counts.append(int(grown.sum()) if number is not None or not undecided else -1)
         if all(count >= 0 and number in (None, count) for count, number in zip(counts, known, strict=True)):
             found = _changes(family, a, b)
-            if found is not None and sum((2 if one.omega else 1) * (1 if one.begins else -1) for one in found) == \
+            if found is not None and sum(weight([one.omega]) * (1 if one.begins else -1) for one in found) == \
                     counts[1] - counts[0]:
                 told = tuple(side if number is None else edge for side, edge, number in zip((a, b), window, known, strict=True))
                 return _told(family, found, (a, b), (told[0], min(told[1], family.between[1])), room)
@@ -229,14 +235,12 @@ def extrapolated(family: Family, window: tuple[float, float], room: tuple[float,
             continue
         places = [_to_axis(family, points, one.after if begins else one.before) for one in found]
         if np.isfinite(places).all() and np.abs(np.array(places)[:, 0] - near).max() <= 2 * abs(step):
-            losses: list[Crossing] = []
-            regains: list[Crossing] = []
+            several: list[Crossing] = []
             for one, (place, spread, omega) in zip(found, places, strict=True):
-                half = spread + family.least
-                told = _told(family, [one], (window[0], b) if begins else (a, window[1]), (place - half, place + half), room)
-                for several, new in zip((losses, regains), told, strict=True):
-                    several.extend(replace(item, omega=omega if item.omega else 0.0) for item in new)
-            return losses, regains
+                half, sides = spread + family.least, (window[0], b) if begins else (a, window[1])
+                told = _told(family, [one], sides, (place - half, place + half), room)[0 if begins else 1][0]
+                several.append(replace(told, omega=omega if told.omega else 0.0))
+            return (several, []) if begins else ([], several)
     return None
 
 
@@ -277,8 +281,7 @@ def _told(family: Family, found: list[_Change], sides: tuple[float, float], wind
     (lo, hi), (a, b) = family.between, sides
     roots = _roots(family, a, b) if any(one.omega == 0 for one in found) else []
     far = max(room[0], window[0] - BESIDE * (hi - lo)), min(room[1], window[1] + BESIDE * (hi - lo))
-    losses: list[Crossing] = []
-    regains: list[Crossing] = []
+    told: Found = ([], [])
     for one in found:
         p, at = (b, one.after) if one.begins else (a, one.before)
         value, shape = (window[0] + window[1]) / 2, family.shape(family.spectrum(p), at)
@@ -289,8 +292,8 @@ def _told(family: Family, found: list[_Change], sides: tuple[float, float], wind
             place, shape = roots.pop(int(np.argmax([abs(np.vdot(shape, x)) for _, x in roots])))
             value = min(max(place, window[0]), window[1])
         rates = _rate(family, a, far[0], one.before), _rate(family, b, far[1], one.after)
-        (losses if one.begins else regains).append(Crossing(value, window[1] - window[0], one.omega, shape, kind, rates))
-    return losses, regains
+        told[0 if one.begins else 1].append(Crossing(value, window[1] - window[0], one.omega, shape, kind, rates))
+    return told
 
 
 def _rate(family: Family, near: float, far: float, at: int) -> float:

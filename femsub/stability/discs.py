@@ -10,7 +10,7 @@ from femsub.algebra import FEW, WIDE, one_thread
 from femsub.checks import Tally
 from femsub.errors import InputError
 from femsub.model import in_band
-from femsub.stability.crossings import BESIDE, Found, extrapolated, settled, weight
+from femsub.stability.crossings import BESIDE, Found, change, extrapolated, settled
 from femsub.stability.exclusion import Family, Part
 from femsub.stability.question import CriticalValue, Question, fastest
 
@@ -34,9 +34,8 @@ class Discs:
         return "" if np.isfinite(question.between[1]) else "discs take a finite range"
 
     def solve(self, question: Question) -> CriticalValue:
-        over, between = question.over, question.between
         with one_thread(question.size <= FEW):
-            family = Family(lambda p: over(p).dense(), between, over)
+            family = Family(question.over, question.between)
             if family.floating:
                 raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports "
                                  "or springs")
@@ -76,8 +75,7 @@ def _collected(question: Question, family: Family, parts: Sequence[Part]) -> Cri
             told, unknown = _seen(family, part, room, before, after)
             lost += [] if unknown is None else [unknown]
         else:
-            change = sum(map(weight, told[0])) - sum(map(weight, told[1]))
-            listed, last = listed + change, before + change
+            listed, last = listed + change(*told), before + change(*told)
         for several, new in zip(found, told, strict=True):
             several.extend(one for one in sorted(new, key=lambda one: one.omega) if in_band(np.array([one.omega]), limits)[0])
     last = known if (known := parts[-1].growing) is not None else last
@@ -101,10 +99,9 @@ def _seen(family: Family, part: Part, room: tuple[float, float], before: int, af
         a, b = family.narrowed(begin, part.end, before)
         near = max(room[0], a - reach), min(room[1], b + reach)
         told = settled(family, (a, b), near, (None, None)) or extrapolated(family, (a, b), near)
-        change = sum(map(weight, told[0])) - sum(map(weight, told[1])) if told else 0
-        if not told or not change or b <= begin or a < begin:
+        if not told or not change(*told) or b <= begin or a < begin:
             return found, begin if after > before else None
         for several, new in zip(found, told, strict=True):
             several.extend(new)
-        begin, before = b, before + change
+        begin, before = b, before + change(*told)
     return found, None

@@ -19,7 +19,7 @@ Sources: S. Gershgorin 1931; R. S. Varga, Geršgorin and His Circles (2004), sec
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -72,23 +72,22 @@ class Family:
     """The state matrices A(p) of a pencil over a range of p.
 
     The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine` tells whether A
-    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis. The `form` of the pencil declares
-    whether A is affine, and tells at which p the pencil must be looked at if it is not.
+    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis. `over` declares whether A is affine,
+    and tells at which p the pencil must be looked at if it is not.
     """
 
-    def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float],
-                 form: PencilOver | None = None) -> None:
-        self.pencil_at, self.between = _going_on(pencil_at, between[1]), between
-        lo, hi = between
+    def __init__(self, over: PencilOver, between: tuple[float, float]) -> None:
+        self.between = lo, hi = between
+        self.pencil_at = pencil_at = _going_on(over, hi)
         self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
         self.shapes, omega = _coordinates(pencil_at(self.middle))
         self.omega = np.maximum(omega, SLOWEST * omega.max())
         kept = max(8, int(MEMORY / (50 * (2 * len(self.omega)) ** 2)))
         self.matrix, self.spectrum = lru_cache(maxsize=kept)(self._matrix), lru_cache(maxsize=kept)(self._spectrum)
         points = [lo + share * (hi - lo) for share in SAMPLES]
-        declared = form is not None and form.affine(between)
-        self.kinks = [] if form is None or declared else form.kinks(between)
-        self.sampled = None if form is None or declared else form.sampled(between)
+        declared = over.affine(between)
+        self.kinks = over.kinks(between)
+        self.sampled = None if declared else over.sampled(between)
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
         self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
         if self.sampled is not None:
@@ -177,13 +176,7 @@ class Family:
             return None
         rate = discs.z.real[touching]
         centre, half = -rate / speed, np.maximum(radius / np.abs(speed), ROUNDING * max(abs(begin), abs(end)))
-        order = np.argsort(centre - half, kind="stable")
-        pieces: list[list[float]] = []
-        for lo, hi in zip(np.maximum(centre - half, -h)[order], np.minimum(centre + half, h)[order], strict=True):
-            if pieces and lo <= pieces[-1][1]:
-                pieces[-1][1] = max(pieces[-1][1], float(hi))
-            else:
-                pieces.append([float(lo), float(hi)])
+        pieces = union(zip(np.maximum(centre - half, -h).tolist(), np.minimum(centre + half, h).tolist(), strict=True))
         if sum(hi - lo for lo, hi in pieces) > h:
             return None
         middle, result = (begin + end) / 2, []
@@ -240,18 +233,29 @@ class Family:
         return _joined(sorted(done, key=lambda part: part.begin))
 
 
+def union(intervals: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Intervals that do not overlap, ascending."""
+    found: list[tuple[float, float]] = []
+    for a, b in sorted(intervals):
+        if found and a <= found[-1][1]:
+            found[-1] = found[-1][0], max(found[-1][1], b)
+        else:
+            found.append((a, b))
+    return found
+
+
 def _is_eye(M: Array) -> bool:
     """Whether M is that of the undamped modes, as in the middle of the range."""
     return bool(np.abs(M - np.eye(len(M))).max() <= 1e-10)
 
 
-def _going_on(pencil_at: Callable[[float], Pencil], hi: float) -> Callable[[float], Pencil]:
-    """The same, but straight on a little above hi, where a contact may refuse the parameter."""
+def _going_on(over: PencilOver, hi: float) -> Callable[[float], Pencil]:
+    """The dense pencils, straight on a little above hi, where a contact may refuse the parameter."""
 
     def pencil(p: float) -> Pencil:
         if p <= hi:
-            return pencil_at(p)
-        last, before = pencil_at(hi), pencil_at(2 * hi - p)
+            return over(p).dense()
+        last, before = pencil(hi), pencil(2 * hi - p)
         return type(last)(*(2 * getattr(last, name) - getattr(before, name) for name in "MDK"))
 
     return pencil

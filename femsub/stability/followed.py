@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import ComplexFactor
-from femsub.checks import NOT_CHECKED, Array, Tally
+from femsub.checks import NOT_CHECKED, Array, Matrix, Tally
 from femsub.errors import SingularMatrixError
 from femsub.model import in_band
 from femsub.modes import ComplexModes
 from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.stability.crossings import Crossing, Found, weight
+from femsub.stability.crossings import Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
+from femsub.stability.exclusion import union
 from femsub.stability.question import CriticalValue, Question, fastest
 
 if TYPE_CHECKING:
@@ -58,8 +59,8 @@ class Followed:
 
     def solve(self, question: Question) -> CriticalValue:
         (lo, hi), over, band = question.between, question.over, question.band
-        kinks = [] if over.affine((lo, hi)) else over.kinks((lo, hi))
-        values = np.union1d([*(lo + share * (hi - lo) for share in SAMPLES[:-1]), hi], kinks)
+        over.affine((lo, hi))  # a false declaration is told
+        values = np.union1d([*(lo + share * (hi - lo) for share in SAMPLES[:-1]), hi], over.kinks((lo, hi)))
         margin = AROUND * (band[1] - band[0])
         wide = max(0.0, band[0] - margin), band[1] + margin
         samples = {float(p): complex_modes(over(float(p)), band=wide) for p in values}
@@ -72,17 +73,16 @@ class Followed:
         lost: list[float] = []
         for a, b in pairwise(samples):
             own = [[one for one in several if a < one.value <= b or one.value == a == lo] for several in (losses, regains)]
-            change = sum(map(weight, own[0])) - sum(map(weight, own[1]))
-            rise = _weight(growing[b]) - _weight(growing[a])
-            if change != rise or NOT_CHECKED in (samples[a].evidence, samples[b].evidence):
+            listed, rise = change(*own), weight(growing[b].imag) - weight(growing[a].imag)
+            if listed != rise or NOT_CHECKED in (samples[a].evidence, samples[b].evidence):
                 unclear.append((a, b))
-            if rise > change:
+            if rise > listed:
                 lost.append(a)
-        left = _union(unclear)
-        listed = sum(map(weight, losses)) - sum(map(weight, regains))
-        tally = Tally(listed, None if left else _weight(growing[hi]) - _weight(begin), sampled=True)
-        return CriticalValue.of(question, losses, regains, tally, growing=_weight(begin), fastest=fastest(begin), lost=lost,
-                                open=left, solved=len(samples), method="followed")
+        left = union(unclear)
+        grown = weight(begin.imag)
+        tally = Tally(change(losses, regains), None if left else weight(growing[hi].imag) - grown, sampled=True)
+        return CriticalValue.of(question, losses, regains, tally, growing=grown, fastest=fastest(begin), lost=lost, open=left,
+                                solved=len(samples), method="followed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,14 +205,14 @@ def _step(over: PencilOver, between: tuple[float, float], at: Crossing, factor: 
     """Better vectors x and y (n, 2) of the full pencil, and Newton's step (Δω, Δp) with them."""
     pencil = over(at.value)
     for _ in range(2):  # the first left vector is a guess
-        x = factor.solve(_slope(pencil, at.omega, x))
-        y = factor.solve(_slope(pencil, at.omega, y, left=True), transposed=True).conj()
+        x = factor.solve(_slope(pencil.M, pencil.D, at.omega, x))
+        y = factor.solve(_slope(pencil.M.T, pencil.D.T, at.omega, y.conj()), transposed=True).conj()
         x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
     aside = DIFFERENCE * (between[1] - between[0])
     aside = aside if at.value + aside <= between[1] else -aside
     rest, other = (one.residual(np.array([1j * at.omega]), x[:, None])[:, 0] for one in (pencil, over(at.value + aside)))
     error, change = y.conj() @ rest, (y.conj() @ (other - rest)) / aside
-    turning = 1j * (y.conj() @ (2j * at.omega * (pencil.M @ x) + pencil.D @ x))
+    turning = 1j * (y.conj() @ _slope(pencil.M, pencil.D, at.omega, x))
     if at.kind == "divergence":
         moves = np.array([0.0, -error.real / change.real if change.real else np.inf])
     else:
@@ -231,30 +231,12 @@ def _factor(pencil: Pencil, value: complex) -> ComplexFactor | None:
     return None
 
 
-def _slope(pencil: Pencil, omega: float, x: Array, left: bool = False) -> Array:
-    """P'(iω)x, or the conjugate of P'(iω)ᴴy, as the transposed solution takes it; Mx for a real eigenvalue 0."""
-    if not omega:
-        return pencil.M @ x if not left else pencil.M.T @ x.conj()
-    if left:
-        return 2j * omega * (pencil.M.T @ x.conj()) + pencil.D.T @ x.conj()
-    return 2j * omega * (pencil.M @ x) + pencil.D @ x
+def _slope(M: Matrix, D: Matrix, omega: float, x: Array) -> Array:
+    """P'(iω)x; Mx for a real eigenvalue 0."""
+    return 2j * omega * (M @ x) + D @ x if omega else M @ x
 
 
 def _growing(modes: ComplexModes, band: tuple[float, float]) -> Array:
     """λ in the band, Im λ ≥ 0, that certainly grow."""
     z = modes.eigenvalues
     return z[(z.imag >= 0) & (z.real > modes.error_bar) & ~modes.rigid & in_band(z, band)]
-
-
-def _weight(values: Array) -> int:
-    return int(np.where(values.imag > 0, 2, 1).sum())
-
-
-def _union(intervals: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    found: list[tuple[float, float]] = []
-    for a, b in sorted(intervals):
-        if found and a <= found[-1][1]:
-            found[-1] = found[-1][0], max(found[-1][1], b)
-        else:
-            found.append((a, b))
-    return tuple(found)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -44,6 +44,7 @@ DENSE, SPARSE = 2048, 256  # samples of the coefficients over the range: of a co
 IRREGULAR = (5**0.5 - 1) / 2  # samples at even distances would miss what is periodic
 KEPT = 64  # projected pencils
 MORE = 4  # places at most that are added to the usual ones of an interval
+Terms: TypeAlias = tuple[Matrix, float | Matrix, float | Matrix]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,19 +61,13 @@ class Share:
     affine: bool
     kinks: tuple[float, ...] = ()
     few: bool = True
-    terms: Callable[[float], tuple[Matrix, float | Matrix, float | Matrix]] | None = None
+    terms: Callable[[float], Terms] | None = None
 
-    def turned(self) -> Share:
-        """The same over the parameter with the other sign."""
-        terms = self.terms
-        return replace(self, coefficients=lambda p: self.coefficients(-p), kinks=tuple(-p for p in self.kinks),
-                       terms=None if terms is None else lambda p: terms(-p))
-
-    def check(self, parameter: str, between: tuple[float, float]) -> None:
+    def check(self, parameter: str, between: tuple[float, float], sign: float) -> None:
         """An error if the coefficients contradict the declaration that they are affine."""
         lo, hi = between
         share = np.array(SAMPLES)
-        found = [self.coefficients(lo + at * (hi - lo)) for at in SAMPLES]
+        found = [self.coefficients(sign * (lo + at * (hi - lo))) for at in SAMPLES]
         for block in zip(*found, strict=True):
             c = np.array([np.ravel(numbers) for numbers in block])
             off = np.abs(c - c[0] - share[:, None] * (c[-1] - c[0]))
@@ -86,18 +81,18 @@ class Share:
 
 @dataclass(frozen=True, eq=False)
 class PencilOver:
-    """The pencil as a function of the parameter, ``over(p)``, and what is known about the form of this function."""
+    """The pencil as a function of the parameter, ``over(p)``, and what is known about the form of this function.
+
+    With `sign` -1 it is a function of the parameter with the other sign.
+    """
 
     parameter: str
     at: Callable[[float], Pencil]
     shares: tuple[Share, ...]
+    sign: float = 1.0
 
     def __call__(self, p: float) -> Pencil:
-        return self.at(p)
-
-    def turned(self) -> PencilOver:
-        """The same over the parameter with the other sign."""
-        return PencilOver(self.parameter, lambda p: self.at(-p), tuple(share.turned() for share in self.shares))
+        return self.at(self.sign * p)
 
     def projected(self, V: Array, between: tuple[float, float]) -> PencilOver:
         """The same for the coordinates q of u = Vq; V is (n, r)."""
@@ -105,21 +100,20 @@ class PencilOver:
             pencil = self.at(p)
             return type(pencil)(*(projected(A, V) for A in (pencil.M, pencil.D, pencil.K)))
 
-        at = lru_cache(maxsize=KEPT)(small)
-        if self.affine(between):
-            lo, hi = between
-            first, last = small(lo), small(hi)
-            step = [(getattr(last, name) - getattr(first, name)) / (hi - lo) for name in "MDK"]
-            return replace(self, at=lambda p: type(first)(*(getattr(first, name) + (p - lo) * slope
-                                                            for name, slope in zip("MDK", step, strict=True))))
-        return replace(self, at=at)
+        if not self.affine(between):
+            return replace(self, at=lru_cache(maxsize=KEPT)(small))
+        lo, hi = (self.sign * p for p in between)
+        first, last = small(lo), small(hi)
+        step = [(getattr(last, name) - getattr(first, name)) / (hi - lo) for name in "MDK"]
+        return replace(self, at=lambda p: type(first)(*(getattr(first, name) + (p - lo) * slope
+                                                        for name, slope in zip("MDK", step, strict=True))))
 
     def port_damping(self, p: float, beside: float) -> tuple[Matrix, float] | None:
         """W (n, k) and s if all that depends on the parameter is a term s p W Wᵀ in D, told at two values; else None."""
         share = self.shares[0]
         if len(self.shares) > 1 or share.terms is None or not share.affine:
             return None
-        (W, D, K), (_, other, stiff) = share.terms(p), share.terms(beside)
+        (W, D, K), (_, other, stiff) = share.terms(self.sign * p), share.terms(self.sign * beside)
         if sp.issparse(W) or any(sp.issparse(C) for C in (D, K, other, stiff)) or np.any(np.asarray(stiff) - K):
             return None
         slope = (np.asarray(other) - D) / (beside - p)
@@ -136,23 +130,24 @@ class PencilOver:
         """
         for share in self.shares:
             if share.affine:
-                share.check(self.parameter, between)
+                share.check(self.parameter, between, self.sign)
         return all(share.affine for share in self.shares)
 
     def kinks(self, between: tuple[float, float]) -> list[float]:
         """The values within the range at which something is not smooth, ascending."""
-        return sorted({float(p) for share in self.shares if not share.affine for p in share.kinks if between[0] < p < between[1]})
+        places = {self.sign * float(p) for share in self.shares if not share.affine for p in share.kinks}
+        return sorted(p for p in places if between[0] < p < between[1])
 
     def sampled(self, between: tuple[float, float]) -> Sampled:
         """The coefficients that are not affine, over the range."""
-        return Sampled([share for share in self.shares if not share.affine], between, self.kinks(between))
+        return Sampled([share for share in self.shares if not share.affine], between, self.kinks(between), self.sign)
 
 
 class Sampled:
     """The coefficients at many values of the parameter. They tell where an interval is looked at beside the usual places."""
 
-    def __init__(self, shares: Sequence[Share], between: tuple[float, float], kinks: Sequence[float]) -> None:
-        self.shares, self.end = shares, between[1]
+    def __init__(self, shares: Sequence[Share], between: tuple[float, float], kinks: Sequence[float], sign: float) -> None:
+        self.shares, self.end, self.sign = shares, between[1], sign
         count = DENSE if all(share.few for share in shares) else SPARSE
         steps = np.arange(count)
         inside = between[0] + (steps + steps * IRREGULAR % 1.0) / count * (between[1] - between[0])
@@ -166,7 +161,7 @@ class Sampled:
                          for p in values.tolist()])
 
     def _one(self, p: float) -> Array:
-        return np.concatenate([np.ravel(block) for share in self.shares for block in share.coefficients(p)])
+        return np.concatenate([np.ravel(block) for share in self.shares for block in share.coefficients(self.sign * p)])
 
     def places(self, begin: float, end: float, usual: Sequence[float] = ()) -> list[float]:
         """The values in (begin, end) at which a coefficient is farther off its chord than at the `usual` ones; MORE at most."""
@@ -217,18 +212,18 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
                                  for contact, names in zip(given, known, strict=True)])
 
     def share(contact: Any) -> Share:
-        few = small_matrices(model, contact)[0].shape[1] <= FEW
-        return Share(type(contact).__name__, partial(_coefficients, model, contact, parameter),
-                     parameter in affine_fields(contact), kinks_of(contact, parameter), few,
-                     lambda p: small_matrices(model, replace(contact, **{parameter: p})))
+        def terms(p: float) -> Terms:
+            return small_matrices(model, replace(contact, **{parameter: p}))
+
+        return Share(type(contact).__name__, lambda p: _coefficients(*terms(p)), parameter in affine_fields(contact),
+                     kinks_of(contact, parameter), small_matrices(model, contact)[0].shape[1] <= FEW, terms)
 
     return PencilOver(parameter, at, tuple(share(contact) for contact, names in zip(given, known, strict=True)
                                            if parameter in names))
 
 
-def _coefficients(model: Substructure, contact: Any, parameter: str, p: float) -> tuple[Array, ...]:
-    """The entries of C_D and of C_K at one value; of large ones COMBINED random combinations xᵀCy."""
-    W, *terms = small_matrices(model, replace(contact, **{parameter: p}))
+def _coefficients(W: Matrix, *terms: float | Matrix) -> tuple[Array, ...]:
+    """The entries of C_D and of C_K; of large ones COMBINED random combinations xᵀCy."""
     columns = W.shape[1]
     if columns <= FEW:
         return tuple(C * np.eye(columns) if isinstance(C, float) else C.toarray() if sp.issparse(C) else C for C in terms)

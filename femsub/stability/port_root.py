@@ -14,10 +14,10 @@ from femsub.checks import Array, Tally
 from femsub.errors import CutoffWarning, InputError, warn
 from femsub.model import SHARE, Pencil, Substructure, contacts_of
 from femsub.modes import Budget
-from femsub.stability.border import dense_border, sparse_border
+from femsub.stability.border import TOGETHER, Border, dense_border
 from femsub.stability.border_doubt import doubt
-from femsub.stability.contact_model import TOGETHER, Border
-from femsub.stability.crossings import Crossing
+from femsub.stability.crossings import Crossing, change, weight
+from femsub.stability.growing_border import sparse_border
 from femsub.stability.question import CriticalValue, Question, fastest
 
 NEAR = 1.5  # times the end of the band: modes up to there act on its border
@@ -48,9 +48,8 @@ class PortRoot:
                 "any")
 
     def solve(self, question: Question) -> CriticalValue:
-        model = question.model
-        assert isinstance(model, Substructure)
-        fed = _fed(question)
+        model, fed = question.model, port_fed(question)
+        assert isinstance(model, Substructure) and fed is not None
         if self.method == "scalar" and fed.W.shape[1] > 1:
             raise InputError(f"the port has {fed.W.shape[1]} columns, but the scalar function takes one. Use "
                              "method='bracketing'")
@@ -59,7 +58,7 @@ class PortRoot:
                              "frequencies that may lose their stability")
         found = self._border(question, fed)
         if not len(found.unstable):
-            self._warn(question, fed, found)
+            self._warn(question, model, fed.pencil, found)
         begin, end = question.between
         value = begin + found.c / fed.s
         losses = [] if not value <= end else [
@@ -67,19 +66,18 @@ class PortRoot:
                      found.growth)
             for omega, shape in zip(found.crossing, found.shapes.T, strict=True)]
         beyond = found.beyond if losses else None
-        tally = Tally(sum(2 if one.omega else 1 for one in losses), beyond, sampled=True)
-        return CriticalValue.of(question, losses, (), tally, growing=int(np.where(found.unstable.imag, 2, 1).sum()),
-                                fastest=fastest(found.unstable), method=found.method)
+        tally = Tally(change(losses, ()), beyond, sampled=True)
+        return CriticalValue.of(question, losses, (), tally, growing=weight(found.unstable.imag), fastest=fastest(found.unstable),
+                                method=found.method)
 
-    def _border(self, question: Question, fed: Fed) -> Border:
+    def _border(self, question: Question, fed: Fed | None) -> Border:
+        assert fed is not None
         if question.limited and (fed.pencil.size > SMALL if fed.pencil.is_sparse else is_narrow(fed.pencil, question.band[1])):
             return sparse_border(fed.pencil.sparse(), fed.W, question.band, self.method)
         return dense_border(fed.pencil, fed.W, question.band, self.method)
 
-    def _warn(self, question: Question, fed: Fed, found: Border) -> None:
-        model, top = question.model, question.band[1]
-        assert isinstance(model, Substructure)
-        sure = SHARE * model.cutoff
+    def _warn(self, question: Question, model: Substructure, pencil: Pencil, found: Border) -> None:
+        top, sure = question.band[1], SHARE * model.cutoff
         if found.omega > sure or (np.isinf(found.c) and top > sure):
             what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
                 f"no border was found, but the band, which ends at {top:.5g}, reaches"
@@ -88,11 +86,11 @@ class PortRoot:
             return
 
         def again(wide: Substructure) -> Border:
-            return self._border(question.of(wide), _fed(question.of(wide)))
+            return self._border(other := question.of(wide), port_fed(other))
 
         ports = [name for contact in contacts_of(question.contacts) if hasattr(contact, question.parameter)
                  for name in contact.ports]
-        if len(ports) == 1 and (told := doubt(model, fed.pencil, ports[0], question.band, found, again)):
+        if len(ports) == 1 and (told := doubt(model, pencil, ports[0], question.band, found, again)):
             warn(told, CutoffWarning)
 
 
@@ -107,12 +105,6 @@ def port_fed(question: Question) -> Fed | None:
         return None
     pencil = question.over(begin)
     return Fed(pencil, *found) if pencil.K is question.model.pencil.K else None
-
-
-def _fed(question: Question) -> Fed:
-    fed = port_fed(question)
-    assert fed is not None
-    return fed
 
 
 def is_narrow(pencil: Pencil, top: float) -> bool:

@@ -38,8 +38,7 @@ class Question:
 
     def of(self, model: Substructure) -> Question:
         """The same question of another model."""
-        over = pencil_over(model, self.contacts, self.parameter)
-        return replace(self, model=model, over=over.turned() if self.falls else over)
+        return replace(self, model=model, over=replace(pencil_over(model, self.contacts, self.parameter), sign=self.over.sign))
 
 
 class Solver(Protocol):

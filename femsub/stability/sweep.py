@@ -111,7 +111,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
         raise InputError("values must be a flat, non-empty sequence of finite numbers")
     sign = -1.0 if p.sum() < 0 else 1.0  # of the values: a contact may refuse those of the other sign
     question = question_of(model, contacts, parameter, (0.0, sign * np.inf), band)
-    limits, pencil = question.band, question.over(sign * p[0])
+    limits, pencil = question.band, question.over.at(p[0])
     growth, omega = np.empty(len(p)), np.empty(len(p))
     if pencil.is_sparse and pencil.size > QUADRATIC and band is None:
         raise InputError(f"a sparse model of {pencil.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
@@ -128,12 +128,11 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     whole, fast = np.zeros(len(p), dtype=bool), np.zeros(len(p), dtype=bool)
     if (fed := port_fed(question)) is not None:
         c, pencil = fed.s * sign * p, fed.pencil
-        fast = np.zeros(len(p), dtype=bool) if few else _fast(pencil, fed.W, c, limits[1])
-        whole = np.full(len(p), few) if few or pencil.is_sparse else fast.copy()
+        fast = fast if few else _fast(pencil, fed.W, c, limits[1])
+        whole = few | (fast & (not pencil.is_sparse))
         form = modal_form(pencil.dense()) if whole.any() else None
-        if form is None:  # massless motions
-            whole[:] = False
-        else:
+        whole &= form is not None  # massless motions have none
+        if form is not None:
             amplitude = form.shapes.T @ fed.W
             for i in np.flatnonzero(whole):
                 spectrum = eigenvalues(form, form.C + c[i] * (amplitude @ amplitude.T))
@@ -141,7 +140,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     untold = fast & pencil.is_sparse
     for i in np.flatnonzero(~whole):
         searched = None if few or (fast[i] and not untold[i]) else limits
-        modes = complex_modes(question.over(sign * p[i]), band=searched, evidence=False)
+        modes = complex_modes(question.over.at(p[i]), band=searched, evidence=False)
         growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     if untold.any():
         warn(f"at {parameter} of {p[untold].max():.4g} and below, max Re λ may be larger than reported. In a large "

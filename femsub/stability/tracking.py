@@ -12,7 +12,6 @@ knows right vectors alone and takes the two modes of a coalescence for one.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,16 +19,17 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, WIDE
-from femsub.checks import Array, check_band, real_array
+from femsub.checks import Array, real_array
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.model import DOUBLE, Affine, Contacts, Substructure, in_band, upper, usable_band
+from femsub.model import DOUBLE, in_band, upper
 from femsub.modes import Region, assigned, clusters, with_bars
 from femsub.modes.quadratic.search import search
+from femsub.stability.critical_value import question_of
 from femsub.stability.meetings import Meeting, meetings_of
-from femsub.stability.parameter import pencil_over
 
 if TYPE_CHECKING:
-    from femsub.model import Pencil
+    from femsub.model import Affine, Contacts, Pencil, Substructure
+    from femsub.stability.question import Question
 
 log = logging.getLogger(__name__)
 
@@ -157,21 +157,18 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     >>> fs.track(rom, fs.Belt(slope=0.0), "slope", [-0.03, 0.0], band=(0.0, 0.8))
     Tracked: 3 branches over slope from -0.03 to 0, 2 values computed, 2 asked for; no meetings; 1 branch grows somewhere
     """
-    pencil_at = pencil_over(model, contacts, parameter)
     points = np.unique(real_array("values", values))
-    if points.ndim != 1 or len(points) < 2:
+    if len(points) < 2:
         raise InputError("values must be two or more numbers")
-    limits = (0.0, np.inf) if band is None else check_band(band)
-    if isinstance(model, Substructure):
-        limits = usable_band(model, band)
-    if model.size > WIDE and (band is None or not np.isfinite(limits[1])):
+    question = question_of(model, contacts, parameter, (points[0], points[-1]), band)
+    if model.size > WIDE and not (question.limited and np.isfinite(question.band[1])):
         raise InputError(f"a model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
-    chain = _Chain(pencil_at, limits, (points[0], points[-1]), FINEST if model.size <= WIDE else FINEST_SPARSE)
-    chain.follow(np.union1d(points, pencil_at.kinks((points[0], points[-1]))))
+    chain = _Chain(question)
+    chain.follow(np.union1d(points, question.over.kinks(question.between)))
     if chain.spent >= MOST:
         warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Track over a "
              "shorter range or in a narrower band", FemsubWarning)
-    result = _collected(chain, parameter, points, limits)
+    result = _collected(chain, parameter, points)
     log.info("%r", result)
     return result
 
@@ -194,12 +191,11 @@ class _Node(NamedTuple):
 class _Chain:
     """The nodes in ascending order of p, each with the numbers of the branches of its modes."""
 
-    def __init__(self, pencil_at: Callable[[float], Pencil], band: tuple[float, float], searched: tuple[float, float],
-                 finest: float) -> None:
-        self.pencil_at, self.band, self.searched, self.spent, self.branches = pencil_at, band, searched, 0, 0
-        self.finest = finest * (searched[1] - searched[0])
-        margin = AROUND * (band[1] - band[0])
-        self.wide = max(band[0] - margin, 0.0), band[1] + margin
+    def __init__(self, question: Question) -> None:
+        self.pencil_at, self.band, self.between, self.spent, self.branches = question.over, question.band, question.between, 0, 0
+        self.finest = (FINEST if question.size <= WIDE else FINEST_SPARSE) * (self.between[1] - self.between[0])
+        margin = AROUND * (self.band[1] - self.band[0])
+        self.wide = max(self.band[0] - margin, 0.0), self.band[1] + margin
         self.rows: list[tuple[float, Array, Array, Array, Array, Array]] = []  # p, branch, λ, bar, condition, inside
 
     def follow(self, points: Array) -> None:
@@ -260,8 +256,8 @@ class _Chain:
 
     def _change(self, p: float, pencil: Pencil, values: Array, X: Array) -> Array:
         """P'(λ)x, the derivative by the parameter, from a difference that stays within the range."""
-        step = DIFFERENCE * (self.searched[1] - self.searched[0])
-        step = step if p + step <= self.searched[1] else -step
+        step = DIFFERENCE * (self.between[1] - self.between[0])
+        step = step if p + step <= self.between[1] else -step
         return (self.pencil_at(p + step).residual(values, X) - pencil.residual(values, X)) / step
 
 
@@ -397,7 +393,7 @@ def _turned(here: _Node, there: _Node, to: Array) -> _Node:
     return there._replace(X=X, Y=Y)
 
 
-def _collected(chain: _Chain, parameter: str, points: Array, band: tuple[float, float]) -> Tracked:
+def _collected(chain: _Chain, parameter: str, points: Array) -> Tracked:
     """The result, without branches that are the conjugate of another all along, or never in the band."""
     p = np.array([row[0] for row in chain.rows])
     values = np.full((len(p), chain.branches), np.nan + 0j)
@@ -415,4 +411,5 @@ def _collected(chain: _Chain, parameter: str, points: Array, band: tuple[float, 
     kept = [kept[i] for i in np.lexsort(([values[i, j].real for i, j in zip(first, kept, strict=True)],
                                          [values[i, j].imag for i, j in zip(first, kept, strict=True)], first))]
     values, bar, condition, inside = values[:, kept], bar[:, kept], condition[:, kept], inside[:, kept]
-    return Tracked(parameter, p, np.isin(p, points), values, bar, condition, meetings_of(p, values, bar, condition, inside), band)
+    return Tracked(parameter, p, np.isin(p, points), values, bar, condition, meetings_of(p, values, bar, condition, inside),
+                   chain.band)

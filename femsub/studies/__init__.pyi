@@ -15,14 +15,18 @@ from .charts_components import (
     size_sweep_chart as size_sweep_chart,
     springs_chart as springs_chart,
 )
-from .charts_cycles import bifurcation_chart as bifurcation_chart
 from .charts_errors import (
     error_time_chart as error_time_chart,
     errors_chart as errors_chart,
     friction_errors_chart as friction_errors_chart,
 )
 from .charts_flutter import flutter_chart as flutter_chart
-from .charts_transient import period_chart as period_chart, signals_chart as signals_chart, spectra_chart as spectra_chart
+from .charts_motion import (
+    bifurcation_chart as bifurcation_chart,
+    period_chart as period_chart,
+    signals_chart as signals_chart,
+    spectra_chart as spectra_chart,
+)
 from .error_vs_time import all_frequencies as all_frequencies, elastic as elastic
 from .losses import Loss as Loss, affine_over as affine_over, first_loss as first_loss
 from .results import Row as Row, Study as Study
@@ -34,7 +38,6 @@ from .tables import (
     fitted as fitted,
     label as label,
     table as table,
-    yes_no as yes_no,
 )
 from .verdicts import (
     NEVER as NEVER,

@@ -189,6 +189,11 @@ def _panel(panel: Panel, hertz: bool) -> dict[str, Any]:
             "levels": [one._asdict() for one in panel.levels if math.isfinite(one.at)]}
 
 
+def told_of(rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> dict[str, list[Any]]:
+    """What a page tells of points: columns of their rows by the words that stand there; those that the rows lack are left out."""
+    return {word: [row[key] for row in rows] for word, key in words.items() if key in rows[0]}
+
+
 def _plain(values: Iterable[Any]) -> list[Any]:
     """Numbers to the digits that are seen, None for what no axis has a place for; words as they are."""
     return [value if isinstance(value, str) or value is None else float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, look
+from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, look, told_of
 
 CLUMP = 0.4  # of the range of the full model's eigenvalues: reduced ones that fill less are drawn enlarged as well
 CROWD = 60  # eigenvalues of the full model from which on its circles are small
@@ -77,16 +77,13 @@ def belt_places_chart(rows: Sequence[Mapping[str, Any]], given: str) -> Chart:
 
 
 def _slopes(title: str, x: str, levels: Sequence[Level], curves: Sequence[Curve], over: str) -> Chart:
-    def values(rows: Sequence[Mapping[str, Any]], key: str) -> Sequence[float]:
-        return floored(row[key] for row in rows) if key == "error" else [row[key] for row in rows]
-
-    told = {"DOF": "size", "interface": "interface", "critical slope": "slope", "relative error": "error",
+    words = {"DOF": "size", "interface": "interface", "critical slope": "slope", "relative error": "error",
             "ω [rad/time]": "omega", "static port error": "port_error", "why": "reason"}
     return Chart("critical-slope", title, [
-        Panel([Series(name, [row[over] for row in rows], values(rows, key), model, line, told={
-            word: [row[at] for row in rows] for word, at in told.items() if at in rows[0]}) for name, model, line, rows in curves
-            if rows], x, label, label.split("  ")[0], "y" * (key == "error"), () if key == "error" else levels,
-            among="critical slope", where="page") for key, label in (("slope", SLOPE), ("error", ERROR))], note=MISSING)
+        Panel([Series(name, [row[over] for row in rows], drawn(row[key] for row in rows), model, line, told=told_of(rows, words))
+               for name, model, line, rows in curves if rows], x, label, label.split("  ")[0], "y" * (key == "error"),
+              () if key == "error" else levels, among="critical slope", where="page")
+        for key, label, drawn in (("slope", SLOPE, list), ("error", ERROR, floored))], note=MISSING)
 
 
 def nested(at: int) -> float:
@@ -159,7 +156,7 @@ def springs_chart(rows: Sequence[Mapping[str, Any]], title: str) -> Chart:
     series = []
     for model, modes in dict.fromkeys((row["model"], row["modes"]) for row in rows):
         own = [row for row in rows if (row["model"], row["modes"]) == (model, modes)]
-        told = {"modes": [modes] * len(own), "springs": [row["springs"] for row in own], "error": [row["error"] for row in own]}
+        told = told_of(own, {"modes": "modes", "springs": "springs", "error": "error"})
         width = 0.6 + 1.2 * kept.index(modes) / max(len(kept) - 1, 1)
         series.append(Series(f"{look(model).label}, {own[0]['size']} DOF", told["springs"], floored(told["error"]), model,
                              "solid", width=width, told=told))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import astuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,14 +22,6 @@ LEGEND = "filled: to solve once; hollow: to reduce and to solve; numbers: DOF"
 NOTE = ("Below and to the left is better. Filled: the time to solve once. Hollow: to reduce and to solve. Dashed: the full "
         f"model. Errors of zero are drawn at {ROUNDING:g}.")
 TOP = 2  # errors of a component that its figure shows; a page has all
-
-
-class Point(NamedTuple):
-    """A reduced model: its errors, and seconds to solve, and to reduce and to solve, each as (median, least, most)."""
-
-    row: Row
-    solve: tuple[float, float, float]
-    whole: tuple[float, float, float]
 
 
 def error_time_chart(studies: Sequence[tuple[str, Study]]) -> Chart:
@@ -57,8 +50,8 @@ def errors_chart(found: Study, title: str, name: str) -> Chart:
 def friction_errors_chart(found: Study, title: str, name: str) -> Chart:
     """The errors of eigenvalues, growth rates and critical μ over the seconds at one μ; those of a system under friction."""
     kinds = [kind for kind in FRICTION if any(np.isfinite(getattr(row, kind)) for row in found.rows)] or ["error_eigenvalue"]
-    points, full = [_point(row) for row in found.rows], Level(found.full.solution.median, "full model, one μ")
-    panels = [_panel(points, kind, FRICTION[kind], full, "largest error over |λ|, or over μ  [-]") for kind in kinds]
+    full = Level(found.full.solution.median, "full model, one μ")
+    panels = [_panel(found.rows, kind, FRICTION[kind], full, "largest error over |λ|, or over μ  [-]") for kind in kinds]
     return Chart(name, f"{title}: error against run time at one μ", panels, len(kinds), LEGEND, NOTE, columns=3)
 
 
@@ -76,44 +69,37 @@ def _runs(studies: Sequence[Study]) -> str:
 
 def _panels(found: Study, rows: Sequence[Row], kinds: Mapping[str, str], drawn: Sequence[str], place: str) -> list[Panel]:
     """A panel for each error that is known; those that are not drawn are on the page alone."""
-    points = [_point(row) for row in rows]
     full = Level(found.full.solution.median, f"full model, {found.full.size} DOF")
-    return [_panel(points, kind, name + (f", {place}" if place else ""), full, "relative error  [-]", place or "errors",
+    return [_panel(rows, kind, name + (f", {place}" if place else ""), full, "relative error  [-]", place or "errors",
                    "" if kind in drawn else "page", ring=kind == "error_growth")
             for kind, name in kinds.items() if kind in drawn or any(np.isfinite(getattr(row, kind)) for row in rows)]
 
 
-def _point(row: Row) -> Point:
-    reduce, solve = row.reduction, row.solution
-    whole = (reduce.median + solve.median, reduce.least + solve.least, reduce.most + solve.most)
-    return Point(row, (solve.median, solve.least, solve.most), whole)
-
-
-def _panel(points: Sequence[Point], kind: str, title: str, full: Level, y: str, place: str = "errors", where: str = "",
+def _panel(rows: Sequence[Row], kind: str, title: str, full: Level, y: str, place: str = "errors", where: str = "",
            ring: bool = False) -> Panel:
-    known = [point for point in points if np.isfinite(getattr(point.row, kind))]
-    series = [one for method in dict.fromkeys(point.row.method for point in known)
-              for one in _method(method, [point for point in known if point.row.method == method], kind)]
-    front = [point for point in known if point.row.pareto and ring]
-    misses = [point for point in known if point.row.missed and kind in FRICTION]
+    known = [row for row in rows if np.isfinite(getattr(row, kind))]
+    series = [one for method in dict.fromkeys(row.method for row in known)
+              for one in _method(method, [row for row in known if row.method == method], kind)]
+    front = [row for row in known if row.pareto and ring]
+    misses = [row for row in known if row.missed and kind in FRICTION]
     for which, mark, size, word in ((front, "o", 10.0, "no other is both as fast and as accurate"),
                                     (misses, "x", 9.0, "misses an unstable mode")):
         if which:
-            series.append(Series(word, [point.solve[0] for point in which], floored(getattr(point.row, kind) for point in which),
+            series.append(Series(word, [row.solution.median for row in which], floored(getattr(row, kind) for row in which),
                                  marker=mark, size=size, hollow=True))
-    times = [time for point in points for time in (*point.solve, *point.whole) if time > 0] + [full.at]
+    times = [time for row in rows for time in (*astuple(row.solution), *astuple(row.whole)) if time > 0] + [full.at]
     limits = {"x": (min(times) / 1.7, max(times) * 1.7)} if min(times) > 0 else {}
     return Panel(series, "run time  [s]", y, title, "xy", [full], limits, True, {"x": "time"}, place, where)
 
 
-def _method(method: str, points: Sequence[Point], kind: str) -> list[Series]:
+def _method(method: str, rows: Sequence[Row], kind: str) -> list[Series]:
     """The models of one method: filled and hollow marks, dotted between them, and bars from the least to the most seconds."""
-    height = floored(getattr(point.row, kind) for point in points)
-    solve, whole = (np.array([getattr(point, key) for point in points]) for key in ("solve", "whole"))
-    told: dict[str, list[Any]] = {"DOF": [point.row.size for point in points], "modes": [point.row.modes for point in points],
-                                  "error": [getattr(point.row, kind) for point in points],
-                                  "s to solve": list(solve[:, 0]), "s to reduce": list(whole[:, 0] - solve[:, 0])}
-    told |= {word: [getattr(point.row, word) for point in points] for word in ("missing", "extra", "missed", "invented")}
+    height = floored(getattr(row, kind) for row in rows)
+    solve, whole = (np.array([astuple(getattr(row, key)) for row in rows]) for key in ("solution", "whole"))
+    told: dict[str, list[Any]] = {word: [getattr(row, key) for row in rows] for word, key in (
+        ("DOF", "size"), ("modes", "modes"), ("error", kind))}
+    told |= {"s to solve": list(solve[:, 0]), "s to reduce": list(whole[:, 0] - solve[:, 0])}
+    told |= {word: [getattr(row, word) for row in rows] for word in ("missing", "extra", "missed", "invented")}
     label = look(method).label
 
     def bars(low: Iterable[float], high: Iterable[float], line: str, width: float) -> Series:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import positive_number
-from femsub.studies.tables import fitted, label, table, yes_no
+from femsub.studies.tables import Table, column, fitted, label
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 APART = 1.25  # two models count as equally fast if their times, beyond the spread of the runs, differ by less
 ROUGH = 0.1  # error of the forces in the joints above which a recommendation warns of them
+STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
 PHASES = ("factorisation", "basis", "certificate", "projection")  # of a reduction
 
 
@@ -127,9 +128,19 @@ class Row:
         return label(self.method)
 
     @property
-    def seconds(self) -> float:
-        """Reduction and solution together, medians."""
-        return self.reduction.median + self.solution.median
+    def named(self) -> str:
+        """'Rubin with 4 modes (9 DOF)'; of a system 'with 4 modes in each part (20 DOF in all)', or 'in disc, 2 in pad'."""
+        if not self.parts:
+            return f"{self.label} with {_modes(self.modes)} ({self.size} DOF)"
+        counts = list(self.parts.values())
+        each = f"{_modes(counts[0])} in each part" if len(set(counts)) == 1 else ", ".join(
+            f"{count if at else _modes(count)} in {name}" for at, (name, count) in enumerate(self.parts.items()))
+        return f"{self.label} with {each} ({self.size} DOF in all)"
+
+    @property
+    def whole(self) -> Timing:
+        """Seconds to reduce and to solve."""
+        return Timing(*(a + b for a, b in zip(astuple(self.reduction), astuple(self.solution), strict=True)))
 
     def quicker(self, other: Row) -> bool:
         """Whether its slowest run (reduction and solution) is a quarter faster than the other's fastest.
@@ -138,7 +149,7 @@ class Row:
         """
         if any(row.reduction.most == row.reduction.least for row in (self, other)):
             return False
-        return APART * (self.reduction.most + self.solution.most) < other.reduction.least + other.solution.least
+        return APART * self.whole.most < other.whole.least
 
     @property
     def sound(self) -> bool:
@@ -236,47 +247,42 @@ class Study:
             whole = [row for row in self.rows if (row.sound if self.between is None else not row.missed)
                      and self._error(row) > tol]
             near = min(whole, key=self._error, default=None)
-            nearest = "" if near is None else f"; {near.label} {_extent(near)} comes nearest with {100 * self._error(near):.2g} %"
+            nearest = "" if near is None else f"; {near.named} comes nearest with {100 * self._error(near):.2g} %"
             return f"for {where} none of these models is accurate enough{nearest}. Keep more modes, or lower the band"
         within = "are within" if row.error_force <= ROUGH else "are not to be trusted, they are off by up to"
         forces = "" if np.isnan(row.error_force) else f"; the forces in the joints {within} {100 * row.error_force:.2g} %"
         faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
         ratio = f"{float(f'{faster if faster >= 1 else 1 / faster:.2g}'):g} times {'faster' if faster >= 1 else 'slower'}"
         missed = "" if self.between is None else "; it misses no unstable mode"
-        return (f"for {where} take {row.label} {_extent(row)}: {_seconds(row.reduction.median)} to "
-                f"reduce, {_seconds(row.solution.median)} to solve, {ratio} than the full model"
+        return (f"for {where} take {row.named}: {seconds(row.reduction.median)} to "
+                f"reduce, {seconds(row.solution.median)} to solve, {ratio} than the full model"
                 f"{missed}{forces}{self._verdicts(row)}")
 
     def _verdicts(self, row: Row) -> str:
         if row.stable == self.full.stable:
             return ""
-        said = {True: "stable", False: "unstable", None: "undecided within the error bars"}
-        return (f"; mind that the full model is {said[self.full.stable]} and this one {said[row.stable]}: the border is nearer "
-                "than the error")
+        return (f"; mind that the full model is {STABLE[self.full.stable]} and this one {STABLE[row.stable]}: the border is "
+                "nearer than the error")
 
     def __str__(self) -> str:
-        built = "" if np.isnan(self.assembly) else f", assembled in {_seconds(self.assembly)}"
+        built = "" if np.isnan(self.assembly) else f", assembled in {seconds(self.assembly)}"
         forces = self.full.error_force == 0 and (self.between is None or any(row.error_force >= 0 for row in self.rows))
         over = bool(self.values) or self.between is not None
         at = f", {self.parameter} = {', '.join(f'{value:g}' for value in self.values)}" if self.values else ""
         # of systems the forces in the joints tell more than λ, which is told by ω and Re λ
-        columns: list[tuple[str, str, Callable[[Row], Any], bool]] = [
-            ("  method", "s", lambda row: f"{'*' if row.pareto else ' '} {row.label}", True),
-            ("DOF", "d", lambda row: row.size, True), ("err ω", ".1e", lambda row: row.error_frequency, not over),
-            ("err λ", ".1e", lambda row: row.error_eigenvalue, not forces),
-            ("err Re λ", ".1e", lambda row: row.error_growth, not over), ("err Re λ", ".1e", lambda row: row.error_real, over),
-            ("missed", "d", lambda row: row.missed, over), ("invented", "d", lambda row: row.invented, over),
-            (f"critical {self.parameter}", ".5f", lambda row: "none" if row.critical == np.inf else row.critical,
-             self.between is not None),
-            (f"err {self.parameter}", ".1e", lambda row: None if row.error_critical == np.inf else row.error_critical,
-             bool(self.parameter)),
-            ("err force", ".1e", lambda row: row.error_force, forces), ("missing", "d", lambda row: row.missing, not over),
-            ("stable", "s", lambda row: yes_no(row.stable), not over),
-            ("reduce", "s", lambda row: _seconds(row.reduction.median), True),
-            ("solve", "s", lambda row: _seconds(row.solution.median), True)]
-        head, formats, cells, _ = zip(*(column for column in columns if column[3]), strict=True)
+        columns = [
+            column("method", "  method", cell=lambda row: f"{'*' if row['pareto'] else ' '} {label(row['method'])}"), "size",
+            *([] if over else ["error_frequency"]), *([] if forces else ["error_eigenvalue"]),
+            *([column("error_real", "err Re λ"), "missed", "invented"] if over else ["error_growth"]),
+            *([] if self.between is None else [column("critical", f"critical {self.parameter}", ".5f", cell=lambda row: (
+                "none" if row["critical"] == np.inf else row["critical"]))]),
+            *([column("error_critical", f"err {self.parameter}", cell=lambda row: (
+                None if row["error_critical"] == np.inf else row["error_critical"]))] if self.parameter else []),
+            *(["error_force"] if forces else []), *([] if over else ["missing", "stable"]),
+            column("reduction_median_s", "reduce", "s", cell=lambda row: seconds(row["reduction_median_s"])),
+            column("solution_median_s", "solve", "s", cell=lambda row: seconds(row["solution_median_s"]))]
         lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time{at}, medians of {self.repeats}{built}",
-                 table(head, [[cell(row) for cell in cells] for row in (self.full, *self.rows)], formats, keys=2)]
+                 Table("", [row.flat() for row in (self.full, *self.rows)], columns, keys=2).text()]
         if any(row.pareto for row in self.rows):
             lines.append("* no other is both as fast (or as small, where the runs' times overlap) and as accurate in Re λ")
         if over:
@@ -311,18 +317,6 @@ def with_front(rows: Sequence[Row], hi: float = 0.0) -> tuple[Row, ...]:
     return tuple(replace(row, pareto=row in fit and not any(_beats(other, row) for other in fit)) for row in rows)
 
 
-def _extent(row: Row) -> str:
-    """'with 4 modes (9 DOF)'; of a system 'with 4 modes in each part (20 DOF in all)', or 'with 4 modes in disc, 2 in pad'."""
-    if not row.parts:
-        return f"with {_modes(row.modes)} ({row.size} DOF)"
-    if len(set(row.parts.values())) == 1:
-        each = f"{_modes(next(iter(row.parts.values())))} in each part"
-    else:
-        first, *rest = row.parts.items()
-        each = ", ".join([f"{_modes(first[1])} in {first[0]}", *(f"{count} in {name}" for name, count in rest)])
-    return f"with {each} ({row.size} DOF in all)"
-
-
 def _modes(count: int) -> str:
     return f"{count} mode{'s' * (count != 1)}"
 
@@ -334,7 +328,8 @@ def _beats(other: Row, row: Row) -> bool:
     return as_quick and other.error_growth <= row.error_growth and better
 
 
-def _seconds(value: float) -> str:
+def seconds(value: float) -> str:
+    """'3.1 ms', '2.4 s'."""
     if value == 0:
         return "-"
     digits = float(f"{value:.2g}")  # a run time has no more

@@ -85,7 +85,7 @@ class SelfExcitation:
     @property
     def missing_share(self) -> float:
         """The share of the full model's growing modes that are missing (0 if none grows)."""
-        return len(self.missing) / len(self.growing) if len(self.growing) else 0.0
+        return _share(len(self.missing), len(self.growing))
 
     @property
     def spurious_share(self) -> float:

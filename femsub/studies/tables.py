@@ -55,7 +55,7 @@ class Column:
             return None if row.get("model", row.get("method")) == "full" else value
         if self.role == "model":
             return label(value)
-        return yes_no(value) if self.role == "verdict" else value
+        return {True: "yes", False: "no", None: "?"}[value] if self.role == "verdict" else value
 
 
 #: columns of several tables
@@ -253,8 +253,3 @@ def fitted(text: str) -> str:
     """A text with its lines of more than WIDTH columns broken at blanks; the lines that follow are set in."""
     return "\n".join(line if len(line) <= WIDTH else textwrap.fill(
         line, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False) for line in text.split("\n"))
-
-
-def yes_no(value: bool | None) -> str:
-    """A verdict: 'yes', 'no', or '?' where error bars leave it undecided."""
-    return {True: "yes", False: "no", None: "?"}[value]

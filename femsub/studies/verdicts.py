@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from femsub.checks import NOT_CHECKED
+from femsub.studies.results import STABLE, Row, Study, seconds
 from femsub.studies.tables import label
 
-if TYPE_CHECKING:
-    from femsub.studies.results import Row, Study
-
-STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
 #: what no run can tell, for every scene that compares models
 NEVER = ("All errors are relative to the full model. The run does not tell how well its mesh, its materials and its friction law "
          "describe the real part.")
@@ -101,13 +98,13 @@ def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Choice:
     if row is None:
         return choice
     said = _over_range(found, row) if found.between else _in_band(row, full, tol)
-    return replace(choice, decides=said, model=_model(row), size=row.size)
+    return replace(choice, decides=said, model=row.named, size=row.size)
 
 
 def _over_range(found: Study, row: Row) -> list[str]:
     """What makes a model fit over a range of a parameter."""
     invented = f", but {row.invented} invented" if row.invented else " and none is invented"
-    return [f"{_model(row)}: no unstable mode of the full model is missed{invented}.",
+    return [f"{row.named}: no unstable mode of the full model is missed{invented}.",
             f"Its critical {found.parameter} is within {_shown(row.error_critical, '.1e')} of the full model's.",
             f"Its eigenvalues are within {_shown(row.error_eigenvalue, '.1e')} of their modulus, its growth rates within "
             f"{_shown(row.error_real, '.1e')}."]
@@ -115,7 +112,7 @@ def _over_range(found: Study, row: Row) -> list[str]:
 
 def _in_band(row: Row, full: Row, tol: float) -> list[str]:
     """What makes a model fit in the band."""
-    said = [f"{_model(row)}: the growth rates in the band are within {_shown(row.error_growth, '.1e')} of the rates of "
+    said = [f"{row.named}: the growth rates in the band are within {_shown(row.error_growth, '.1e')} of the rates of "
             f"damping and friction; the tolerance is {tol:g}.",
             "No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off."]
     if row.critical == -math.inf and row.error_critical == 0:
@@ -131,7 +128,7 @@ def _in_band(row: Row, full: Row, tol: float) -> list[str]:
     else:
         said.append(f"In the band both models are {STABLE[full.stable]}.")
     if full.solution.median and row.solution.median:
-        reducing, small, large = (_seconds(one.median) for one in (row.reduction, row.solution, full.solution))
+        reducing, small, large = (seconds(one.median) for one in (row.reduction, row.solution, full.solution))
         said.append(f"It takes {reducing} to reduce and {small} to solve. The full model takes {large}: {_pays(row, full)}.")
     return said
 
@@ -198,16 +195,6 @@ def _pays(row: Row, full: Row) -> str:
         return "nothing is gained in time"
     count = math.ceil(row.reduction.median / gain)
     return "the reduction pays at once" if count <= 1 else f"the reduction pays from {count} solutions on"
-
-
-def _model(row: Row) -> str:
-    """'Craig-Bampton with 8 modes (11 DOF)'."""
-    return f"{label(row.method)} with {row.modes} modes ({row.size} DOF)"
-
-
-def _seconds(value: float) -> str:
-    """'3.1 ms', '2.4 s'."""
-    return f"{value * 1e3:.3g} ms" if value < 1 else f"{value:.3g} s"
 
 
 def _shown(value: float, form: str) -> str:

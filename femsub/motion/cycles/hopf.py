@@ -1,29 +1,34 @@
 """Hopf points: where steady sliding loses its stability as a belt's speed, force or slope changes, and a branch of cycles begins.
 
-The linear border gives F μ'(v0) = c exactly. The first cycles of the branch, extrapolated to amplitude 0, must agree with it.
+`critical_value` over the slope gives F μ'(v0) = c. The first cycles of the branch, extrapolated to amplitude 0, must agree.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.checks import Array, interval
+from femsub.coupling import Belt
 from femsub.errors import InputError, NoCycleError
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance, Fractions
 from femsub.motion.cycles.continuation import Path, Place
 from femsub.motion.cycles.initial_guess import crossings
 from femsub.motion.nonlinear_model import Sliding
-from femsub.stability.critical_slope import critical_slope
+from femsub.stability import critical_slope
+from femsub.stability.critical_value import critical_value
 
 if TYPE_CHECKING:
-    from femsub.coupling import Belt
+    from femsub.model import Substructure
+    from femsub.stability import Crossing
 
 SMALL = 1e-3  # amplitude of the first cycle, relative to the belt's speed
 TOGETHER = 1e-6  # relative difference of slopes up to which crossings coincide
+AROUND = 1e-3  # relative half width of the band around the crossing nearest to a given frequency
 
 
 @dataclass(frozen=True)
@@ -50,42 +55,42 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
                near: float | None) -> tuple[HopfPoint, Array]:
     """Value of the parameter at which F μ'(v0) is the critical coefficient, and the speeds under the belt of the mode there."""
     belt, model = contact.contacts[0], contact.model
-    if near is None:
-        if not isinstance(flexibility, Fractions):
-            raise InputError(f"a Hopf point needs all modes, but {model.size} DOF are too many for that. Start from a cycle: "
-                             "start=cycle, found from that of a reduced model")
-        found = critical_slope(model, belt.port)
-        if np.isinf(found.value):
-            raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding is stable at every slope. Damping prevails at "
-                               "this place of the belt; move the belt or reduce the damping")
-        if len(found.crossing) > 1 and found.value < 0:
-            raise _several(found.value, found.crossing)
-        c, omega, speeds = found.value, found.omega, contact.W.T @ found.shape
-    else:
-        c, omega, speeds = _nearest(contact, flexibility, near)
+    if not isinstance(flexibility, Fractions) or (near is not None and contact.columns > 1):
+        raise InputError(f"a branch that begins at a Hopf point needs at most 2,000 DOF, not {model.size}, and with start= as a "
+                         f"frequency a contact of one column, not {contact.columns}. Start from a cycle: start=cycle, found from "
+                         "that of a reduced model")
+    found = critical_slope(model, belt.port).first if near is None else _nearest(model, belt.port, flexibility, near)
+    if not found:
+        raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding is stable at every slope. Damping prevails at "
+                           "this place of the belt; move the belt or reduce the damping")
+    c, omega, shape = found[0].value, found[0].omega, found[0].shape
     if c == 0:
         raise NoCycleError(f"{model.name!r} has undamped modes under the belt. All of them cross at slope 0, and no single "
                            "branch begins there. Add damping")
+    if len(found) > 1:
+        raise _several(c, [one.omega for one in found])
+    speeds = contact.W.T @ shape
     return HopfPoint(_value_at(belt, parameter, c, between), omega, c), speeds / speeds[np.argmax(np.abs(speeds))]
 
 
-def _nearest(contact: Sliding, flexibility: Compliance, near: float) -> tuple[float, float, Array]:
-    if not isinstance(flexibility, Fractions) or contact.columns > 1:
-        raise InputError("start= as a frequency needs a contact of one column and at most 2,000 DOF. Start from a cycle instead")
+def _nearest(model: Substructure, port: str, flexibility: Fractions, near: float) -> tuple[Crossing, ...]:
+    """The loss at the crossing of the frequency nearest to that given, or the regain if a pair ceases to grow there."""
     omega, c = crossings(flexibility, 0.0, np.inf)
     if not len(omega):
-        raise NoCycleError(f"{contact.model.name!r} has no Hopf point: no pair crosses the imaginary axis at any slope")
+        return ()
     at = int(np.argmin(np.abs(omega - near)))
     together = np.abs(c - c[at]) <= TOGETHER * abs(c[at])
     if together.sum() > 1:
         raise _several(c[at], omega[together])
-    return float(c[at]), float(omega[at]), np.ones(1, dtype=complex)
+    band = omega[at] * (1 - AROUND), omega[at] * (1 + AROUND)
+    return critical_slope(model, port, band=band).first or \
+        critical_value(model, Belt(port, slope=0.0), "slope", between=(c[at] / 2, 2 * c[at]), band=band).regains
 
 
-def _several(c: float, omega: Array) -> NoCycleError:
-    places = ", ".join(f"{value:.5g}" for value in omega)
-    return NoCycleError(f"{len(omega)} pairs cross together at F μ' = {c:.6g} (ω = {places}), so several branches begin at this "
-                        "point. Move the belt away from the damper, or start from a cycle (start=cycle)")
+def _several(c: float, omega: Iterable[float]) -> NoCycleError:
+    places = [f"{value:.5g}" for value in omega]
+    return NoCycleError(f"{len(places)} pairs cross together at F μ' = {c:.6g} (ω = {', '.join(places)}), so several branches "
+                        "begin at this point. Move the belt away from the damper, or start from a cycle (start=cycle)")
 
 
 def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float] | None) -> float:

@@ -1,4 +1,4 @@
-"""Bifurcation diagrams of limit cycles: amplitude and frequency over a parameter, full and reduced in one chart."""
+"""Charts of motion: signals, spectra and errors of models in time, and bifurcation diagrams of limit cycles over a parameter."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from femsub.studies.charts import Chart, Level, Panel, Series, look
+from femsub.checks import Array
+from femsub.studies.charts import Chart, Level, Panel, Series, look, told_of
 
+PERIODS = 10  # of the highest peak, at the end of a signal
+COLUMNS = 600  # of pixels across an envelope
+FLOOR = 1e-8  # errors below are drawn there: amplitudes are not known better
+PEAKS = 4  # that have their ω beside them
 WIDTHS = (2.0, 1.0, 1.3)  # of reduced models, in turn: where lines lie on each other, each is seen
 ACROSS = 2  # families side by side
 KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch point": "v"}
@@ -19,6 +24,75 @@ TOLD = {"ω [rad/time]": "omega", "rms": "rms", "peak": "peak", "sticking": "sti
 LINES = {True: ("", "solid", None), False: (", unstable", "dash", 0.8), None: (" (stability not computed)", "", None)}
 NOTE = ("v is the speed under the belt. Dashed: unstable. Star: where the branch begins. Open circle: where a transient ended. "
         "Dotted: the value of the scene.")
+
+
+def _name(item: Any) -> str:
+    return f"{look(item.kind).label}, {item.model.size} DOF"
+
+
+def signals_chart(tracks: Sequence[Any]) -> Chart:
+    """For each model the envelope of the whole run, and its last periods beside the belt's speed."""
+    panels = []
+    for item in tracks:
+        run = item.run
+        if len(run.t) < 2:
+            continue
+        v, speed = run.velocity("belt"), run.contact.belts[0].speed
+        known = item.spectrum is not None and len(item.spectrum.peaks)
+        period = 2 * np.pi / item.spectrum.peaks[0] if known else np.ptp(run.t) / 20
+        t, whole = run.t, v
+        if np.ptp(t) > 4 * PERIODS * period:  # too many to be told apart
+            t, *ends = envelope(t, v)
+            t, whole = np.repeat(t, 2), np.stack(ends, axis=1).ravel()
+        late = run.t > run.t[-1] - PERIODS * period
+        about = f"{_name(item)}{'' if run.complete else ' (interrupted)'}"
+        for x, y, title in ((t, whole, about), (run.t[late], v[late], f"last {PERIODS} periods")):
+            panels.append(Panel([Series(_name(item), x, y, item.kind, "solid", "", width=0.7, legend=False)], "t  [time]",
+                                "velocity v  [length/time]", title, levels=[Level(speed, "speed of the belt", "y")],
+                                share={"y": "v"}, among=about))
+    return Chart("signals", "Velocity under the belt", panels, 2, note="Dashed: the speed of the belt.", height=1.7,
+                 about="the least and the largest value over time, and the last periods")
+
+
+def envelope(t: Array, v: Array) -> tuple[Array, Array, Array]:
+    """The smallest and the largest value of a signal in each of COLUMNS stretches of equal length; all of it if it is short."""
+    column = np.minimum(((t - t[0]) / (t[-1] - t[0]) * COLUMNS).astype(int), COLUMNS - 1)
+    starts = np.flatnonzero(np.diff(column, prepend=-1))
+    return t[starts], np.minimum.reduceat(v, starts), np.maximum.reduceat(v, starts)
+
+
+def spectra_chart(tracks: Sequence[Any], highest: float) -> Chart:
+    """Amplitudes over ω in the window, one below the other, the peaks marked."""
+    top = max(float(item.spectrum.amplitude.max()) for item in tracks)
+    panels = []
+    for item in tracks:
+        found, name = item.spectrum, _name(item)
+        inside = (found.omega <= highest) & (found.omega > 0)
+        omega, _, height = envelope(found.omega[inside], found.amplitude[inside])
+        shown = found.peaks <= highest
+        peaks, heights = np.asarray(found.peaks)[shown], np.asarray(found.heights)[shown]
+        panels.append(Panel(
+            [Series(name, omega, height, item.kind, "solid", "", width=0.8, legend=False),
+             Series(name, peaks, heights, item.kind, size=3.0, legend=False, labels=[f"{at:.4g}" for at in peaks[:PEAKS]],
+                    told={"ω [rad/time]": peaks, "amplitude": heights})],
+            "ω  [rad/time]", "amplitude  [length/time]", f"{name}: t = {item.window[0]:g} to {item.window[1]:g}", "y",
+            limits={"x": (0, highest), "y": (top * 1e-4, top * 5)}, share={"x": "omega", "y": "amplitude"}))
+    return Chart("spectrum", "Spectra of the velocity under the belt", panels, note="Marks are the peaks.", height=1.7)
+
+
+def period_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
+    """Error of the amplitude over the wall time of a simulated period; the full model is the dashed line."""
+    full = next(row for row in rows if row["model"] == "full")
+    series = []
+    for kind in dict.fromkeys(row["model"] for row in rows if row["model"] != "full"):
+        own = [row for row in rows if row["model"] == kind]
+        told = told_of(own, {"DOF": "size", "error": "amplitude_error", "s per period": "seconds_per_period", "steps": "steps"})
+        series.append(Series(look(kind).label, told["s per period"], [max(error, FLOOR) for error in told["error"]], kind,
+                             "solid", width=0.8, labels=[str(size) for size in told["DOF"]], told=told))
+    levels = [Level(full["seconds_per_period"], f"full model, {full['size']} DOF"), Level(0.01, "1 %", "y", "dot", "#808080")]
+    return Chart("error-time", "Error against run time in the limit cycle; numbers: DOF", [Panel(
+        series, "run time of a simulated period  [s]", "relative error of the rms velocity  [-]", logs="xy", levels=levels)],
+        note="Below and to the left is better. Dashed: the full model.", height=3.2)
 
 
 def bifurcation_chart(branches: Sequence[Mapping[str, Any]], dots: Sequence[Mapping[str, Any]], parameter: str,
@@ -54,7 +128,7 @@ def _branch(model: str, branch: Any, parameter: str, key: str, width: float) -> 
     """Pieces that are stable, or not, each to the next point, so that the line has no gaps; its begin, and special points."""
     rows, name = branch.rows(), look(model).label
     x, y = np.asarray(branch.values, dtype=float), np.array([row[key] for row in rows], dtype=float)
-    told = {parameter: x, **{word: [row[at] for row in rows] for word, at in TOLD.items()}}
+    told = {parameter: x, **told_of(rows, TOLD)}
     flags = [None if flag is None and all(one is None for one in branch.stable) else flag is not False for flag in branch.stable]
     series = []
     for flag, (word, line, thin) in LINES.items():
