@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +9,8 @@ import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.modes import units
-from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.basis import Basis
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.free_interface import turned
 from femsub.reduction.statics import Statics
 
 
@@ -49,21 +47,20 @@ class Hurty(CraigBampton):
 
     key, label, colour, marker = "hurty", "Hurty", "#661100", "P"
 
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """That of Craig-Bampton, turned."""
-        found = super().basis(statics, kept, responses, ports)
+    def coordinates(self, basis: Basis, statics: Statics) -> Basis:
+        """Those of Craig-Bampton, with rigid motions in place of the DOF that just hold the part."""
         sub, n_b = statics.part.sub, len(statics.condensed)
         holding, motions = _rigid(statics.rigid, units(sub.K)[sub.interface])
         if not len(holding) or statics.rigid is None:
-            return found
+            return basis
         redundant = np.setdiff1d(np.arange(n_b), holding)
         n_r = len(holding)
-        T = np.eye(len(found.M))
+        T = np.eye(len(basis.M))
         T[:n_b, :n_b] = 0.0
         T[holding, np.arange(n_r)], T[redundant, n_r + np.arange(len(redundant))] = 1.0, 1.0
         T[redundant, :n_r] = motions[redundant]
         rigid = np.pad(statics.rigid[holding], ((0, len(T) - n_r), (0, 0)))
-        found = turned(found, T, ("rigid",) * n_r + found.kinds[n_r:], rigid)
+        found = basis.turned(T, ("rigid",) * n_r + basis.kinds[n_r:], rigid)
         found.K[:n_r], found.K[:, :n_r] = 0.0, 0.0
         return found
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,7 +20,7 @@ from femsub.reduction.statics import Partition, Statics, square, zeros
 
 if TYPE_CHECKING:
     from femsub.modes import ShiftInvert
-    from femsub.reduction.basis import Basis, Kept, Responses
+    from femsub.reduction.basis import Basis
 
 KIND, INSIDE = "interface mode", "interior"  # labels of the coordinates
 INTERIOR = 4000  # interior coordinates that may be kept: all of them stay, in dense matrices
@@ -139,11 +138,10 @@ class InterfaceModes(Method):
         C[i, np.arange(len(i))] = 1.0
         return Statics(part, handle, C, square(sub.K, i), extra[part.rows], "static port")
 
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """That of Craig-Bampton, with the labels that belong to it here."""
-        found = super().basis(statics, kept, responses, ports)
+    def coordinates(self, basis: Basis, statics: Statics) -> Basis:
+        """Those of Craig-Bampton, with the labels that belong to them here."""
         inside = statics.constraint.shape[1]
-        return replace(found, kinds=(INSIDE,) * inside + found.kinds[inside:])
+        return replace(basis, kinds=(INSIDE,) * inside + basis.kinds[inside:])
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """Of a reduced part: with V from the displacements of the full part, and its DOF numbers, as joints name them."""

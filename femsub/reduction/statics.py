@@ -75,6 +75,15 @@ class Statics:
         """The responses to these forces alone, without constraint modes."""
         return cls(part, handle, zeros(part.sub.size, 0, 0), zeros(0, 0, 0), forces, kind, zeros(0, 0, 0))
 
+    def rigid_in(self, modes: int, size: int) -> Array | None:
+        """The rigid motion of the part in [C Φ Ξ], (size, k), the first `modes` columns of Φ being rigid; None if not known."""
+        if self.rigid is None:
+            return None
+        n_c, free = self.rigid.shape
+        found = np.zeros((size, free + modes))
+        found[:n_c, :free], found[n_c + np.arange(modes), free + np.arange(modes)] = self.rigid, 1.0
+        return found
+
     @cached_property
     def inertia(self) -> Array:
         """MC, shape (n, n_c)."""

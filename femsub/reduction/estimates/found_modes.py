@@ -10,9 +10,8 @@ import numpy as np
 from femsub.algebra import check_columns
 from femsub.checks import Array
 from femsub.modes import NormalModes, independent, lightest, lowest_modes
-from femsub.reduction.basis import Kept, in_blocks
+from femsub.reduction.basis import Kept, free_first, in_blocks
 from femsub.reduction.estimates.nested import Nested
-from femsub.reduction.rigid import coordinates, free_first
 from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
@@ -108,7 +107,7 @@ class FoundModes:
         M, K = in_blocks(statics.condensed, found.eigenvalues, stiffness, mass, span.dot(statics.inertia))
         inner = [statics.constraint[statics.part.rows], found.shapes, static]
         forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
-        q = coordinates(statics, found.rigid, len(M))
+        q = statics.rigid_in(found.rigid, len(M))
         motion = None if q is None else free_first(q, span.times(q), self.pencil)  # D says which of it is not damped
         plain = Nested(M, K, None, len(statics.condensed), found.rigid, found.eigenvalues[found.rigid:], forces, statics.rounding,
                        lightest=lightest(statics.handle), motion=motion)

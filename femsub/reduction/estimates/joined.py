@@ -18,13 +18,12 @@ from femsub.checks import EPS, Array, check_band, finite_number, instance
 from femsub.coupling import System, couple, linked, rows_of_parts, sprung
 from femsub.errors import InputError
 from femsub.model import Contacts, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper
-from femsub.modes import all_modes
+from femsub.modes import all_modes, motion_of
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.estimates.found_modes import DENSE, FoundModes
 from femsub.reduction.estimates.nested import ACCEPTED, Nested
 from femsub.reduction.estimates.search import Reference, Space
-from femsub.reduction.rigid import RigidMotion, motion_of
 from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
@@ -104,7 +103,7 @@ class JoinedSpace(Space):
         found = Nested(M, K, D if self.damped else None, count, 0, values, np.hstack(forces), rounding, self.symmetric,
                        max(nested.lightest for nested, _ in own.values()),
                        tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True)), self.limit,
-                       None if motion is None else RigidMotion(motion.shapes[order], motion.free), 1.0)
+                       None if motion is None else replace(motion, shapes=motion.shapes[order]), 1.0)
         return Reference(found, own, turns)
 
 

@@ -17,11 +17,11 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from femsub.algebra import RigidMotion, without
 from femsub.checks import EPS, Array, Matrix
 from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
 from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve, units
 from femsub.modes.quadratic.search import search
-from femsub.reduction.rigid import RigidMotion, without
 
 if TYPE_CHECKING:
     from femsub.model import ReducedSubstructure, Substructure
@@ -127,10 +127,14 @@ class Nested:
         return float(np.sqrt(left.min()))
 
     def basis(self, count: Count) -> Array:
-        """T (R, r): the reduced model with the `count` lowest elastic modes (of each part) in the coordinates of U.
+        """T (R, r): the reduced model with the `count` lowest elastic modes (of each part) in the coordinates of U."""
+        kept = self._first + np.flatnonzero(self.held(count))
+        return np.hstack([np.eye(len(self.M))[:, np.append(np.arange(self._first), kept)], self.static(count)[0]])
 
-        The static shapes of F, without `count` modes, are Ξ(ΞᵀKΞ)⁻¹ΞᵀF plus φ_k (φ_kᵀF)/ω_k² of the modes left out. If their
-        mass is only rounding, it is set to 0.
+    def static(self, count: Count) -> tuple[Array, Array, Array]:
+        """The static shapes (R, s) beside `count` modes, orthogonal, with their stiffness and mass, which is 1 or exactly 0.
+
+        They are those of F, Ξ(ΞᵀKΞ)⁻¹ΞᵀF plus φ_k (φ_kᵀF)/ω_k² of the modes left out, but for dependent ones.
         """
         first, holds = self._first, self.held(count)
         kept, left = first + np.flatnonzero(holds), first + np.flatnonzero(~holds)
@@ -144,13 +148,14 @@ class Nested:
         change, _ = energy_directions(energy, whole)
         mass = self.M.diagonal()[first:]
         inertia, turn = np.linalg.eigh((shapes[first:] @ change).T @ (mass[:, None] * (shapes[first:] @ change)))
-        change = change @ turn
+        inertia, change = inertia[::-1], change @ turn[:, ::-1]
         motion = np.sqrt(mass @ shapes[first:] ** 2 + ((held / values[:, None]) ** 2).sum(axis=0))
         top = np.append(inertia, 1 / np.sort(values)[-1:]).max(initial=0.0)
         massless = inertia <= np.maximum(self.lightest * top, (NOISE * (np.abs(change).T @ motion)) ** 2)
-        shapes = shapes @ (change / np.sqrt(np.where(massless, 1.0, inertia)))
+        unit = np.where(massless, 1.0, inertia)
+        shapes = shapes @ (change / np.sqrt(unit))
         shapes[np.ix_(first + np.flatnonzero(mass), massless)] = 0.0
-        return np.hstack([np.eye(len(self.M))[:, np.append(np.arange(first), kept)], shapes])
+        return shapes, 1 / unit, np.where(massless, 0.0, 1.0)
 
     def projected(self, T: Array) -> tuple[Array, Array]:
         """TᵀMT and TᵀKT, exactly symmetric."""

@@ -29,6 +29,7 @@ from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
+    from femsub.modes import ShiftInvert
 
 EXCHANGED = 4  # modes of one part that are tried at a time in place of those of others
 TRIALS = 12  # choices by first order that are tried before all modes are taken
@@ -297,8 +298,8 @@ def sides_of(nested: Nested, band: tuple[float, float]) -> list[tuple[Array, Arr
     return sides
 
 
-def lowest(statics: Statics, count: int) -> Kept:
-    """The `count` lowest modes, and one more for the cut-off if there is one. In a large model `confirm` must still run."""
-    more = count < statics.handle.elastic
-    found = lowest_modes(statics.handle, count + more, defer=True)
+def lowest(handle: ShiftInvert, count: int, defer: bool = True) -> Kept:
+    """The `count` lowest modes, and one more for the cut-off if there is one. `count_deferred` must still run unless told."""
+    more = count < handle.elastic
+    found = lowest_modes(handle, count + more, defer)
     return Kept(found, count, float(found.frequencies[-1]) if more else np.inf)
