@@ -14,11 +14,10 @@ from femsub.algebra import SAME, SMALL, WORK, Damped, RigidMotion, check_memory,
 from femsub.checks import Array, instance
 from femsub.errors import InputError, InputTypeError, PortWarning, warn
 from femsub.model import SHARE, ReducedSubstructure, Substructure
-from femsub.modes import count_deferred, motion_of, rounding_ratio, units
-from femsub.reduction.basis import Basis, Kept, Responses, assembled, free_first, projected, responses_to
+from femsub.modes import motion_of, rounding_ratio, units
+from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square
 from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.method import METHODS, Method
-from femsub.reduction.statics import Partition, Statics, square
 from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
@@ -38,8 +37,11 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
     task = checked(sub, method, ports, contacts)
     with one_thread(work(task) < WORK):
         part = method.part(sub)
-        basis = basis_of(task.turned(part), part) if len(part.sub.interior) or not method.held else whole_basis(task, part)
-        return finished(task, part, basis)
+        if method.held and not len(part.sub.interior):
+            return finished(task, part, whole_basis(task, part))
+        turned = task.turned(part)
+        statics = method.statics(part, part.factored(), turned.extra)
+        return finished(task, part, finished_basis(turned, statics, method.kept(statics, turned.pencil)))
 
 
 def finished(task: Task, part: Partition, basis: Basis) -> ReducedSubstructure:
@@ -112,23 +114,9 @@ def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], cont
     return task
 
 
-def basis_of(task: Task, part: Partition) -> Basis:
-    """The four steps; a method may override each."""
-    statics = task.method.statics(part, part.factored(), task.extra)
-    return finished_basis(task, statics, task.method.kept(statics, task.pencil))
-
-
 def finished_basis(task: Task, statics: Statics, kept: Kept) -> Basis:
     """The basis in the coordinates of the method."""
-    return task.method.coordinates(whole(task, statics, kept)[0], statics)
-
-
-def whole(task: Task, statics: Statics, kept: Kept) -> tuple[Basis, Responses]:
-    """[C Φ Ξ] with the responses that it was made of, and the count of the modes."""
-    responses = responses_to(statics, kept, task.ports)
-    statics.handle.release()  # frees memory before `count_deferred` makes a factor of its own
-    count_deferred(statics.handle, kept.found)
-    return assembled(statics, kept, responses, task.ports, task.method.mode_kind), responses
+    return task.method.coordinates(assembled(statics, kept, task.ports, task.method.mode_kind), statics)
 
 
 def whole_basis(task: Task, part: Partition, judged: bool = True) -> Basis:

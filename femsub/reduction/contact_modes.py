@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 from femsub.checks import Array, word
 from femsub.errors import InputError
 from femsub.model import ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
-from femsub.reduction.basis import Kept, projected
+from femsub.reduction.basis import Kept, Partition, Statics, projected
 from femsub.reduction.estimates.friction import FrictionSpace
 from femsub.reduction.estimates.search import chosen_in
 from femsub.reduction.free_interface import FreeInterface
-from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Contacts, Pencil
@@ -81,6 +80,7 @@ class ContactModes(FreeInterface):
     friction: bool = True
 
     key, label, colour, marker = "contact-modes", "Contact modes", "#c51b7d", "*"
+    mode_kind = "real"
     judges_ports = False  # an error would be that of the system in contact
     offered = False
 
@@ -93,10 +93,6 @@ class ContactModes(FreeInterface):
     @property
     def row_key(self) -> str:
         return self.key if self.friction else "real-modes"
-
-    @property
-    def mode_kind(self) -> str:
-        return "real"
 
     def part(self, sub: Substructure) -> Rubbing:
         """The whole system with the contact's stiffness at μ = 0, and K₁."""

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.coupling import FORCE
-from femsub.reduction.basis import Basis
+from femsub.reduction.basis import Basis, Statics
 from femsub.reduction.free_interface import DUST, FreeInterface, motion_by
-from femsub.reduction.statics import Statics
 
 SEEN = 1e-6  # of the largest motion at unit energy: a shape with less at the interface belongs to the ports
 

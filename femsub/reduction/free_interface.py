@@ -10,9 +10,8 @@ import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.reduction.basis import Basis
+from femsub.reduction.basis import Basis, Partition, Statics
 from femsub.reduction.method import Method
-from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.modes import ShiftInvert

@@ -11,10 +11,9 @@ import scipy.linalg as la
 from femsub.errors import NotConvergedError
 from femsub.model import Substructure
 from femsub.modes import lowest_modes
-from femsub.reduction.basis import Kept
+from femsub.reduction.basis import Kept, Partition, Statics
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.estimates.search import lowest
-from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Pencil

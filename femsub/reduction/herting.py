@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.modes import ShiftInvert
-from femsub.reduction.basis import Kept
+from femsub.reduction.basis import Kept, Partition, Statics
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.estimates.search import lowest
-from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -54,11 +53,8 @@ class Herting(CraigBampton):
     """
 
     key, label, colour, marker = "herting", "Herting", "#e69f00", "p"
+    mode_kind = "free"
     unestimated = "its modes and its static shapes are those of two problems; use Rubin, which spans the same space"
-
-    @property
-    def mode_kind(self) -> str:
-        return "free"
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """Those of Craig-Bampton."""

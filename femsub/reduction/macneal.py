@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femsub.reduction.basis import Basis
+from femsub.reduction.basis import Basis, Statics
 from femsub.reduction.free_interface import FreeInterface, recovered
-from femsub.reduction.statics import Statics
 
 MASSLESS = 1e-4  # as `free_interface.CLEAR`: lower, since a mode that is solved for brings mass to the interface
 

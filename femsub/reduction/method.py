@@ -6,11 +6,10 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from femsub.checks import Array, check_band, finite_number, whole_number
+from femsub.checks import Array, whole_number
 from femsub.errors import InputError
-from femsub.reduction.basis import Basis, Kept
+from femsub.reduction.basis import Basis, Kept, Partition, Statics
 from femsub.reduction.estimates.search import Goal, Space, chosen_in, lowest
-from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure
@@ -62,12 +61,15 @@ class Method(ABC):
     colour: ClassVar[str]
     marker: ClassVar[str]
     held: ClassVar[bool]
+    mode_kind: ClassVar[str]  #: the label of elastic modes: 'fixed-interface' or 'free', as `held` says, if no other is given
     judges_ports: ClassVar[bool] = True  #: whether the model tells the error of its static responses to ports
     offered: ClassVar[bool] = True  #: whether studies and scenes offer it for components by its key
     nested: ClassVar[bool] = True  #: whether part and factor are the same for any number of modes (`Reductor`)
     unestimated: ClassVar[str] = ""  #: why no estimate can be had for a band and a tolerance, where that is so
 
     def __init_subclass__(cls) -> None:
+        if "held" in vars(cls) and "mode_kind" not in vars(cls):
+            cls.mode_kind = "fixed-interface" if cls.held else "free"
         if "key" not in vars(cls):
             return
         known = METHODS.get(cls.key)
@@ -93,9 +95,7 @@ class Method(ABC):
         if self.unestimated:
             raise InputError(f"{name} takes a number of modes only, e.g. modes=20: no estimate can be had for a tolerance, since "
                              f"{self.unestimated}")
-        object.__setattr__(self, "band", check_band(self.band))
-        if not 0 < finite_number("tol", self.tol) < 1:
-            raise InputError(f"tol is a relative error between 0 and 1, not {self.tol!r}")
+        object.__setattr__(self, "band", Goal(self.band, self.tol).band)
 
     def __str__(self) -> str:
         """'Craig-Bampton with 4 modes'."""
@@ -158,8 +158,3 @@ class Method(ABC):
     def row_key(self) -> str:
         """The key that stands in tables and figures."""
         return self.key
-
-    @property
-    def mode_kind(self) -> str:
-        """The label of elastic modes: 'fixed-interface' or 'free'."""
-        return "fixed-interface" if self.held else "free"

@@ -12,8 +12,8 @@ from femsub.algebra import WORK, one_thread
 from femsub.checks import Array, whole_number
 from femsub.errors import InputError
 from femsub.modes import lightest
-from femsub.reduction.basis import Basis, in_blocks, labelled, port_errors, projected
-from femsub.reduction.component import checked, finished, reduced, whole, work
+from femsub.reduction.basis import Basis, assembled, in_blocks, labelled, port_errors, projected
+from femsub.reduction.component import checked, finished, reduced, work
 from femsub.reduction.estimates.nested import Nested
 
 if TYPE_CHECKING:
@@ -60,12 +60,12 @@ class Reductor:
             task = self.task.turned(part)
             self.statics = statics = method.statics(part, part.factored(), task.extra)
             self.kept = kept = method.kept(statics, None)
-            basis, self.responses = whole(task, statics, kept)
+            basis = assembled(statics, kept, task.ports, method.mode_kind)
             self.U, r = basis.V, len(basis.M)
             shapes = self.U if part.turn is None else part.turn @ self.U
-            self.largest = replace(basis, V=np.eye(r), D=projected(sub.D, shapes, shapes))
+            self.largest = replace(basis, V=np.eye(r), forces=None, D=projected(sub.D, shapes, shapes))
             self.ports = {name: self.U.T @ w for name, w in task.ports.items()}
-            loads = self.U[part.rows].T @ self.responses.forces
+            loads = self.U[part.rows].T @ basis.forces
             self.nested = Nested(basis.M, basis.K, None, statics.constraint.shape[1], kept.rigid, kept.values[kept.rigid:], loads,
                                  statics.condensed, lightest=lightest(statics.handle))
         self._known = True
@@ -83,7 +83,7 @@ class Reductor:
     def _smaller(self, modes: int) -> Basis:
         """[C Φ Ξ] with fewer modes, in the coordinates of the largest one, V (R, r)."""
         largest, statics, found, own = self.largest, self.statics, self.kept.found, self.kept.forces
-        kept = replace(self.kept, elastic=modes, cutoff=float(found.frequencies[found.rigid + modes]))
+        kept = replace(self.kept, elastic=modes)
         first, k = statics.constraint.shape[1], len(kept.values)
         forces = np.arange(self.nested.loads.shape[1])
         if own is not None:  # one force for each mode, before the others
@@ -93,10 +93,9 @@ class Reductor:
         matrices = in_blocks(statics.condensed, kept.values, stiffness, inertia, T.T @ largest.M[:, :first])
         basis = labelled(statics, kept, T, matrices, len(forces) - shapes.shape[1], largest.interface @ T,
                          self.task.method.mode_kind)
-        left = [np.zeros(0), *((w[first + k:first + len(self.kept.values)] ** 2 / self.kept.values[k:, None]).sum(axis=0)
-                               for w in self.ports.values())]
-        missing = replace(self.responses, missing=self.responses.missing + np.concatenate(left))
-        return replace(basis, port_error=port_errors(self.ports, basis, kept, missing), motion=largest.motion,
+        left = np.hstack([T[:, :0], *self.ports.values()])[first + k:first + len(self.kept.values)]
+        energies = largest.energies + np.outer([0, 1], (left**2 / self.kept.values[k:, None]).sum(axis=0))
+        return replace(basis, port_error=port_errors(self.ports, basis, kept, energies), motion=largest.motion,
                        D=None if largest.D is None else T.T @ largest.D @ T)
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from femsub.reduction.basis import Basis
+from femsub.reduction.basis import Basis, Statics
 from femsub.reduction.free_interface import FreeInterface, recovered
-from femsub.reduction.statics import Statics
 
 
 @dataclass(frozen=True)

@@ -39,14 +39,13 @@ from femsub.errors import InputError, NotConvergedError
 from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
 from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, solve, units, unresisted
 from femsub.modes.quadratic.bars import bars
-from femsub.reduction.basis import Kept
+from femsub.reduction.basis import COLUMNS, Kept
 from femsub.reduction.estimates.found_modes import FoundModes, compressed
 from femsub.reduction.estimates.nested import MARGIN, compared
 from femsub.reduction.estimates.search import Best, Goal, Space
-from femsub.reduction.statics import COLUMNS
 
 if TYPE_CHECKING:
-    from femsub.reduction.statics import Statics
+    from femsub.reduction.basis import Statics
 
 ABOVE = 1.7  # the larger model has all real modes up to so many times the band
 SPARE = 3  # modes beyond BEYOND times the band whose responses it has
@@ -431,8 +430,7 @@ class FrictionSpace(Space):
 
     def counted_in(self, counts: Array) -> dict[str, Kept]:
         """The modes are counted already."""
-        found, count = self.modes.found, int(counts[0])
-        kept = Kept(found, count, float(np.append(found.frequencies[found.rigid:], np.inf)[count]))
+        kept = Kept(self.modes.found, int(counts[0]))
         forces = [self.loads[load] @ kept.shapes for load in self.choice]
         return dict.fromkeys(self.parts, replace(kept, forces=np.hstack([kept.shapes[:, :0], *forces])))
 

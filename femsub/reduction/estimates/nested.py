@@ -15,16 +15,15 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
-import scipy.sparse as sp
 
 from femsub.algebra import RigidMotion, without
-from femsub.checks import EPS, Array, Matrix
+from femsub.checks import EPS, Array
 from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
 from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve, units
 from femsub.modes.quadratic.search import search
 
 if TYPE_CHECKING:
-    from femsub.model import ReducedSubstructure, Substructure
+    from femsub.model import Substructure
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
@@ -66,9 +65,8 @@ class Nested:
     @classmethod
     def whole(cls, sub: Substructure, pencil: Pencil | None) -> Nested:
         """That of a component which keeps all of its DOF: nothing is left out. `pencil` has its damping."""
-        M, D, K = (A.toarray() if sp.issparse(A) else np.asarray(A) for A in (sub.M, (pencil or sub).D, sub.K))
-        none = np.zeros((sub.size, 0))
-        return cls(M, K, None if pencil is None else D, sub.size, 0, none[0], none, np.zeros(K.shape),
+        dense, none = (pencil or sub.pencil).dense(), np.zeros((sub.size, 0))
+        return cls(dense.M, dense.K, None if pencil is None else dense.D, sub.size, 0, none[0], none, np.zeros(dense.K.shape),
                    pencil is None or pencil.symmetric[1], motion=motion_of((pencil or sub).rigid_motion))
 
     @property
@@ -265,7 +263,9 @@ class Nested:
             if not np.isfinite(top):  # massless
                 continue
             dynamic = coupling * (np.sqrt(inertia) / stiffness)[:, None]
-            soft = _root(static.T @ static - top * (dynamic.T @ dynamic))
+            values, vectors = np.linalg.eigh(static.T @ static - top * (dynamic.T @ dynamic))
+            positive = values > EPS * max(float(values[-1]), 0.0)
+            soft = np.sqrt(values[positive])[:, None] * vectors[:, positive].T
             rows += [np.sqrt(top) * dynamic, soft]
             flexibility += [np.full(len(dynamic), 1 / top), np.zeros(len(soft))]
         L, below = np.vstack(rows), np.concatenate(flexibility)
@@ -406,30 +406,7 @@ def compared(exact: Array, found: Array, band: tuple[float, float],
     return at, to, distance, inside, int(np.delete(wanted, at).sum() + np.delete(present, to).sum())
 
 
-def with_rounding(estimate: Estimate, model: ReducedSubstructure, whole: Matrix) -> Estimate:
-    """With what one rounding in each entry of `whole` does to ω and λ of a model with K = Vᵀ whole V.
-
-    It is much where a stiff part that floats is joined to a soft one.
-    """
-    found = all_modes(model.K, model.M, ACCEPTED, model.rigid_motion)
-    omega, x = found.frequencies[found.rigid:], np.abs(model.V @ found.shapes[:, found.rigid:])
-    if not len(omega):
-        return estimate
-    share = EPS * np.einsum("ij,ij->j", x, abs(whole) @ x) / (2 * omega**2)
-    of_omega, of_lambda = (share[np.abs(size[:, None] - omega).argmin(axis=1)]
-                           for size in (estimate.frequencies, np.abs(estimate.eigenvalues)))
-    return replace(estimate, frequency_error=estimate.frequency_error + of_omega,
-                   eigenvalue_error=estimate.eigenvalue_error + of_lambda)
-
-
 def _product(A: Array, X: Array, Y: Array) -> Array:
     """sqrt(xᴴAx · yᴴAy) for a positive semidefinite A, column by column."""
     x, y = (np.einsum("ij,ij->j", part.conj(), A @ part).real for part in (X, Y))
     return np.sqrt(np.maximum(x, 0.0) * np.maximum(y, 0.0))
-
-
-def _root(A: Array) -> Array:
-    """L with LᵀL the positive part of a symmetric A."""
-    values, vectors = np.linalg.eigh((A + A.T) / 2)
-    keep = values > EPS * max(float(values[-1]), 0.0)
-    return np.sqrt(values[keep])[:, None] * vectors[:, keep].T
