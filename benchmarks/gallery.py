@@ -17,7 +17,7 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.lattices import lattice, membrane
 from femsub.model.bands import moving, upper
-from femsub.reduction.statics import Partition, Statics
+from femsub.reduction.basis import Partition, Statics
 
 STEEL: dict[str, Any] = {"E": 2.1e11, "rho": 7850.0}
 

@@ -107,10 +107,36 @@ def test_a_reductor_gives_the_models_with_fewer_modes(name: str, ports: bool) ->
         assert (found.kinds, found.method, found.modes) == (alone.kinds, alone.method, alone.modes)
         assert found.cutoff == pytest.approx(alone.cutoff, rel=1e-10)
         assert found.port_error["belt"] == pytest.approx(alone.port_error["belt"], rel=1e-6, abs=1e-6)
+        assert found.dropped == alone.dropped
+        omega = [fs.normal_modes(model, count=min(modes, 4)).frequencies for model in (found, alone)]
+        assert omega[0] == pytest.approx(omega[1], rel=1e-12)
         outside = found.V - alone.V @ np.linalg.lstsq(alone.V, found.V, rcond=None)[0]
         assert np.linalg.norm(outside) < 1e-10 * np.linalg.norm(found.V)
     with pytest.raises(fs.InputError, match="modes must be at least 0 and at most 9"):
         basis.first(10)
+
+
+@pytest.mark.parametrize("name", [name for name, kind in METHODS.items() if kind.nested])
+def test_a_reductor_does_the_large_work_once(name: str) -> None:
+    """Each model takes one product with the largest basis: no factor, no solve, no product with K or M."""
+    products = []
+
+    class Counted(np.ndarray):
+        def __matmul__(self, other: np.ndarray) -> np.ndarray:
+            products.append(other.shape)
+            return np.asarray(self) @ other
+
+    mesh = fs.block((1.0, 0.2, 0.1), (8, 2, 2), "hexahedron")
+    sub = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), interface=["left", "right"])
+    basis, made = Reductor(sub, METHODS[name](9)), Factor.made
+    basis.U, handle = basis.U.view(Counted), basis.statics.handle
+    handle.K = handle.M = None
+    assert not hasattr(handle, "factor")
+    for modes in (0, 3, 5, 7, 9):
+        basis.first(modes)
+    assert Factor.made == made and len(products) == 5
+    if name == "craig-bampton":
+        assert not any(columns for _, columns in products)  # all columns are columns of the largest basis
 
 
 def test_models_of_a_reductor_share_no_memory() -> None:

@@ -1,64 +1,148 @@
-"""Results of the steps of a reduction, and the assembly of the basis V from them."""
+"""The steps of a reduction and their results: part and factor, static shapes and loads, modes, and the basis V = [C Φ Ξ]."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import phase
+from femsub.algebra import RigidMotion, phase, undamped
 from femsub.checks import Array, Matrix
-from femsub.modes import independent
-from femsub.reduction.rigid import coordinates
-from femsub.reduction.statics import COLUMNS, Statics, widened
+from femsub.errors import SingularMatrixError
+from femsub.modes import ShiftInvert, count_deferred, independent, units
 
 if TYPE_CHECKING:
-    from femsub.model import Estimate
+    from femsub.model import Estimate, Pencil, Substructure
     from femsub.modes import NormalModes
+
+COLUMNS = 64  # columns of V that are processed at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """The part of a component whose modes are kept: the `rows` of the interior, with the interface held, or all.
+
+    `factorisations` were made to choose it. With `turn` (n, n) the part is in other coordinates z of the component, x = turn z.
+    """
+
+    sub: Substructure
+    rows: Array | slice
+    factorisations: int = 0
+    turn: Matrix | None = None
+
+    @classmethod
+    def of(cls, sub: Substructure, held: bool) -> Partition:
+        return cls(sub, sub.interior if held and len(sub.interface) else slice(None))
+
+    def factored(self) -> ShiftInvert:
+        """The factor of the part, for modes and static solves; a factor made earlier for the same part is reused."""
+        try:
+            return ShiftInvert(self.sub.K, self.sub.M, self.rows, self.sub.rigid_motion)
+        except SingularMatrixError as error:
+            raise SingularMatrixError(f"{self.sub.name!r}: {error}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Statics:
+    """The factor, the constraint modes C and the static loads.
+
+    Attributes
+    ----------
+    handle : ShiftInvert
+        Factor of K (or K - σM) of the part.
+    constraint, condensed : ndarray, shapes (n, n_c) and (n_c, n_c)
+        C and CᵀKC; without columns for Craig-Chang.
+    forces : ndarray, shape (n_i, s)
+        F, whose static responses join the basis.
+    kind : str
+        The label of their columns in V.
+    rigid : ndarray, shape (n_c, k), or None
+        The rigid motions C rigid of the part, beside those of its modes; None where they are not known.
+    """
+
+    part: Partition
+    handle: ShiftInvert
+    constraint: Array
+    condensed: Array
+    forces: Array
+    kind: str
+    rigid: Array | None = None
+
+    @classmethod
+    def of(cls, part: Partition, handle: ShiftInvert, forces: Array, kind: str) -> Statics:
+        """The responses to these forces alone, without constraint modes."""
+        return cls(part, handle, zeros(part.sub.size, 0, 0), zeros(0, 0, 0), forces, kind, zeros(0, 0, 0))
+
+    def rigid_in(self, modes: int, size: int) -> Array | None:
+        """The rigid motion of the part in [C Φ Ξ], (size, k), the first `modes` columns of Φ being rigid; None if not known."""
+        if self.rigid is None:
+            return None
+        n_c, free = self.rigid.shape
+        found = np.zeros((size, free + modes))
+        found[:n_c, :free], found[n_c + np.arange(modes), free + np.arange(modes)] = self.rigid, 1.0
+        return found
+
+    @cached_property
+    def inertia(self) -> Array:
+        """MC, shape (n, n_c)."""
+        return self.part.sub.M @ self.constraint
+
+    @cached_property
+    def rounding(self) -> Array:
+        """Rounding error of CᵀKC, shape (n_c, n_c): |E|, positive semidefinite, where E is the difference of two formulas.
+
+        Rigid motion is left out: its condensed stiffness has been set to 0.
+        """
+        if not len(self.condensed):
+            return self.condensed
+        E = self.constraint.T @ (self.part.sub.K @ self.constraint) - self.condensed
+        bare = self.part.sub.K.diagonal()[self.part.sub.interface]
+        unit = np.sqrt(np.where(bare > 0, bare, 1.0))
+        stiffness, vectors = np.linalg.eigh(self.condensed / np.outer(unit, unit))
+        elastic = vectors[:, stiffness > 1e-14 * stiffness[-1]]
+        values, vectors = np.linalg.eigh(elastic.T @ ((E + E.T) / 2 / np.outer(unit, unit)) @ elastic)
+        root = unit[:, None] * (elastic @ (vectors * np.sqrt(np.abs(values))))
+        return root @ root.T
 
 
 @dataclass(frozen=True, eq=False)
 class Kept:
     """The modes of a basis: `found` holds all computed modes. Kept are the rigid ones and the first `elastic` others.
 
-    `cutoff` is the frequency of the first mode that is left out. `estimate` is set for a band and a tolerance.
+    `estimate` is set for a band and a tolerance. `forces` (n_i, k) are forces of the modes, mode by mode, whose static responses
+    join the basis. Of modes that are not `inside` these responses are all that joins it.
     """
 
     found: NormalModes
     elastic: int
-    cutoff: float
     estimate: Estimate | None = None
+    forces: Array | None = None
+    inside: bool = True
+
+    @property
+    def cutoff(self) -> float:
+        """The frequency of the first mode that is left out; inf if none is known."""
+        return float(np.append(self.found.frequencies, np.inf)[self.found.rigid + self.elastic])
 
     @property
     def rigid(self) -> int:
-        return self.found.rigid
+        return self.found.rigid if self.inside else 0
 
     @property
     def values(self) -> Array:
         """ω² of the modes kept, shape (rigid + elastic,)."""
-        return self.found.eigenvalues[:self.rigid + self.elastic]
+        return self.found.eigenvalues[:self.rigid + self.elastic if self.inside else 0]
 
     @property
     def shapes(self) -> Array:
-        """Φ of the modes kept, shape (n, rigid + elastic)."""
+        """Φ of the modes kept, shape (n_i, rigid + elastic)."""
+        if not self.inside and self.forces is not None:
+            return self.forces[:, :0]
         return self.found.shapes[:, :self.rigid + self.elastic]
-
-
-@dataclass(frozen=True, eq=False)
-class Responses:
-    """Static responses to F without the modes' contribution (`rest`, shape (n_i, s)), and energies for all port columns (p,).
-
-    `whole` is the energy of the full static response to each port column. `missing` is the part of it that the first
-    `known` columns of [Φ Ξ] do not represent.
-    """
-
-    rest: Array
-    whole: Array
-    missing: Array
-    known: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +151,10 @@ class Basis:
 
     K is not computed as a product VᵀKV: for the low modes of a large model, cancellation leaves no correct digit in it.
     `motion` (n, k) is the rigid motion, and `rigid` (r, k) its coordinates, V rigid = motion; None where the method does not know
-    them.
+    them. `interface` (n_b, r) are the rows of V at the interface. D = VᵀDV is None where it is not known yet.
+
+    `forces` (n_i, s) are F. `energies` (2, p) are those of the full static response to each port column, and the part of it that
+    Φ does not represent.
     """
 
     V: Array
@@ -79,24 +166,65 @@ class Basis:
     dropped: int
     port_error: Mapping[str, float]
     factorisations: int
+    interface: Array
     estimate: Estimate | None = None
     rigid: Array | None = None
     motion: Array | None = None
+    D: Array | None = None
+    forces: Array | None = None
+    energies: Array = field(default_factory=lambda: np.zeros((2, 0)))
+
+    def turned(self, T: Array, kinds: tuple[str, ...], rigid: Array | None) -> Basis:
+        """VT (n, k) with TᵀMT, TᵀKT and TᵀDT, and the rigid motions in its coordinates, V rigid = VT rigid'."""
+        M, K = (T.T @ A @ T for A in (self.M, self.K))
+        return replace(self, V=self.V @ T, M=(M + M.T) / 2, K=(K + K.T) / 2, kinds=kinds, rigid=rigid,
+                       interface=self.interface @ T, D=None if self.D is None else T.T @ self.D @ T)
 
 
-def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array], mode_kind: str) -> Basis:
-    """V = [C Φ Ξ]. The elastic columns of Φ get the label `mode_kind`."""
-    C, forces = statics.constraint, statics.forces
-    residual, stiffness, inertia, dropped = independent(statics.handle, responses.rest, forces, kept.shapes, kept.values)
-    n_c, r = C.shape[1], C.shape[1] + len(kept.values)
-    V = widened(C, r + len(stiffness))
-    V[statics.part.rows, n_c:r], V[statics.part.rows, r:] = kept.shapes, residual
+def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kind: str) -> Basis:
+    """V = [C Φ Ξ]. The elastic columns of Φ get the label `mode_kind`.
+
+    All loads are solved for at once, without the modes' contribution, so that no energy suffers from cancellation. Then the
+    factor is released, and the modes are counted.
+    """
+    handle, C, n_c, rows = statics.handle, statics.constraint, statics.constraint.shape[1], statics.part.rows
+    forces = statics.forces if kept.forces is None else np.hstack([kept.forces, statics.forces])
+    loads, s = np.hstack([forces, *(w[rows] for w in ports.values())]), forces.shape[1]
+    rest = handle.elastic_solve(loads, kept.shapes)
+    missing, held = np.einsum("ij,ij->j", rest, loads), kept.shapes[:, kept.rigid:].T @ loads
+    whole = missing + np.einsum("ij,ij->j", held, held / kept.values[kept.rigid:, None])
+    handle.release()  # frees memory before `count_deferred` makes a factor of its own
+    count_deferred(handle, kept.found)
+    residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, kept.shapes, kept.values)
+    r = n_c + len(kept.values)
+    V = widened(C, r + residual.shape[1])
+    V[rows, n_c:r], V[rows, r:] = kept.shapes, residual
     M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
-    kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (mode_kind,) * kept.elastic + (statics.kind,) * len(stiffness)
-    errors = _port_errors(ports, V, statics.condensed, K.diagonal()[n_c:], responses)
-    rigid = coordinates(statics, kept.rigid, len(M))
-    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate, rigid,
-                 None if rigid is None else V @ rigid)
+    found = labelled(statics, kept, V, (M, K), dropped, V[statics.part.sub.interface], mode_kind)
+    energies = np.array([whole[s:], missing[s:]])
+    return replace(found, port_error=port_errors(ports, found, kept, energies), estimate=kept.estimate, forces=forces,
+                   energies=energies, motion=None if found.rigid is None else V @ found.rigid)
+
+
+def labelled(statics: Statics, kept: Kept, V: Array, matrices: tuple[Array, Array], dropped: int, interface: Array,
+             mode_kind: str) -> Basis:
+    """[C Φ Ξ] with its labels and its rigid motion, from the columns V, M and K."""
+    M, K = matrices
+    n_c, elastic = statics.constraint.shape[1], len(kept.values) - kept.rigid
+    kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (mode_kind,) * elastic
+    kinds += (statics.kind,) * (len(M) - len(kinds))
+    factorisations = statics.handle.factorisations + statics.part.factorisations
+    factorisations += 0 if kept.inside else kept.found.factorisations
+    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, {}, factorisations, interface,
+                 rigid=statics.rigid_in(kept.rigid, len(M)))
+
+
+def free_first(q: Array, motion: Array, pencil: Pencil | None) -> RigidMotion:
+    """Coordinates q (r, k) of a rigid motion (n, k), with those first that D of the component does not damp."""
+    if pencil is None or not q.shape[1] or not pencil.norms[1]:
+        return RigidMotion(q, q.shape[1])
+    turn, free = undamped(pencil.D, motion, units(pencil.M))
+    return RigidMotion(q @ turn[:, np.append(free, np.setdiff1d(np.arange(len(turn)), free))], len(free))
 
 
 def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array, coupling: Array) -> tuple[Array, Array]:
@@ -125,24 +253,44 @@ def projected(A: Matrix, V: Array, W: Array) -> Array:
     return result
 
 
-def _port_errors(ports: Mapping[str, Array], V: Array, condensed: Array, values: Array,
-                 responses: Responses) -> dict[str, float]:
-    """Static error per port: sqrt(missing / whole energy), the largest over the port's columns.
+def port_errors(ports: Mapping[str, Array], basis: Basis, kept: Kept, energies: Array) -> dict[str, float]:
+    """Static error per port of [C Φ Ξ]: sqrt(missing / whole energy), the largest over the port's columns.
 
     The constraint modes are exact. The error therefore comes only from the part whose modes are kept. For a component that
     floats on its interface, `whole` is the energy of the self-equilibrated part of the load.
     """
-    errors, at, n_c = {}, 0, len(condensed)
+    errors, at, n_c = {}, 0, basis.kinds.count("constraint")
+    first, condensed = n_c + len(kept.values), basis.K[:n_c, :n_c]
     inverse = np.linalg.pinv(condensed, rcond=1e-12, hermitian=True) if n_c else condensed
-    later = np.flatnonzero(values > 0)
-    later = later[later >= responses.known]
     for name, w in ports.items():
         columns = slice(at, at + w.shape[1])
         at += w.shape[1]
-        boundary, held = np.split(V.T @ w, [n_c])
-        held = held[later]
-        missing = responses.missing[columns] - np.einsum("ij,ij->j", held, held / values[later][:, None])
-        whole = responses.whole[columns] + np.einsum("ij,ij->j", boundary, inverse @ boundary)
+        boundary, _, held = np.split(basis.V.T @ w, [n_c, first])
+        missing = energies[1, columns] - np.einsum("ij,ij->j", held, held / basis.K.diagonal()[first:, None])
+        whole = energies[0, columns] + np.einsum("ij,ij->j", boundary, inverse @ boundary)
         share = np.divide(missing, whole, out=np.zeros_like(whole), where=whole > 0)
         errors[name] = float(np.sqrt(np.clip(share, 0.0, None).max(initial=0.0)))
     return errors
+
+
+def zeros(rows: int, columns: int, room: int) -> Array:
+    """Zeros (rows, columns) with memory for `room` more columns behind them, which costs nothing until it is written to."""
+    return np.zeros((rows, columns + room), order="F")[:, :columns]
+
+
+def widened(C: Array, columns: int) -> Array:
+    """C and columns of zeros behind it: in its own memory where `zeros` left the room. Of a large interface, a second C would
+    cost as much memory as all that follows.
+    """
+    whole = C.base
+    if whole is None or whole.shape[1] < columns:
+        whole = np.zeros((len(C), columns), order="F")
+        whole[:, :C.shape[1]] = C
+    V: Array = whole[:, :columns]
+    return V
+
+
+def square(matrix: Matrix, places: Array) -> Array:
+    """The submatrix of the given rows and columns, dense."""
+    part = matrix[places][:, places]
+    return part.toarray() if sp.issparse(part) else part

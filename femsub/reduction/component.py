@@ -10,16 +10,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import SMALL, WORK, check_memory, one_thread
+from femsub.algebra import (
+    SAME,
+    SMALL,
+    WORK,
+    RigidMotion,
+    check_memory,
+    one_thread,
+    size_of_products,
+    units as energy_units,
+    without,
+)
 from femsub.checks import Array, instance
 from femsub.errors import InputError, InputTypeError, PortWarning, warn
 from femsub.model import SHARE, ReducedSubstructure, Substructure
-from femsub.modes import count_deferred
-from femsub.reduction.basis import Basis, Kept, projected
+from femsub.modes import motion_of, rounding_ratio, units
+from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square
 from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.method import METHODS, Method
-from femsub.reduction.rigid import damping
-from femsub.reduction.statics import Partition, Statics, square
 from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
@@ -29,6 +37,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
+STILL = 1e-9  # ‖KZ‖ relative to its terms above which a method's rigid motion is none
 PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
 
 
@@ -38,8 +47,11 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
     task = checked(sub, method, ports, contacts)
     with one_thread(work(task) < WORK):
         part = method.part(sub)
-        basis = basis_of(task.turned(part), part) if len(part.sub.interior) or not method.held else whole_basis(task, part)
-        return finished(task, part, basis)
+        if method.held and not len(part.sub.interior):
+            return finished(task, part, whole_basis(task, part))
+        turned = task.turned(part)
+        statics = method.statics(part, part.factored(), turned.extra)
+        return finished(task, part, finished_basis(turned, statics, method.kept(statics, turned.pencil)))
 
 
 def finished(task: Task, part: Partition, basis: Basis) -> ReducedSubstructure:
@@ -47,6 +59,7 @@ def finished(task: Task, part: Partition, basis: Basis) -> ReducedSubstructure:
     if not basis.V.shape[1]:
         raise InputError(f"the basis for {task.sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
                          "name interface DOF")
+    basis.V[part.sub.interface] = basis.interface  # exact, where products leave rounding
     if part.turn is not None:
         basis = replace(basis, V=part.turn @ basis.V, motion=None if basis.motion is None else part.turn @ basis.motion)
     rom = task.method.finished(task.sub, model_of(task, basis))
@@ -106,24 +119,14 @@ def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], cont
         if method.band[1] >= SHARE * sub.cutoff:
             raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
                              f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")
-    task = Task(sub, method, columns, extra, pencil)
+    task = Task(sub, method, columns if method.judges_ports else {}, extra, pencil)
     check_memory(sub.name, sub.K, task.columns, method.modes or 0, method.static_columns(sub))
     return task
 
 
-def basis_of(task: Task, part: Partition) -> Basis:
-    """The four steps; a method may override each."""
-    statics = task.method.statics(part, part.factored(), task.extra)
-    return finished_basis(task, statics, task.method.kept(statics, task.pencil))
-
-
 def finished_basis(task: Task, statics: Statics, kept: Kept) -> Basis:
-    """The last two steps, and the count of the modes."""
-    method = task.method
-    responses = method.responses(statics, kept, task.ports)
-    statics.handle.release()  # frees memory before `count_deferred` makes a factor of its own
-    count_deferred(statics.handle, kept.found)
-    return method.basis(statics, kept, responses, task.ports)
+    """The basis in the coordinates of the method."""
+    return task.method.coordinates(assembled(statics, kept, task.ports, task.method.mode_kind), statics)
 
 
 def whole_basis(task: Task, part: Partition, judged: bool = True) -> Basis:
@@ -138,7 +141,7 @@ def whole_basis(task: Task, part: Partition, judged: bool = True) -> Basis:
     goal = method.goal if judged else None
     estimate = None if goal is None else Nested.whole(sub, task.pencil).estimate(0, goal.band, goal.tol)
     return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
-                 task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
+                 task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, np.eye(len(b)), estimate)
 
 
 def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
@@ -152,12 +155,45 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
                 f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning)
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
-    D, motion, noise = damping(sub, basis, projected(sub.D, V, V))
+    D, motion, noise = damping(sub, basis, projected(sub.D, V, V) if basis.D is None else basis.D)
     return ReducedSubstructure(
         basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
         interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion, noise=noise)
+
+
+def damping(sub: Substructure, basis: Basis, D: Array) -> tuple[Array, RigidMotion | None, Array]:
+    """VᵀDV without the rounding of rigid motion, this motion, and G: the rounding of D is up to EPS G Gᵀ."""
+    V = basis.V
+    noise = np.hstack([np.abs(V).T @ sub.noise, size_of_products(sub.D, V)])
+    if sub.pencil.symmetric[1]:
+        D = (D + D.T) / 2
+    q, motion = _known(sub, basis)
+    if q is None:
+        return D, None, noise
+    found = free_first(q, motion, sub.pencil)
+    return without(D, found.undamped, energy_units(basis.M.diagonal(), basis.K.diagonal())[0]), found, noise
+
+
+def _known(sub: Substructure, basis: Basis) -> tuple[Array | None, Array]:
+    """The coordinates q of the rigid motion, and the motion itself: as the method, or else the component, knows it.
+
+    What a component carries is looked for in the span of V.
+    """
+    if basis.rigid is not None and basis.motion is not None:
+        known = sub.rigid_motion is not None or (rounding_ratio(sub.K, basis.motion) <= STILL).all()
+        return basis.rigid if known else None, basis.motion
+    carried = motion_of(sub.rigid_motion)
+    if carried is None:
+        return None, basis.V[:, :0]
+    unit = units(sub.M)[:, None]
+    scaled, wanted = basis.V / unit, carried.shapes / unit
+    size = np.linalg.norm(scaled, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    q = np.linalg.lstsq(scaled / size, wanted, rcond=None)[0]
+    left = np.linalg.norm(wanted - scaled / size @ q, axis=0)
+    return (q / size[:, None] if (left <= SAME * np.linalg.norm(wanted, axis=0)).all() else None), carried.shapes
 
 
 def work(task: Task) -> float:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from femsub.checks import Array, word
 from femsub.errors import InputError
 from femsub.model import ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
-from femsub.reduction.basis import Basis, Kept, Responses, projected
-from femsub.reduction.estimates.friction import Answered, FrictionSpace
+from femsub.reduction.basis import Kept, Partition, Statics, projected
+from femsub.reduction.estimates.friction import FrictionSpace
 from femsub.reduction.estimates.search import chosen_in
 from femsub.reduction.free_interface import FreeInterface
-from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Contacts, Pencil
@@ -84,6 +80,8 @@ class ContactModes(FreeInterface):
     friction: bool = True
 
     key, label, colour, marker = "contact-modes", "Contact modes", "#c51b7d", "*"
+    mode_kind = "real"
+    judges_ports = False  # an error would be that of the system in contact
     offered = False
 
     def __post_init__(self) -> None:
@@ -95,10 +93,6 @@ class ContactModes(FreeInterface):
     @property
     def row_key(self) -> str:
         return self.key if self.friction else "real-modes"
-
-    @property
-    def mode_kind(self) -> str:
-        return "real"
 
     def part(self, sub: Substructure) -> Rubbing:
         """The whole system with the contact's stiffness at μ = 0, and K₁."""
@@ -126,31 +120,17 @@ class ContactModes(FreeInterface):
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """A given number of modes, or as many as the tolerance requires; see `FrictionSpace`."""
-        if (goal := self.goal) is None or pencil is None:
-            return super().kept(statics, pencil)
         part = statics.part
         assert isinstance(part, Rubbing)
+        if (goal := self.goal) is None or pencil is None:
+            kept = super().kept(statics, pencil)
+            return replace(kept, forces=part.friction @ kept.shapes) if self.friction else kept
         return chosen_in(FrictionSpace(statics, pencil, part.friction, part.damping, self.friction), goal)
-
-    def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
-        """The responses to the friction forces of the modes, and to the requested ports."""
-        none = np.zeros(0)
-        return Responses(statics.handle.elastic_solve(self._forces(statics, kept), kept.shapes), none, none, 0)
-
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """V = [Φ Ξ]. An error of ports would be that of the system in contact, and is not told."""
-        return super().basis(replace(statics, forces=self._forces(statics, kept)), kept, responses, {})
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """With VᵀKV of the system itself: the contact is no part of it."""
         K = projected(sub.K, model.V, model.V)
         return replace(model, K=(K + K.T) / 2, estimated=None)
-
-    def _forces(self, statics: Statics, kept: Kept) -> Array:
-        part = statics.part
-        assert isinstance(part, Rubbing)
-        loads = kept.loads if isinstance(kept, Answered) else [part.friction] if self.friction else []
-        return np.hstack([*(load @ kept.shapes for load in loads), statics.forces])
 
 
 @dataclass(frozen=True, eq=False)

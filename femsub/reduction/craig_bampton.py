@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra import without
 from femsub.checks import EPS, Array
 from femsub.errors import ConditionWarning, InputError, warn
-from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio, units
+from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, motion_of, rounding_ratio, units
 from femsub.modes.shift_invert import rounding
+from femsub.reduction.basis import COLUMNS, Partition, Statics, square, zeros
 from femsub.reduction.method import Method
-from femsub.reduction.rigid import motion_of, without
-from femsub.reduction.statics import COLUMNS, Partition, Statics, square, zeros
 
 if TYPE_CHECKING:
     from femsub.model import Substructure

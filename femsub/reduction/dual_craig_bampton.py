@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from femsub.checks import Array
 from femsub.coupling import FORCE
-from femsub.reduction.basis import Basis, Kept, Responses
-from femsub.reduction.free_interface import DUST, FreeInterface, motion_by, turned
-from femsub.reduction.statics import Statics
+from femsub.reduction.basis import Basis, Statics
+from femsub.reduction.free_interface import DUST, FreeInterface, motion_by
 
 SEEN = 1e-6  # of the largest motion at unit energy: a shape with less at the interface belongs to the ports
 
@@ -51,21 +48,21 @@ class DualCraigBampton(FreeInterface):
 
     key, label, colour, marker = "dual-craig-bampton", "Dual Craig-Bampton", "#332288", "h"
 
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """That of Craig-Chang, [Φ Ξ], turned: Ψ = Ξ (ΞᵀKΞ)⁻¹ Ξ_bᵀ, which has the digits of Ξ."""
-        found, b, m = super().basis(statics, kept, responses, ports), statics.part.sub.interface, len(kept.values)
-        stiffness = found.K.diagonal()[m:]
+    def coordinates(self, basis: Basis, statics: Statics) -> Basis:
+        """Those of Craig-Chang, [Φ Ξ], turned: Ψ = Ξ (ΞᵀKΞ)⁻¹ Ξ_bᵀ, which has the digits of Ξ."""
+        n_b, m = len(basis.interface), len(basis.M) - basis.kinds.count(statics.kind)
+        stiffness = basis.K.diagonal()[m:]
         if not len(stiffness):
-            return found
-        at = found.V[b, m:].T / np.sqrt(stiffness)[:, None]  # motion at unit energy (s, n_b)
-        at[np.abs(motion_by(found, b)[:, m:].T) < DUST] = 0.0  # a force that moves its DOF by rounding is no soft spring
-        blocks, kinds = [at], (FORCE,) * len(b)
-        if statics.forces.shape[1] > len(b):  # shapes of ports, K-orthogonal to those of the interface
+            return basis
+        at = basis.interface[:, m:].T / np.sqrt(stiffness)[:, None]  # motion at unit energy (s, n_b)
+        at[np.abs(motion_by(basis)[:, m:].T) < DUST] = 0.0  # a force that moves its DOF by rounding is no soft spring
+        blocks, kinds = [at], (FORCE,) * n_b
+        if statics.forces.shape[1] > n_b:  # shapes of ports, K-orthogonal to those of the interface
             size = np.linalg.norm(at, axis=0)
             left, values, _ = np.linalg.svd(at / np.where(size > 0, size, 1.0))
             beside = left[:, np.count_nonzero(values > SEEN * values.max(initial=0.0)):]
             blocks, kinds = [at, beside], kinds + ("static port",) * beside.shape[1]
-        T = np.eye(len(found.M), m + len(kinds))
+        T = np.eye(len(basis.M), m + len(kinds))
         T[m:, m:] = np.hstack(blocks) / np.sqrt(stiffness)[:, None]
-        rigid = None if found.rigid is None else np.pad(found.rigid[:m], ((0, len(kinds)), (0, 0)))
-        return turned(found, T, found.kinds[:m] + kinds, rigid)
+        rigid = None if basis.rigid is None else np.pad(basis.rigid[:m], ((0, len(kinds)), (0, 0)))
+        return basis.turned(T, basis.kinds[:m] + kinds, rigid)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,9 +10,8 @@ import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.basis import Basis, Partition, Statics
 from femsub.reduction.method import Method
-from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.modes import ShiftInvert
@@ -38,14 +36,6 @@ class FreeInterface(Method):
         forces[:, n_b:] = extra
         return Statics.of(part, handle, forces, "residual attachment")
 
-    def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
-        """One block solve for all loads. The modes' contribution is removed first, so that `missing` suffers no cancellation."""
-        loads, s = np.hstack([statics.forces, *ports.values()]), statics.forces.shape[1]
-        rest = statics.handle.elastic_solve(loads, kept.shapes)
-        missing, held = np.einsum("ij,ij->j", rest, loads), kept.shapes[:, kept.rigid:].T @ loads
-        whole = missing + np.einsum("ij,ij->j", held, held / kept.values[kept.rigid:, None])
-        return Responses(rest[:, :s], whole[s:], missing[s:], len(kept.values))
-
 
 def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     """The same model in the coordinates [u_b, rest]: the interface displacements replace as many columns of V.
@@ -66,10 +56,10 @@ def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     b = statics.part.sub.interface
     if not len(b):
         return basis
-    motion = motion_by(basis, b)
+    motion = motion_by(basis)
     solved = _solved_for(basis, statics, motion, clear)
-    rest = np.setdiff1d(np.arange(basis.V.shape[1]), solved)
-    moved = np.where(np.abs(motion) < DUST, 0.0, basis.V[b])  # a massless shape that shares in a mode by rounding gets mass
+    rest = np.setdiff1d(np.arange(len(basis.M)), solved)
+    moved = np.where(np.abs(motion) < DUST, 0.0, basis.interface)  # a massless shape that shares in a mode by rounding gets mass
     B = moved[:, solved]
     inverse = np.linalg.inv(B)
     inverse = _clean(inverse, np.abs(inverse) @ np.abs(B) @ np.abs(inverse))
@@ -78,10 +68,9 @@ def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     T[solved, :len(b)], T[rest, len(b) + np.arange(len(rest))] = inverse, 1.0
     others = np.where(faint, 0.0, moved)[:, rest]
     T[solved, len(b):] = _clean(-inverse @ others, np.abs(inverse) @ np.abs(others))
-    rigid = None if basis.rigid is None else np.vstack([basis.V[b] @ basis.rigid, basis.rigid[rest]])
-    found = turned(basis, T, ("interface",) * len(b) + tuple(basis.kinds[j] for j in rest), rigid)
-    found.V[b] = np.eye(len(b), len(T))
-    return found
+    rigid = None if basis.rigid is None else np.vstack([basis.interface @ basis.rigid, basis.rigid[rest]])
+    found = basis.turned(T, ("interface",) * len(b) + tuple(basis.kinds[j] for j in rest), rigid)
+    return replace(found, interface=np.eye(len(b), len(T)))
 
 
 def _clean(A: Array, bound: Array) -> Array:
@@ -89,18 +78,12 @@ def _clean(A: Array, bound: Array) -> Array:
     return np.where(np.abs(A) < DUST * bound, 0.0, A)
 
 
-def turned(basis: Basis, T: Array, kinds: tuple[str, ...], rigid: Array | None) -> Basis:
-    """The basis VT (n, k) with TᵀMT and TᵀKT, and the rigid motions in its coordinates, V rigid = VT rigid'."""
-    M, K = T.T @ basis.M @ T, T.T @ basis.K @ T
-    return replace(basis, V=basis.V @ T, M=(M + M.T) / 2, K=(K + K.T) / 2, kinds=kinds, rigid=rigid)
-
-
-def motion_by(basis: Basis, b: Array) -> Array:
+def motion_by(basis: Basis) -> Array:
     """The motion of the interface DOF by each column at unit energy, as a share of that by all, shape (n_b, r)."""
     stiffness, mass = basis.K.diagonal(), basis.M.diagonal()
     both = (stiffness > 0) & (mass > 0)
     lowest = float((stiffness[both] / mass[both]).min()) if both.any() else 1.0
-    B = basis.V[b] / np.sqrt(stiffness + lowest * mass)
+    B = basis.interface / np.sqrt(stiffness + lowest * mass)
     size = np.linalg.norm(B, axis=1)
     return np.asarray(B / np.where(size > 0, size, 1.0)[:, None])
 

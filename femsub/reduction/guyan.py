@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
 from femsub.errors import NotConvergedError
 from femsub.model import Substructure
 from femsub.modes import lowest_modes
-from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.basis import Kept, Partition, Statics
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.estimates.search import lowest
-from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -82,7 +79,7 @@ class Guyan(CraigBampton):
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """No modes; with a band and a tolerance, only if none are needed."""
         if self.band is None:
-            return lowest(statics, 0)
+            return lowest(statics.handle, 0)
         found = super().kept(statics, pencil)
         if found.elastic:
             raise NotConvergedError(
@@ -90,8 +87,3 @@ class Guyan(CraigBampton):
                 f"{found.elastic} modes with the interface fixed. Use CraigBampton(modes={found.elastic}), or put more DOF into "
                 "the interface")
         return found
-
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """That of Craig-Bampton without modes."""
-        found = super().basis(statics, kept, responses, ports)
-        return replace(found, factorisations=found.factorisations + statics.part.factorisations)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.modes import ShiftInvert, lowest_modes
-from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.modes import ShiftInvert
+from femsub.reduction.basis import Kept, Partition, Statics
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.statics import Statics
+from femsub.reduction.estimates.search import lowest
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -56,41 +53,20 @@ class Herting(CraigBampton):
     """
 
     key, label, colour, marker = "herting", "Herting", "#e69f00", "p"
+    mode_kind = "free"
     unestimated = "its modes and its static shapes are those of two problems; use Rubin, which spans the same space"
 
-    @property
-    def mode_kind(self) -> str:
-        return "free"
+    def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
+        """Those of Craig-Bampton."""
+        return replace(super().statics(part, handle, extra), kind="free and inertia relief")
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """Free modes of the whole part, with one more for the cut-off, if there is one."""
+        """Free modes of the whole part, of which the responses to (MΦ)_i join the basis. The cut-off is that of the next one."""
         assert self.modes is not None
         sub = statics.part.sub
         if not len(sub.interface):
             raise InputError(f"Herting needs interface DOF, but {sub.name!r} has none. Name some, or use CraigChang")
         handle = ShiftInvert(sub.K, sub.M, carried=sub.rigid_motion)
-        more = self.modes < handle.elastic
-        found = lowest_modes(handle, self.modes + more)
+        kept = lowest(handle, self.modes, defer=False)
         handle.release()
-        return Kept(found, self.modes, float(found.frequencies[-1]) if more else np.inf)
-
-    def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
-        """The interior's static responses to the inertia forces of the modes, and to the requested ports' columns."""
-        return super().responses(_loaded(statics, kept), _none(statics, kept), ports)
-
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """Constraint modes and those responses."""
-        found = super().basis(_loaded(statics, kept), _none(statics, kept), responses, ports)
-        return replace(found, modes=kept.elastic, factorisations=found.factorisations + kept.found.factorisations)
-
-
-def _loaded(statics: Statics, kept: Kept) -> Statics:
-    """With (MΦ)_i as forces, before those to the ports."""
-    inertia = (statics.part.sub.M @ kept.shapes)[statics.part.rows]
-    return replace(statics, forces=np.hstack([inertia, statics.forces]), kind="free and inertia relief")
-
-
-def _none(statics: Statics, kept: Kept) -> Kept:
-    """No modes of the interior."""
-    nothing = replace(kept.found, eigenvalues=np.zeros(0), shapes=np.zeros((len(statics.forces), 0)), rigid=0)
-    return replace(kept, found=nothing, elastic=0)
+        return replace(kept, forces=(sub.M @ kept.shapes)[statics.part.rows], inside=False)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
 from femsub.modes import units
-from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.basis import Basis, Statics
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.free_interface import turned
-from femsub.reduction.statics import Statics
 
 
 @dataclass(frozen=True)
@@ -49,28 +45,19 @@ class Hurty(CraigBampton):
 
     key, label, colour, marker = "hurty", "Hurty", "#661100", "P"
 
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """That of Craig-Bampton, turned."""
-        found = super().basis(statics, kept, responses, ports)
-        sub, n_b = statics.part.sub, len(statics.condensed)
-        holding, motions = _rigid(statics.rigid, units(sub.K)[sub.interface])
-        if not len(holding) or statics.rigid is None:
-            return found
+    def coordinates(self, basis: Basis, statics: Statics) -> Basis:
+        """Those of Craig-Bampton, with rigid motions in place of the DOF that just hold the part."""
+        n_b, n_r = len(statics.condensed), 0 if statics.rigid is None else statics.rigid.shape[1]
+        if statics.rigid is None or not n_r:
+            return basis
+        unit = units(statics.part.sub.K)[statics.part.sub.interface, None]
+        holding = la.qr((statics.rigid / unit).T, mode="r", pivoting=True)[1][:n_r]  # DOF that just hold the part
         redundant = np.setdiff1d(np.arange(n_b), holding)
-        n_r = len(holding)
-        T = np.eye(len(found.M))
+        T = np.eye(len(basis.M))
         T[:n_b, :n_b] = 0.0
         T[holding, np.arange(n_r)], T[redundant, n_r + np.arange(len(redundant))] = 1.0, 1.0
-        T[redundant, :n_r] = motions[redundant]
+        T[redundant, :n_r] = np.linalg.solve(statics.rigid[holding].T, statics.rigid[redundant].T).T
         rigid = np.pad(statics.rigid[holding], ((0, len(T) - n_r), (0, 0)))
-        found = turned(found, T, ("rigid",) * n_r + found.kinds[n_r:], rigid)
+        found = basis.turned(T, ("rigid",) * n_r + basis.kinds[n_r:], rigid)
         found.K[:n_r], found.K[:, :n_r] = 0.0, 0.0
         return found
-
-
-def _rigid(motions: Array | None, unit: Array) -> tuple[Array, Array]:
-    """DOF of the interface that just hold the part (n_r,), and its rigid motions (n_b, n_r), each of which moves one by 1."""
-    if motions is None or not motions.shape[1]:
-        return np.zeros(0, dtype=np.intp), np.zeros((len(unit), 0))
-    holding = la.qr((motions / unit[:, None]).T, mode="r", pivoting=True)[1][:motions.shape[1]]
-    return holding, np.linalg.solve(motions[holding].T, motions.T).T

@@ -1,29 +1,30 @@
-"""Interface modes: the interface of a coupled system, or of a reduced part, moves in few shapes instead of DOF by DOF."""
+"""Interface modes: the interface of a coupled system, or of a reduced part, moves in few shapes instead of DOF by DOF.
+
+Parts that meet get the shapes of both (`with_common_shapes`), so that they can be joined again.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import DEPENDENT, ROUNDING, congruent, groups
-from femsub.checks import Array, Matrix
+from femsub.checks import EPS, Array, Matrix
 from femsub.coupling import System, rows_of_parts, units_of_energy
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import ReducedSubstructure, Substructure
+from femsub.modes import ShiftInvert, all_modes, units
+from femsub.reduction.basis import Basis, Partition, Statics, square, zeros
 from femsub.reduction.craig_bampton import condensed_stiffness
-from femsub.reduction.estimates.nested import with_rounding
+from femsub.reduction.estimates.nested import ACCEPTED
 from femsub.reduction.method import Method
-from femsub.reduction.statics import Partition, Statics, square, zeros
-
-if TYPE_CHECKING:
-    from femsub.modes import ShiftInvert
-    from femsub.reduction.basis import Basis, Kept, Responses
 
 KIND, INSIDE = "interface mode", "interior"  # labels of the coordinates
+ALIKE = 1e-6  # of a shape on the interface between parts: where others contain it but for less it is no shape of its own
+EXACT = 1e-12  # the same for rigid motion, of which nothing may be lost: a floating system would be held by it
 INTERIOR = 4000  # interior coordinates that may be kept: all of them stay, in dense matrices
 
 
@@ -90,12 +91,8 @@ class InterfaceModes(Method):
     """
 
     key, label, colour, marker = "interface-modes", "Interface modes", "#117733", ">"
-    held = True
+    held, mode_kind = True, KIND
     offered = False
-
-    @property
-    def mode_kind(self) -> str:
-        return KIND
 
     def title(self, modes: int) -> str:
         return f"{modes} interface modes"
@@ -139,11 +136,10 @@ class InterfaceModes(Method):
         C[i, np.arange(len(i))] = 1.0
         return Statics(part, handle, C, square(sub.K, i), extra[part.rows], "static port")
 
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """That of Craig-Bampton, with the labels that belong to it here."""
-        found = super().basis(statics, kept, responses, ports)
+    def coordinates(self, basis: Basis, statics: Statics) -> Basis:
+        """Those of Craig-Bampton, with the labels that belong to them here."""
         inside = statics.constraint.shape[1]
-        return replace(found, kinds=(INSIDE,) * inside + found.kinds[inside:])
+        return replace(basis, kinds=(INSIDE,) * inside + basis.kinds[inside:])
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """Of a reduced part: with V from the displacements of the full part, and its DOF numbers, as joints name them."""
@@ -164,10 +160,21 @@ def _rows(sub: Substructure) -> Matrix:
 
 
 def _with_rounding(sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
-    """In the coordinates that the modes are computed in, the interface shares no stiffness, and rounding of K does not show."""
-    if model.estimate is None:
+    """Its estimate with what one rounding in each entry of K does to ω and λ of the model.
+
+    It is much where a stiff part that floats is joined to a soft one. In the coordinates that the modes are computed in, the
+    interface shares no stiffness, and this rounding does not show.
+    """
+    told = model.estimate
+    if told is None:
         return model
-    told = with_rounding(model.estimate, model, sub.K)
+    found = all_modes(model.K, model.M, ACCEPTED, model.rigid_motion)
+    omega, x = found.frequencies[found.rigid:], np.abs(model.V @ found.shapes[:, found.rigid:])
+    if len(omega):
+        share = EPS * np.einsum("ij,ij->j", x, abs(sub.K) @ x) / (2 * omega**2)
+        of_omega, of_lambda = (share[np.abs(size[:, None] - omega).argmin(axis=1)]
+                               for size in (told.frequencies, np.abs(told.eigenvalues)))
+        told = replace(told, frequency_error=told.frequency_error + of_omega, eigenvalue_error=told.eigenvalue_error + of_lambda)
     if told.worst > told.tol:
         raise NotConvergedError(f"the interface of {sub.name!r} cannot be reduced to a relative error of {told.tol:g}, by "
                                 f"rounding alone: {told!r}. Reduce the stiffness contrast of its parts, raise tol, or give a "
@@ -220,3 +227,78 @@ def _uncoupled(sub: Substructure) -> tuple[Array, Matrix]:
     K[np.ix_(b, b)] = condensed_stiffness(sub, square(sub.K, b) + loads.T @ shapes[i], shapes)[0]
     return K, sp.csr_array(sp.eye_array(n)) + sp.csr_array(
         (shapes[i].ravel(), (np.repeat(i, len(b)), np.tile(b, len(i)))), shape=(n, n))
+
+
+def with_common_shapes(system: System, models: Mapping[str, ReducedSubstructure]) -> dict[str, ReducedSubstructure]:
+    """Parts whose interfaces were reduced one by one, with common shapes where they meet, so that they can be joined again.
+
+    Coordinates of the system that the same parts move are one group, as those of an edge. In each group every part gets the
+    shapes of all the parts that meet there. If one part alone was reduced nothing changes: its neighbours have their whole
+    interface, and follow it.
+
+    References
+    ----------
+    S.-K. Hong, B. I. Epureanu, M. P. Castanier, Mech. Syst. Signal Process. 37 (2013) 403; Krattiger et al. 2019 (local level
+    with exact compatibility).
+    """
+    own = {name: model for name, model in models.items() if KIND in model.kinds}
+    if len(own) < 2:
+        return dict(models)
+    if system.multipliers:
+        raise InputError(f"{system.name!r} has joints by multipliers (Dual Craig-Bampton parts, or dual assembly), where parts "
+                         "need not move alike. Reduce the interface of the whole system, as reduce(system, InterfaceModes(20))")
+    unit, whole = units_of_energy({"": system}), ShiftInvert(system.K, system.M, carried=system.rigid_motion).rigid
+    motion: dict[str, Matrix] = {}
+    shapes: list[Array] = []
+    member = np.zeros((system.size, len(own)), dtype=bool)
+    for name, rows in zip(system.parts, rows_of_parts(system.parts), strict=True):
+        if name in own:
+            B = (sp.csr_array(system.parts[name].interface_rows) @ sp.csr_array(system.L[rows])).tocsc()
+            at = np.flatnonzero(np.diff(B.indptr))
+            member[at, len(shapes)], motion[name] = True, B
+            B = B[:, at] @ sp.diags_array(unit[at])
+            found = np.zeros((system.size, own[name].size))  # in units of energy
+            inverse = B.power(-1).T if B.nnz == len(at) == B.shape[0] else np.linalg.pinv(B.toarray())
+            found[at] = inverse @ own[name].interface_rows
+            shapes.append(found)
+    signature = np.unique(member, axis=0, return_inverse=True)[1]
+    blocks: list[tuple[Array, Array, Array]] = []
+    for group in (np.flatnonzero(signature == one) for one in np.unique(signature[member.any(axis=1)])):
+        meets, size = member[group[0]], unit[group, None]
+        met = np.hstack([found[group] for found, one in zip(shapes, meets, strict=True) if one])
+        blocks.append((group, meets, size * _orthonormal((whole[group] / size, EXACT), (met, ALIKE))))
+    return dict(models) | {name: _in_shapes(
+        system.parts[name], model, np.hstack([motion[name][:, group] @ block for group, meets, block in blocks if meets[at]]),
+        motion[name] @ whole) for at, (name, model) in enumerate((name, own[name]) for name in motion)}
+
+
+def _orthonormal(*stages: tuple[Array, float]) -> Array:
+    """Orthonormal columns that span the columns (n, k) of each stage, but for shares below its limit beside earlier stages."""
+    basis = np.zeros((len(stages[0][0]), 0))
+    for columns, least in stages:
+        found = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+        for _ in range(2):
+            found = found - basis @ (basis.T @ found)
+        U, share, _ = np.linalg.svd(found, full_matrices=False)
+        basis = np.hstack([basis, U[:, share > least]])
+    return basis
+
+
+def _in_shapes(part: Substructure, model: ReducedSubstructure, shapes: Array, rigid: Array) -> ReducedSubstructure:
+    """The model with given shapes of the interface (n_b, k) and `rigid` motions (n_b, r) in place of its own."""
+    turned = InterfaceModes(0).part(part)
+    sub, i, b = turned.sub, turned.sub.interface, part.interface
+    if part.size - len(i) != len(b):
+        raise InputError(f"{part.name!r} is a system of its own, whose inner joints would lose their motion; reduce the "
+                         "interface of the whole system instead")
+    unit = units(sub.K)[b, None]
+    Q = _orthonormal((rigid / unit, EXACT), (shapes / unit, EXACT))
+    T = np.zeros((part.size, len(i) + Q.shape[1]))
+    T[i, np.arange(len(i))] = 1.0
+    T[b, len(i):] = unit * Q
+    V = T if turned.turn is None else turned.turn @ T
+    M, D, K = (congruent(A.toarray(), T) for A in (sub.M, sub.D, sub.K))
+    found = replace(model, M=M, D=D, K=K, V=V, ports={name: V.T @ w for name, w in part.ports.items()},
+                    kinds=(INSIDE,) * len(i) + (KIND,) * Q.shape[1], modes=Q.shape[1],
+                    method=f"{Q.shape[1]} interface shapes", full_interface=b, full_dofs=part.dofs, estimate=None)
+    return InterfaceModes(0).finished(part, found)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.basis import Basis, Statics
 from femsub.reduction.free_interface import FreeInterface, recovered
-from femsub.reduction.statics import Statics
 
 MASSLESS = 1e-4  # as `free_interface.CLEAR`: lower, since a mode that is solved for brings mass to the interface
 
@@ -55,7 +52,7 @@ class MacNeal(FreeInterface):
     key, label, colour, marker = "macneal", "MacNeal", "#cc79a7", "X"
     unestimated = "its mass matrix is no projection; use Rubin, whose model has the same size"
 
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """That of Craig-Chang without the mass of its residual shapes, solved for the interface."""
-        found = super().basis(statics, kept, responses, ports)
-        return recovered(replace(found, M=np.diag(np.arange(len(found.M)) < len(kept.values)).astype(float)), statics, MASSLESS)
+    def coordinates(self, basis: Basis, statics: Statics) -> Basis:
+        """Those of Craig-Chang without the mass of its residual shapes, solved for the interface."""
+        massive = np.array([kind != statics.kind for kind in basis.kinds], dtype=float)
+        return recovered(replace(basis, M=np.diag(massive)), statics, MASSLESS)

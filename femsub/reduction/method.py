@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
-from femsub.checks import Array, check_band, finite_number, whole_number
+from femsub.checks import Array, whole_number
 from femsub.errors import InputError
-from femsub.reduction.basis import Basis, Kept, Responses, assembled
+from femsub.reduction.basis import Basis, Kept, Partition, Statics
 from femsub.reduction.estimates.search import Goal, Space, chosen_in, lowest
-from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure
@@ -47,13 +43,13 @@ class Method(ABC):
     4. `statics` is the one step that a method must define. It gets the part and its factor. It returns C with CᵀKC, and
        the forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part. `rigid` in it are the rigid
        motions in C. A method that leaves them out has its rigid motion found from the rounding of the reduced K and D.
-    5. The later steps may be overridden one by one: `kept` finds the modes, `responses` the static responses, and `basis`
-       assembles V, M and K. Each step gets the results of the earlier ones. It must not change them or the factor.
+    5. `kept` finds the modes, and forces of theirs whose responses join the basis. `coordinates` turns the basis [C Φ Ξ] into
+       other coordinates. Both may be overridden. Each gets the results of the earlier steps, and must not change them.
     6. `static_columns` tells the number of static shapes, where that is not the number of interface DOF.
     7. `unestimated` says why a band and a tolerance have no estimate, where that is so; they are refused then. `title` is the
        line that names a model with so many modes.
 
-    `reduce` checks the arguments, makes the part and its factor, runs the four steps, and projects D and the ports.
+    `reduce` checks the arguments, makes the part and its factor, runs the steps, and projects D and the ports.
     """
 
     modes: int | None = None
@@ -65,11 +61,15 @@ class Method(ABC):
     colour: ClassVar[str]
     marker: ClassVar[str]
     held: ClassVar[bool]
+    mode_kind: ClassVar[str]  #: the label of elastic modes: 'fixed-interface' or 'free', as `held` says, if no other is given
+    judges_ports: ClassVar[bool] = True  #: whether the model tells the error of its static responses to ports
     offered: ClassVar[bool] = True  #: whether studies and scenes offer it for components by its key
     nested: ClassVar[bool] = True  #: whether part and factor are the same for any number of modes (`Reductor`)
     unestimated: ClassVar[str] = ""  #: why no estimate can be had for a band and a tolerance, where that is so
 
     def __init_subclass__(cls) -> None:
+        if "held" in vars(cls) and "mode_kind" not in vars(cls):
+            cls.mode_kind = "fixed-interface" if cls.held else "free"
         if "key" not in vars(cls):
             return
         known = METHODS.get(cls.key)
@@ -95,9 +95,7 @@ class Method(ABC):
         if self.unestimated:
             raise InputError(f"{name} takes a number of modes only, e.g. modes=20: no estimate can be had for a tolerance, since "
                              f"{self.unestimated}")
-        object.__setattr__(self, "band", check_band(self.band))
-        if not 0 < finite_number("tol", self.tol) < 1:
-            raise InputError(f"tol is a relative error between 0 and 1, not {self.tol!r}")
+        object.__setattr__(self, "band", Goal(self.band, self.tol).band)
 
     def __str__(self) -> str:
         """'Craig-Bampton with 4 modes'."""
@@ -141,17 +139,11 @@ class Method(ABC):
         if (goal := self.goal) is not None:
             return chosen_in(Space.of(statics, pencil, goal.band[1]), goal)
         assert self.modes is not None
-        return lowest(statics, self.modes)
+        return lowest(statics.handle, self.modes)
 
-    def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
-        """Static responses to F without the modes' contribution, and energies of the responses to the ports (n, p)."""
-        loads = np.hstack([np.zeros((len(statics.forces), 0)), *(w[statics.part.rows] for w in ports.values())])
-        energy = np.einsum("ij,ij->j", statics.handle.elastic_solve(loads), loads)
-        return Responses(statics.handle.elastic_solve(statics.forces, kept.shapes), energy, energy, 0)
-
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """V = [C Φ Ξ] with its labels, and M and K in its coordinates."""
-        return assembled(statics, kept, responses, ports, self.mode_kind)
+    def coordinates(self, basis: Basis, statics: Statics) -> Basis:
+        """The basis V = [C Φ Ξ], turned by `Basis.turned` where the model is to have other coordinates."""
+        return basis
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """The model as `reduce` returns it."""
@@ -166,8 +158,3 @@ class Method(ABC):
     def row_key(self) -> str:
         """The key that stands in tables and figures."""
         return self.key
-
-    @property
-    def mode_kind(self) -> str:
-        """The label of elastic modes: 'fixed-interface' or 'free'."""
-        return "fixed-interface" if self.held else "free"

@@ -14,11 +14,11 @@ from femsub.checks import choice, instance, shown
 from femsub.coupling import System
 from femsub.errors import InputError, InputTypeError, WorkerError
 from femsub.model import ReducedSubstructure, Substructure
-from femsub.reduction.common_shapes import with_common_shapes
-from femsub.reduction.component import FIRST, checked, finished_basis, model_of, reduced, whole_basis, work
+from femsub.reduction.component import FIRST, checked, finished, finished_basis, reduced, whole_basis, work
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.estimates.joined import JoinedSpace
 from femsub.reduction.estimates.search import Goal, chosen
+from femsub.reduction.interface_modes import with_common_shapes
 from femsub.reduction.method import Method
 from femsub.reduction.wider import Wider
 
@@ -133,9 +133,6 @@ def _together(system: System, methods: Mapping[str, Method], ports: bool, contac
         kept, estimate = chosen(JoinedSpace(system, statics, contacts, goal.band[1], given), goal)
         bases = {name: finished_basis(task, statics[name], kept[name]) if name in statics
                  else whole_basis(task, parts[name], judged=False) for name, task in tasks.items()}
-    models = {name: model_of(task, bases[name]) for name, task in tasks.items()}
-    for name, task in tasks.items():
-        models[name]._set(wider=Wider.of(task.sub, task.method.held))
-    found = system.with_parts(models)
+    found = system.with_parts({name: finished(task, parts[name], bases[name]) for name, task in tasks.items()})
     log.info("%r: %r", found, estimate)
     return found.estimated_by(estimate)

@@ -1,34 +1,36 @@
-"""A reductor keeps the basis with the most modes, and gives any smaller model of it: the factor and the modes are made once."""
+"""A reductor makes the largest model once. Every smaller one lies in its span, and follows from small dense matrices."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.algebra import WORK, one_thread
 from femsub.checks import Array, whole_number
 from femsub.errors import InputError
-from femsub.modes import count_deferred
-from femsub.reduction.basis import Kept
+from femsub.modes import lightest
+from femsub.reduction.basis import Basis, assembled, in_blocks, labelled, port_errors, projected
 from femsub.reduction.component import checked, finished, reduced, work
+from femsub.reduction.estimates.nested import Nested
 
 if TYPE_CHECKING:
     from femsub.model import ReducedSubstructure, Substructure
-    from femsub.modes import NormalModes, ShiftInvert
     from femsub.reduction.method import Method
-
-ANSWERS = 4  # blocks of static responses that are kept
 
 
 class Reductor:
     """The models of one component by one method with m modes, for all m up to that of the method: ``Reductor(...).first(m)``.
 
-    They are those of ``reduce(sub, replace(method, modes=m))`` to the accuracy of the modes. The factor, the constraint modes,
-    the modes and their count, and the static responses are made once, for the largest model. What is left for each are the
-    products with its own basis. Methods whose factor depends on the number of modes (`Guyan`) are run anew.
+    They are those of ``reduce(sub, replace(method, modes=m))`` to the accuracy of the modes. With U = [C Φ Ξ] of the largest
+    model, those with fewer modes have V = U T:
+
+        Ξ_m = Φ_l Λ_l⁻¹ Φ_lᵀF + Ξ (ΞᵀKΞ)⁻¹ ΞᵀF,   Φ_l the modes left out, without dependent columns.
+
+    So each model takes one product with U, and all else are matrices of its size. Methods whose factor depends on the number of
+    modes (`Guyan`) are run anew.
 
     Parameters
     ----------
@@ -55,47 +57,52 @@ class Reductor:
             return
         with one_thread(work(self.task) < WORK):
             self.part = part = method.part(sub)
-            self.turned = self.task.turned(part)
-            statics = method.statics(part, part.factored(), self.turned.extra)
-            self.kept = method.kept(statics, None)
-            count_deferred(statics.handle, self.kept.found)
-        handle: Any = statics.handle
-        if len(self.kept.found.shapes) == handle.K.shape[0]:  # the modes are those of the factor's matrix
-            handle = Answers(handle, self.kept.found)
-        # the memory of C would be that of the first V
-        self.statics, self._known = replace(statics, handle=handle, constraint=statics.constraint.copy(order="F")), True
+            task = self.task.turned(part)
+            self.statics = statics = method.statics(part, part.factored(), task.extra)
+            self.kept = kept = method.kept(statics, None)
+            basis = assembled(statics, kept, task.ports, method.mode_kind)
+            self.U, r = basis.V, len(basis.M)
+            shapes = self.U if part.turn is None else part.turn @ self.U
+            self.largest = replace(basis, V=np.eye(r), forces=None, D=projected(sub.D, shapes, shapes))
+            self.ports = {name: self.U.T @ w for name, w in task.ports.items()}
+            loads = self.U[part.rows].T @ basis.forces
+            self.nested = Nested(basis.M, basis.K, None, statics.constraint.shape[1], kept.rigid, kept.values[kept.rigid:], loads,
+                                 statics.condensed, lightest=lightest(statics.handle))
+        self._known = True
 
     def first(self, modes: int) -> ReducedSubstructure:
         """The model with the lowest modes, so many of them."""
-        most = self.task.method.modes or 0
-        method = replace(self.task.method, modes=whole_number("modes", modes, least=0, most=most))
+        method = replace(self.task.method, modes=whole_number("modes", modes, least=0, most=self.task.method.modes or 0))
         if not self._known:
             return reduced(self.task.sub, method, self._ports)
-        found, rigid = self.kept.found, self.kept.rigid
-        kept = self.kept if modes == most else Kept(found, modes, float(found.frequencies[rigid + modes]))
         with one_thread(work(self.task) < WORK):
-            responses = method.responses(self.statics, kept, self.turned.ports)
-            basis = method.basis(self.statics, kept, responses, self.turned.ports)
-            return finished(replace(self.task, method=method), self.part, basis)
+            basis = self.largest if modes >= self.kept.elastic else self._smaller(modes)
+            basis = method.coordinates(basis, self.statics)
+            return finished(replace(self.task, method=method), self.part, replace(basis, V=times(self.U, basis.V)))
+
+    def _smaller(self, modes: int) -> Basis:
+        """[C Φ Ξ] with fewer modes, in the coordinates of the largest one, V (R, r)."""
+        largest, statics, found, own = self.largest, self.statics, self.kept.found, self.kept.forces
+        kept = replace(self.kept, elastic=modes)
+        first, k = statics.constraint.shape[1], len(kept.values)
+        forces = np.arange(self.nested.loads.shape[1])
+        if own is not None:  # one force for each mode, before the others
+            forces = np.delete(forces, slice(found.rigid + modes, own.shape[1]))
+        shapes, stiffness, inertia = replace(self.nested, loads=self.nested.loads[:, forces]).static(k - kept.rigid)
+        T = np.hstack([np.eye(len(largest.M), first + k), shapes])
+        matrices = in_blocks(statics.condensed, kept.values, stiffness, inertia, T.T @ largest.M[:, :first])
+        basis = labelled(statics, kept, T, matrices, len(forces) - shapes.shape[1], largest.interface @ T,
+                         self.task.method.mode_kind)
+        left = np.hstack([T[:, :0], *self.ports.values()])[first + k:first + len(self.kept.values)]
+        energies = largest.energies + np.outer([0, 1], (left**2 / self.kept.values[k:, None]).sum(axis=0))
+        return replace(basis, port_error=port_errors(self.ports, basis, kept, energies), motion=largest.motion,
+                       D=None if largest.D is None else T.T @ largest.D @ T)
 
 
-class Answers:
-    """A factor whose static responses are kept: with fewer modes Φ, the share of the others, Φ Λ⁻¹ Φᵀ B, is put back."""
-
-    def __init__(self, handle: ShiftInvert, found: NormalModes) -> None:
-        self._handle, self._modes = handle, found
-        self._kept: list[tuple[Array, Array]] = []
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._handle, name)
-
-    def elastic_solve(self, B: Array, kept: Array | None = None) -> Array:
-        """As `ShiftInvert.elastic_solve`; `kept` are the first of the modes, or none but the rigid ones."""
-        shapes = self._modes.shapes
-        rest = next((x for b, x in self._kept if np.array_equal(b, B)), None)
-        if rest is None:
-            rest = self._handle.elastic_solve(B, shapes)
-            self._kept = [*self._kept[1 - ANSWERS:], (B, rest)]
-        others = slice(self._modes.rigid if kept is None else kept.shape[1], None)
-        share = (shapes[:, others].T @ B) / self._modes.eigenvalues[others, None]
-        return cast(Array, rest + shapes[:, others] @ share)
+def times(U: Array, T: Array) -> Array:
+    """UT. Where a column of T is one of the identity, that of U is copied."""
+    plain = (np.count_nonzero(T, axis=0) == 1) & (T == 1.0).any(axis=0)
+    V = np.empty((len(U), T.shape[1]), order="F")
+    V[:, plain] = U[:, T[:, plain].argmax(axis=0)]
+    V[:, ~plain] = U @ T[:, ~plain]
+    return V

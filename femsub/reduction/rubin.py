@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-from femsub.checks import Array
-from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.basis import Basis, Statics
 from femsub.reduction.free_interface import FreeInterface, recovered
-from femsub.reduction.statics import Statics
 
 
 @dataclass(frozen=True)
@@ -48,6 +45,6 @@ class Rubin(FreeInterface):
 
     key, label, colour, marker = "rubin", "Rubin", "#009e73", "D"
 
-    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """The basis of Craig-Chang, solved for the interface."""
-        return recovered(super().basis(statics, kept, responses, ports), statics)
+    def coordinates(self, basis: Basis, statics: Statics) -> Basis:
+        """Those of Craig-Chang, solved for the interface."""
+        return recovered(basis, statics)

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from femsub.algebra import orthonormal
 from femsub.checks import Array
-from femsub.reduction.statics import Partition
+from femsub.reduction.basis import Partition
 
 if TYPE_CHECKING:
     from femsub.model import ReducedSubstructure, Substructure
 
 KEPT = 5000  # DOF up to which the full component is kept for this; a larger one, with its factor, takes too much memory
-NEW = 1e-7  # M-norm of a shape outside V, relative: below, it is rounding
+MASSIVE = 1e-14  # relative eigenvalue of M below which a coordinate has no mass
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +52,8 @@ class Wider:
         new = np.zeros((sub.size, sum(load.shape[1] for load in loads)))
         new[part.rows] = part.factored().elastic_solve(np.hstack(loads)[part.rows])
         values, turn = np.linalg.eigh(model.M)
-        massive = values > values[-1] * NEW**2
-        Q = V @ (turn[:, massive] / np.sqrt(values[massive]))
-        for _ in range(2):  # twice is enough
-            length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, sub.M @ new), 0.0))
-            new = new[:, length > 0] / length[length > 0]
-            new = new - Q @ (Q.T @ (sub.M @ new))
-            mass, mix = np.linalg.eigh(new.T @ (sub.M @ new))
-            keep = mass > NEW**2
-            new = new @ (mix[:, keep] / np.sqrt(mass[keep]))
+        massive = values > values[-1] * MASSIVE
+        new = orthonormal(new, sub.M.__matmul__, V @ (turn[:, massive] / np.sqrt(values[massive])))[0]
         wide = np.hstack([V, new])
         M, D, K = (_bordered(own, wide.T @ (A @ new)) for own, A in ((model.M, sub.M), (model.D, sub.D), (model.K, sub.K)))
         D[len(model.D):, :len(model.D)] = (sub.D.T @ new).T @ V

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.algebra import check_columns
-from femsub.checks import Array
+from femsub.checks import Array, Matrix
 from femsub.modes import NormalModes, independent, lightest, lowest_modes
-from femsub.reduction.basis import Kept, in_blocks
+from femsub.reduction.basis import COLUMNS, Kept, Statics, free_first, in_blocks
 from femsub.reduction.estimates.nested import Nested
-from femsub.reduction.rigid import coordinates, free_first
-from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -53,11 +52,6 @@ class FoundModes:
         return self.complete or (self.modes >= MOST and self.statics.handle.K.shape[0] > DENSE)
 
     @property
-    def massless(self) -> bool:
-        """Whether there are DOF without mass."""
-        return bool(self.statics.handle.finite < self.statics.handle.K.shape[0])
-
-    @property
     def most(self) -> int:
         """The most modes that a model may have: where more exist, the highest one found is the cut-off."""
         return self.modes - (not self.complete)
@@ -89,13 +83,13 @@ class FoundModes:
 
     def counted_in(self, count: int) -> Kept | None:
         """The modes kept, once the inertia counts them and the next one; None if one had been missed, which is then found."""
-        found, more = self.found, count < self.all
+        found = self.found
         if found.tally.counted is None:
-            found = lowest_modes(self.statics.handle, count + more, known=found, defer=True)
+            found = lowest_modes(self.statics.handle, min(count + 1, self.all), known=found, defer=True)
             if not np.array_equal(found.eigenvalues, self.found.eigenvalues[:len(found.eigenvalues)]):
                 self.replace(lowest_modes(self.statics.handle, self.modes, known=found, evidence=False))
                 return None
-        return Kept(found, count, float(found.frequencies[found.rigid + count]) if more else np.inf)
+        return Kept(found, count)
 
     def nested(self, further: Array | None = None) -> tuple[Nested, Span]:
         """M, D and K in U = [C Φ Ξ], and U. Ξ has the static responses to further loads, too."""
@@ -108,7 +102,7 @@ class FoundModes:
         M, K = in_blocks(statics.condensed, found.eigenvalues, stiffness, mass, span.dot(statics.inertia))
         inner = [statics.constraint[statics.part.rows], found.shapes, static]
         forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
-        q = coordinates(statics, found.rigid, len(M))
+        q = statics.rigid_in(found.rigid, len(M))
         motion = None if q is None else free_first(q, span.times(q), self.pencil)  # D says which of it is not damped
         plain = Nested(M, K, None, len(statics.condensed), found.rigid, found.eigenvalues[found.rigid:], forces, statics.rounding,
                        lightest=lightest(statics.handle), motion=motion)
@@ -132,6 +126,47 @@ class FoundModes:
                 residual = self.pencil.M @ span.times(static) + D @ span.times(part(x * (value / size)))
                 blocks.append(residual[self.statics.part.rows])
         return compressed(np.hstack(blocks), self.statics.handle.K.diagonal())
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """U = [C Φ Ξ] (n, R) as an operator: Φ and Ξ are large and have interior rows only, so U is never stored."""
+
+    statics: Statics
+    modes: Array
+    static: Array
+
+    @property
+    def rest(self) -> slice:
+        """The columns of Ξ."""
+        first = self.statics.constraint.shape[1] + self.modes.shape[1]
+        return slice(first, first + self.static.shape[1])
+
+    def dot(self, x: Array) -> Array:
+        """Uᵀx, shape (R, k), for x (n, k)."""
+        inner = x[self.statics.part.rows]
+        return np.concatenate([self.statics.constraint.T @ x, self.modes.T @ inner, self.static.T @ inner])
+
+    def times(self, q: Array) -> Array:
+        """Uq, shape (n, k)."""
+        first, second = self.statics.constraint.shape[1], self.statics.constraint.shape[1] + self.modes.shape[1]
+        u = self.statics.constraint @ q[:first]
+        u[self.statics.part.rows] += self.modes @ q[first:second] + self.static @ q[second:]
+        return u
+
+    def projected(self, D: Matrix) -> Array:
+        """UᵀDU, shape (R, R), a block of columns at a time."""
+        return np.hstack([self.dot(D @ block) for block in self._blocks()])
+
+    def _blocks(self) -> Iterator[Array]:
+        for group in (self.statics.constraint, self.modes, self.static):
+            for start in range(0, group.shape[1], COLUMNS):
+                block = group[:, start:start + COLUMNS]
+                if group is not self.statics.constraint and len(group) < self.statics.part.sub.size:
+                    full = np.zeros((self.statics.part.sub.size, block.shape[1]), order="F")
+                    full[self.statics.part.rows] = block
+                    block = full
+                yield block
 
 
 def compressed(columns: Array, stiffness: Array) -> Array:

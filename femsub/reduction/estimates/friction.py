@@ -25,7 +25,7 @@ constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -39,14 +39,13 @@ from femsub.errors import InputError, NotConvergedError
 from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
 from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, solve, units
 from femsub.modes.quadratic.bars import bars
-from femsub.reduction.basis import Kept
+from femsub.reduction.basis import COLUMNS, Kept
 from femsub.reduction.estimates.found_modes import FoundModes, compressed
 from femsub.reduction.estimates.nested import MARGIN, compared
 from femsub.reduction.estimates.search import Best, Goal, Space
-from femsub.reduction.statics import COLUMNS
 
 if TYPE_CHECKING:
-    from femsub.reduction.statics import Statics
+    from femsub.reduction.basis import Statics
 
 ABOVE = 1.7  # the larger model has all real modes up to so many times the band
 SPARE = 3  # modes beyond BEYOND times the band whose responses it has
@@ -374,13 +373,6 @@ def _forces(load: Matrix, shapes: Array) -> Array:
     return np.where(np.linalg.norm(force, axis=0) > RIGID * np.linalg.norm(abs(load) @ abs(shapes), axis=0), force, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Answered(Kept):
-    """The modes of a basis, and the matrices (n, n) whose forces on the modes have their responses in it."""
-
-    loads: Sequence[Matrix] = ()
-
-
 class FrictionSpace(Space):
     """The modes of a system in contact without friction, and the larger models that they make under friction.
 
@@ -438,9 +430,9 @@ class FrictionSpace(Space):
 
     def counted_in(self, counts: Array) -> dict[str, Kept]:
         """The modes are counted already."""
-        found, loads = self.modes.found, [self.loads[load] for load in self.choice]
-        cutoff = np.append(found.frequencies[found.rigid:], np.inf)[counts[0]]
-        return {name: Answered(found, int(counts[0]), float(cutoff), loads=loads) for name in self.parts}
+        kept = Kept(self.modes.found, int(counts[0]))
+        forces = [self.loads[load] @ kept.shapes for load in self.choice]
+        return dict.fromkeys(self.parts, replace(kept, forces=np.hstack([kept.shapes[:, :0], *forces])))
 
     def _lacking(self, larger: Larger, best: Estimate) -> str:
         lo, hi = best.band

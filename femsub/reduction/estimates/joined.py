@@ -9,23 +9,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, check_band, finite_number, instance
+from femsub.checks import EPS, Array, instance
 from femsub.coupling import System, couple, linked, rows_of_parts, sprung
 from femsub.errors import InputError
 from femsub.model import Contacts, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper
-from femsub.modes import all_modes
+from femsub.modes import all_modes, motion_of
 from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.reduction.basis import Statics
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.estimates.found_modes import DENSE, FoundModes
+from femsub.reduction.estimates.found_modes import DENSE, FoundModes, Span
 from femsub.reduction.estimates.nested import ACCEPTED, Nested
-from femsub.reduction.estimates.search import Reference, Space
-from femsub.reduction.rigid import RigidMotion, motion_of
-from femsub.reduction.statics import Span, Statics
+from femsub.reduction.estimates.search import Goal, Reference, Space
 
 if TYPE_CHECKING:
     from femsub.model import Estimate
@@ -92,8 +91,8 @@ class JoinedSpace(Space):
             rests.append(inner[nested.modes:])
         within = np.concatenate([*modes, *rests])
         outside = np.setdiff1d(np.arange(joined.size), within)
-        order, count = np.concatenate([outside, within]), len(outside)
-        M, K, D = (_dense(A)[np.ix_(order, order)] for A in (joined.M, joined.K, joined.D))
+        order, count, dense = np.concatenate([outside, within]), len(outside), joined.pencil.dense()
+        M, K, D = (A[np.ix_(order, order)] for A in (dense.M, dense.K, dense.D))
         turns = {name: L[rows[name]].toarray()[:, order] for name in own}
         motion, rounding = motion_of(joined.rigid_motion), _of_sums(K[:count, :count])
         for name, (nested, _) in own.items():
@@ -104,7 +103,7 @@ class JoinedSpace(Space):
         found = Nested(M, K, D if self.damped else None, count, 0, values, np.hstack(forces), rounding, self.symmetric,
                        max(nested.lightest for nested, _ in own.values()),
                        tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True)), self.limit,
-                       None if motion is None else RigidMotion(motion.shapes[order], motion.free), 1.0)
+                       None if motion is None else replace(motion, shapes=motion.shapes[order]), 1.0)
         return Reference(found, own, turns)
 
 
@@ -145,10 +144,6 @@ def _of_sums(K: Array) -> Array:
     """
     unit = np.sqrt(np.where((bare := K.diagonal()) > 0, bare, 1.0))
     return np.diag(EPS * unit * (np.abs(K) @ (1 / unit)))
-
-
-def _dense(A: Any) -> Array:
-    return A.toarray() if sp.issparse(A) else np.asarray(A)
 
 
 def system_estimate(full: System, rom: System, band: tuple[float, float], contacts: Contacts = None, *,
@@ -192,15 +187,13 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     >>> fs.system_estimate(full, rom, (0, 0.2)).met
     True
     """
-    lo, hi = check_band(band)
-    if not 0 < finite_number("tol", tol) < 1:
-        raise InputError(f"tol is a relative error between 0 and 1, not {tol!r}")
+    goal = Goal(band, tol)
     instance("full", full, System, "whose parts were reduced")
     instance("rom", rom, System, "made of the reduced parts")
     statics = {name: held_statics(part) for name, part in _same_parts(full, rom).items() if len(part.interior)}
-    space = JoinedSpace(full, statics, contacts, hi)
-    space.reach(hi)
-    found = all_modes(_dense(rom.K), _dense(rom.M), ACCEPTED, rom.rigid_motion)
+    space, small = JoinedSpace(full, statics, contacts, goal.band[1]), rom.pencil.dense()
+    space.reach(goal.band[1])
+    found = all_modes(small.K, small.M, ACCEPTED, rom.rigid_motion)
     omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
     values = None
     if space.damped:
@@ -210,12 +203,12 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     while True:
         given = space.reference()
         nested = given.nested
-        judged = nested.judged(omega, omega * rounding / 2, None, (lo, hi), tol)
-        sharp = _sharp(nested.estimate(nested.most, (lo, hi), tol, False), judged)
+        judged = nested.judged(omega, omega * rounding / 2, None, goal.band, tol)
+        sharp = _sharp(nested.estimate(nested.most, goal.band, tol, False), judged)
         if space.damped and (sharp or space.spent):
-            nested = space.extended(given, (lo, hi))
-            judged = nested.judged(omega, omega * rounding / 2, values, (lo, hi), tol)
-            sharp = _sharp(nested.estimate(nested.most, (lo, hi), tol), judged)
+            nested = space.extended(given, goal.band)
+            judged = nested.judged(omega, omega * rounding / 2, values, goal.band, tol)
+            sharp = _sharp(nested.estimate(nested.most, goal.band, tol), judged)
         if sharp or space.spent:
             kept = sum(part.modes for part in rom.parts.values() if isinstance(part, ReducedSubstructure))
             return replace(judged, modes=kept, cutoff=rom.cutoff)

@@ -15,16 +15,15 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
-import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, Matrix
+from femsub.algebra import RigidMotion, without
+from femsub.checks import EPS, Array
 from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
 from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve, units
 from femsub.modes.quadratic.search import search
-from femsub.reduction.rigid import RigidMotion, without
 
 if TYPE_CHECKING:
-    from femsub.model import ReducedSubstructure, Substructure
+    from femsub.model import Substructure
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
@@ -66,9 +65,8 @@ class Nested:
     @classmethod
     def whole(cls, sub: Substructure, pencil: Pencil | None) -> Nested:
         """That of a component which keeps all of its DOF: nothing is left out. `pencil` has its damping."""
-        M, D, K = (A.toarray() if sp.issparse(A) else np.asarray(A) for A in (sub.M, (pencil or sub).D, sub.K))
-        none = np.zeros((sub.size, 0))
-        return cls(M, K, None if pencil is None else D, sub.size, 0, none[0], none, np.zeros(K.shape),
+        dense, none = (pencil or sub.pencil).dense(), np.zeros((sub.size, 0))
+        return cls(dense.M, dense.K, None if pencil is None else dense.D, sub.size, 0, none[0], none, np.zeros(dense.K.shape),
                    pencil is None or pencil.symmetric[1], motion=motion_of((pencil or sub).rigid_motion))
 
     @property
@@ -127,10 +125,14 @@ class Nested:
         return float(np.sqrt(left.min()))
 
     def basis(self, count: Count) -> Array:
-        """T (R, r): the reduced model with the `count` lowest elastic modes (of each part) in the coordinates of U.
+        """T (R, r): the reduced model with the `count` lowest elastic modes (of each part) in the coordinates of U."""
+        kept = self._first + np.flatnonzero(self.held(count))
+        return np.hstack([np.eye(len(self.M))[:, np.append(np.arange(self._first), kept)], self.static(count)[0]])
 
-        The static shapes of F, without `count` modes, are Ξ(ΞᵀKΞ)⁻¹ΞᵀF plus φ_k (φ_kᵀF)/ω_k² of the modes left out. If their
-        mass is only rounding, it is set to 0.
+    def static(self, count: Count) -> tuple[Array, Array, Array]:
+        """The static shapes (R, s) beside `count` modes, orthogonal, with their stiffness and mass, which is 1 or exactly 0.
+
+        They are those of F, Ξ(ΞᵀKΞ)⁻¹ΞᵀF plus φ_k (φ_kᵀF)/ω_k² of the modes left out, but for dependent ones.
         """
         first, holds = self._first, self.held(count)
         kept, left = first + np.flatnonzero(holds), first + np.flatnonzero(~holds)
@@ -144,13 +146,14 @@ class Nested:
         change, _ = energy_directions(energy, whole)
         mass = self.M.diagonal()[first:]
         inertia, turn = np.linalg.eigh((shapes[first:] @ change).T @ (mass[:, None] * (shapes[first:] @ change)))
-        change = change @ turn
+        inertia, change = inertia[::-1], change @ turn[:, ::-1]
         motion = np.sqrt(mass @ shapes[first:] ** 2 + ((held / values[:, None]) ** 2).sum(axis=0))
         top = np.append(inertia, 1 / np.sort(values)[-1:]).max(initial=0.0)
         massless = inertia <= np.maximum(self.lightest * top, (NOISE * (np.abs(change).T @ motion)) ** 2)
-        shapes = shapes @ (change / np.sqrt(np.where(massless, 1.0, inertia)))
+        unit = np.where(massless, 1.0, inertia)
+        shapes = shapes @ (change / np.sqrt(unit))
         shapes[np.ix_(first + np.flatnonzero(mass), massless)] = 0.0
-        return np.hstack([np.eye(len(self.M))[:, np.append(np.arange(first), kept)], shapes])
+        return shapes, 1 / unit, np.where(massless, 0.0, 1.0)
 
     def projected(self, T: Array) -> tuple[Array, Array]:
         """TᵀMT and TᵀKT, exactly symmetric."""
@@ -260,7 +263,9 @@ class Nested:
             if not np.isfinite(top):  # massless
                 continue
             dynamic = coupling * (np.sqrt(inertia) / stiffness)[:, None]
-            soft = _root(static.T @ static - top * (dynamic.T @ dynamic))
+            values, vectors = np.linalg.eigh(static.T @ static - top * (dynamic.T @ dynamic))
+            positive = values > EPS * max(float(values[-1]), 0.0)
+            soft = np.sqrt(values[positive])[:, None] * vectors[:, positive].T
             rows += [np.sqrt(top) * dynamic, soft]
             flexibility += [np.full(len(dynamic), 1 / top), np.zeros(len(soft))]
         L, below = np.vstack(rows), np.concatenate(flexibility)
@@ -401,30 +406,7 @@ def compared(exact: Array, found: Array, band: tuple[float, float],
     return at, to, distance, inside, int(np.delete(wanted, at).sum() + np.delete(present, to).sum())
 
 
-def with_rounding(estimate: Estimate, model: ReducedSubstructure, whole: Matrix) -> Estimate:
-    """With what one rounding in each entry of `whole` does to ω and λ of a model with K = Vᵀ whole V.
-
-    It is much where a stiff part that floats is joined to a soft one.
-    """
-    found = all_modes(model.K, model.M, ACCEPTED, model.rigid_motion)
-    omega, x = found.frequencies[found.rigid:], np.abs(model.V @ found.shapes[:, found.rigid:])
-    if not len(omega):
-        return estimate
-    share = EPS * np.einsum("ij,ij->j", x, abs(whole) @ x) / (2 * omega**2)
-    of_omega, of_lambda = (share[np.abs(size[:, None] - omega).argmin(axis=1)]
-                           for size in (estimate.frequencies, np.abs(estimate.eigenvalues)))
-    return replace(estimate, frequency_error=estimate.frequency_error + of_omega,
-                   eigenvalue_error=estimate.eigenvalue_error + of_lambda)
-
-
 def _product(A: Array, X: Array, Y: Array) -> Array:
     """sqrt(xᴴAx · yᴴAy) for a positive semidefinite A, column by column."""
     x, y = (np.einsum("ij,ij->j", part.conj(), A @ part).real for part in (X, Y))
     return np.sqrt(np.maximum(x, 0.0) * np.maximum(y, 0.0))
-
-
-def _root(A: Array) -> Array:
-    """L with LᵀL the positive part of a symmetric A."""
-    values, vectors = np.linalg.eigh((A + A.T) / 2)
-    keep = values > EPS * max(float(values[-1]), 0.0)
-    return np.sqrt(values[keep])[:, None] * vectors[:, keep].T

@@ -18,17 +18,17 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import NotConvergedError
+from femsub.checks import Array, check_band, finite_number
+from femsub.errors import InputError, NotConvergedError
 from femsub.model import SHARE, Estimate, beyond
 from femsub.modes import lowest_modes
-from femsub.reduction.basis import Kept
-from femsub.reduction.estimates.found_modes import FoundModes
+from femsub.reduction.basis import Kept, Statics
+from femsub.reduction.estimates.found_modes import FoundModes, Span
 from femsub.reduction.estimates.nested import Nested
-from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
+    from femsub.modes import ShiftInvert
 
 EXCHANGED = 4  # modes of one part that are tried at a time in place of those of others
 TRIALS = 12  # choices by first order that are tried before all modes are taken
@@ -43,6 +43,11 @@ class Goal:
 
     band: tuple[float, float]
     tol: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "band", check_band(self.band))
+        if not 0 < finite_number("tol", self.tol) < 1:
+            raise InputError(f"tol is a relative error between 0 and 1, not {self.tol!r}")
 
 
 class Space:
@@ -131,7 +136,8 @@ class Space:
         floor = reference.floor(best.band, len(best.eigenvalues) > 0)
         if self.spent or floor > best.tol:
             complete = all(part.complete for part in self.parts.values())
-            bare = complete and reference.D is not None and any(part.massless for part in self.parts.values())
+            bare = complete and reference.D is not None and any(
+                part.statics.handle.finite < part.statics.handle.K.shape[0] for part in self.parts.values())
             named = ", ".join(repr(name) for name, count in zip(self.parts, self.given, strict=True) if count >= 0)
             rounding = f". Rounding alone causes {floor:.1e}" if floor > best.tol else ""
             raise NotConvergedError(
@@ -297,8 +303,6 @@ def sides_of(nested: Nested, band: tuple[float, float]) -> list[tuple[Array, Arr
     return sides
 
 
-def lowest(statics: Statics, count: int) -> Kept:
-    """The `count` lowest modes, and one more for the cut-off if there is one. In a large model `confirm` must still run."""
-    more = count < statics.handle.elastic
-    found = lowest_modes(statics.handle, count + more, defer=True)
-    return Kept(found, count, float(found.frequencies[-1]) if more else np.inf)
+def lowest(handle: ShiftInvert, count: int, defer: bool = True) -> Kept:
+    """The `count` lowest modes, and one more for the cut-off if there is one. `count_deferred` must still run unless told."""
+    return Kept(lowest_modes(handle, count + (count < handle.elastic), defer), count)
