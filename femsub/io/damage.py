@@ -36,8 +36,7 @@ def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = F
 def check_end(path: Path, comment: bytes = b"\n") -> None:
     """Refuse a text file whose last line has no end: it was cut short, and its last number may have lost digits.
 
-    A line with a `comment` sign may be cut. (SciPy 1.17's reader of Matrix Market even crashes if the cut is behind the 'e'
-    of a number.)
+    A line with a `comment` sign may be cut.
     """
     with open(path, "rb") as file:
         end = file.seek(0, io.SEEK_END)
