@@ -172,7 +172,8 @@ CSR = {"format": "csr", "shape": (3, 3), "data": np.ones(2), "indices": np.array
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("change", [
     {"indices": np.array([0, 3])}, {"indices": np.array([0, -1])}, {"indices": np.array([0, 10 ** 9])},
-    {"indptr": np.array([0, 9, 2, 2])}, {"indptr": np.array([0, 1, 2, 3])}, {"indptr": np.array([5, 1, 2, 2])},
+    {"indptr": np.array([0, 9, 2, 2])}, {"indptr": np.array([0, 2 ** 30, 0, 0])},
+    {"indptr": np.array([0, 1, 2, 3])}, {"indptr": np.array([5, 1, 2, 2])},
     {"format": "csc", "indices": np.array([0, 10 ** 9])},
     {"shape": (2, 3)}, {"shape": (-3, 3)}, {"shape": (3, 3, 3)}, {"shape": (4_000_000_000, 3)}, {"shape": (3, 4_000_000_000)},
     {"format": "xyz"}, {"format": 5}, {"data": np.array(["a", "b"])}, {"indices": np.array([0.0, 1.0])},
@@ -266,7 +267,8 @@ def sparse_mat(path: Path, rows: Any, starts: Any) -> Path:
 
 @pytest.mark.parametrize(("rows", "starts"), [
     ([0, 1, 0, 1, 2, 1, 10 ** 9], [0, 2, 5, 7]), ([0, 1, 0, 1, 2, 1, -5], [0, 2, 5, 7]), ([0, 1, 0, 1, 2, 1, 3], [0, 2, 5, 7]),
-    ([0, 1, 0, 1, 2, 1, 2], [0, 2, 5, 10 ** 9]), ([0, 1, 0, 1, 2, 1, 2], [0, 5, 2, 7]), ([0, 1, 0, 1, 2, 1, 2], [-1, 2, 5, 7]),
+    ([0, 1, 0, 1, 2, 1, 2], [0, 2, 5, 10 ** 9]), ([0, 1, 0, 1, 2, 1, 2], [0, 5, 2, 7]),
+    ([0, 1, 0, 1, 2, 1, 2], [0, 2 ** 30, 5, 0]), ([0, 1, 0, 1, 2, 1, 2], [-1, 2, 5, 7]),
     ([0, 1, 0, 1, 1, 1, 2], [0, 2, 5, 7]), ([0, 1, 1, 0, 2, 1, 2], [0, 2, 5, 7])])
 def test_matlab_with_wrong_indices(tmp_path: Path, rows: list[int], starts: list[int]) -> None:
     path = sparse_mat(tmp_path / "K.mat", rows, starts)

@@ -8,15 +8,38 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from femsub.algebra import available
+from femsub.checks import Array
 from femsub.errors import InputError, NotEnoughMemoryError
 
 #: exceptions of NumPy, SciPy, h5py, pyyeti, meshio and Python's own readers, which trust the sizes in a file
 THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError, ImportError, LookupError, NameError, OSError,
           RuntimeError, StopIteration, SyntaxError, TypeError, ValueError, Warning, lzma.LZMAError, struct.error,
           tokenize.TokenError, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error)
+
+
+@dataclass
+class Cursor:
+    """Takes numbers from a file's content, one after the other, and never more than there are."""
+
+    path: Path
+    content: Any  # bytes, or what has their buffer
+    place: int = 0
+
+    def take(self, kind: Any, count: int) -> Array:
+        """The next numbers, or records of them, of a kind that NumPy knows."""
+        size = count * np.dtype(kind).itemsize
+        if count < 0 or self.place + size > len(self.content):
+            raise InputError(f"{self.path} is cut short or damaged: there are no {count} numbers at byte {self.place} of "
+                             f"{len(self.content)}; write it again")
+        self.place += size
+        return np.frombuffer(self.content, dtype=kind, count=count, offset=self.place - size)
 
 
 def check_room(path: Path, size: int) -> None:
@@ -31,6 +54,13 @@ def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = F
     if (shape[0] * shape[1] if dense else max(shape)) > 10_000_000 + 100 * count or max(shape) >= 2 ** 31:
         raise InputError(f"{path} announces a matrix of {shape[0]} x {shape[1]}, but holds {count} entries. One of these "
                          "must be wrong; write it again")
+
+
+def check_indices(matrix: Any) -> None:
+    """Refuse indices of a compressed sparse matrix that leave its arrays; SciPy's own check is content if the last pointer is 0."""
+    matrix.check_format(full_check=True)
+    if (np.diff(matrix.indptr) < 0).any():
+        raise ValueError("its index pointers fall")
 
 
 def check_end(path: Path, comment: bytes = b"\n") -> None:
