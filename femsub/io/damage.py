@@ -26,18 +26,17 @@ THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError
 
 @dataclass
 class Cursor:
-    """Takes numbers from a file's content, one after the other, and never more than there are."""
+    """Takes numbers from what has a buffer, one after the other, and never more than there are."""
 
-    path: Path
-    content: Any  # bytes, or what has their buffer
-    place: int = 0
+    what: str  # whose content it is, as errors begin
+    content: Any
+    place: int = 0  # in bytes
 
     def take(self, kind: Any, count: int) -> Array:
         """The next numbers, or records of them, of a kind that NumPy knows."""
         size = count * np.dtype(kind).itemsize
-        if count < 0 or self.place + size > len(self.content):
-            raise InputError(f"{self.path} is cut short or damaged: there are no {count} numbers at byte {self.place} of "
-                             f"{len(self.content)}; write it again")
+        if count < 0 or self.place + size > memoryview(self.content).nbytes:
+            raise InputError(f"{self.what} has fewer numbers than it says: is it cut short or damaged?")
         self.place += size
         return np.frombuffer(self.content, dtype=kind, count=count, offset=self.place - size)
 
@@ -57,7 +56,7 @@ def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = F
 
 
 def check_indices(matrix: Any) -> None:
-    """Refuse indices of a compressed sparse matrix that leave its arrays; SciPy's own check is content if the last pointer is 0."""
+    """Refuse indices of a compressed sparse matrix that leave its arrays; SciPy lets them pass where the last pointer is 0."""
     matrix.check_format(full_check=True)
     if (np.diff(matrix.indptr) < 0).any():
         raise ValueError("its index pointers fall")

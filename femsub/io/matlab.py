@@ -110,7 +110,7 @@ def _matrices_only(path: Path, content: bytes) -> bytes:
 
 def _elements(path: Path, content: bytes, order: str, place: int) -> Iterator[tuple[int, bytes]]:
     """Kinds and data of the elements from a position on; up to four bytes of data may be in an element's head."""
-    cursor = Cursor(path, content, place)
+    cursor = Cursor(str(path), content, place)
     while any(memoryview(content)[cursor.place:]):  # zeros may fill up the last word
         kind, size = cursor.take(f"{order}u4", 2).tolist()
         if kind >> 16:
@@ -144,7 +144,7 @@ def _unpacked(path: Path, data: bytes, order: str) -> tuple[int, bytes]:
 
 def _flags(path: Path, data: bytes, order: str) -> int | None:
     """An array's flags, which are its first element, or None if it is neither a full nor a sparse matrix."""
-    kind, size, flags = Cursor(path, data).take(f"{order}u4", 3).tolist()
+    kind, size, flags = Cursor(str(path), data).take(f"{order}u4", 3).tolist()
     if (kind, size) != (6, 8):
         raise InputError(f"{path} is damaged: an array does not begin with its flags")
     return flags if flags & 0xFF == _SPARSE or flags & 0xFF in _DENSE else None
