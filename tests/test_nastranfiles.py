@@ -160,11 +160,3 @@ def test_continuations_out_of_order_are_refused(tmp_path: Path) -> None:
     lines[13], lines[15] = lines[15], lines[13]
     with pytest.raises(fs.InputError, match=re.escape("the continuation '+A1' does not stand below the line it continues")):
         deck(tmp_path, [*lines, "ENDDATA"])
-
-
-def test_long_decks_are_taken_apart_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.io import nastran
-
-    monkeypatch.setattr(nastran, "CHUNK", 3)
-    for form in FORMS:
-        assert_bricks(deck(tmp_path, [*bricks(form), "ENDDATA"]))
