@@ -242,7 +242,7 @@ def _counted(found: _Found, section: str, raw: bytes, start: int, kind: type) ->
 def _elements(found: _Found, section: str, raw: bytes, start: int) -> int:
     if found.version[0] == "2":
         numbers, total = _counted(found, section, raw, start, np.int64)
-        found.blocks = list(_runs_binary(found, numbers, total) if found.binary else _runs(found, numbers, total))
+        found.blocks = list(_runs(found, numbers, total))
     else:
         numbers = _Numbers(found, section, raw, start, np.int64)
         early = found.version == "4.0"
@@ -269,36 +269,31 @@ def _size(found: _Found, kind: int) -> int:
 
 
 def _runs(found: _Found, numbers: _Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
-    """Elements of the text of version 2, as many at a time as have the same kind and number of tags."""
+    """Elements of version 2, as many at a time as have the same kind and number of tags."""
     left = total
     while left > 0:
-        rest = numbers.left()
-        if len(rest) < 3:
-            raise found.wrong(f"$Elements has {total - left} elements, but says {total}: is it cut short or damaged?")
-        kind, tags = (int(value) for value in rest[1:3])
-        width = 3 + tags + _size(found, kind)
-        most = min(left, len(rest) // max(width, 1), AHEAD)
-        if not 0 <= tags <= 100 or not most:
-            raise found.wrong(f"$Elements has an element with {tags} tags and {max(0, len(rest) - 3 - tags)} numbers behind "
-                              "them: is it cut short or damaged?")
-        heads = rest[:most * width].reshape(-1, width)
-        same = (heads[:, 1] == kind) & (heads[:, 2] == tags)
-        count = most if same.all() else int(same.argmin())
-        table = numbers.table("n", count, width)
-        left -= count
-        yield kind, table[:, 0], table[:, 3 + tags:], np.abs(table[:, 3]) if tags else np.zeros(count, dtype=np.int64)
-
-
-def _runs_binary(found: _Found, numbers: _Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
-    left = total
-    while left > 0:
-        kind, count, tags = numbers.take("i", 3).tolist()
+        kind, count, tags = numbers.take("i", 3).tolist() if found.binary else _alike(numbers, left)
         size = _size(found, kind)
         if not 0 <= tags <= 100 or not 0 < count <= left:
-            raise found.wrong(f"$Elements has a run of {count} elements with {tags} tags, but {left} elements are left")
-        table = numbers.table("i", count, 1 + tags + size)
+            raise found.wrong(f"$Elements has {count} elements with {tags} tags where {left} should follow: is it cut short or "
+                              "damaged?")
+        before = 1 if found.binary else 3  # the text repeats kind and tags
+        table = numbers.table("i", count, before + tags + size)
         left -= count
-        yield kind, table[:, 0], table[:, 1 + tags:], np.abs(table[:, 1]) if tags else np.zeros(count, dtype=np.int64)
+        yield (kind, table[:, 0], table[:, before + tags:],
+               np.abs(table[:, before]) if tags else np.zeros(count, dtype=np.int64))
+
+
+def _alike(numbers: _Numbers, left: int) -> tuple[int, int, int]:
+    """Kind, count and number of tags of the next elements of a text."""
+    rest = numbers.left()
+    if len(rest) < 3:
+        raise numbers.found.wrong(f"$Elements ends where {left} elements should follow: is it cut short or damaged?")
+    kind, tags = (int(value) for value in rest[1:3])
+    width = max(3 + tags + _size(numbers.found, kind), 3)
+    heads = rest[:min(left, len(rest) // width, AHEAD) * width].reshape(-1, width)
+    same = (heads[:, 1:3] == (kind, tags)).all(axis=1)
+    return kind, len(same) if same.all() else int(same.argmin()), tags
 
 
 def _data(found: _Found, section: str, raw: bytes, start: int) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.mesh_text import Deck, as_numbers, once, rows_of
+from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, whole_numbers
 
 BLANK = "-9"  # stands for a coordinate system that is not given: GRDSET may give it
 _HEXA20 = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]  # Nastran has the upright edges before those of the top
@@ -179,7 +179,7 @@ def _points(path: Path, cards: dict[str, list[str]]) -> tuple[Array, Array]:
         raise InputError(f"{path} has several GRDSET cards")
     default = _values(path, "GRDSET", cards["GRDSET"])[:, 1].any()
     numbers, system = _values(path, "GRID", cards["GRID"]).T
-    _positive(path, "GRID", numbers)
+    whole_numbers(f"{path}: the numbers of GRID", numbers)
     if (np.where(system == int(BLANK), default, system) != 0).any():
         raise InputError(f"{path} gives nodes in coordinate systems of their own (field CP of GRID or GRDSET); write them in the "
                          "basic one")
@@ -191,7 +191,7 @@ def _cells(path: Path, name: str, cards: list[str]) -> list[tuple[str, Array, Ar
     values = _values(path, name, cards)
     given = values[:, 2:] != 0
     count = np.where(given.all(axis=1), given.shape[1], given.argmin(axis=1))
-    _positive(path, name, values[:, 0])
+    whole_numbers(f"{path}: the numbers of {name}", values[:, 0])
     if name in ("CBUSH", "CBUSH1D", "CGAP"):  # to the ground
         values, given, count = (part[count == 2] for part in (values, given, count))
     wrong = np.flatnonzero(~np.isin(count, list(_CELLS[name])) | (given.sum(axis=1) != count))
@@ -204,8 +204,3 @@ def _cells(path: Path, name: str, cards: list[str]) -> list[tuple[str, Array, Ar
         if len(taken):
             blocks.append((kind, taken[:, 0], taken[:, 1], taken[:, 2:][:, _ORDER.get((name, size), range(size))]))
     return blocks
-
-
-def _positive(path: Path, name: str, numbers: Array) -> None:
-    if (numbers < 1).any():
-        raise InputError(f"{path}: a {name} card has the number {numbers[numbers < 1][0]}, or none")
