@@ -32,13 +32,19 @@ class Cursor:
     content: Any
     place: int = 0  # in bytes
 
-    def take(self, kind: Any, count: int) -> Array:
-        """The next numbers, or records of them, of a kind that NumPy knows."""
-        size = count * np.dtype(kind).itemsize
-        if count < 0 or self.place + size > memoryview(self.content).nbytes:
+    def __post_init__(self) -> None:
+        self.end = memoryview(self.content).nbytes
+
+    def skip(self, size: int) -> None:
+        if size < 0 or self.place + size > self.end:
             raise InputError(f"{self.what} has fewer numbers than it says: is it cut short or damaged?")
         self.place += size
-        return np.frombuffer(self.content, dtype=kind, count=count, offset=self.place - size)
+
+    def take(self, kind: Any, count: int) -> Array:
+        """The next numbers, or records of them, of a kind that NumPy knows."""
+        start, kind = self.place, np.dtype(kind)
+        self.skip(count * kind.itemsize)
+        return np.frombuffer(self.content, kind, count, start)
 
 
 def check_room(path: Path, size: int) -> None:

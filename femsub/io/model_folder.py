@@ -332,16 +332,12 @@ def _check(path: Path, about: Any) -> None:
     if HASHES not in about:
         raise InputError(f"{path} has no hashes of its files, since an older femsub wrote it. Write the model again, or read its "
                          "matrices one by one, read_component('M.mtx', 'K.mtx')")
-    _check_entries(path, "", about, CHECKS)
+    _check_entries(path, "", about, CHECKS + MAP * ("dofs" in about) + SETS * ("sets" in about))
     reduced = about.get("reduced")
     if reduced is not None:
         if not isinstance(reduced, dict):
             raise _damaged(path, f"'reduced' must be a table, not {reduced!r:.40}")
         _check_entries(path, "reduced: ", {"modes": 0} | reduced, REDUCED)
-    if "dofs" in about:
-        _check_entries(path, "", about, MAP)
-    if "sets" in about:
-        _check_entries(path, "", about, SETS)
     wanted = {"M", "D", "K"} | ({"V"} if reduced is not None else set()) | ({"ports"} if about["ports"] else set())
     if set(about["files"]) != wanted:
         raise _damaged(path, f"'files' must name {', '.join(sorted(wanted))}, but names "

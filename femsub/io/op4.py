@@ -126,9 +126,9 @@ class _Binary:
 
     def __init__(self, path: Path, content: mmap.mmap) -> None:
         self.path, self.cursor, self.start, self.after = path, Cursor(str(path), content), 0, 0
-        self.order = "<" if content[0] else ">"
+        order = "<" if content[0] else ">"
         self.wide = 48 in (content[0], content[3])  # the length of a head: 24 of four bytes or 48 of eight
-        self.word = f"{self.order}i{8 if self.wide else 4}"
+        self.length, self.word = np.dtype(f"{order}i4"), np.dtype(f"{order}i{8 if self.wide else 4}")
 
     def here(self) -> str:
         return f"at byte {self.start}"
@@ -136,9 +136,10 @@ class _Binary:
     def _record(self) -> int:
         """Begin the next record; returns how many words it has."""
         self.start = self.cursor.place = self.after
-        length = int(self.cursor.take(f"{self.order}i4", 1)[0])
-        words, rest = divmod(self.cursor.take("u1", length).size, 8 if self.wide else 4)
-        if rest or words < 3 or self.cursor.take(f"{self.order}i4", 1)[0] != length:
+        length = int(self.cursor.take(self.length, 1)[0])
+        self.cursor.skip(length)
+        words, rest = divmod(length, self.word.itemsize)
+        if rest or words < 3 or self.cursor.take(self.length, 1)[0] != length:
             raise _damaged(self.path, f"a record {self.here()} does not end where it should")
         self.after, self.cursor.place = self.cursor.place, self.start + 4
         return words
@@ -163,7 +164,7 @@ class _Binary:
         return found
 
     def skip(self, numbers: int, per: int) -> None:
-        self.cursor.take(self.word, numbers * per)
+        self.cursor.skip(numbers * per * self.word.itemsize)
 
     def end(self) -> None:
         pass
