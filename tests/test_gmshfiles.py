@@ -136,10 +136,10 @@ def test_names_in_latin_1_and_names_that_differ_in_case_or_behind_a_comma(tmp_pa
     (FOUR, "$EndElements", "", "$Elements does not end: is it cut short?"),
     (FOUR, "$Entities", "$PartitionedEntities", "it is partitioned"),
     (FOUR, "1\n3 9", "2\n3 9", "there are 1 physical names where '2' should be"),
-    (TWO, "\n3\n1 2 2", "\n4\n1 2 2", "$Elements has 3 elements, but says 4"),
+    (TWO, "\n3\n1 2 2", "\n4\n1 2 2", "$Elements ends where 1 elements should follow"),
     (TWO, "\n3\n1 2 2", "\n2\n1 2 2", "numbers more than it says"),
     (TWO, "\n5\n1 0", "\n6\n1 0", "$Nodes has fewer numbers than it says"),
-    (TWO, "2 4 2 9 1 1", "2 4 -2 9 1 1", "an element with -2 tags"),
+    (TWO, "2 4 2 9 1 1", "2 4 -2 9 1 1", "elements with -2 tags where 2 should follow"),
 ])
 def test_what_is_refused(text: str, old: str, new: str, why: str, tmp_path: Path) -> None:
     assert text.count(old) == 1

@@ -129,9 +129,9 @@ def test_encodings(encoding: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("lines", "text"), [
-    (["*NSET, NSET=a, GENERATE", "24, 21, -1"], "*NSET a, GENERATE has a line 24, 21, -1; it must be first, last, step"),
-    (["*NSET, NSET=a, GENERATE", "1, 4, -1"], "GENERATE has a line 1, 4, -1"),
-    (["*NSET, NSET=a, GENERATE", "1"], "GENERATE has a line 1;"),
+    (["*NSET, NSET=a, GENERATE", "24, 21, -1"], "*NSET a, GENERATE has a line from 24 to 21 in steps of -1; it must be"),
+    (["*NSET, NSET=a, GENERATE", "1, 4, -1"], "GENERATE has a line from 1 to 4 in steps of -1"),
+    (["*NSET, NSET=a, GENERATE", "1"], "GENERATE has a line from 1 to 0 in steps of 1;"),
     (["*NSET, NSET=a, GENERATE", "1, 99999999999, 1"], "*NSET a names node 5, which the file does not give"),
     (["*ELSET, ELSET=a, GENERATE", "1, 99999999999, 1"], "*ELSET a names element 4, which the file does not give"),
     (["*ELSET, ELSET=a", "1, 77"], "*ELSET a names element 77, which the file does not give"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,6 @@ import scipy.sparse as sp
 from matrixhelp import abaqus, numbered, same
 
 import femsub as fs
-
-READ = scipy.io.mmread
 
 
 @pytest.mark.parametrize("kind", ["mtx", "mtx-array", "npz", "npz-named", "npy", "mat", "mat-dense", "op4", "op4-text",
@@ -143,26 +140,6 @@ def test_lines_that_are_missing_at_the_end(tmp_path: Path, sub: fs.Substructure,
         path.write_text("".join(path.read_text().splitlines(keepends=True)[:-line]))
     with pytest.raises(fs.InputError, match=r"M: .*M.mtx|M is .*M.sti|are not in M"):
         fs.read_component(*paths)
-
-
-def scipy_1_12(source: object) -> object:
-    with warnings.catch_warnings(action="ignore"):  # of the release that is at work
-        return READ(source)
-
-
-def scipy_1_18(source: object, *, spmatrix: object = None) -> object:
-    if spmatrix is None:
-        warnings.warn("The default value for `spmatrix` is changing to `False` in v1.20.", DeprecationWarning, stacklevel=2)
-    return scipy_1_12(source)
-
-
-@pytest.mark.parametrize("mmread", [scipy_1_12, scipy_1_18])
-def test_no_release_of_scipy_warns(tmp_path: Path, sub: fs.Substructure, monkeypatch: pytest.MonkeyPatch, mmread: object) -> None:
-    scipy.io.mmwrite(tmp_path / "K.mtx", sub.K, precision=17)
-    monkeypatch.setattr(scipy.io, "mmread", mmread)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        same(fs.read_matrix(tmp_path / "K.mtx"), sub.K)
 
 
 @pytest.mark.parametrize(("first", "second"), [("beam.sti", "beam.mas"), ("K.mtx", "M.mtx"),

@@ -131,7 +131,7 @@ def test_angles_of_shells_and_vectors_of_bars_are_no_nodes(tmp_path: Path) -> No
     ("GRID,7,,", "GRDSET,,3\nGRID,7,,", "in coordinate systems of their own (field CP of GRID or GRDSET)"),
     ("GRID,17,,", "GRID,7,,", "gives 1 nodes more than once, the first is node 7"),
     ("CHEXA,2,5,", "CHEXA,1,5,", "gives 1 elements more than once, the first is element 1"),
-    ("GRID,17,,", "GRID,,,", "a GRID card has the number 0, or none"),
+    ("GRID,17,,", "GRID,,,", "the numbers of GRID must be whole and positive, not 0"),
     ("CHEXA,2,5,47,87,", "CHEXA,2,5,47,,", "CHEXA 2 has 7 nodes, not 8 or 20"),
     ("CHEXA,2,5,47,87,", "CHEXA,2,5,47,999,", "names node 999, which the file does not give"),
     ("CHEXA,2,5,47,87,", "CHEXA,2,5,47,8.7,", "the fields of CHEXA are not all numbers"),
@@ -160,11 +160,3 @@ def test_continuations_out_of_order_are_refused(tmp_path: Path) -> None:
     lines[13], lines[15] = lines[15], lines[13]
     with pytest.raises(fs.InputError, match=re.escape("the continuation '+A1' does not stand below the line it continues")):
         deck(tmp_path, [*lines, "ENDDATA"])
-
-
-def test_long_decks_are_taken_apart_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.io import nastran
-
-    monkeypatch.setattr(nastran, "CHUNK", 3)
-    for form in FORMS:
-        assert_bricks(deck(tmp_path, [*bricks(form), "ENDDATA"]))

@@ -93,7 +93,7 @@ def test_dof_map_as_text(tmp_path: Path, text: str, name: str, label: str) -> No
 @pytest.mark.parametrize(("ending", "text", "words"), [
     ("sti", K3.replace("-1.0\n3 3", "nan\n3 3"), "holds a NaN or Inf, first in data line 4"),
     ("sti", K3.replace("3 2 -1.0", "3 2 x"), "'x' in data line 4 is not a number"),
-    ("sti", K3.replace("3 2 -1.0", "3 2"), "data line 4 has 2 values, those before have 3"),
+    ("sti", K3.replace("3 2 -1.0", "3 2"), "data line 4 has 2 values, not 3"),
     ("sti", K3 + "3 2 -1.0\n", "lists an entry twice: row 3, column 2"),
     ("sti", K3.replace("2 1", "1 2"), "neither one triangle nor a full matrix: 1 entries below the diagonal and 1 above"),
     ("sti", K3.replace("1 1 2.0\n", "0 1 2.0\n"), "count from 1, but data line 1 has 0"),
@@ -137,7 +137,7 @@ def test_bad_text(tmp_path: Path, ending: str, text: str, words: str) -> None:
     ({"dofs": "1.1\n"}, "has 1 DOF, but"),
     ({"dofs": "1.1\n1.2\n1.2\n"}, "uy at node 1 is listed twice"),
     ({"dofs": "1.1\n1\n2.1\n"}, "'' is not a node or direction"),
-    ({"dofs": "1,ux\n1,uy\n2\n"}, "data line 3 has 1 values, the first has 2"),
+    ({"dofs": "1,ux\n1,uy\n2\n"}, "data line 3 has 1 values, not 2"),
     ({"dofs": "a,ux\n1,uy\n2,ux\n"}, "'a' is not a node or direction"),
     ({"dofs": "node,component\n"}, "is empty"),
     ({"dofs": "1.1\n1.2\n2.1\n", "interface": ["2:uy"]}, "interface: there is no uy at node 2"),

@@ -6,8 +6,8 @@ import csv
 import io
 import re
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -132,50 +132,50 @@ def _table(path: Path) -> Array:
     if first.startswith("*") and not first.startswith("**"):
         raise InputError(f"{path} holds keywords ({first.strip()[:40]}); only matrices of *MATRIX GENERATE are read: "
                          f"{AS_WRITTEN}")
-    delimiter = "," if "," in first else None
-    try:
-        table = _by_numpy(path, delimiter, skip=heading)
-    except ValueError:  # NumPy cannot read comments between the lines or Fortran's exponents
-        table = np.zeros((0, 0))
-    return table if table.size else _loaded(path, _tidied(path, heading), delimiter)
-
-
-def _tidied(path: Path, heading: int) -> Iterator[str]:
-    with open(path, "rb") as file:
-        for number, line in enumerate(file):
-            if number >= heading and not line.startswith(b"**"):
-                yield fortran_mended(line).decode("utf-8", "replace")
-
-
-def fortran_mended(text: bytes) -> bytes:
-    """Fortran's 2.5D+03 and 2.5+103 as 2.5e+03 and 2.5e+103; it omits the letter before exponents of three digits."""
-    text = re.sub(rb"(?<=[\d.])[dD](?=[+-]?\d)", b"e", text)
-    return re.sub(rb"(\d\.\d*|\.\d+)([+-]\d{3})(?!\d)", rb"\1e\2", text)
-
-
-def _by_numpy(source: Any, delimiter: str | None, dtype: Any = float, skip: int = 0) -> Array:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # a file without data: the caller raises an error
-        return np.loadtxt(source, dtype=dtype, delimiter=delimiter, ndmin=2 if dtype is float else 1, encoding="utf-8",
-                          skiprows=skip, comments=None, quotechar=None if dtype is float else '"')
-
-
-def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float) -> Array:
-    """The table, or an error that names the line in which NumPy stopped."""
-    try:
-        table = _by_numpy(source, delimiter, dtype)
-    except ValueError as error:
-        reason = str(error).split(";")[0].rstrip(".")
-        if found := re.search(r"could not convert string (.+) to \w+ at row (\d+)", reason):
-            reason = f"{found[1]} in data line {int(found[2]) + 1} is not a number"
-        elif found := re.search(r"changed from (\d+) to (\d+) at row (\d+)", reason):
-            reason = f"data line {found[3]} has {found[2]} values, those before have {found[1]}"
-        elif found := re.search(r"requires (\d+) columns but (\d+) were found at row (\d+)", reason):
-            reason = f"data line {found[3]} has {found[2]} values, the first has {found[1]}"
-        raise InputError(f"{path} cannot be read: {reason}; it may be cut short, write it again") from None
+    table = lines_of_numbers(path, heading, "," if "," in first else None, comment=("**",))
     if not table.size:
         raise InputError(f"{path} is empty")
     return table
+
+
+def lines_of_numbers(path: Path, skip: int, delimiter: str | None = None, dtype: Any = float,
+                     comment: tuple[str, ...] = ()) -> Array:
+    """The numbers behind the first lines, without lines that begin as a comment.
+
+    Raises
+    ------
+    InputError
+        A word that is no number, a line of another length. The message counts the lines with data from 1.
+    """
+    try:
+        return _loaded(path, path, delimiter, dtype, skip)
+    except InputError:  # NumPy cannot read comments between the lines or Fortran's exponents
+        with open(path, encoding="utf-8", errors="replace") as file:
+            mended = (fortran_mended(line) for line in islice(file, skip, None) if not line.startswith(comment))
+            return _loaded(path, mended, delimiter, dtype)
+
+
+def fortran_mended(text: str) -> str:
+    """Fortran's 2.5D+03 and 2.5+103 as 2.5e+03 and 2.5e+103; it omits the letter before exponents of three digits."""
+    text = re.sub(r"(?<=[\d.])[dD](?=[+-]?\d)", "e", text)
+    return re.sub(r"(\d\.\d*|\.\d+)([+-]\d{3})(?!\d)", r"\1e\2", text, flags=re.ASCII)
+
+
+def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float, skip: int = 0) -> Array:
+    """NumPy's table, or an error that names the line in which NumPy stopped."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a file without data
+            warnings.simplefilter("error", DeprecationWarning)  # 1.5 where a whole number belongs
+            return np.loadtxt(source, dtype=dtype, delimiter=delimiter, ndmin=2 if dtype is float else 1, encoding="utf-8",
+                              skiprows=skip, comments=None, quotechar='"' if "U" in str(dtype) else None)
+    except ValueError as error:
+        reason = str(error).split(";")[0].rstrip(".")
+        if found := re.search(r"could not convert string (.+) to \w+ at row (\d+)", reason):
+            reason = f"{found[1]} in data line {int(found[2]) + 1} is not a {'whole ' * (' int' in reason)}number"
+        elif found := re.search(r"(?:changed from|requires) (\d+) (?:to|columns but) (\d+) .*at row (\d+)", reason):
+            reason = f"data line {found[3]} has {found[2]} values, not {found[1]}"
+        raise InputError(f"{path} cannot be read: {reason}; it may be cut short, write it again") from None
 
 
 def dof_map(labels: Array) -> DofMap:
@@ -206,6 +206,8 @@ def read_dofs(path: Path, labels: tuple[str, ...] | None = None) -> DofMap:
     heading, _, rest = text.partition("\n")
     body = rest if heading.lower().lstrip("\ufeff ").startswith("node") else text
     first = body.lstrip().partition("\n")[0]
+    if not first:
+        raise InputError(f"{path} is empty")
     try:
         if "," not in first:
             cells = _loaded(path, io.StringIO(body), None, _text_type(body))

@@ -57,7 +57,7 @@ def newest(folder: Path, name: str) -> Path:
 
 
 @contextmanager
-def held(folder: Path) -> Iterator[None]:
+def held(folder: Path, lock: bool = True) -> Iterator[None]:
     """Make the folder and lock it; end what a killed writer has begun. A folder that is still empty at the end goes again.
 
     Raises
@@ -68,19 +68,19 @@ def held(folder: Path) -> Iterator[None]:
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    before = _held.get()
     try:
-        found = os.fstat(handle)
-        name = (found.st_dev, found.st_ino)
-        if name not in _held.get():
-            _lock(handle)
-        token = _held.set(_held.get() | {name})
-        try:
+        if lock:
+            found = os.fstat(handle)
+            name = (found.st_dev, found.st_ino)
+            if name not in before:
+                _lock(handle)
+            _held.set(before | {name})
             _finish(folder)
-            _sweep(folder)
-            yield
-        finally:
-            _held.reset(token)
+        _sweep(folder)
+        yield
     finally:
+        _held.set(before)
         _remove_empty(made)
         os.close(handle)
 
@@ -100,7 +100,7 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
             stack.enter_context(held(folder))
         waiting: dict[Path, Path] = {}
         for place in dict.fromkeys(path.parent for path in places.values()):  # outer folders are locked before inner ones
-            stack.enter_context(_made(place) if alone else held(place))
+            stack.enter_context(held(place, lock=not alone))
             waiting[place] = stack.enter_context(_temporary(place))
         for name, writer in writers.items():  # in their order: an index tells of those before
             path = places[name]
@@ -116,18 +116,6 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
         for place in waiting:
             _finish(place, own=True)
     return list(places.values())
-
-
-@contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Make the folder without a lock; one that is still empty at the end goes again."""
-    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
-    _sweep(folder)
-    try:
-        yield
-    finally:
-        _remove_empty(made)
 
 
 def _lock(handle: int) -> None:

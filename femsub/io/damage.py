@@ -8,15 +8,43 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from femsub.algebra import available
+from femsub.checks import Array
 from femsub.errors import InputError, NotEnoughMemoryError
 
 #: exceptions of NumPy, SciPy, h5py, pyyeti, meshio and Python's own readers, which trust the sizes in a file
 THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError, ImportError, LookupError, NameError, OSError,
           RuntimeError, StopIteration, SyntaxError, TypeError, ValueError, Warning, lzma.LZMAError, struct.error,
           tokenize.TokenError, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error)
+
+
+@dataclass
+class Cursor:
+    """Takes numbers from what has a buffer, one after the other, and never more than there are."""
+
+    what: str  # whose content it is, as errors begin
+    content: Any
+    place: int = 0  # in bytes
+
+    def __post_init__(self) -> None:
+        self.end = memoryview(self.content).nbytes
+
+    def skip(self, size: int) -> None:
+        if size < 0 or self.place + size > self.end:
+            raise InputError(f"{self.what} has fewer numbers than it says: is it cut short or damaged?")
+        self.place += size
+
+    def take(self, kind: Any, count: int) -> Array:
+        """The next numbers, or records of them, of a kind that NumPy knows."""
+        start, kind = self.place, np.dtype(kind)
+        self.skip(count * kind.itemsize)
+        return np.frombuffer(self.content, kind, count, start)
 
 
 def check_room(path: Path, size: int) -> None:
@@ -33,11 +61,17 @@ def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = F
                          "must be wrong; write it again")
 
 
+def check_indices(matrix: Any) -> None:
+    """Refuse indices of a compressed sparse matrix that leave its arrays; SciPy lets them pass where the last pointer is 0."""
+    matrix.check_format(full_check=True)
+    if (np.diff(matrix.indptr) < 0).any():
+        raise ValueError("its index pointers fall")
+
+
 def check_end(path: Path, comment: bytes = b"\n") -> None:
     """Refuse a text file whose last line has no end: it was cut short, and its last number may have lost digits.
 
-    A line with a `comment` sign may be cut. (SciPy 1.17's reader of Matrix Market even crashes if the cut is behind the 'e'
-    of a number.)
+    A line with a `comment` sign may be cut.
     """
     with open(path, "rb") as file:
         end = file.seek(0, io.SEEK_END)

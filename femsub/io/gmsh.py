@@ -16,9 +16,11 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
+from femsub.io.damage import Cursor
 from femsub.io.mesh_text import as_numbers, once, rows_of
 
 BODIES = ("point", "line", "surface", "volume")
+AHEAD = 4096  # elements of text that are looked at in one step
 VERSIONS = ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1")
 #: Gmsh's number of a kind: its name, nodes and dimension
 _KINDS = {15: ("vertex", 1, 0), 1: ("line", 2, 1), 8: ("line3", 3, 1), 2: ("triangle", 3, 2), 9: ("triangle6", 6, 2),
@@ -84,28 +86,21 @@ class _Found:
 
 
 class _Numbers:
-    """Reads numbers from a section, one after the other, and never more than there are."""
+    """Reads numbers from a section: those of a text are all of one kind, and taken as from a binary file."""
 
     def __init__(self, found: _Found, section: str, raw: bytes, start: int, kind: type = float) -> None:
-        self.found, self.section, self.raw, self.place = found, section, raw, start
-        self.end = len(raw)
-        self.values: Array | None = None
+        self.found, self.section, self.raw, self.end = found, section, raw, -1
+        content: Any = raw
+        self.kinds = {"i": "<i4", "n": found.words, "d": "<f8"}
         if not found.binary:
             self.end = _end(found, section, raw, start)
-            text = raw[start:self.end].decode("latin-1")
-            self.values, self.place = as_numbers(f"{found.path}: the data of ${section}", text, kind), 0
+            content = as_numbers(f"{found.path}: the data of ${section}", raw[start:self.end].decode("latin-1"), kind)
+            self.kinds, start = dict.fromkeys("ind", content.dtype.str), 0
+        self.cursor = Cursor(f"{found.path} cannot be read as a Gmsh mesh: ${section}", content, start)
 
     def take(self, kind: str, count: int) -> Array:
         """`count` numbers: 'i' whole, 'n' sizes and tags, 'd' real."""
-        if self.values is None:
-            part = self.records({"i": "<i4", "n": self.found.words, "d": "<f8"}[kind], count)
-            if kind == "n" and len(part) and part.max() > np.uint64(2**62):
-                raise self.found.wrong(f"${self.section} has a number beyond all limits")
-            return part.astype(float if kind == "d" else np.int64)
-        part = self.values[self.place:self.place + count]
-        if len(part) < count or count < 0:
-            raise self.found.wrong(f"${self.section} has fewer numbers than it says: is it cut short or damaged?")
-        self.place += count
+        part = self.cursor.take(self.kinds[kind], count)
         return part.astype(float) if kind == "d" else self._whole(part)
 
     def _whole(self, part: Array) -> Array:
@@ -117,29 +112,25 @@ class _Numbers:
     def one(self, kind: str) -> int:
         return int(self.take(kind, 1)[0])
 
-    def records(self, dtype: Any, count: int) -> Array:
-        """The next numbers, or records of them, of a binary section."""
-        size = np.dtype(dtype).itemsize
-        if count < 0 or self.place + count * size > self.end:
-            raise self.found.wrong(f"${self.section} says it has {count} numbers or rows, more than the file: is it cut short or "
-                                   "damaged?")
-        self.place += count * size
-        return np.frombuffer(self.raw, dtype=dtype, count=count, offset=self.place - count * size)
+    def table(self, kind: str, count: int, width: int) -> Array:
+        return self.take(kind, count * width).reshape(count, width)
 
     def rows(self, count: int, width: int) -> tuple[Array, Array]:
         """Numbers of nodes or elements (count,), behind each of which real numbers stand (count, width)."""
-        if self.values is None:
-            found = self.records([("number", "<i4"), ("values", "<f8", (width,))], count)
-            return found["number"].astype(np.int64), found["values"].astype(float)
-        table = self.take("d", (1 + width) * count).reshape(count, 1 + width)
-        return self._whole(table[:, 0]), table[:, 1:].copy()
+        rows = self.cursor.take([("number", self.kinds["i"]), ("values", self.kinds["d"], (width,))], count)
+        return self._whole(rows["number"]), rows["values"].astype(float)
+
+    def left(self) -> Array:
+        """The numbers of a text that are not taken."""
+        content: Array = self.cursor.content
+        return content[self.cursor.place // content.itemsize:]
 
     def done(self) -> int:
         """The place in the file behind the section, all of which must have been taken."""
-        if self.values is not None and self.place != len(self.values):
-            raise self.found.wrong(f"${self.section} has {len(self.values) - self.place} numbers more than it says")
-        mark = re.compile(rb"\s{0,9}\$End" + self.section.encode()).match(self.raw, self.end if self.values is not None else
-                                                                           self.place)
+        if self.end >= 0 and len(self.left()):
+            raise self.found.wrong(f"${self.section} has {len(self.left())} numbers more than it says")
+        place = self.end if self.end >= 0 else self.cursor.place
+        mark = re.compile(rb"\s{0,9}\$End" + self.section.encode()).match(self.raw, place)
         if not mark:
             raise self.found.wrong(f"${self.section} does not end where it says: is it cut short or damaged?")
         return mark.end()
@@ -227,7 +218,7 @@ def _nodes(found: _Found, section: str, raw: bytes, start: int) -> int:
             some, places = numbers.rows(count, 3)
         else:
             width = 3 + (min(max(dimension, 0), 3) if parametric else 0)
-            some, places = numbers.take("n", count), numbers.take("d", width * count).reshape(count, width)
+            some, places = numbers.take("n", count), numbers.table("d", count, width)
         tags.append(some)
         points.append(places[:, :3])
     found.numbers, found.points = np.concatenate(tags), np.concatenate(points)
@@ -251,7 +242,7 @@ def _counted(found: _Found, section: str, raw: bytes, start: int, kind: type) ->
 def _elements(found: _Found, section: str, raw: bytes, start: int) -> int:
     if found.version[0] == "2":
         numbers, total = _counted(found, section, raw, start, np.int64)
-        found.blocks = list(_runs_binary(found, numbers, total) if found.binary else _runs(found, numbers, total))
+        found.blocks = list(_runs(found, numbers, total))
     else:
         numbers = _Numbers(found, section, raw, start, np.int64)
         early = found.version == "4.0"
@@ -260,7 +251,7 @@ def _elements(found: _Found, section: str, raw: bytes, start: int) -> int:
             dimension, tag, kind = numbers.take("i", 3).tolist()
             dimension, tag = (tag, dimension) if early else (dimension, tag)
             count, size = numbers.one("n"), _size(found, kind)
-            table = numbers.take("i" if early else "n", count * (1 + size)).reshape(count, 1 + size)
+            table = numbers.table("i" if early else "n", count, 1 + size)
             if dimension != _KINDS[kind][2]:
                 raise found.wrong(f"a {_KINDS[kind][0]} belongs to an entity of dimension {dimension}")
             if found.entities and (dimension, tag) not in found.entities:
@@ -278,41 +269,31 @@ def _size(found: _Found, kind: int) -> int:
 
 
 def _runs(found: _Found, numbers: _Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
-    """Elements of the text of version 2, as many at a time as have the same kind and number of tags."""
-    assert numbers.values is not None
+    """Elements of version 2, as many at a time as have the same kind and number of tags."""
     left = total
     while left > 0:
-        rest = numbers.values[numbers.place:]
-        if len(rest) < 3:
-            raise found.wrong(f"$Elements has {total - left} elements, but says {total}: is it cut short or damaged?")
-        kind, tags = (int(value) for value in rest[1:3])
-        width = 3 + tags + _size(found, kind)
-        most, ahead = min(left, len(rest) // width), 64
-        if not 0 <= tags <= 100 or not most:
-            raise found.wrong(f"$Elements has an element with {tags} tags and {max(0, len(rest) - 3 - tags)} numbers behind "
-                              "them: is it cut short or damaged?")
-        while True:  # looks ever further until a run ends
-            heads = rest[:min(ahead, most) * width].reshape(-1, width)
-            same = (heads[:, 1] == kind) & (heads[:, 2] == tags)
-            if ahead >= most or not same.all():
-                break
-            ahead *= 8
-        count = len(same) if same.all() else int(same.argmin())
-        table = numbers.take("n", count * width).reshape(count, width)
-        left -= count
-        yield kind, table[:, 0], table[:, 3 + tags:], np.abs(table[:, 3]) if tags else np.zeros(count, dtype=np.int64)
-
-
-def _runs_binary(found: _Found, numbers: _Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
-    left = total
-    while left > 0:
-        kind, count, tags = numbers.take("i", 3).tolist()
+        kind, count, tags = numbers.take("i", 3).tolist() if found.binary else _alike(numbers, left)
         size = _size(found, kind)
         if not 0 <= tags <= 100 or not 0 < count <= left:
-            raise found.wrong(f"$Elements has a run of {count} elements with {tags} tags, but {left} elements are left")
-        table = numbers.take("i", count * (1 + tags + size)).reshape(count, -1)
+            raise found.wrong(f"$Elements has {count} elements with {tags} tags where {left} should follow: is it cut short or "
+                              "damaged?")
+        before = 1 if found.binary else 3  # the text repeats kind and tags
+        table = numbers.table("i", count, before + tags + size)
         left -= count
-        yield kind, table[:, 0], table[:, 1 + tags:], np.abs(table[:, 1]) if tags else np.zeros(count, dtype=np.int64)
+        yield (kind, table[:, 0], table[:, before + tags:],
+               np.abs(table[:, before]) if tags else np.zeros(count, dtype=np.int64))
+
+
+def _alike(numbers: _Numbers, left: int) -> tuple[int, int, int]:
+    """Kind, count and number of tags of the next elements of a text."""
+    rest = numbers.left()
+    if len(rest) < 3:
+        raise numbers.found.wrong(f"$Elements ends where {left} elements should follow: is it cut short or damaged?")
+    kind, tags = (int(value) for value in rest[1:3])
+    width = max(3 + tags + _size(numbers.found, kind), 3)
+    heads = rest[:min(left, len(rest) // width, AHEAD) * width].reshape(-1, width)
+    same = (heads[:, 1:3] == (kind, tags)).all(axis=1)
+    return kind, len(same) if same.all() else int(same.argmin()), tags
 
 
 def _data(found: _Found, section: str, raw: bytes, start: int) -> int:

@@ -18,7 +18,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, once, rows_of
+from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, once, rows_of, whole_numbers
 
 #: keywords whose data define the mesh
 _MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
@@ -195,26 +195,20 @@ class Found:
         return inside
 
 
-def _table_of(what: str, data: str, kind: type = np.int64) -> list[list[Any]]:
-    """The numbers of each line."""
+def _rows(what: str, data: str, width: int, kind: type = np.int64, lines: int = 0) -> Array:
+    """The numbers of each line, (lines, width), what is left out as 0; with `lines`, no more than these."""
     values, counts = fields(f"{what}: its data", data, kind)
-    return [part.tolist() for part in np.split(values, np.cumsum(counts)[:-1])] if len(counts) else []
-
-
-def _whole_numbers(what: str, values: Array) -> Array:
-    if not ((values >= 1) & (values < 2.0**53)).all() or (values % 1).any():
-        raise InputError(f"{what} must be whole and positive, not {values[np.argmin((values >= 1) & (values % 1 == 0))]}")
-    return values.astype(np.int64)
-
-
-def _padded(what: str, data: str, lines: int, width: int) -> Array:
-    """The numbers of a few lines, (lines, width), what is left out as 0."""
-    values, counts = fields(f"{what}: its data", data, float)
-    if len(counts) > lines or counts.max(initial=0) > width:
-        raise InputError(f"{what} takes {lines} lines of at most {width} numbers, not {len(counts)} of up to {counts.max()}")
-    rows = np.zeros((lines, width))
+    if counts.max(initial=0) > width or len(counts) > lines > 0:
+        raise InputError(f"{what} takes {lines or 'any'} lines of at most {width} numbers, not {len(counts)} of up to "
+                         f"{counts.max()}")
+    rows: Array = np.zeros((max(lines, len(counts)), width), dtype=kind)
     rows[:len(counts), :counts.max(initial=0)] = as_table(values, counts)
     return rows
+
+
+def _bare(data: str) -> str:
+    """The lines without a comma at their end."""
+    return re.sub(r",[ \t]*(?=\n|\Z)", "", data)
 
 
 def _integer(what: str, options: Mapping[str, str], name: str) -> int:
@@ -225,16 +219,8 @@ def _integer(what: str, options: Mapping[str, str], name: str) -> int:
 
 # ---- keywords, with the content of *INCLUDE and INPUT= inserted
 
-class Block(NamedTuple):
-    """A keyword, its options in capitals (quotes taken off the values), and the lines of data below it."""
-
-    keyword: str
-    options: Mapping[str, str]
-    data: str
-
-
-def _blocks(path: Path) -> Iterator[Block]:
-    """The keywords of a file in their order.
+def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], str]]:
+    """The keywords of a file in their order, their options in capitals (values without quotes), and the lines below them.
 
     Raises
     ------
@@ -259,7 +245,7 @@ def _blocks(path: Path) -> Iterator[Block]:
                                  "case. They would become one; rename one of them")
         if keyword in _MESH and "INPUT" in options:
             data = _input(deck, keyword, options["INPUT"]) + data
-        yield Block(keyword, options, data)
+        yield keyword, options, data
 
 
 def _names(data: str) -> list[str]:
@@ -324,7 +310,7 @@ def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) ->
         raise InputError(f"{path}: *NODE has {len(values)} numbers in {len(counts)} lines; each line must be number, x, y, z "
                          "(or number, x, y)")
     table = as_table(values, counts)
-    whole = _whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
+    whole = whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
     points = np.zeros((len(table), 3))
     points[:, :least - 1] = table[:, 1:least]
     found.nodes.append((whole, points))
@@ -335,14 +321,13 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
     path, kind_here = found.path, options.get("TYPE", "").upper()
     kind = next((kinds.get(int(match[1])) for family, kinds in _FAMILIES
                  if (match := re.match(rf"(?:{family})(\d+)", kind_here))), None)
-    data = re.sub(r",[ \t]*(?=\n|\Z)", "", data) if kind else data
     what = f"{path}: the data of *ELEMENT, TYPE={kind_here}"
     if kind is None:
         if not kind_here or _VOLUMES.match(kind_here):
             raise InputError(f"{path}: elements of type {kind_here or '(none)'} cannot be read; C3D4, C3D10, C3D8 and C3D20 can")
         yield _skip(found, kind_here, data)
         return
-    values, counts = fields(what, data)
+    values, counts = fields(what, _bare(data))
     width = _SIZES[kind] + 1
     if len(values) % width:
         raise InputError(f"{path}: *ELEMENT, TYPE={kind_here} has {len(values)} numbers, which is no multiple of {width} (number "
@@ -356,7 +341,7 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
         number = table[begins[::width].argmin(), 0]
         raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: element {number} begins within a line, so a line above it does "
                          f"not have {width} numbers")
-    found.elements.append((kind, _whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
+    found.elements.append((kind, whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
     yield table[:, 0]
 
 
@@ -381,12 +366,12 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> I
         yield NodesOf(options["ELSET"])
         return
     if "GENERATE" in options:
-        for row in _table_of(f"{what}, GENERATE", data):
-            first, last, step = (*row[:2], row[2] if len(row) > 2 and row[2] else 1) if 2 <= len(row) <= 4 else (0, 0, 0)
+        for first, last, step, _ in _rows(f"{what}, GENERATE", data, 4).tolist():
+            step = step or 1
             if step < 1 or last < first or first < 1:
-                raise InputError(f"{what}, GENERATE has a line {', '.join(map(str, row))}; it must be first, last, step with "
-                                 "last ≥ first and a step of 1 or more")
-            yield Range(int(first), int(last), int(step))
+                raise InputError(f"{what}, GENERATE has a line from {first} to {last} in steps of {step}; it must be first, "
+                                 "last, step with last ≥ first and a step of 1 or more")
+            yield Range(first, last, step)
         return
     if not re.search(r"[^\d\s,+-]", data):
         yield as_numbers(f"{what}: its data", data)
@@ -414,12 +399,10 @@ def _line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data:
     what, line = f"{found.path}: *NGEN", options.get("LINE", "").upper()
     if line not in ("", "C"):
         raise InputError(f"{what}, LINE={line} is not read: write the mesh with all nodes and elements listed")
-    for row in _table_of(what, data, float):
-        if not 2 <= len(row) <= 11 or any(value % 1 for value in row[:4]):
-            raise InputError(f"{what} needs first node, last node, step; it has {row}")
-        full = np.zeros(11)
-        full[:len(row)] = row
-        first, last, step = (int(value) for value in (*full[:2], full[2] or 1))
+    for row in _rows(what, data, 11, float):
+        if (row[:4] % 1).any():
+            raise InputError(f"{what} needs first node, last node, step; it has {row[:4].tolist()}")
+        first, last, step = (int(value) for value in (*row[:2], row[2] or 1))
         if (last - first) % step or (last - first) // step < 1:
             raise InputError(f"{what}: {last} is not reached from {first} in steps of {step}")
         if (last - first) // step > _MADE:
@@ -428,11 +411,11 @@ def _line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data:
         ends = found.place("*NGEN", numbers[[0, -1]])
         share = np.linspace(0.0, 1.0, len(numbers))[1:-1, None]
         if line:
-            centre = found.place("*NGEN", np.array([int(full[3])]))[0] if full[3] else full[4:7]
+            centre = found.place("*NGEN", np.array([int(row[3])]))[0] if row[3] else row[4:7]
             arms = ends - centre
             axis = np.cross(arms[0], arms[1])
             size, radii = np.linalg.norm(axis), np.linalg.norm(arms, axis=1)
-            if full[7:].any() or not radii.all() or size < 1e-6 * radii.prod() or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
+            if row[7:].any() or not radii.all() or size < 1e-6 * radii.prod() or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
                 raise InputError(f"{what}, LINE=C from node {first} to {last} is not read: only arcs below 180° about their "
                                  "centre are")
             angle = share * np.arctan2(size, arms[0] @ arms[1])
@@ -472,9 +455,9 @@ def _copied_nodes(found: Found, keyword: str, options: Mapping[str, str], data: 
     points = found.place("*NCOPY", old)
     if ("SHIFT" in options) == ("REFLECT" in options):
         raise InputError(f"{what} needs one of SHIFT and REFLECT")
-    points = (_moved(f"{what}, SHIFT", _padded(f"{what}, SHIFT", data, 2, 7), points) if "SHIFT" in options
+    points = (_moved(f"{what}, SHIFT", _rows(f"{what}, SHIFT", data, 7, float, lines=2), points) if "SHIFT" in options
               else _reflected(what, options["REFLECT"].upper(), data, points))
-    found.nodes.append((_whole_numbers(f"{what}: the new numbers", old + change), points))
+    found.nodes.append((whole_numbers(f"{what}: the new numbers", old + change), points))
     yield old + change
 
 
@@ -497,7 +480,7 @@ def _moved(what: str, rows: Array, points: Array) -> Array:
 
 def _reflected(what: str, how: str, data: str, points: Array) -> Array:
     """Through the point a, the line from a to b, or the plane (MIRROR) through a, b and c."""
-    flat = [value for row in _table_of(what, data, float) for value in row[:6]]
+    flat, _ = fields(f"{what}: its data", _bare(data), float)
     need = {"POINT": 3, "LINE": 6, "MIRROR": 9}.get(how, 0)
     if not need or len(flat) < need:
         raise InputError(f"{what}, REFLECT={how} with {len(flat)} numbers is not read: POINT needs 3, LINE 6, MIRROR 9")
@@ -516,7 +499,7 @@ def _mapped_nodes(found: Found, keyword: str, options: Mapping[str, str], data: 
     RECTANGULAR: x from a to b, y towards c. CYLINDRICAL (r, θ in degrees, z): z from a to b, θ = 0 towards c.
     """
     what, kind = f"{found.path}: *NMAP", options.get("TYPE", "").upper()
-    members, rows = found.members("N", options.get("NSET", ""), "*NMAP"), _padded(what, data, 3, 6)
+    members, rows = found.members("N", options.get("NSET", ""), "*NMAP"), _rows(what, data, 6, float, lines=3)
     if kind not in ("RECTANGULAR", "CYLINDRICAL"):
         raise InputError(f"{what}, TYPE={kind or '(none)'} is not read; RECTANGULAR and CYLINDRICAL are")
     a, b, c = rows[0, :3], rows[0, 3:], rows[1, :3]
@@ -538,12 +521,10 @@ def _rows_of_elements(found: Found, keyword: str, options: Mapping[str, str], da
     Columns: master; count, step of nodes, step of elements along the row; the same three for rows; for layers.
     """
     what = f"{found.path}: *ELGEN"
-    for row in _table_of(what, data):
-        full = np.zeros(10, dtype=np.int64)
-        full[:min(len(row), 10)] = row[:10]
-        master, steps = full[:1], full[1:].reshape(3, 3)
+    for row in _rows(what, data, 10):
+        master, steps = row[:1], row[1:].reshape(3, 3)
         count, node, element = np.where(steps == 0, 1, steps).T
-        if len(row) > 10 or count.min() < 1 or np.prod(count.astype(float)) > _MADE:
+        if count.min() < 1 or np.prod(count.astype(float)) > _MADE:
             raise InputError(f"{what} of element {master[0]} makes {' x '.join(map(str, count))} elements, which is none or too "
                              "many")
         grid = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)
@@ -567,7 +548,7 @@ def _copy_elements(found: Found, what: str, old: Array, node: Array, element: Ar
     for kind, numbers, nodes in list(found.elements):
         taken = np.isin(numbers, old)
         if taken.any() and len(element):
-            new = _whole_numbers(f"{what}: the new numbers", (numbers[taken] + element[:, None]).ravel())
+            new = whole_numbers(f"{what}: the new numbers", (numbers[taken] + element[:, None]).ravel())
             found.elements.append((kind, new, (nodes[taken] + node[:, None, None]).reshape(-1, nodes.shape[1])))
 
 

@@ -161,6 +161,14 @@ def as_table(values: Array, counts: Array) -> Array:
     return table
 
 
+def whole_numbers(what: str, values: Array) -> Array:
+    """The numbers of nodes or elements, which must be whole and positive."""
+    wrong = ~((values >= 1) & (values < 2.0**53) & (values % 1 == 0))
+    if wrong.any():
+        raise InputError(f"{what} must be whole and positive, not {values[wrong][0]}")
+    return values.astype(np.int64)
+
+
 def once(path: Path, what: str, numbers: Array) -> Array:
     order = np.argsort(numbers, kind="stable")
     again = numbers[order][1:][numbers[order][1:] == numbers[order][:-1]]

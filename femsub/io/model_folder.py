@@ -6,7 +6,8 @@ import json
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -15,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import RigidMotion
-from femsub.checks import Array, Matrix, choice, instance, path_of
+from femsub.checks import Matrix, choice, instance, path_of
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
 from femsub.io.atomic import HASHES, Writer, content_hash, hashed, newest, write_whole
@@ -187,42 +188,40 @@ def read_model(folder: Path) -> Substructure:
     if interface.max(initial=-1) >= V.shape[0] or len(set(reduced["interface"])) < len(interface) \
             or not set(reduced["port_error"]) <= set(columns) or modes > V.shape[1]:
         raise _damaged(path, "its interface, its modes or its errors of ports are not the model's")
+    with _fitting(path, "the rounding of its matrices"):
+        noise = np.array(reduced.get("noise", []), dtype=float).reshape(V.shape[1], -1)
+    with _fitting(path, "its rigid motion"):
+        motion = None if (record := reduced.get("rigid_motion")) is None else _motion(record, V.shape[1])
+    with _fitting(path, "its estimate"):
+        estimate = None if (record := reduced.get("estimate")) is None else Estimate.of_record(record)
     model = ReducedSubstructure(
         part["M"], part["K"], part["D"], columns, about["name"], V=V, kinds=reduced["kinds"], full_interface=interface,
         modes=modes, cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"],
         dropped=reduced["dropped"], port_error={port: np.inf if error is None else error
                                                 for port, error in reduced["port_error"].items()},
-        factorisations=reduced["factorisations"], full_dofs=found, sets=about.get("sets") or {},
-        estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]),
-        rigid_motion=None if reduced.get("rigid_motion") is None else _motion(path, reduced["rigid_motion"], V.shape[1]),
-        noise=_noise(path, reduced.get("noise", []), V.shape[1]))
+        factorisations=reduced["factorisations"], full_dofs=found, sets=about.get("sets") or {}, estimate=estimate,
+        rigid_motion=motion, noise=noise)
     if model.interface.tolist() != about["interface"]:
         raise _damaged(path, f"its interface {about['interface']} is not that of V")
     return model
 
 
-def _noise(path: Path, rows: Any, size: int) -> Array:
+@contextmanager
+def _fitting(path: Path, what: str) -> Iterator[None]:
+    """Tell that an entry of model.json is damaged if what it holds cannot be made."""
     try:
-        return np.array(rows, dtype=float).reshape(size, -1)
-    except (TypeError, ValueError):
-        raise _damaged(path, "the rounding of its matrices does not fit them") from None
-
-
-def _motion(path: Path, record: Any, size: int) -> RigidMotion:
-    try:
-        shapes = np.array(record["shapes"], dtype=float).reshape(size, -1)
-        if not (np.isfinite(shapes).all() and 0 <= record["free"] <= shapes.shape[1]):
-            raise ValueError
-        return RigidMotion(shapes, int(record["free"]))
-    except (KeyError, TypeError, ValueError):
-        raise _damaged(path, "its rigid motion does not fit its matrices") from None
-
-
-def _estimate(path: Path, record: Any) -> Estimate:
-    try:
-        return Estimate.of_record(record)
+        yield
     except InputError as error:
         raise _damaged(path, error) from None
+    except (KeyError, TypeError, ValueError):
+        raise _damaged(path, f"{what} does not fit its matrices") from None
+
+
+def _motion(record: Any, size: int) -> RigidMotion:
+    shapes = np.array(record["shapes"], dtype=float).reshape(size, -1)
+    if not (np.isfinite(shapes).all() and 0 <= record["free"] <= shapes.shape[1]):
+        raise ValueError
+    return RigidMotion(shapes, int(record["free"]))
 
 
 def _damaged(path: Path, why: object) -> InputError:
@@ -333,16 +332,12 @@ def _check(path: Path, about: Any) -> None:
     if HASHES not in about:
         raise InputError(f"{path} has no hashes of its files, since an older femsub wrote it. Write the model again, or read its "
                          "matrices one by one, read_component('M.mtx', 'K.mtx')")
-    _check_entries(path, "", about, CHECKS)
+    _check_entries(path, "", about, CHECKS + MAP * ("dofs" in about) + SETS * ("sets" in about))
     reduced = about.get("reduced")
     if reduced is not None:
         if not isinstance(reduced, dict):
             raise _damaged(path, f"'reduced' must be a table, not {reduced!r:.40}")
         _check_entries(path, "reduced: ", {"modes": 0} | reduced, REDUCED)
-    if "dofs" in about:
-        _check_entries(path, "", about, MAP)
-    if "sets" in about:
-        _check_entries(path, "", about, SETS)
     wanted = {"M", "D", "K"} | ({"V"} if reduced is not None else set()) | ({"ports"} if about["ports"] else set())
     if set(about["files"]) != wanted:
         raise _damaged(path, f"'files' must name {', '.join(sorted(wanted))}, but names "

@@ -9,18 +9,16 @@ from __future__ import annotations
 import re
 from collections import Counter
 from difflib import get_close_matches
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.mesh_text import Deck, as_numbers, once, rows_of
+from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, whole_numbers
 
-CHUNK = 400_000  # lines split at a time
-
+BLANK = "-9"  # stands for a coordinate system that is not given: GRDSET may give it
 _HEXA20 = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]  # Nastran has the upright edges before those of the top
 _WEDGE15 = [*range(9), 12, 13, 14, 9, 10, 11]
 #: card: kind of cell by number of nodes; a line's two nodes are followed by what orients it
@@ -31,21 +29,15 @@ _CELLS: dict[str, dict[int, str]] = {
     "CQUAD4": {4: "quad"}, "CQUADR": {4: "quad"}, "CSHEAR": {4: "quad"}, "CQUAD8": {8: "quad8"}, "CQUAD": {9: "quad9"},
     "CROD": {2: "line"}, "CTUBE": {2: "line"}, "CBAR": {2: "line"}, "CBEAM": {2: "line"}, "CBUSH": {2: "line"},
     "CBUSH1D": {2: "line"}, "CGAP": {2: "line"}}
+#: card: how many fields are read: number and system of a point, and its place; number, property and nodes of a cell
+_WIDTHS = {"GRID": 2, "GRID place": 3, "GRDSET": 2} | {name: 2 + max(sizes) for name, sizes in _CELLS.items()}
 _ORDER = {("CHEXA", 20): _HEXA20, ("CPENTA", 15): _WEDGE15, ("CTRIAX6", 6): [0, 2, 4, 1, 3, 5]}
 #: elements that are not cells: skipped, with a note
 _SKIPPED = re.compile(r"CONM[12]|CMASS\d|CELAS\d|CDAMP\d|CVISC|CONROD|CWELD|CFAST|CSEAM|CBEND|CHBDY.|RBE\d|RBAR|RROD|RJOINT|"
                       r"PLOTEL|GENEL")
 _HARMLESS = ("CBARAO", "CORD1R", "CORD2R", "CORD1C", "CORD2C", "CORD1S", "CORD2S", "GRID", "GRDSET")
 #: others that fill a volume or change what is given
-_REFUSED = re.compile(r"CIHEX\d|CHACAB|CHACBR|CHEXCZ|CPENTCZ|CIF\w+|CHEX[AP]\w+|SEBULK|SEELT|GMCORD|=.*|/.*|\*\(\d+\)")
-
-
-class _Lines(NamedTuple):
-    """Lines of cards: which card each belongs to, where its fields begin in it, and the fields (n, 8) with blanks stripped."""
-
-    card: Array
-    offset: Array
-    fields: Array
+_REFUSED = re.compile(r"CIHEX\d|CHACAB|CHACBR|CHEXCZ|CPENTCZ|CIF\w+|CHEX[AP]\w+|SEBULK|SEELT|GMCORD|.{17,}|=.*|/.*|\*\(\d+\)")
 
 
 def read_nastran(path: Path) -> tuple[Any, list[str]]:
@@ -69,27 +61,10 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     """
     import meshio
 
-    lines = [line for line in _bulk(path).encode("latin-1", "replace").split(b"\n") if line and not line.isspace()]
-    names, first, large = _names(lines)
-    if not first[0] and lines:
-        raise InputError(f"{path} begins with a continuation: {lines[0].decode('latin-1').strip()!r}")
-    starts = np.flatnonzero(first)
-    cards, skipped = _known(path, names[starts])
-    wanted = {name: np.flatnonzero(cards == name) for name in ("GRID", "GRDSET", *_CELLS)}
-    parts: dict[str, list[Array]] = {name: [] for name, members in wanted.items() if len(members)}
-    edges = [0]
-    while edges[-1] < len(starts):
-        edges.append(int(np.searchsorted(starts, starts[edges[-1]] + CHUNK, side="right")))
-    for low, high in pairwise(edges):
-        begin, end = starts[low], starts[high] if high < len(starts) else len(lines)
-        taken = _taken_apart(path, lines[begin:end], names[begin:end], first[begin:end], large[begin:end])
-        for name in parts:
-            inside = wanted[name][(wanted[name] >= low) & (wanted[name] < high)] - low
-            parts[name].append(_gathered(path, name, taken, inside))
-    tables = {name: np.concatenate(part) for name, part in parts.items()}
-    numbers, points = _points(path, tables)
+    cards, skipped = _cards(path)
+    numbers, points = _points(path, cards)
     order = once(path, "nodes", numbers)
-    blocks = [block for name, table in tables.items() if name in _CELLS for block in _cells(path, name, table)]
+    blocks = [block for name in _CELLS if cards[name] for block in _cells(path, name, cards[name])]
     once(path, "elements", np.concatenate([np.zeros(0, dtype=np.int64), *(block[1] for block in blocks)]))
     given = np.concatenate([np.zeros(0, dtype=np.int64), *(block[2] for block in blocks)]) > 0
     if given.any() and not given.all():
@@ -104,7 +79,7 @@ def _bulk(path: Path) -> str:
     """The cards between BEGIN BULK (if there is one) and ENDDATA, without comments."""
     include = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\s$]*)[^\n]*\n?"""
     text = Deck(path).whole(include, lambda name: re.sub(r"\s*\n\s*", "", name.strip("'\"")))
-    text = re.sub(r"\$.*", "", text).expandtabs(8)
+    text = re.sub(r"\$.*", "", text).expandtabs(8).encode("ascii", "replace").decode()
     if "//" in text or "#" in text:
         text = re.sub(r"^(?://|#).*", "", text, flags=re.MULTILINE)
     marks = list(re.finditer(r"^[ \t]*(BEGIN[ \t]+(?:BULK|SUPER)\b[^\n]*|ENDDATA\b)", text, flags=re.MULTILINE | re.IGNORECASE))
@@ -117,146 +92,106 @@ def _bulk(path: Path) -> str:
     return text[begins[0].end() if begins else 0:ends[0]]
 
 
-def _names(lines: list[bytes]) -> tuple[Array, Array, Array]:
-    """The first field of each line in capitals, whether a card begins with it, and whether its fields are wide."""
-    heads = np.array(lines or [b""], dtype="S8")
-    raw = heads.view(np.uint8).reshape(-1, 8)
-    raw[np.logical_or.accumulate(raw == ord(","), axis=1)] = 0
-    indented = (raw[:, 0] == ord(" ")) & (raw > ord(" ")).any(axis=1)
-    heads[indented] = np.char.lstrip(heads[indented])
-    raw[raw == ord(" ")] = 0
-    raw[(raw >= ord("a")) & (raw <= ord("z"))] -= 32
-    more = (raw[:, 0] == 0) | (raw[:, 0] == ord("+")) | ((raw[:, 0] == ord("*")) & (raw[:, 1] != ord("(")))
-    return heads, ~more, (raw == ord("*")).any(axis=1)
+def _cards(path: Path) -> tuple[dict[str, list[str]], Counter[str]]:
+    """The fields of each card that is read, between blanks, by their names; and how many are elements but no cells."""
+    cards: dict[str, list[str]] = {name: [] for name in _WIDTHS}
+    counts: Counter[str] = Counter()
+    name, card, mark = "", list[str](), ""
+    for line in _bulk(path).split("\n"):
+        if line.isspace() or not line:
+            continue
+        head, data, after = _fields(path, line)
+        if head and head[0] != "+" and (head[0] != "*" or head[1:2] == "("):
+            _close(path, cards, name, card)
+            name, card = head.rstrip("*"), []
+            counts[head] += 1
+        elif not name:
+            raise InputError(f"{path} begins with a continuation: {line.strip()!r}")
+        elif mark and head.lstrip("+*") not in ("", mark):  # older files may list them anywhere
+            raise InputError(f"{path}: the continuation {head!r} does not stand below the line it continues: sort the file")
+        card += data
+        mark = after.strip().lstrip("+*").upper()
+    _close(path, cards, name, card)
+    return cards, _skipped(path, counts)
 
 
-def _known(path: Path, names: Array) -> tuple[Array, Counter[str]]:
-    """The names of cards, and how many are elements but no cells; what is not read and must be is refused."""
+def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
+    """The first field in capitals, four wide or eight small ones of data, and the last field of a line."""
+    if "," not in line:
+        head = line[:8].strip().upper()
+        width = 16 if "*" in head else 8
+        return head, [line[start:start + width].strip() for start in range(8, 72, width)], line[72:80]
+    words = [word.strip() for word in line.split(",")]
+    if len(words) > 10:
+        raise InputError(f"{path} has a line of more than 10 fields: {line[:60]!r}")
+    head = words[0].upper()
+    count = 4 if "*" in head else 8
+    words += [""] * (10 - len(words))
+    return head, words[1:count + 1], words[count + 1]
+
+
+def _close(path: Path, cards: dict[str, list[str]], name: str, card: list[str]) -> None:
+    """Keep the fields of a card that is complete; those that are blank as 0."""
+    name = name.rstrip("_")  # meshio's CHEXA_ is a CHEXA of 20 nodes
+    if name not in _WIDTHS:
+        return
+    width = _WIDTHS[name]
+    if len(_CELLS.get(name, {})) == 2 and any(card[width:]):
+        raise InputError(f"{path}: {name} {card[0]} has more than {width - 2} nodes")
+    if name == "GRID":
+        _close(path, cards, "GRID place", card[2:5])
+        card[1] = card[1] or BLANK
+    cards[name].append(" ".join([field or "0" for field in card[:width]] + ["0"] * (width - len(card))))
+
+
+def _skipped(path: Path, counts: Counter[str]) -> Counter[str]:
+    """How many cards are elements but no cells; what is not read and must be is refused."""
     skipped: Counter[str] = Counter()
-    found, inverse, counts = np.unique(names, return_inverse=True, return_counts=True)
-    cards = []
-    for name, count in zip((name.decode("latin-1").rstrip("*") for name in found.tolist()), counts, strict=True):
-        cards.append(name.rstrip("_"))  # meshio's CHEXA_ is a CHEXA of 20 nodes
-        if cards[-1] in _CELLS or name in _HARMLESS:
-            continue
-        if _SKIPPED.fullmatch(name):
-            skipped[name] += int(count)
-            continue
-        near = get_close_matches(name, (*_CELLS, "GRID", "GRDSET"), n=1, cutoff=0.8)
-        if _REFUSED.fullmatch(name) or near:
+    for head, count in counts.items():
+        name = head.rstrip("*")
+        if name.rstrip("_") in _CELLS or name in _HARMLESS:
+            if head.endswith("_*"):
+                raise InputError(f"{path} has {head} cards, in which meshio mixes up the nodes: write small fields")
+        elif _SKIPPED.fullmatch(name):
+            skipped[name] += count
+        elif (near := get_close_matches(name, _WIDTHS, n=1, cutoff=0.8)) or _REFUSED.fullmatch(name):
             raise InputError(f"{path} has {name} cards, which are not read" + (f"; did you mean {near[0]}?" if near else
                              ": write the mesh without them"))
-    odd = [name for name in found.tolist() if name.endswith(b"_*")]
-    if odd:
-        raise InputError(f"{path} has {odd[0].decode('latin-1')} cards, in which meshio mixes up the nodes: write small fields")
-    return np.array(cards, dtype="U8")[inverse], skipped
+    return skipped
 
 
-def _taken_apart(path: Path, lines: list[bytes], names: Array, first: Array, large: Array) -> _Lines:
-    free = np.array([b"," in line for line in lines])
-    fields = np.zeros((len(lines), 10), dtype="S16" if free.any() or large.any() else "S8")
-    if not free.all():
-        fixed = np.array([line for line, is_free in zip(lines, free, strict=True) if not is_free], dtype="S80")
-        small = fixed[~large[~free]].view("S8").reshape(-1, 10)
-        fields[~free & ~large] = small
-        wide = fixed[large[~free]].view(np.uint8).reshape(-1, 80)
-        fields[~free & large, 1:5] = np.ascontiguousarray(wide[:, 8:72]).view("S16").reshape(-1, 4)
-        fields[~free & large, 9] = np.ascontiguousarray(wide[:, 72:]).view("S8").ravel()
-    if free.any():
-        texts = [line for line, is_free in zip(lines, free, strict=True) if is_free]
-        commas = np.array([line.count(b",") for line in texts])
-        if commas.max() > 9:
-            raise InputError(f"{path} has a line of more than 10 fields: {texts[int(commas.argmax())][:60].decode('latin-1')!r}")
-        split = b",".join([text + b"," * (9 - count) for text, count in zip(texts, commas.tolist(), strict=True)]).split(b",")
-        longest = max(split, key=lambda word: len(word.strip()))
-        if len(longest.strip()) > 16:
-            raise InputError(f"{path} has a field of more than 16 characters: {longest.strip().decode('latin-1')!r}")
-        table = np.array([word.strip() for word in split], dtype="S16").reshape(-1, 10)
-        rows = np.flatnonzero(free)
-        narrow = large[rows]  # a free line of a card GRID* has four fields, too
-        fields[rows] = table
-        fields[rows[narrow], 9] = table[narrow, 5]
-        fields[rows[narrow], 5:9] = b""
-    raw = fields.view(np.uint8).reshape(len(lines), 10, -1)
-    fields[~(raw > ord(" ")).any(axis=2)] = b""
-    card = np.cumsum(first) - 1
-    widths = np.where(large, 4, 8)
-    total = np.cumsum(widths) - widths
-    _in_order(path, fields[:, 9], names, first)
-    return _Lines(card, total - total[np.flatnonzero(first)][card], fields[:, 1:9])
+def _values(path: Path, name: str, cards: list[str], kind: type = np.int64) -> Array:
+    """The fields as numbers, (cards, fields)."""
+    data = " ".join(cards)
+    if kind is float:
+        data = re.sub(r"(?<=[\d.])(?=[+-]\d)", "e", data)
+    what, width = f"{path}: the fields of {name.split()[0]}", _WIDTHS[name]
+    found = as_numbers(what, data, kind)
+    if len(found) != len(cards) * width:
+        raise InputError(f"{what} are not all numbers: one has a blank in it, or the columns cut it in two")
+    return found.reshape(len(cards), width)
 
 
-def _in_order(path: Path, ends: Array, names: Array, first: Array) -> None:
-    """Continuations must follow what they continue: older files may list them anywhere."""
-    marked = 1 + np.flatnonzero(~first[1:] & (names[1:].view(np.uint8).reshape(-1, 8)[:, 1] > 0) & (ends[:-1] != b""))
-    after = np.char.lstrip(names[marked], b"+*")
-    before = np.char.upper(np.char.lstrip(np.char.strip(ends[marked - 1]), b"+*"))
-    wrong = marked[(before != after) & (before != b"") & (after != b"")]
-    if len(wrong):
-        mark = names[wrong[0]].decode("latin-1")
-        raise InputError(f"{path}: the continuation {mark!r} does not stand below the line it continues: sort the file")
-
-
-def _gathered(path: Path, name: str, lines: _Lines, members: Array) -> Array:
-    """The fields of cards of one name, (cards, fields): of GRID the first 8, of a cell as many as it may have."""
-    width = {"GRID": 8, "GRDSET": 8}.get(name, 2 + max(_CELLS.get(name, {0: ""})))
-    row = np.full(int(lines.card[-1]) + 1, -1)
-    row[members] = np.arange(len(members))
-    table = np.zeros((len(members), width), dtype=lines.fields.dtype)
-    here = np.flatnonzero(row[lines.card] >= 0)
-    for column in range(8):
-        place = lines.offset[here] + column
-        inside = place < width
-        values = lines.fields[here[inside], column]
-        filled = values != b""  # large lines have 4 fields, and nothing in the others
-        table[row[lines.card[here[inside]]][filled], place[inside][filled]] = values[filled]
-        more = lines.fields[here[~inside], column] != b""
-        if more.any() and len(_CELLS.get(name, {})) == 2:
-            number = table[row[lines.card[here[~inside][more][0]]], 0].decode("latin-1").strip()
-            raise InputError(f"{path}: {name} {number} has more than {width - 2} nodes")
-    return table
-
-
-def _values(path: Path, name: str, table: Array, kind: type = np.int64) -> Array:
-    """The fields as numbers, blank ones as 0."""
-    flat, width = table.ravel(), table.dtype.itemsize
-    found: list[Array] = [np.zeros(0, dtype=kind)]
-    for start in range(0, len(flat), CHUNK):
-        part = flat[start:start + CHUNK]
-        text = np.full((len(part), width + 1), ord(" "), dtype=np.uint8)
-        raw = part.view(np.uint8).reshape(len(part), width)
-        text[:, :width] = np.where(raw == 0, ord(" "), raw)
-        text[part == b"", 0] = ord("0")
-        data = text.tobytes().decode("latin-1")
-        if kind is float:
-            data = re.sub(r"(?<=[\d.])(?=[+-]\d)", "e", data)
-        found.append(as_numbers(f"{path}: the fields of {name}", data, kind))
-        if len(found[-1]) != len(part):
-            raise InputError(f"{path}: the fields of {name} are not all numbers: one has a blank in it, or the columns cut it in "
-                             "two")
-    return np.concatenate(found).reshape(table.shape)
-
-
-def _points(path: Path, tables: dict[str, Array]) -> tuple[Array, Array]:
-    if "GRID" not in tables:
+def _points(path: Path, cards: dict[str, list[str]]) -> tuple[Array, Array]:
+    if not cards["GRID"]:
         raise InputError(f"{path} has no GRID cards")
-    default = _values(path, "GRDSET", tables["GRDSET"][:, [1]])[:, 0] if "GRDSET" in tables else np.zeros(1, dtype=np.int64)
-    if len(default) > 1:
+    if len(cards["GRDSET"]) > 1:
         raise InputError(f"{path} has several GRDSET cards")
-    numbers, system = _values(path, "GRID", tables["GRID"][:, :2]).T
-    _positive(path, "GRID", numbers)
-    if (np.where(tables["GRID"][:, 1] == b"", default[0], system) != 0).any():
+    default = _values(path, "GRDSET", cards["GRDSET"])[:, 1].any()
+    numbers, system = _values(path, "GRID", cards["GRID"]).T
+    whole_numbers(f"{path}: the numbers of GRID", numbers)
+    if (np.where(system == int(BLANK), default, system) != 0).any():
         raise InputError(f"{path} gives nodes in coordinate systems of their own (field CP of GRID or GRDSET); write them in the "
                          "basic one")
-    return numbers, _values(path, "GRID", tables["GRID"][:, 2:5], float)
+    return numbers, _values(path, "GRID place", cards["GRID place"], float)
 
 
-def _cells(path: Path, name: str, table: Array) -> list[tuple[str, Array, Array, Array]]:
+def _cells(path: Path, name: str, cards: list[str]) -> list[tuple[str, Array, Array, Array]]:
     """Kind, numbers, properties and nodes of the cells of a card, for each number of nodes it may have."""
-    values = _values(path, name, table)
+    values = _values(path, name, cards)
     given = values[:, 2:] != 0
     count = np.where(given.all(axis=1), given.shape[1], given.argmin(axis=1))
-    _positive(path, name, values[:, 0])
+    whole_numbers(f"{path}: the numbers of {name}", values[:, 0])
     if name in ("CBUSH", "CBUSH1D", "CGAP"):  # to the ground
         values, given, count = (part[count == 2] for part in (values, given, count))
     wrong = np.flatnonzero(~np.isin(count, list(_CELLS[name])) | (given.sum(axis=1) != count))
@@ -269,8 +204,3 @@ def _cells(path: Path, name: str, table: Array) -> list[tuple[str, Array, Array,
         if len(taken):
             blocks.append((kind, taken[:, 0], taken[:, 1], taken[:, 2:][:, _ORDER.get((name, size), range(size))]))
     return blocks
-
-
-def _positive(path: Path, name: str, numbers: Array) -> None:
-    if (numbers < 1).any():
-        raise InputError(f"{path}: a {name} card has the number {numbers[numbers < 1][0]}, or none")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import mmap
 import re
-import struct
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,7 +14,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Matrix, package
 from femsub.errors import InputError
-from femsub.io.damage import check_extent
+from femsub.io.damage import Cursor, check_extent
 
 _INTEGER = re.compile(rb" *-?\d+ *")
 BIG = 65536  # rows from which the sparse format is the one for big matrices
@@ -126,49 +125,46 @@ class _Binary:
     """A binary file, record by record; the length of each record is stored before and after it."""
 
     def __init__(self, path: Path, content: mmap.mmap) -> None:
-        self.path, self.content, self.start, self.place, self.after = path, content, 0, 0, 0
-        self.order = "<" if struct.unpack_from("<I", content)[0] <= 48 else ">"
-        self.wide = struct.unpack_from(f"{self.order}I", content)[0] == 48
-        word, self.size = ("q", 8) if self.wide else ("i", 4)
-        self.words = [struct.Struct(self.order + count * word) for count in range(5)]
+        self.path, self.cursor, self.start, self.after = path, Cursor(str(path), content), 0, 0
+        order = "<" if content[0] else ">"
+        self.wide = 48 in (content[0], content[3])  # the length of a head: 24 of four bytes or 48 of eight
+        self.length, self.word = np.dtype(f"{order}i4"), np.dtype(f"{order}i{8 if self.wide else 4}")
 
     def here(self) -> str:
         return f"at byte {self.start}"
 
     def _record(self) -> int:
-        """Begin the next record; returns its length."""
-        self.start = self.after
-        if self.start + 8 > len(self.content):
-            raise _damaged(self.path, self.here())
-        length = int(struct.unpack_from(f"{self.order}i", self.content, self.start)[0])
-        end = self.start + 4 + length
-        if length < 3 * self.size or end + 4 > len(self.content) \
-                or struct.unpack_from(f"{self.order}i", self.content, end)[0] != length:
+        """Begin the next record; returns how many words it has."""
+        self.start = self.cursor.place = self.after
+        length = int(self.cursor.take(self.length, 1)[0])
+        self.cursor.skip(length)
+        words, rest = divmod(length, self.word.itemsize)
+        if rest or words < 3 or self.cursor.take(self.length, 1)[0] != length:
             raise _damaged(self.path, f"a record {self.here()} does not end where it should")
-        self.place, self.after = self.start + 4, end + 4
-        return length
+        self.after, self.cursor.place = self.cursor.place, self.start + 4
+        return words
 
     def matrix(self) -> _Matrix | None:
-        if self.after >= len(self.content):
+        if self.after >= len(self.cursor.content):
             return None
-        if self._record() != (48 if self.wide else 24):
+        if self._record() != 6:
             raise _damaged(self.path, f"{self.here()}: no head of a matrix")
         columns, rows, _, kind = self.integers(4)
         return _Matrix(columns, rows, kind)
 
-    def column(self, what: _Matrix) -> tuple[int, ...]:
+    def column(self, what: _Matrix) -> list[int]:
         length = self._record()
         column, row, words = self.integers(3)
-        if column <= what.columns and (3 + words) * self.size != length:
-            raise _damaged(self.path, f"{self.here()}: {words} words in a record of {length} bytes")
-        return column, row, words
+        if column <= what.columns and 3 + words != length:
+            raise _damaged(self.path, f"{self.here()}: {words} words in a record of {length}")
+        return [column, row, words]
 
-    def integers(self, count: int) -> tuple[int, ...]:
-        start, self.place = self.place, self.place + count * self.size
-        return self.words[count].unpack_from(self.content, start)
+    def integers(self, count: int) -> list[int]:
+        found: list[int] = self.cursor.take(self.word, count).tolist()
+        return found
 
     def skip(self, numbers: int, per: int) -> None:
-        self.place += numbers * per * self.size
+        self.cursor.skip(numbers * per * self.word.itemsize)
 
     def end(self) -> None:
         pass
