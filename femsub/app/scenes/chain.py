@@ -12,10 +12,8 @@ import numpy as np
 from femsub import Belt, ComplexModes, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
 from femsub.app.figures import belt_sweep_figure
 from femsub.app.keys import key
-from femsub.app.moving import mode_file
 from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
-from femsub.app.scenes.outputs import NO_GROWTH, comparable, least_stable
-from femsub.checks import check_band
+from femsub.app.scenes.outputs import NO_GROWTH, comparable, least_stable, page_mode
 from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
 from femsub.modes import relative_error
@@ -54,8 +52,7 @@ class ChainKeys(Scene):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.size:
-            object.__setattr__(self, "size", min(5, self.n))
+        self.fill(size=min(5, self.n))
         self.check_size("size", self.size, len(self.interface) + (self.n > 1))
 
     def check_size(self, key: str, size: int, least: int) -> None:
@@ -98,14 +95,9 @@ class ChainScene(ChainKeys):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.belts:
-            object.__setattr__(self, "belts", list(range(1, min(self.n, 10) + 1)))
-        if not self.sizes:
-            object.__setattr__(self, "sizes", list(range(len(self.interface) + 1, min(self.n, 10) + 1)))
-        if not self.band:
-            # the lowest three pairs of a uniform chain; what lies higher no small model can follow
-            object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
-        check_band(self.band)
+        # the lowest three pairs of a uniform chain; what lies higher no small model can follow
+        self.fill(belts=list(range(1, min(self.n, 10) + 1)), sizes=list(range(len(self.interface) + 1, min(self.n, 10) + 1)),
+                  band=[0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
         for size in self.sizes:
             self.check_size("sizes", size, len(self.interface))
 
@@ -251,13 +243,13 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
 
 def _mode_file(scene: ChainScene, modes: ComplexModes) -> dict[str, Writer]:
     """The least stable mode for a page: masses that move along the chain, which lies along x."""
-    at = least_stable(modes) if scene.paged and scene.n > 1 else None
-    if at is None:
+    at = least_stable(modes)
+    if at is None or scene.n == 1:
         return {}
     nodes = np.arange(scene.n)
     line = Mesh(nodes[:, None] + 1.0, np.stack([nodes[:-1], nodes[1:]], axis=1), "line")
     u = modes.shapes[:, at, None] * np.array([1.0, 0.0, 0.0])
-    return mode_file(line, u, f"least stable mode of the full model, belt under m{scene.belt}", complex(modes.eigenvalues[at]))
+    return page_mode(scene, line, u, f" of the full model, belt under m{scene.belt}", modes.eigenvalues[at])
 
 
 def _error_time(scene: ChainScene, progress: Progress) -> Result:

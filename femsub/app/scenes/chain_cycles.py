@@ -25,7 +25,7 @@ class ChainCycleScene(CycleKeys, ChainScene):
             from femsub import chain_frequencies
 
             lowest = chain_frequencies(max(self.n, 1), min(max(self.n, 1), 4))
-            object.__setattr__(self, "band", [0.0, float(1.02 * lowest[-1])])
+            self.put(band=[0.0, float(1.02 * lowest[-1])])
         super().__post_init__()
 
 

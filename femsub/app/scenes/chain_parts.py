@@ -33,8 +33,7 @@ class ChainPartsScene(JoinedScene):
     OUTPUTS: ClassVar[tuple[str, ...]] = ("methods",)
 
     def __post_init__(self) -> None:
-        if not self.band:
-            object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
+        self.fill(band=[0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
         super().__post_init__()
         if self.belt > self.n:
             raise InputError(f"belt must be at least 1 and at most {self.n}, the number of masses, but is {self.belt}")

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, complex_modes, study
-from femsub.app.figures_modes import shapes_figure
+from femsub import ComplexModes, Mesh, NormalModes, ReducedSubstructure, Substructure, complex_modes, study
+from femsub.app.figures import shapes_figure
 from femsub.app.moving import mode_file
-from femsub.app.scene import Picture, Progress, Result, run_outputs
+from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
+from femsub.io import Writer, mesh_bytes, series_bytes
 from femsub.model import in_band
 from femsub.modes import listed, relative_error
 from femsub.studies import (
@@ -30,15 +31,13 @@ from femsub.studies import (
     study_choice,
 )
 
-if TYPE_CHECKING:
-    from femsub.app.scene import Writer
-
-DRAWN = 6  # of the normal modes
+DRAWN = 6  # modes of a picture
 NO_GROWTH = "no eigenvalue up to ω"
 PHASES = 12  # of a period, in which a complex mode is written
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 
 Part = Callable[[Work], Result]
+Drawn = tuple[Mesh, Array]
 
 
 def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, Part] | None = None) -> Result:
@@ -66,27 +65,47 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
 
 def _modes(work: Work) -> Result:
     found = work.normal
-    rows = [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
-            for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
     limit, count = found.counted
     proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
     if found.unlisted:
         proof += f", {found.unlisted} of them outside the band"
     head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}"
+    rows = mode_rows(found)
     data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
     said = [head, Table("modes", rows, ("mode", "omega", "residual"), "Normal modes")]
     mesh, shapes = work.mesh, work.field(found.shapes)
     if mesh is None or shapes is None or not work.scene.figures:
         return Result({"modes": data}, said)
-    titles, title = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows], f"{work.scene.name}: normal modes"
-    fields = {f"mode-{row['mode']:02d} {work.units.frequency(row['omega'])}": shapes[..., i] for i, row in enumerate(rows)}
-    drawn = Picture("modes", lambda: shapes_figure(mesh, shapes[..., :DRAWN], titles[:DRAWN], title, work.marks))
-    return Result({"modes": data}, [*said, drawn], {"modes.vtu": partial(vtu, mesh, fields)})
+    pictures, files = mode_views(work.scene, found.frequencies, {"": (mesh, shapes)}, work.marks)
+    return Result({"modes": data}, [*said, *pictures], files)
+
+
+def mode_rows(found: NormalModes) -> list[dict[str, Any]]:
+    """The rows of a table of normal modes."""
+    return [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
+            for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
+
+
+def mode_views(scene: Scene, frequencies: Array, drawn: Mapping[str, Drawn], marks: Mapping[str, Array]
+               ) -> tuple[list[Picture], dict[str, Writer]]:
+    """A picture of the lowest modes and a VTU file of all, for each mesh and the shapes on it (nodes, 3, k)."""
+    titles = [f"mode {i}: ω = {omega:.5g} rad/time" for i, omega in enumerate(frequencies[:DRAWN], 1)]
+    fields = [f"mode-{i:02d} {scene.system.frequency(omega)}" for i, omega in enumerate(frequencies, 1)]
+    pictures, files = [], dict[str, Writer]()
+    for kind, (mesh, shapes) in drawn.items():
+        name = f"modes-{kind}" if len(drawn) > 1 else "modes"
+        pictures.append(Picture(name, partial(
+            shapes_figure, mesh, shapes[..., :DRAWN], titles, f"{scene.name}: normal modes", marks)))
+        files[f"{name}.vtu"] = partial(vtu, mesh, dict(zip(fields, np.moveaxis(shapes, -1, 0), strict=True)))
+    return pictures, files
+
+
+def page_mode(scene: Scene, mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str, Writer]:
+    """The file of a complex shape u (nodes, 3) for the page, if one is asked for."""
+    return mode_file(mesh, u, f"least stable mode{title}", complex(eigenvalue)) if scene.paged else {}
 
 
 def vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
-    from femsub.io import mesh_bytes
-
     file.write(mesh_bytes(mesh, shapes))
 
 
@@ -192,8 +211,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     mesh, whole = work.mesh, work.field(u)
     if mesh is None or whole is None:
         return Result(data, [told])
-    files = mode_file(mesh, whole, f"least stable mode, from {label(name)} with {model.size} DOF", value) \
-        if work.scene.paged else {}
+    files = page_mode(work.scene, mesh, whole, f", from {label(name)} with {model.size} DOF", value)
     if not work.scene.figures:
         return Result(data, [told], files)
     # any phase will do: the one in which the place that moves most is at its largest
@@ -219,8 +237,6 @@ def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str 
         vtu(bare, {f"displacement {named}": (shape * np.exp(1j * omega * time)).real}, file)
 
     def series(file: BinaryIO) -> None:
-        from femsub.io import series_bytes
-
         file.write(series_bytes(times))
 
     files: dict[str, Writer] = {f"{title}.pvd": series}

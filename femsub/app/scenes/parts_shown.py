@@ -3,17 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import BinaryIO
+from typing import BinaryIO, ClassVar
 
 import numpy as np
 
 from femsub import CraigBampton, Mesh, ReducedSubstructure, System, reduce
-from femsub.app.figures_parts import parts_figure
-from femsub.app.scene import Picture, Progress, Result
-from femsub.app.scenes.joined_parts import JoinedScene
+from femsub.app.figures import parts_figure
+from femsub.app.scene import Picture, Progress, Result, run_outputs
+from femsub.app.scenes.joined_parts import JoinedScene, compared
 from femsub.app.scenes.outputs import vtu
 from femsub.studies import Table, column
+
+
+@dataclass(frozen=True)
+class MeshedScene(JoinedScene):
+    """What scenes of parts with meshes share."""
+
+    methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang", "rubin", "guyan"])
+    ports: bool = True
+    repeats: int = 3
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("parts", "methods", "modes-per-part")
+
+
+def run_parts(scene: MeshedScene, system: System, meshes: Mapping[str, Mesh], told: str, progress: Progress) -> Result:
+    """The parts in colours, the study over methods, and how many modes each part needs; the belt is at the system's port."""
+    belt = replace(scene.linear_belt, port=next(iter(system.ports)))
+    views = {"parts": lambda: picture(meshes, f"{scene.name}: {system.size} DOF in {len(meshes)} parts"),
+             "methods": lambda: compared(scene, system, belt, scene.name, "methods", progress),
+             "modes-per-part": lambda: chosen_modes(scene, system, "modes-per-part", progress)}
+    return run_outputs(scene.outputs, lambda output: views[output](), {"band": scene.band, **scene.friction},
+                       [f"{told}, {scene.friction_words}"])
 
 
 def picture(meshes: Mapping[str, Mesh], title: str) -> Result:

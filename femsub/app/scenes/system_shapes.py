@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
-from typing import Any
 
 import numpy as np
 
 from femsub import Mesh, System, displacements, normal_modes
-from femsub.app.figures_modes import shapes_figure
-from femsub.app.scene import Picture, Result, Shown
+from femsub.app.scene import Result, Shown
 from femsub.app.scenes.joined_parts import LISTED, JoinedScene
-from femsub.app.scenes.outputs import vtu
+from femsub.app.scenes.outputs import Drawn, mode_rows, mode_views
 from femsub.checks import Array
 from femsub.studies import Table
-
-DRAWN = 6  # modes
-Drawn = tuple[Mesh, Array]
 
 
 def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh]) -> Result:
     """The modes as a table; of parts that have meshes a figure and a file for each kind of cells."""
     found = normal_modes(system, band=(scene.band[0], scene.band[1]))
-    rows: list[dict[str, Any]] = [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
-                                  for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), 1)]
+    rows = mode_rows(found)
     if not rows:
         return Result({"modes": rows}, [f"{scene.name}: the system has no normal mode in the band"])
     shown: list[Shown] = [
@@ -32,17 +25,10 @@ def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh])
         Table("modes", rows, ("mode", "omega", "residual"), "Normal modes", most=LISTED)]
     if bare := [name for name in system.parts if meshes and name not in meshes]:
         shown.append(f"not drawn, since they have no mesh: {', '.join(bare)}")
-    result = Result({"modes": rows}, shown)
     if not meshes or not scene.figures:
-        return result
-    titles = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows[:DRAWN]]
-    names = [f"mode-{row['mode']:02d} {scene.system.frequency(row['omega'])}" for row in rows]
-    drawn = by_kind(system, meshes, found.shapes)
-    for kind, (mesh, fields) in drawn.items():
-        name = "modes" if len(drawn) == 1 else f"modes-{kind}"
-        shown.append(Picture(name, partial(shapes_figure, mesh, fields[..., :DRAWN], titles, f"{scene.name}: normal modes", {})))
-        result.files[f"{name}.vtu"] = partial(vtu, mesh, {named: fields[..., i] for i, named in enumerate(names)})
-    return result
+        return Result({"modes": rows}, shown)
+    pictures, files = mode_views(scene, found.frequencies, by_kind(system, meshes, found.shapes), {})
+    return Result({"modes": rows}, [*shown, *pictures], files)
 
 
 def by_kind(system: System, meshes: Mapping[str, Mesh], shapes: Array) -> dict[str, Drawn]:
