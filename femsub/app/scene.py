@@ -22,7 +22,6 @@ from femsub.checks import choice, shown
 from femsub.errors import FemsubError, InputError, unknown_name
 
 if TYPE_CHECKING:
-    from femsub import Belt
     from femsub.io import Writer
 
 Progress = Callable[[str], None]
@@ -144,7 +143,7 @@ class Scene:
         return " and ".join(reduction.METHODS[key].label for key in self.methods)
 
     @property
-    def rubbing(self) -> Belt:
+    def rubbing(self) -> coupling.Belt:
         """The belt with its law.
 
         Raises
@@ -157,7 +156,7 @@ class Scene:
         return coupling.Belt(force=self.force, speed=self.speed, law=coupling.LAWS[self.law](eps=self.eps))
 
     @property
-    def linear_belt(self) -> Belt:
+    def linear_belt(self) -> coupling.Belt:
         """The belt with its slope alone, given or from the law."""
         return coupling.Belt(force=self.force, slope=self.rubbing.slope if self.slope is None else self.slope)
 

@@ -33,8 +33,8 @@ from femsub import (
 from femsub.app.figures import shapes_figure
 from femsub.app.keys import key
 from femsub.app.scene import Picture, Progress, Result, Scene, Shown, run_outputs
+from femsub.app.scenes.joined_parts import by_kind
 from femsub.app.scenes.outputs import DRAWN, least_stable, motion_files, page_mode, vtu
-from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array
 from femsub.coupling import brake_meshes, check_held, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn

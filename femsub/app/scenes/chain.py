@@ -38,8 +38,8 @@ MOST = 10**7  # masses
 
 
 @dataclass(frozen=True)
-class ChainKeys(Scene):
-    """The chain of `femsub.chain` and its reduced models."""
+class MassKeys(Scene):
+    """The chain of `femsub.chain`."""
 
     n: int = key(10, "number of masses", least=1, most=MOST)
     masses: float | list[float] = key(1.0, "the masses: one value, or n of them", unit="mass", above=0)
@@ -47,6 +47,22 @@ class ChainKeys(Scene):
                                        least=0)
     damping: float = key(0.1, "the dashpot d1 at mass 1", unit="force·time/length", least=0)
     belt: int = key(2, "the mass under the belt; masses count from 1", least=1)
+
+    @property
+    def three_pairs(self) -> list[float]:
+        """The band of the lowest three pairs of a uniform chain; what lies higher no small model can follow."""
+        return [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))]
+
+    @property
+    def words(self) -> str:
+        """The chain in the first line of what is printed."""
+        return f"{self.name}: {self.n} masses, dashpot {self.damping:g} at m1"
+
+
+@dataclass(frozen=True)
+class ChainKeys(MassKeys):
+    """The chain and its reduced models."""
+
     interface: list[int] = key([1], "masses through which the chain is joined", least=1, distinct=True)
     size: int = key(0, "DOF of the reduced models", least=0, otherwise="5, as in the paper, or n if that is less")
 
@@ -95,9 +111,8 @@ class ChainScene(ChainKeys):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # the lowest three pairs of a uniform chain; what lies higher no small model can follow
-        self.fill(belts=list(range(1, min(self.n, 10) + 1)), sizes=list(range(len(self.interface) + 1, min(self.n, 10) + 1)),
-                  band=[0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
+        most = min(self.n, 10)
+        self.fill(belts=list(range(1, most + 1)), sizes=list(range(len(self.interface) + 1, most + 1)), band=self.three_pairs)
         for size in self.sizes:
             self.check_size("sizes", size, len(self.interface))
 
@@ -114,8 +129,7 @@ def run(scene: ChainScene, progress: Progress) -> Result:
         "n": scene.n, "masses": scene.masses, "springs": scene.springs,
         "damping": scene.damping, "interface": scene.interface, **scene.friction, "methods": scene.methods,
         "size": scene.size, "band": scene.band}
-    text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, interface {_masses(scene.interface)}, "
-            f"{scene.friction_words}"]
+    text = [f"{scene.words}, interface {_masses(scene.interface)}, {scene.friction_words}"]
 
     def compute(output: str) -> Result:
         progress(f"{scene.name}: {output}")

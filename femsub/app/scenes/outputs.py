@@ -7,13 +7,23 @@ from functools import partial
 from typing import Any, BinaryIO
 
 import numpy as np
+import scipy.sparse as sp
 
-from femsub import ComplexModes, Mesh, NormalModes, ReducedSubstructure, Substructure, complex_modes, study
+from femsub import (
+    ComplexModes,
+    CraigBampton,
+    Mesh,
+    NormalModes,
+    ReducedSubstructure,
+    Substructure,
+    complex_modes,
+    normal_modes,
+    study,
+)
 from femsub.app.figures import shapes_figure
 from femsub.app.moving import mode_file
 from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
-from femsub.app.scenes.component import ComponentScene, Work
-from femsub.app.scenes.interface_on_springs import interface_on_springs
+from femsub.app.scenes.component import UP_TO, ComponentScene, Work
 from femsub.checks import Array
 from femsub.io import Writer, mesh_bytes, series_bytes
 from femsub.model import in_band
@@ -27,12 +37,14 @@ from femsub.studies import (
     error_time_chart,
     first_loss,
     label,
+    springs_chart,
     stability_remark,
     study_choice,
 )
 
 DRAWN = 6  # modes of a picture
 NO_GROWTH = "no eigenvalue up to ω"
+RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of springs to the own static stiffness at the interface
 PHASES = 12  # of a period, in which a complex mode is written
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 
@@ -256,5 +268,43 @@ def _error_time(work: Work) -> Result:
                          error_time_chart(studies), study_choice(found, scene.tolerance)])
 
 
+def _springs(work: Work) -> Result:
+    """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
+    sub = work.sub
+    if not len(sub.interface):
+        return Result({"joined-interface": []}, ["Interface on springs: the component has no interface DOF"])
+    condensed = np.diag(work.reduce(CraigBampton(0)).K)[:len(sub.interface)]
+    bare = sub.K.diagonal()[sub.interface]
+    own = np.where(condensed > 1e-9 * bare, condensed, bare)
+    rows: list[dict[str, Any]] = []
+    for ratio in RATIOS:
+        work.tell(f"interface on springs of {ratio:g} times its own stiffness")
+        count = min(UP_TO, min(rom.size for _, rom in work.reduced))
+        exact = _frequencies(sub, ratio * own, count)
+        for method, rom in work.reduced:
+            found = _frequencies(rom, ratio * own, count)
+            rows.append({"model": method.key, "modes": method.modes, "size": rom.size, "springs": float(ratio),
+                         "error": float(np.max(np.abs(found / exact - 1)))})
+    models = {(row["model"], row["modes"]): {key: row[key] for key in ("model", "modes", "size")} for row in rows}
+    for row in rows:
+        models[row["model"], row["modes"]][f"{row['springs']:g}"] = row["error"]
+    columns = ("model", "modes", "size", *(column(f"{ratio:g}", form=".1e") for ratio in RATIOS))
+    head = (f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
+            "component's own at each interface DOF")
+    title = f"{work.scene.name}: interface on springs, lowest {count} frequencies"
+    return Result({"joined-interface": rows}, [
+        head, Table("", list(models.values()), columns, keys=3), Table("joined-interface", rows, title="Interface on springs"),
+        springs_chart(rows, title)])
+
+
+def _frequencies(model: Substructure, springs: Array, count: int) -> Array:
+    B = sp.csr_array(model.interface_rows)
+    added = B.T @ sp.diags_array(springs) @ B
+    if not sp.issparse(model.K):
+        added = added.toarray()
+    modes = normal_modes(Substructure(model.M, model.K + added, name=model.name), count=count)
+    return modes.frequencies[modes.rigid:]
+
+
 PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,
-                         "joined-interface": interface_on_springs}
+                         "joined-interface": _springs}

@@ -12,9 +12,8 @@ import numpy as np
 from femsub import FrictionContact, Material, Mesh, Rigid, Spring, Substructure, Tied, couple, read_component, read_mesh, solid
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, other_method_names, run_outputs
-from femsub.app.scenes.joined_parts import Choice, JoinedScene, Over, compared
+from femsub.app.scenes.joined_parts import Choice, JoinedScene, Over, compared, system_modes
 from femsub.app.scenes.solid import motions
-from femsub.app.scenes.system_shapes import system_modes
 from femsub.components import DIRECTIONS
 from femsub.errors import InputError, unknown_name
 from femsub.reduction import METHODS

@@ -34,8 +34,6 @@ class PlateKeys(Scene):
                                      "[x, y] of a node; the belt rubs along w", unit="m", form="[x, y]",
                                      required_with="mesh", otherwise="[3/4, 2/3] of the rectangle's sides", example="contact")
     rayleigh: list[float] = key([5.0, 1e-6], "[alpha, beta] of the damping D = αM + βK", unit="1/s, s", form="[alpha, beta]")
-    force: float = 30.0
-    repeats: int = 3
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -56,7 +54,7 @@ class PlateKeys(Scene):
 
 
 @dataclass(frozen=True)
-class PlateScene(PlateKeys, ComponentScene):
+class PlateScene(ComponentScene, PlateKeys):
     """A steel plate of 0.4 m x 0.3 m x 2 mm, clamped along one side, in SI units; any consistent units will do.
 
     The rectangle's sets of nodes are left, right, front, back, edge (all four sides) and corners.
@@ -67,6 +65,8 @@ class PlateScene(PlateKeys, ComponentScene):
     interface: list[str] = key([], "sets of nodes through which the plate is joined; what is held is left out",
                                otherwise="none of a mesh file; 'corners' of the rectangle clamped at 'left'", example=["corners"])
     modes: list[int] = field(default_factory=lambda: [8, 10, 15, 20, 30])
+    force: float = 30.0
+    repeats: int = 3
 
     def __post_init__(self) -> None:
         super().__post_init__()

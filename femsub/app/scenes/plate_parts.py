@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from femsub import couple, cut, plate
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
-from femsub.app.scenes.parts_shown import MeshedScene, run_parts
+from femsub.app.scenes.joined_parts import MeshedScene, run_parts
 from femsub.app.scenes.plate import PlateKeys
 from femsub.errors import InputError
 
@@ -15,7 +15,7 @@ MOST = 1000  # parts
 
 
 @dataclass(frozen=True)
-class PlatePartsScene(PlateKeys, MeshedScene):
+class PlatePartsScene(MeshedScene, PlateKeys):
     """A steel plate of 0.4 m x 0.3 m x 2 mm, clamped along one side, or your own mesh, cut into parts."""
 
     elements: list[int] = field(default_factory=lambda: [24, 18])
@@ -23,6 +23,7 @@ class PlatePartsScene(PlateKeys, MeshedScene):
     sets: list[str] = key([], "instead of parts: groups of cells of the mesh, each of which is a part", otherwise="parts",
                           example=["left-half", "right-half"])
     modes: list[int] = field(default_factory=lambda: [2, 4])
+    force: float = 30.0
     band: list[float] = key([0.0, 3000.0], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]")
 
     def __post_init__(self) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from femsub import Material, Mesh, Spring, Substructure, Tied, block, couple, solid
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
-from femsub.app.scenes.parts_shown import MeshedScene, run_parts
+from femsub.app.scenes.joined_parts import MeshedScene, run_parts
 from femsub.checks import Array
 
 MOST = 16  # times finer: some 10 million DOF
