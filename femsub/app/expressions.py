@@ -127,8 +127,8 @@ class Expression:
             found = self._walk({**values, parameter: Polynomial([0.0, 1.0])})
         except (ArithmeticError, AttributeError, TypeError, ValueError):  # no polynomial of it, such as 1 / parameter
             return None
-        a, b, *more = [*(found.coef.tolist() if isinstance(found, Polynomial) else [found]), 0.0]
-        return (a, b) if math.isfinite(a) and math.isfinite(b) and not any(more) else None
+        terms: list[float] = [*(found.coef.tolist() if isinstance(found, Polynomial) else [found]), 0.0]
+        return (terms[0], terms[1]) if all(map(math.isfinite, terms[:2])) and not any(terms[2:]) else None
 
     def _walk(self, values: Mapping[str, Any]) -> Any:
         def value(node: ast.expr) -> Any:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from femsub import components
 from femsub.app.figure_style import PAGE, legend_below, new_figure
-from femsub.components import boundary_faces, corner_nodes
 from femsub.studies import look
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def _surfaces(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import PolyCollection
 
-    faces = corner_nodes(mesh, *boundary_faces(mesh))
+    faces = components.corner_nodes(mesh, *components.boundary_faces(mesh))
     stretch = STRETCH * np.ptp(mesh.points, axis=0).max()
     scale = ScalarMappable(cmap="viridis")
     scale.set_clim(0, 1)
@@ -237,7 +237,8 @@ def _painted(meshes: Mapping[str, Mesh], colours: Mapping[str, Array], apart: Ar
     polygons: list[Array] = []
     fills = []
     for name in _far_to_near(moved):
-        plane, front, normal = _front(moved[name], corner_nodes(meshes[name], *boundary_faces(meshes[name])))
+        plane, front, normal = _front(moved[name], components.corner_nodes(
+            meshes[name], *components.boundary_faces(meshes[name])))
         polygons += list(plane[front])
         fills.append((0.7 + 0.3 * np.clip(normal @ LIGHT, 0, 1))[:, None] * colours[name])
     return polygons, np.concatenate(fills)

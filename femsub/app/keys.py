@@ -104,7 +104,7 @@ class Declared:
     def table(self) -> type | None:
         """The class of a key that holds a table, or a list of tables."""
         return next((item for kind in kinds(self.type) for item in (item_kind(kind) or kind,) if dataclasses.is_dataclass(item)),
-                    None)  # type: ignore[return-value]
+                    None)
 
 
 def key(default: Any, meaning: str, **known: Any) -> Any:

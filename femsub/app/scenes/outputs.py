@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,6 +17,7 @@ from femsub import (
     ReducedSubstructure,
     Substructure,
     complex_modes,
+    io,
     normal_modes,
     study,
 )
@@ -25,7 +26,6 @@ from femsub.app.moving import mode_file
 from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.component import UP_TO, ComponentScene, Work
 from femsub.checks import Array
-from femsub.io import Writer, mesh_bytes, series_bytes
 from femsub.model import in_band
 from femsub.modes import listed, relative_error
 from femsub.studies import (
@@ -41,6 +41,9 @@ from femsub.studies import (
     stability_remark,
     study_choice,
 )
+
+if TYPE_CHECKING:
+    from femsub.app.scene import Writer
 
 DRAWN = 6  # modes of a picture
 NO_GROWTH = "no eigenvalue up to ω"
@@ -103,7 +106,8 @@ def mode_views(scene: Scene, frequencies: Array, drawn: Mapping[str, Drawn], mar
     """A picture of the lowest modes and a VTU file of all, for each mesh and the shapes on it (nodes, 3, k)."""
     titles = [f"mode {i}: ω = {omega:.5g} rad/time" for i, omega in enumerate(frequencies[:DRAWN], 1)]
     fields = [f"mode-{i:02d} {scene.system.frequency(omega)}" for i, omega in enumerate(frequencies, 1)]
-    pictures, files = [], dict[str, Writer]()
+    pictures: list[Picture] = []
+    files: dict[str, Writer] = {}
     for kind, (mesh, shapes) in drawn.items():
         name = f"modes-{kind}" if len(drawn) > 1 else "modes"
         pictures.append(Picture(name, partial(
@@ -118,7 +122,7 @@ def page_mode(scene: Scene, mesh: Mesh, u: Array, title: str, eigenvalue: comple
 
 
 def vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
-    file.write(mesh_bytes(mesh, shapes))
+    file.write(io.mesh_bytes(mesh, shapes))
 
 
 def _critical(work: Work) -> Result:
@@ -249,7 +253,7 @@ def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str 
         vtu(bare, {f"displacement {named}": (shape * np.exp(1j * omega * time)).real}, file)
 
     def series(file: BinaryIO) -> None:
-        file.write(series_bytes(times))
+        file.write(io.series_bytes(times))
 
     files: dict[str, Writer] = {f"{title}.pvd": series}
     return files | {name: partial(phase, time) for name, time in times.items()}
