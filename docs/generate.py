@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import femsub as fs
-from femsub.app.explain import table_of, toml
+from femsub.app.explain import toml
 from femsub.app.keys import Declared, defaults_of, keys_of, type_words
 from femsub.app.scene import SCENES, scene_of
 
@@ -75,7 +75,7 @@ def scene_page(scene: str) -> str:
 
 def inner_tables(kind: type, where: str) -> Iterator[str]:
     for name, one in keys_of(kind).items():
-        if (table := table_of(one)) is not None:
+        if (table := one.table) is not None:
             yield f"## Keys of {where}{name}\n\n{key_table(table, defaults_of(table))}"
             yield from inner_tables(table, f"{where}{name}.")
 

@@ -15,7 +15,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.figure_style import new_figure, render
-from femsub.app.figures_modes import shapes_figure
+from femsub.app.figures import shapes_figure
 from femsub.studies import look
 
 ROOT = Path(__file__).resolve().parent.parent

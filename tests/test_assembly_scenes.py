@@ -10,7 +10,7 @@ import pytest
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.figures_parts import _far_to_near
+from femsub.app.figures import _far_to_near
 from femsub.app.scenes import solid_parts
 
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)

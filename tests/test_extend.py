@@ -216,3 +216,40 @@ def test_what_is_no_scene_is_told(text: str, reason: str, tmp_path: Path) -> Non
 def test_every_page_is_listed() -> None:
     listed = (PAGES / "index.md").read_text(encoding="utf-8")
     assert all(f"({page.name})" in listed for page in PAGES.glob("*.md") if page.stem != "index")
+
+
+def test_a_built_in_scene_is_a_module_and_a_line_of_the_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                             capsys: pytest.CaptureFixture[str]) -> None:
+    """With its page and its test these are all the files that it touches: every command and the reference know it."""
+    import test_site
+
+    from femsub.app import scenes
+    from femsub.app.scene import SCENES
+
+    (tmp_path / "places.py").write_text(blocks_of("scene")[0], encoding="utf-8")
+    monkeypatch.setattr(scenes, "__path__", [*scenes.__path__, str(tmp_path)])
+    monkeypatch.setitem(SCENES, "belt-places", ("places", "the critical slope over the place of the belt"))
+    file = tmp_path / "my.toml"
+    try:
+        printed = {}
+        for words in (["scenes"], ["keys", "belt-places"], ["new", "belt-places"], ["schema"], ["schema", "belt-places"]):
+            assert main(words) == 0
+            printed[" ".join(words)] = capsys.readouterr().out
+        file.write_text(printed["new belt-places"] + "\nn = 4\nmodes = 1\n", encoding="utf-8")
+        assert main(["run", str(file), "--out", str(tmp_path / "out"), "--no-figures"]) == 0
+        assert main(["run", str(tmp_path / "out" / "results.json")]) == 0
+        pages = test_site.generate.pages()
+        with pytest.raises(fs.InputError, match="did you mean 'modes'"):
+            file.write_text('scene = "belt-places"\nmodess = 3\n', encoding="utf-8")
+            load(str(file))
+    finally:
+        sys.modules.pop("femsub.app.scenes.places", None)
+    assert any(line.startswith("belt-places ") and line.endswith("place of the belt") for line in printed["scenes"].splitlines())
+    assert "number of masses" in printed["keys belt-places"]
+    every = json.loads(printed["schema"])["allOf"]
+    assert "belt-places" in every[0]["properties"]["scene"]["anyOf"][0]["enum"]
+    assert [case for case in every[1:] if case["if"]["properties"]["scene"] == {"const": "belt-places"}]
+    assert json.loads(printed["schema belt-places"])["properties"]["n"]["minimum"] == 2
+    told = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert told["inputs"]["scene"] == "belt-places" and len(told["places"]) == 12 and told["tables"]["places"]["columns"]
+    assert "number of masses" in pages["scenes/belt-places.md"] and "(belt-places.md)" in pages["scenes/index.md"]

@@ -27,7 +27,7 @@ LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
 ROOMS = 15  # entries of the package beside its __init__, at most
 ACROSS = 299  # later work does not move it
 PRIVATE = 19  # uses of private names of femsub's modules in tests, at most
-DRAWERS = ("figure_style.py", "figures.py", "figures_modes.py", "figures_parts.py")  # import matplotlib
+DRAWERS = ("figure_style.py", "figures.py")  # import matplotlib
 
 
 @cache

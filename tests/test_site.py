@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 import femsub as fs
-from femsub.app.explain import table_of
 from femsub.app.keys import keys_of
 from femsub.app.scene import SCENES, load, scene_of
 
@@ -49,7 +48,7 @@ def test_the_reference_s_first_page_names_all_pages() -> None:
 def test_the_reference_has_every_key_of_a_scene(scene: str) -> None:
     def expected(kind: type) -> list[str]:
         own = keys_of(kind)
-        return [*own, *(key for one in own.values() if (table := table_of(one)) for key in expected(table))]
+        return [*own, *(key for one in own.values() if (table := one.table) for key in expected(table))]
 
     rows = re.findall(r"^\| `(\w+)` \|(.*)\|$", PAGES[f"scenes/{scene}.md"], re.MULTILINE)
     assert [name for name, _ in rows] == expected(scene_of(scene)[0])

@@ -9,9 +9,10 @@ import os
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 from femsub import __version__
 from femsub.app.scene import SCENES, load
@@ -77,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _run(options)
         if options.command == "doctor":
             return _doctor()
-        _say(PRINTED[options.command](options))
+        _say(_printed(options))
         return 0
     except FemsubError as error:
         return _fail(error, 2 if isinstance(error, (InputError, InputTypeError)) else 1)
@@ -108,38 +109,28 @@ def _say(text: str) -> None:
         raise FemsubError(f"the results could not be printed: {error.strerror}") from None
 
 
-def _scenes(_: argparse.Namespace) -> str:
-    wide = max(map(len, SCENES))
-    return "\n".join(f"{name:<{wide}}  {line}" for name, (_, line) in SCENES.items())
+def _printed(options: argparse.Namespace) -> str:
+    """What the other commands print. Each imports what it needs alone."""
+    match options.command:
+        case "scenes":
+            wide = max(map(len, SCENES))
+            return "\n".join(f"{name:<{wide}}  {line}" for name, (_, line) in SCENES.items())
+        case "keys" | "new":
+            from femsub.app.explain import keys_text, new_text
+
+            return (keys_text if options.command == "keys" else new_text)(options.scene)
+        case "show":
+            from femsub.app.page import show
+
+            return f"written: {show(Path(options.folder))}"
+        case "schema":
+            from femsub.app.schema import scene_schema, schema
+
+            return json.dumps(scene_schema(options.scene) if options.scene else schema(), indent=1, ensure_ascii=False)
+    return _completion(options.shell)
 
 
-def _keys(options: argparse.Namespace) -> str:
-    from femsub.app.explain import keys_text
-
-    return keys_text(options.scene)
-
-
-def _new(options: argparse.Namespace) -> str:
-    from femsub.app.explain import new_text
-
-    return new_text(options.scene)
-
-
-def _show(options: argparse.Namespace) -> str:
-    from pathlib import Path
-
-    from femsub.app.page import show
-
-    return f"written: {show(Path(options.folder))}"
-
-
-def _schema(options: argparse.Namespace) -> str:
-    from femsub.app.schema import scene_schema, schema
-
-    return json.dumps(scene_schema(options.scene) if options.scene else schema(), indent=1, ensure_ascii=False)
-
-
-def _completion(options: argparse.Namespace) -> str:
+def _completion(shell: str) -> str:
     shtab = package("shtab", 'completion scripts are written by shtab: pip install "femsub[completion]"')
     names = " ".join(SCENES)
     preamble = {
@@ -147,12 +138,7 @@ def _completion(options: argparse.Namespace) -> str:
 _femsub_scene_or_file() {{ _femsub_scene "$1"; compgen -f -X '!*.toml' -- "$1"; compgen -d -S / -- "$1"; }}""",
         "zsh": f"""_femsub_scene() {{ compadd {names}; }}
 _femsub_scene_or_file() {{ _femsub_scene; _files -g '*.toml'; }}"""}
-    return shtab.complete(_parser(), options.shell, preamble=preamble)
-
-
-PRINTED: dict[str, Callable[[argparse.Namespace], str]] = {
-    "scenes": _scenes, "keys": _keys, "new": _new, "schema": _schema, "completion": _completion,
-    "show": _show}
+    return shtab.complete(_parser(), shell, preamble=preamble)
 
 
 @contextmanager
@@ -176,8 +162,9 @@ def _run(options: argparse.Namespace) -> int:
         warnings.simplefilter("always", FemsubWarning)
         scene, run = load(options.scene, options.trust)
         # Imported late: a scene that is misspelt should not wait for numpy.
-        from femsub.app.record import Record, computed
+        from femsub.app.record import Record
         from femsub.app.report import output_folder, progress, progress_done
+        from femsub.io import including
         from femsub.studies import fitted
 
         if options.no_figures:
@@ -187,7 +174,8 @@ def _run(options: argparse.Namespace) -> int:
                 loud = logging.getLogger("femsub.app").info if options.verbose else progress
                 tell = (lambda _: None) if options.quiet else loud
                 record = None if folder is None else Record(scene, folder)
-                result = computed(scene, run, tell, record, options.trust)
+                with including(*options.trust):  # meshes may include files from these folders, too
+                    result = record.run(run, tell) if record else run(scene, tell)
                 written = []
                 if record is not None:
                     tell("writing")

@@ -41,8 +41,8 @@ def _listed(kind: type, defaults: Mapping[str, Any], indent: str) -> Iterator[st
         margin = f"{indent}{'':<{wide}}  "
         first, *more = _paragraph(_about(one, kind, defaults[name]), margin)
         yield from (f"{indent}{name:<{wide}}  {first[len(margin):]}", *more, *_paragraph(one.key.meaning, margin))
-        if (table := table_of(one)) is not None:
-            yield from _listed(table, defaults_of(table), margin)
+        if one.table is not None:
+            yield from _listed(one.table, defaults_of(one.table), margin)
 
 
 def _template(kind: type, defaults: Mapping[str, Any], header: str, given: Container[str] = ()) -> Iterator[str]:
@@ -50,11 +50,11 @@ def _template(kind: type, defaults: Mapping[str, Any], header: str, given: Conta
 
     Keys that are `given` in an example stand without a #, as those that are required.
     """
-    for name, one in sorted(keys_of(kind).items(), key=lambda pair: table_of(pair[1]) is not None):
+    for name, one in sorted(keys_of(kind).items(), key=lambda pair: pair[1].table is not None):
         value = one.key.example if (example := defaults[name] in (None, "", [])) else defaults[name]
         yield ""
         yield from _paragraph(f"{one.key.meaning} ({_about(one, kind)}{'; an example' if example else ''})", "# ")
-        table, mark = table_of(one), "" if one.key.required or name in given else "#"
+        table, mark = one.table, "" if one.key.required or name in given else "#"
         if table is None:
             yield f"{mark}{name} = {toml(value)}"
             continue
@@ -77,12 +77,6 @@ def _about(one: Declared, owner: type, default: Any = None) -> str:
     words += f": {', '.join(key.choices(owner))}" if key.choices is not None else ""
     standard = key.otherwise or ("" if default in (None, "", []) else toml(default))
     return words + ("; required" if key.required else f"; default: {standard}" if standard else "")
-
-
-def table_of(one: Declared) -> type | None:
-    """The class of a key that holds a table, or a list of tables."""
-    return next((item for kind in kinds(one.type) for item in (item_kind(kind) or kind,) if dataclasses.is_dataclass(item)),
-                None)  # type: ignore[return-value]
 
 
 def toml(value: Any) -> str:

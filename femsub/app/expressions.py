@@ -15,6 +15,8 @@ from functools import cached_property
 from inspect import Parameter, Signature
 from typing import Any
 
+from numpy.polynomial import Polynomial
+
 from femsub.errors import InputError
 
 LONGEST = 500  # characters of an expression
@@ -122,11 +124,11 @@ class Expression:
     def lines(self, parameter: str, values: Mapping[str, float]) -> tuple[float, float] | None:
         """(a, b) if the expression is a + b · parameter; None if it is no straight line."""
         try:
-            found = self._walk({**values, parameter: _Line(0.0, 1.0)})
-        except (_CurvedError, ArithmeticError, ValueError):
+            found = self._walk({**values, parameter: Polynomial([0.0, 1.0])})
+        except (ArithmeticError, AttributeError, TypeError, ValueError):  # no polynomial of it, such as 1 / parameter
             return None
-        line = found if isinstance(found, _Line) else _Line(found, 0.0)
-        return (line.a, line.b) if math.isfinite(line.a) and math.isfinite(line.b) else None
+        terms: list[float] = [*(found.coef.tolist() if isinstance(found, Polynomial) else [found]), 0.0]
+        return (terms[0], terms[1]) if all(map(math.isfinite, terms[:2])) and not any(terms[2:]) else None
 
     def _walk(self, values: Mapping[str, Any]) -> Any:
         def value(node: ast.expr) -> Any:
@@ -176,49 +178,43 @@ class _UndefinedError(ArithmeticError):
         self.singular = singular
 
 
-class _CurvedError(Exception):
-    """No straight line."""
-
-
 def _power(base: Any, exponent: Any) -> Any:
-    if not isinstance(exponent, float):  # for a positive base only
+    if isinstance(exponent, _Range):  # for a positive base only
         return (exponent * exponent.of(base).function("log")).function("exp")
-    if not isinstance(base, float):
+    if isinstance(base, _Range):
         return base.power(exponent)
+    if not isinstance(base, float):
+        return base**exponent
     if base < 0 and not exponent.is_integer():
         raise ArithmeticError(BROKEN)
     return base**exponent
 
 
-class _Arithmetic:
-    """What ranges and lines have in common: plain numbers beside them, differences, quotients the other way round."""
-
-    @classmethod
-    def of(cls, value: Any) -> Any:
-        return value if isinstance(value, cls) else cls(value, value * (cls is _Range))  # type: ignore[call-arg]
-
-    def __radd__(self, other: float) -> Any:
-        return self.of(other) + self
-
-    def __rmul__(self, other: float) -> Any:
-        return self.of(other) * self
-
-    def __sub__(self, other: Any) -> Any:
-        return self + -self.of(other)
-
-    def __rsub__(self, other: float) -> Any:
-        return self.of(other) + -self  # type: ignore[operator]
-
-    def __rtruediv__(self, other: float) -> Any:
-        return self.of(other) / self
-
-
 @dataclass(frozen=True)
-class _Range(_Arithmetic):
+class _Range:
     """All values between lo and hi. Rounding is not counted."""
 
     lo: float
     hi: float
+
+    @classmethod
+    def of(cls, value: Any) -> _Range:
+        return value if isinstance(value, cls) else cls(value, value)
+
+    def __radd__(self, other: float) -> _Range:
+        return self.of(other) + self
+
+    def __rmul__(self, other: float) -> _Range:
+        return self.of(other) * self
+
+    def __sub__(self, other: Any) -> _Range:
+        return self + -self.of(other)
+
+    def __rsub__(self, other: float) -> _Range:
+        return self.of(other) + -self
+
+    def __rtruediv__(self, other: float) -> _Range:
+        return self.of(other) / self
 
     def __iter__(self) -> Iterator[float]:
         return iter((self.lo, self.hi))
@@ -258,40 +254,3 @@ class _Range(_Arithmetic):
         if name == "log" and self.lo <= 0:
             raise _UndefinedError("logarithm of a number that is not positive")
         return _Range(FUNCTIONS[name](self.lo), FUNCTIONS[name](self.hi))
-
-
-@dataclass(frozen=True)
-class _Line(_Arithmetic):
-    """a + b p, of a parameter p."""
-
-    a: float
-    b: float
-
-    def __neg__(self) -> _Line:
-        return _Line(-self.a, -self.b)
-
-    def __add__(self, other: Any) -> _Line:
-        other = self.of(other)
-        return _Line(self.a + other.a, self.b + other.b)
-
-    def __mul__(self, other: Any) -> _Line:
-        other = self.of(other)
-        if self.b and other.b:
-            raise _CurvedError
-        return _Line(self.a * other.a, self.a * other.b + self.b * other.a)
-
-    def __truediv__(self, other: Any) -> _Line:
-        other = self.of(other)
-        if other.b:
-            raise _CurvedError
-        return _Line(self.a / other.a, self.b / other.a)
-
-    def power(self, exponent: float) -> _Line:
-        if self.b and exponent != 1:
-            raise _CurvedError
-        return self if self.b else _Line(self.a**exponent, 0.0)
-
-    def function(self, name: str) -> _Line:
-        if self.b:
-            raise _CurvedError
-        return _Line(FUNCTIONS[name](self.a), 0.0)

@@ -9,7 +9,6 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from femsub.app.units import UNKNOWN, Units
-from femsub.checks import Array
 from femsub.errors import MissingPackageError
 from femsub.studies import ROUNDING, Chart, Panel
 
@@ -110,6 +109,7 @@ def _drawn(axis: Any, panel: Panel, values: Sequence[float]) -> list[Any]:
     if panel.band:
         axis.axhspan(*panel.band, color="0.88", lw=0, zorder=0)
     axis.set(**{f"{which}scale": "log" for which in panel.logs})
+    axis.set(**{f"{which}lim": limits for which, limits in panel.limits.items()})  # first: one point alone gives no limits
     labels = []
     for one in panel.series:
         name, colour, marker = one.look
@@ -123,7 +123,6 @@ def _drawn(axis: Any, panel: Panel, values: Sequence[float]) -> list[Any]:
             level.at, color=level.colour, ls=DASHES[level.line], lw=0.9, label=level.text or None, zorder=1.5)
     if panel.rounding:
         rounding_below(axis, values)
-    axis.set(**{f"{which}lim": limits for which, limits in panel.limits.items()})
     axis.grid(lw=0.4)
     return labels
 
@@ -180,34 +179,29 @@ def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str
 
 
 def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
+    from matplotlib.transforms import Bbox
+
+    def box_at(x: float, y: float, wide: float, high: float) -> Bbox:
+        return Bbox.from_bounds(x - wide / 2, y - high / 2, wide, high)
+
     pixels = figure.dpi / 72
     for axis in dict.fromkeys(label[0] for label in labels):
         frame = axis.get_window_extent()
         marked = [line for line in axis.lines if line.get_marker() not in ("None", "none", "", None)]
         marks = [mark for line in marked for mark in line.get_transform().transform(np.column_stack(line.get_data()))]
-        taken = [_box(mark[0], mark[1], 7 * pixels, 7 * pixels) for mark in marks]
-        taken += [text.get_window_extent().extents for text in axis.texts]
+        taken = [box_at(*mark, 7 * pixels, 7 * pixels) for mark in marks] + [text.get_window_extent() for text in axis.texts]
         for _, x, y, text, colour in (label for label in labels if label[0] is axis):
             wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
             at = axis.transData.transform((x, y))
             for right, up in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
                 gap = (2.5 if right and up else 5) * pixels
                 shift = np.array([right * (gap + wide / 2), up * (gap + high / 2)])
-                box = _box(at[0] + shift[0], at[1] + shift[1], wide, high)
-                inside = box[0] > frame.x0 and box[1] > frame.y0 and box[2] < frame.x1 and box[3] < frame.y1
-                if inside and not any(_meet(box, other) for other in taken):
+                box = box_at(*(at + shift), wide, high)
+                if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken):
                     axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
                                   ha="center", va="center", zorder=6)
                     taken.append(box)
                     break
-
-
-def _box(x: float, y: float, wide: float, high: float) -> Array:
-    return np.array([x - wide / 2, y - high / 2, x + wide / 2, y + high / 2])
-
-
-def _meet(one: Array, other: Array) -> bool:
-    return bool(one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3])
 
 
 def _matplotlib() -> Any:

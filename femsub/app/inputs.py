@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +33,14 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
     if told is None or not told["inputs"]:
         raise InputError(f"{path} does not hold the inputs of a run; name a scene, a scene file, or the results.json of a run "
                          "with --out")
-    keys = _without_empty(told["inputs"])
+    keys = _mapped(told["inputs"], lambda value: value)
     if str(keys.get("scene", "")).endswith(".py") and not any(item["path"] == keys["scene"] for item in told["files"]):
         raise InputError(f"{path} names the Python file {keys['scene']}, but not its SHA-256; it is not run")
     for item in told["files"]:
         place = path.parent / item["path"]
         if not place.is_file():
             place = path.parent / place.name
-            keys = _moved(keys, item["path"], place.name)
+            keys = _mapped(keys, partial(_moved, item["path"], place.name))
         if not place.is_file():
             raise InputError(f"{path} needs the file {item['path']}, which is neither there nor beside it")
         now = hash_of(place)
@@ -73,19 +75,15 @@ def hash_of(path: Path) -> str:
         return content_hash(file)
 
 
-def _without_empty(value: Any) -> Any:
-    """Tables without the keys that were left out, which take their defaults."""
+def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
+    """Tables whose values are changed, without the keys that were left out, which take their defaults."""
     if isinstance(value, list):
-        return [_without_empty(item) for item in value]
-    if not isinstance(value, dict):
-        return value
-    return {key: _without_empty(item) for key, item in value.items() if item not in (None, "", [])}
-
-
-def _moved(value: Any, old: str, new: str) -> Any:
-    """Tables in which a file has another name; 'model.mat:K' names the matrix K in it."""
-    if isinstance(value, list):
-        return [_moved(item, old, new) for item in value]
+        return [_mapped(item, change) for item in value]
     if isinstance(value, dict):
-        return {key: _moved(item, old, new) for key, item in value.items()}
+        return {key: _mapped(item, change) for key, item in value.items() if item not in (None, "", [])}
+    return change(value)
+
+
+def _moved(old: str, new: str, value: Any) -> Any:
+    """The value that named a file by its new name; 'model.mat:K' names the matrix K in it."""
     return new + value[len(old):] if isinstance(value, str) and (value == old or value.startswith(f"{old}:")) else value

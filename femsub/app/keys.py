@@ -18,11 +18,12 @@ from dataclasses import dataclass
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from femsub.checks import choice, finite_number, shown, whole_number
+from femsub.checks import check_band, choice, finite_number, interval, shown, whole_number
 from femsub.errors import InputError, unknown_name
 
 WORDS = {bool: ("true or false", "true or false"), int: ("a whole number", "whole numbers"), float: ("a number", "numbers"),
          str: ("a string", "strings")}
+RANGES = ("[lo, hi]", "[from, to]")
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Key:
     also : callable
         Other words that stand for one of them, for the schema.
     form : str
-        Of a list of fixed length: '[lo, hi]'.
+        Of a list of fixed length: '[x, y]'; of a range: '[lo, hi]' or '[from, to]', whose order is checked.
     distinct : bool
         No value of a list may stand there twice.
     otherwise : str
@@ -98,6 +99,12 @@ class Declared:
     type: Any
     default: Any
     key: Key
+
+    @property
+    def table(self) -> type | None:
+        """The class of a key that holds a table, or a list of tables."""
+        return next((item for kind in kinds(self.type) for item in (item_kind(kind) or kind,) if dataclasses.is_dataclass(item)),
+                    None)
 
 
 def key(default: Any, meaning: str, **known: Any) -> Any:
@@ -193,6 +200,8 @@ def check_keys(scene: Any, where: str = "") -> None:
             continue
         if known.length and (isinstance(value, list) and len(value) != known.length):
             raise InputError(f"{name} must be {known.form}, not {shown(value)}")
+        if known.form in RANGES:
+            check_band(value) if field == "band" else interval(name, value)
         if known.distinct and (twice := [item for item in value if value.count(item) > 1]):
             raise InputError(f"{name}: {twice[0]!r} is listed {value.count(twice[0])} times")
         for place, item in enumerate(value if isinstance(value, list) else [value], 1):

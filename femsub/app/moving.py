@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 MODE_FILE = "mode.npz"
 MOST_NODES = 12_000  # of a surface: a browser redraws so many some 20 times a second
 MOST_BYTES = 1 << 26  # of a mode's file, unpacked: an order above what such a surface takes
-ARRAYS = {"points": 3, "cells": None, "real": 3, "imag": 3}  # columns; cells are lines or triangles
+ARRAYS = ("points", "cells", "real", "imag")  # cells are lines or triangles
 
 
 class Moving(NamedTuple):
@@ -108,14 +108,14 @@ def read_mode(path: Path, content: BinaryIO | None = None) -> Moving:
         found = read_arrays(path, content, MOST_BYTES)
         told = json.loads(found["told"].tobytes())
         points, cells, real, imag = (found[name] for name in ARRAYS)
+        if not (_is_told(told) and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
+                and all(part.dtype.kind == "f" and np.isfinite(part).all() for part in (points, real, imag))
+                and cells.dtype.kind in "iu" and cells.shape[1] in (2, 3)
+                and cells.min(initial=0) >= 0 and cells.max(initial=0) < max(len(points), 1)):
+            raise ValueError("its arrays do not fit each other")
     except (ValueError, KeyError, RecursionError) as error:
         raise InputError(f"{path} does not hold a mode as femsub writes it: {error!s:.200}. Delete it, or run the scene again") \
             from None
-    if not (_is_told(told) and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
-            and all(part.dtype.kind == "f" and np.isfinite(part).all() for part in (points, real, imag))
-            and cells.dtype.kind in "iu" and cells.shape[1] in (2, 3)
-            and cells.min(initial=0) >= 0 and cells.max(initial=0) < max(len(points), 1)):
-        raise InputError(f"{path} does not hold a mode as femsub writes it. Delete it, or run the scene again")
     return Moving(told, points, cells, real + 1j * imag)
 
 

@@ -6,17 +6,17 @@ import io
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, is_dataclass, replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from femsub.app.inputs import RESULTS, hash_of, results_of
-from femsub.app.keys import item_kind, keys_of, kinds
+from femsub.app.keys import keys_of
 from femsub.app.report import machine, remove, results, to_json, versions, write
 from femsub.app.scene import SCENES, Progress, Result, Scene
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.io import including, texts_read
+from femsub.io import texts_read
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -26,13 +26,6 @@ PAPER = ("the conference paper that compares Hurty/Craig-Bampton and Craig-Chang
          "(section Vehicle Noise and Vibration)")
 OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of what scenes write
 NAMED = 5  # files that a message lists
-
-
-def computed(scene: Scene, run: Callable[[Scene, Progress], Result], progress: Progress, record: Record | None = None,
-             trusted: Sequence[str] = ()) -> Result:
-    """Runs the scene; files of meshes may be included from these folders, too."""
-    with including(*trusted):
-        return record.run(run, progress) if record else run(scene, progress)
 
 
 class Record:
@@ -145,11 +138,9 @@ def _file_keys(kind: type, table: dict[str, Any]) -> Iterator[tuple[dict[str, An
         value = table.get(name)
         if one.key.file and value:
             yield table, name
-        for part in kinds(one.type):
-            inner = item_kind(part) or part
-            if is_dataclass(inner) and value:
-                for item in value if isinstance(value, list) else [value]:
-                    yield from _file_keys(inner, item)  # type: ignore[arg-type]
+        if one.table is not None and value:
+            for item in value if isinstance(value, list) else [value]:
+                yield from _file_keys(one.table, item)
 
 
 def _named_file(path: Path) -> tuple[Path, str]:

@@ -7,13 +7,14 @@ import re
 import sys
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
+from femsub import coupling, reduction, studies
 from femsub.algebra import Interruptible
 from femsub.app.keys import check_keys, key, keys_of, values_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
@@ -21,9 +22,7 @@ from femsub.checks import choice, shown
 from femsub.errors import FemsubError, InputError, unknown_name
 
 if TYPE_CHECKING:
-    from femsub import Belt
     from femsub.io import Writer
-    from femsub.studies import Chart, Table
 
 Progress = Callable[[str], None]
 
@@ -68,22 +67,13 @@ SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-b
 NO_SLOPE = {"slope": "the nonlinear model needs a friction law, i.e. law, eps and speed, not a slope"}
 
 
-def _laws(_: object) -> Iterable[str]:
-    from femsub.coupling import LAWS
-
-    return LAWS
-
-
 def method_keys(_: object) -> Iterable[str]:
-    from femsub.reduction import METHODS
-
-    return sorted(METHODS)
+    return sorted(reduction.METHODS)
 
 
 def other_method_names() -> list[str]:
-    from femsub.reduction import METHODS
-
-    return [*(name.upper() for name in SHORT_NAMES if "-" not in name), *sorted(method.__name__ for method in METHODS.values())]
+    return [*(name.upper() for name in SHORT_NAMES if "-" not in name),
+            *sorted(method.__name__ for method in reduction.METHODS.values())]
 
 
 @dataclass(frozen=True)
@@ -94,7 +84,7 @@ class Scene:
     slope: float | None = key(None, "μ'(v0), the slope of the friction law over the sliding speed; it replaces law, eps, speed",
                               unit="time/length", otherwise="the slope of law at speed", example=-0.2677)
     law: str = key("stribeck-arctan", "the friction law: as the paper prints it, odd, or one of your own in LAWS",
-                   choices=_laws)
+                   choices=lambda _: coupling.LAWS)
     eps: float = key(1e-3, "the friction law's width ε around speed 0", unit="length/time", above=0)
     speed: float = key(0.19113, "the belt's speed v0", unit="length/time")
     force: float = key(1.0, "the normal force with which the belt presses", unit="force", least=0)
@@ -110,6 +100,7 @@ class Scene:
                      otherwise="no unit is claimed", example="SI")
 
     own: str = ""  #: the Python file of a scene of your own
+    folder: str = "."  #: where the files are that it names
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ()
     ON_REQUEST: ClassVar[tuple[str, ...]] = ()
@@ -117,19 +108,24 @@ class Scene:
     PAPER: ClassVar[Mapping[str, str]] = {}  #: figures of the paper, by ours that correspond to them
 
     def __post_init__(self) -> None:
-        from femsub.coupling import LAWS
-        from femsub.reduction import METHODS
-
         if not set(self.outputs) - {PAGE}:
-            object.__setattr__(self, "outputs", [*self.OUTPUTS, *self.outputs])
+            self.put(outputs=[*self.OUTPUTS, *self.outputs])
         if not self.methods:
-            raise InputError(f"methods is empty; valid: {', '.join(METHODS)}")
-        object.__setattr__(self, "methods", [name if name in METHODS else _hyphenated(name) for name in self.methods])
-        object.__setattr__(self, "law", self.law if self.law in LAWS else _hyphenated(self.law))
+            raise InputError(f"methods is empty; valid: {', '.join(reduction.METHODS)}")
+        self.put(methods=[_known(name, reduction.METHODS) for name in self.methods], law=_known(self.law, coupling.LAWS))
         check_keys(self)
         if max(getattr(self, "band", None) or [0.0]) > HIGHEST:
             raise InputError(f"band must end below {HIGHEST:g}, so that the squares of its frequencies are finite; it is "
                              f"{shown(self.band)}")  # type: ignore[attr-defined]
+
+    def put(self, **values: Any) -> None:
+        """Sets keys while the scene is made."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def fill(self, **values: Any) -> None:
+        """Sets those keys that were left out."""
+        self.put(**{name: value for name, value in values.items() if not getattr(self, name)})
 
     @property
     def paged(self) -> bool:
@@ -144,12 +140,10 @@ class Scene:
     @property
     def labels(self) -> str:
         """The methods' names in tables: 'Craig-Bampton and Craig-Chang'."""
-        from femsub.reduction import METHODS
-
-        return " and ".join(METHODS[key].label for key in self.methods)
+        return " and ".join(reduction.METHODS[key].label for key in self.methods)
 
     @property
-    def rubbing(self) -> Belt:
+    def rubbing(self) -> coupling.Belt:
         """The belt with its law.
 
         Raises
@@ -157,18 +151,14 @@ class Scene:
         InputError
             There is a slope instead of a law.
         """
-        from femsub.coupling import LAWS, Belt
-
         if self.slope is not None:
             raise InputError(f"scene key 'slope': {NO_SLOPE['slope']}")
-        return Belt(force=self.force, speed=self.speed, law=LAWS[self.law](eps=self.eps))
+        return coupling.Belt(force=self.force, speed=self.speed, law=coupling.LAWS[self.law](eps=self.eps))
 
     @property
-    def linear_belt(self) -> Belt:
+    def linear_belt(self) -> coupling.Belt:
         """The belt with its slope alone, given or from the law."""
-        from femsub import Belt
-
-        return Belt(force=self.force, slope=self.rubbing.slope if self.slope is None else self.slope)
+        return coupling.Belt(force=self.force, slope=self.rubbing.slope if self.slope is None else self.slope)
 
     @property
     def friction(self) -> dict[str, Any]:
@@ -206,11 +196,9 @@ class Result:
     files: dict[str, Writer] = field(default_factory=dict)
 
     @property
-    def tables(self) -> dict[str, Table]:
+    def tables(self) -> dict[str, studies.Table]:
         """Those with rows by the names of their files."""
-        from femsub.studies import Table
-
-        return {one.name: one for one in self.shown if isinstance(one, Table) and one.name and one.rows}
+        return {one.name: one for one in self.shown if isinstance(one, studies.Table) and one.name and one.rows}
 
     @property
     def drawings(self) -> dict[str, Callable[[], Any]]:
@@ -221,18 +209,14 @@ class Result:
             one.name: one.draw for one in self.shown if isinstance(one, Picture)}
 
     @property
-    def charts(self) -> list[Chart]:
+    def charts(self) -> list[studies.Chart]:
         """Those for a page."""
-        from femsub.studies import Chart
-
-        return [one for one in self.shown if isinstance(one, Chart)]
+        return [one for one in self.shown if isinstance(one, studies.Chart)]
 
     def text(self, units: Units = UNKNOWN) -> str:
         """What is printed."""
-        from femsub.studies import Table
-
         return units.said("\n".join(one if isinstance(one, str) else one.text(units.known) for one in self.shown
-                                    if isinstance(one, str) or (isinstance(one, Table) and one.columns)))
+                                    if isinstance(one, str) or (isinstance(one, studies.Table) and one.columns)))
 
 
 def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], shown: Sequence[Shown],
@@ -334,9 +318,7 @@ def _build(table: Mapping[str, Any], folder: Path, source: Path | None = None, t
     if not name.isprintable() or len(name) > LONGEST_NAME or set(name) & set("/\\"):
         raise InputError(f"scene key 'name': {shown(name)} cannot be part of a file's name. Take at most {LONGEST_NAME} "
                          "printable characters without / and \\")
-    if any(item.name == "folder" for item in fields(scene_type)):
-        values["folder"] = str(folder)
-    return scene_type(**{"name": Path(own).stem if own else kind, **values, "own": own}), run
+    return scene_type(**{"name": Path(own).stem if own else kind, **values, "own": own, "folder": str(folder)}), run
 
 
 def _check_trust(own: Path, source: Path, trusted: Sequence[str]) -> None:
@@ -379,8 +361,10 @@ def _own_scene(path: Path) -> tuple[type[Scene], Callable[[Any, Progress], Resul
     return scene, run
 
 
-def _hyphenated(name: str) -> str:
+def _known(name: str, valid: Mapping[str, Any]) -> str:
     """'craig-bampton' for CraigBampton and HCB, which are the method's names elsewhere."""
+    if name in valid:
+        return name
     plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
     return SHORT_NAMES.get(plain, plain)
 

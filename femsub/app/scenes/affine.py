@@ -14,7 +14,7 @@ from femsub.app.expressions import Expression, Factor
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.flutter import FlutterScene, flutter
-from femsub.checks import Matrix, check_band
+from femsub.checks import Matrix
 from femsub.components import disc_pair
 from femsub.errors import InputError, unknown_name
 from femsub.io import read_aligned
@@ -68,16 +68,13 @@ class AffineScene(FlutterScene):
     band: list[float] = key([], "the frequencies that are looked at", unit="rad/time", least=0, form="[lo, hi]",
                             otherwise="all; required above 300 DOF", example=[0.0, 1000.0])
     massless: bool = key(False, "whether M may leave out DOF of K")
-    folder: str = "."
 
     def __post_init__(self) -> None:
         if not self.M and not self.K:
             if self.D:
                 raise InputError("scene key 'M' is missing: D alone is no model, give the files of M and K as well")
-            object.__setattr__(self, "between", self.between or BETWEEN)
+            self.fill(between=BETWEEN)
         super().__post_init__()
-        if self.band:
-            check_band(self.band)
         if twice := [one.name for one in self.fixed if [other.name for other in self.fixed].count(one.name) > 1]:
             raise InputError(f"scene key 'fixed': {twice[0]!r} has {len(twice)} values. Give each parameter one")
         if not self.names:

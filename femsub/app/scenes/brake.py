@@ -30,13 +30,12 @@ from femsub import (
     study,
     track,
 )
-from femsub.app.figures_modes import shapes_figure
+from femsub.app.figures import shapes_figure
 from femsub.app.keys import key
-from femsub.app.moving import mode_file
 from femsub.app.scene import Picture, Progress, Result, Scene, Shown, run_outputs
-from femsub.app.scenes.outputs import least_stable, motion_files, vtu
-from femsub.app.scenes.system_shapes import by_kind
-from femsub.checks import Array, check_band, interval
+from femsub.app.scenes.joined_parts import by_kind
+from femsub.app.scenes.outputs import DRAWN, least_stable, motion_files, page_mode, vtu
+from femsub.checks import Array
 from femsub.coupling import brake_meshes, check_held, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
 from femsub.reduction import METHODS
@@ -59,7 +58,6 @@ if TYPE_CHECKING:
 
 PADS = ("inboard", "outboard")
 WITHIN = 1e-2  # relative error of the critical μ that the recommended model may have
-DRAWN = 6  # unstable modes
 UNUSED = "the friction of a brake is Coulomb's, with mu, pressure and turning"
 
 
@@ -102,7 +100,6 @@ class BrakeScene(Scene):
     modes: list[int] = key([60, 100], "numbers of real modes of the brake in contact; each part keeps as many of its "
                            "own", least=1)
     units: str = "SI"
-    folder: str = "."
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("unstable", "error-time", "flutter")
     ON_REQUEST: ClassVar[tuple[str, ...]] = ("losses",)
@@ -111,8 +108,6 @@ class BrakeScene(Scene):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_band((self.band[0], self.band[1]))
-        interval("mu", (self.mu[0], self.mu[1]))
         if self.units == "mm-t-s" and not self.disc:
             raise InputError("femsub's own brake is in SI units: leave units out, or give meshes and all data in mm, t and s")
 
@@ -295,11 +290,11 @@ def _unstable(brake: Brake) -> Result:
 
 def _mode_file(brake: Brake, modes: ComplexModes, mu: float) -> dict[str, Writer]:
     """The least stable mode of the full model, for a page."""
-    at = least_stable(modes) if brake.scene.paged else None
+    at = least_stable(modes)
     if at is None:
         return {}
     (_, (mesh, fields)), = by_kind(brake.system, brake.meshes, modes.shapes[:, [at]]).items()
-    return mode_file(mesh, fields[..., 0], f"least stable mode of the full model at mu = {mu:g}", complex(modes.eigenvalues[at]))
+    return page_mode(brake.scene, mesh, fields[..., 0], f" of the full model at mu = {mu:g}", modes.eigenvalues[at])
 
 
 def _largest(fields: Array) -> Array:

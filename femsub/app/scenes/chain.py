@@ -12,10 +12,8 @@ import numpy as np
 from femsub import Belt, ComplexModes, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
 from femsub.app.figures import belt_sweep_figure
 from femsub.app.keys import key
-from femsub.app.moving import mode_file
 from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
-from femsub.app.scenes.outputs import NO_GROWTH, comparable, least_stable
-from femsub.checks import check_band
+from femsub.app.scenes.outputs import NO_GROWTH, comparable, least_stable, page_mode
 from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
 from femsub.modes import relative_error
@@ -40,8 +38,8 @@ MOST = 10**7  # masses
 
 
 @dataclass(frozen=True)
-class ChainKeys(Scene):
-    """The chain of `femsub.chain` and its reduced models."""
+class MassKeys(Scene):
+    """The chain of `femsub.chain`."""
 
     n: int = key(10, "number of masses", least=1, most=MOST)
     masses: float | list[float] = key(1.0, "the masses: one value, or n of them", unit="mass", above=0)
@@ -49,13 +47,28 @@ class ChainKeys(Scene):
                                        least=0)
     damping: float = key(0.1, "the dashpot d1 at mass 1", unit="force·time/length", least=0)
     belt: int = key(2, "the mass under the belt; masses count from 1", least=1)
+
+    @property
+    def three_pairs(self) -> list[float]:
+        """The band of the lowest three pairs of a uniform chain; what lies higher no small model can follow."""
+        return [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))]
+
+    @property
+    def words(self) -> str:
+        """The chain in the first line of what is printed."""
+        return f"{self.name}: {self.n} masses, dashpot {self.damping:g} at m1"
+
+
+@dataclass(frozen=True)
+class ChainKeys(MassKeys):
+    """The chain and its reduced models."""
+
     interface: list[int] = key([1], "masses through which the chain is joined", least=1, distinct=True)
     size: int = key(0, "DOF of the reduced models", least=0, otherwise="5, as in the paper, or n if that is less")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.size:
-            object.__setattr__(self, "size", min(5, self.n))
+        self.fill(size=min(5, self.n))
         self.check_size("size", self.size, len(self.interface) + (self.n > 1))
 
     def check_size(self, key: str, size: int, least: int) -> None:
@@ -98,14 +111,8 @@ class ChainScene(ChainKeys):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.belts:
-            object.__setattr__(self, "belts", list(range(1, min(self.n, 10) + 1)))
-        if not self.sizes:
-            object.__setattr__(self, "sizes", list(range(len(self.interface) + 1, min(self.n, 10) + 1)))
-        if not self.band:
-            # the lowest three pairs of a uniform chain; what lies higher no small model can follow
-            object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
-        check_band(self.band)
+        most = min(self.n, 10)
+        self.fill(belts=list(range(1, most + 1)), sizes=list(range(len(self.interface) + 1, most + 1)), band=self.three_pairs)
         for size in self.sizes:
             self.check_size("sizes", size, len(self.interface))
 
@@ -122,8 +129,7 @@ def run(scene: ChainScene, progress: Progress) -> Result:
         "n": scene.n, "masses": scene.masses, "springs": scene.springs,
         "damping": scene.damping, "interface": scene.interface, **scene.friction, "methods": scene.methods,
         "size": scene.size, "band": scene.band}
-    text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, interface {_masses(scene.interface)}, "
-            f"{scene.friction_words}"]
+    text = [f"{scene.words}, interface {_masses(scene.interface)}, {scene.friction_words}"]
 
     def compute(output: str) -> Result:
         progress(f"{scene.name}: {output}")
@@ -251,13 +257,13 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
 
 def _mode_file(scene: ChainScene, modes: ComplexModes) -> dict[str, Writer]:
     """The least stable mode for a page: masses that move along the chain, which lies along x."""
-    at = least_stable(modes) if scene.paged and scene.n > 1 else None
-    if at is None:
+    at = least_stable(modes)
+    if at is None or scene.n == 1:
         return {}
     nodes = np.arange(scene.n)
     line = Mesh(nodes[:, None] + 1.0, np.stack([nodes[:-1], nodes[1:]], axis=1), "line")
     u = modes.shapes[:, at, None] * np.array([1.0, 0.0, 0.0])
-    return mode_file(line, u, f"least stable mode of the full model, belt under m{scene.belt}", complex(modes.eigenvalues[at]))
+    return page_mode(scene, line, u, f" of the full model, belt under m{scene.belt}", modes.eigenvalues[at])
 
 
 def _error_time(scene: ChainScene, progress: Progress) -> Result:

@@ -25,7 +25,7 @@ class ChainCycleScene(CycleKeys, ChainScene):
             from femsub import chain_frequencies
 
             lowest = chain_frequencies(max(self.n, 1), min(max(self.n, 1), 4))
-            object.__setattr__(self, "band", [0.0, float(1.02 * lowest[-1])])
+            self.put(band=[0.0, float(1.02 * lowest[-1])])
         super().__post_init__()
 
 
@@ -36,7 +36,6 @@ def run(scene: ChainCycleScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     full = scene.model(scene.belt, False)
     models = {"full": full, **{method: scene.reduced(full, method, scene.size) for method in scene.methods}}
-    head = (f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, belt under m{scene.belt}, "
-            f"{scene.friction_words}; {scene.labels} of {scene.size} DOF")
+    head = f"{scene.words}, belt under m{scene.belt}, {scene.friction_words}; {scene.labels} of {scene.size} DOF"
     data = {"n": scene.n, "damping": scene.damping, "belt": scene.belt, "interface": scene.interface, "size": scene.size}
     return run_cycles(scene, models, (scene.band[0], scene.band[1]), data, head, progress)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-
 from femsub import couple
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, run_outputs
+from femsub.app.scenes.chain import MassKeys
 from femsub.app.scenes.joined_parts import JoinedScene, compared
 from femsub.coupling import cut_chain
 from femsub.errors import InputError
@@ -18,14 +17,11 @@ MOST = 10**6  # masses
 
 
 @dataclass(frozen=True)
-class ChainPartsScene(JoinedScene):
+class ChainPartsScene(JoinedScene, MassKeys):
     """The paper's chain in several parts. A mass at a cut belongs to both parts, half to each."""
 
     n: int = key(10, "number of masses", least=3, most=MOST)
-    masses: float | list[float] = key(1.0, "masses: one for all, or n of them", unit="mass", above=0)
-    springs: float | list[float] = key(1.0, "springs: one for all, or n of them", unit="force/length", above=0)
-    damping: float = key(0.1, "the dashpot d1 at mass 1", unit="force time/length", least=0)
-    belt: int = key(2, "the mass under the belt, counted from 1", least=1)
+    springs: float | list[float] = key(1.0, "the springs: one value, or n of them", unit="force/length", above=0)
     parts: list[int] = key([2, 3, 5], "numbers of parts to cut it into", least=2, distinct=True)
     band: list[float] = key([], "the frequencies in which models are compared", unit="rad/time", least=0, form="[lo, hi]",
                             otherwise="the lowest three of a chain of equal masses and springs", example=[0.0, 0.8])
@@ -33,8 +29,7 @@ class ChainPartsScene(JoinedScene):
     OUTPUTS: ClassVar[tuple[str, ...]] = ("methods",)
 
     def __post_init__(self) -> None:
-        if not self.band:
-            object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
+        self.fill(band=self.three_pairs)
         super().__post_init__()
         if self.belt > self.n:
             raise InputError(f"belt must be at least 1 and at most {self.n}, the number of masses, but is {self.belt}")
@@ -49,7 +44,7 @@ SCENE = ChainPartsScene
 def run(scene: ChainPartsScene, progress: Progress) -> Result:
     """The study over methods for each number of parts."""
     data = {"n": scene.n, "belt": scene.belt, "band": scene.band, **scene.friction}
-    text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, belt under m{scene.belt}, {scene.friction_words}"]
+    text = [f"{scene.words}, belt under m{scene.belt}, {scene.friction_words}"]
 
     def compute(output: str) -> Result:
         count = int(output.split()[0])

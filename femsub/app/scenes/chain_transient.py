@@ -12,7 +12,6 @@ from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, Shown, run_outputs
 from femsub.app.scenes.chain import ChainKeys
 from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, verdict, whole
-from femsub.checks import interval
 from femsub.errors import InputError
 from femsub.studies import label
 
@@ -37,13 +36,10 @@ class ChainTransientScene(ChainKeys):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("time", "window"):
-            interval(name, getattr(self, name))
         if self.window[0] < self.time[0] or self.window[1] > self.time[1]:
             raise InputError(f"window {self.window} reaches beyond the time {self.time}")
         if self.n > QUADRATIC and {"growth", "quality"} & set(self.outputs):
             raise InputError(f"outputs 'growth' and 'quality' need all eigenvalues, which is up to n = {QUADRATIC}; name others")
-        _ = self.rubbing  # refuses a slope
 
 
 SCENE = ChainTransientScene

@@ -13,7 +13,7 @@ import numpy as np
 from femsub import Mesh, NormalModes, ReducedSubstructure, Substructure, displacements, normal_modes, reduce
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Scene
-from femsub.checks import Array, check_band
+from femsub.checks import Array
 from femsub.components import node_rows
 from femsub.errors import InputError, PortWarning
 from femsub.reduction import METHODS, Method
@@ -38,8 +38,6 @@ class ComponentScene(Scene):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.band:
-            check_band(self.band)
         if not self.modes:
             raise InputError("modes is empty: name the numbers of modes to compare, e.g. [10, 20]")
         for name in SI_DEFAULTS:

@@ -14,7 +14,7 @@ from femsub.algebra import QUADRATIC
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
-from femsub.checks import Array, interval
+from femsub.checks import Array
 from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.motion import PARAMETERS, of_signal, onsets, sliding, with_parameter
 from femsub.studies import Table, bifurcation_chart, column, cycles_verdict, label
@@ -41,12 +41,6 @@ class CycleKeys(Scene):
                          "dot where there is none (for models whose integration is slow)", choices=lambda _: ("blow", "cycle"))
 
     WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _ = self.rubbing  # refuses a slope
-        if self.between:
-            interval("between", self.between)
 
 
 def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], data: dict[str, Any],

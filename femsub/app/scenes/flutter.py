@@ -12,7 +12,6 @@ import numpy as np
 from femsub import Affine, CriticalValue, Tracked, critical_value, track
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
-from femsub.checks import interval
 from femsub.errors import InputError
 from femsub.studies import Table, Verdict, column, flutter_chart
 
@@ -30,10 +29,6 @@ class FlutterScene(Scene):
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("critical-value", "diagram")
     WITHOUT: ClassVar[Mapping[str, str]] = dict.fromkeys(("slope", "law", "eps", "speed", "force", "methods", "repeats"), NO_BELT)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        interval("between", self.between)
 
 
 def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, exact: Mapping[str, float], label: str,

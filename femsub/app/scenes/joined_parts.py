@@ -1,16 +1,31 @@
-"""What the scenes of joined parts share: the study over methods, each applied part by part, with its table and its figure."""
+"""What the scenes of joined parts share: the study over methods, part by part; the parts in colours; the modes of all."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, NamedTuple
 
 import numpy as np
 
-from femsub import ContactModes, Substructure, System, normal_modes, study
+from femsub import (
+    ContactModes,
+    CraigBampton,
+    Mesh,
+    ReducedSubstructure,
+    Substructure,
+    System,
+    displacements,
+    normal_modes,
+    reduce,
+    study,
+)
+from femsub.app.figures import parts_figure
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Result, Scene, method_keys, other_method_names
+from femsub.app.scene import Picture, Progress, Result, Scene, Shown, method_keys, other_method_names, run_outputs
+from femsub.app.scenes.outputs import Drawn, mode_rows, mode_views, vtu
+from femsub.checks import Array
 from femsub.modes import NEAR, match
 from femsub.reduction import METHODS, PORT_LIMIT, Method
 from femsub.studies import Row, Study, Table, all_frequencies, column, elastic, errors_chart, friction_errors_chart, study_choice
@@ -147,3 +162,97 @@ def _made(part: Substructure, key: str, modes: int) -> Method:
         return kind(min(modes, len(part.interior)))
     room = part.size - (normal_modes(part, count=min(1, part.size)).rigid if modes > part.size - RIGID else RIGID)
     return kind(min(modes, max(room, 0)))
+
+
+@dataclass(frozen=True)
+class MeshedScene(JoinedScene):
+    """What scenes of parts with meshes share."""
+
+    methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang", "rubin", "guyan"])
+    ports: bool = True
+    repeats: int = 3
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("parts", "methods", "modes-per-part")
+
+
+def run_parts(scene: MeshedScene, system: System, meshes: Mapping[str, Mesh], told: str, progress: Progress) -> Result:
+    """The parts in colours, the study over methods, and how many modes each part needs; the belt is at the system's port."""
+    belt = replace(scene.linear_belt, port=next(iter(system.ports)))
+    views = {"parts": lambda: picture(meshes, f"{scene.name}: {system.size} DOF in {len(meshes)} parts"),
+             "methods": lambda: compared(scene, system, belt, scene.name, "methods", progress),
+             "modes-per-part": lambda: chosen_modes(scene, system, "modes-per-part", progress)}
+    return run_outputs(scene.outputs, lambda output: views[output](), {"band": scene.band, **scene.friction},
+                       [f"{told}, {scene.friction_words}"])
+
+
+def picture(meshes: Mapping[str, Mesh], title: str) -> Result:
+    """The parts in colours, parts.png; and parts.vtu with the number of the part, counted from 1, at each node."""
+    rows = [{"part": name, "nodes": len(mesh.points), "cells": len(mesh.cells), "kind": mesh.kind}
+            for name, mesh in meshes.items()]
+    columns = ("part", column("nodes", form="d"), column("cells", form="d"), column("kind", form="s"))
+    drawn = Picture("parts", lambda: parts_figure(meshes, title))
+    return Result({"parts": rows}, [Table("parts", rows, columns, "Parts"), drawn], {"parts.vtu": partial(_vtu, meshes)})
+
+
+def _vtu(meshes: Mapping[str, Mesh], file: BinaryIO) -> None:
+    first = next(iter(meshes.values()))
+    nodes, cells = (np.cumsum([0, *(len(values) for values in each)]) for each in
+                    zip(*((mesh.points, mesh.cells) for mesh in meshes.values()), strict=True))
+    whole = Mesh(np.vstack([mesh.points for mesh in meshes.values()]),
+                 np.vstack([mesh.cells + start for mesh, start in zip(meshes.values(), nodes, strict=False)]), first.kind,
+                 groups={name: np.arange(a, b) for name, a, b in zip(meshes, cells, cells[1:], strict=False)})
+    number = np.repeat(np.arange(1.0, len(meshes) + 1), np.diff(nodes))
+    vtu(whole, {"part": number}, file)
+
+
+def chosen_modes(scene: JoinedScene, system: System, name: str, progress: Progress) -> Result:
+    """How many fixed-interface modes each part needs, so that the natural frequencies of the whole are within the tolerance."""
+    undamped = system.with_parts({part: sub.with_damping(None) for part, sub in system.parts.items()})
+    progress(f"{scene.name}: modes of each part for a tolerance of {scene.tolerance:g}")
+    method = CraigBampton(band=(scene.band[0], scene.band[1]), tol=scene.tolerance)
+    found = reduce(undamped, dict.fromkeys(system.parts, method), ports=scene.ports)
+    kept = {part: own for part, own in found.parts.items() if isinstance(own, ReducedSubstructure)}
+    rows = [{"part": part, "size": system.parts[part].size, "interface": len(system.parts[part].interface), "modes": own.modes,
+             "reduced": own.size} for part, own in kept.items()]
+    most = max(kept, key=lambda part: kept[part].modes)
+    without = ", ".join(part for part, own in kept.items() if not own.modes)
+    words = (f"recommendation: Craig-Bampton with {sum(own.modes for own in kept.values())} modes in all, {found.size} of "
+             f"{system.size} DOF. {most} needs the most, {kept[most].modes}")
+    words += f". Constraint modes are enough for {without}" if without else ""
+    columns = ("part", "size", "interface", "modes", column("reduced", "reduced DOF", "d"))
+    return Result({name: {"parts": rows, "size": found.size, "recommendation": words}}, [
+        f"fixed-interface modes of each part, for all natural frequencies in the band within {scene.tolerance:g}:",
+        Table(name, rows, columns, "Modes of each part"), words])
+
+
+def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh]) -> Result:
+    """The modes as a table; of parts that have meshes a figure and a file for each kind of cells."""
+    found = normal_modes(system, band=(scene.band[0], scene.band[1]))
+    rows = mode_rows(found)
+    if not rows:
+        return Result({"modes": rows}, [f"{scene.name}: the system has no normal mode in the band"])
+    shown: list[Shown] = [
+        f"Normal modes of {system.name!r} in the band in rad/time, {found.rigid} of them rigid; {found.evidence}",
+        Table("modes", rows, ("mode", "omega", "residual"), "Normal modes", most=LISTED)]
+    if bare := [name for name in system.parts if meshes and name not in meshes]:
+        shown.append(f"not drawn, since they have no mesh: {', '.join(bare)}")
+    if not meshes or not scene.figures:
+        return Result({"modes": rows}, shown)
+    pictures, files = mode_views(scene, found.frequencies, by_kind(system, meshes, found.shapes), {})
+    return Result({"modes": rows}, [*shown, *pictures], files)
+
+
+def by_kind(system: System, meshes: Mapping[str, Mesh], shapes: Array) -> dict[str, Drawn]:
+    """The parts' meshes of each kind as one, and the modes on it (nodes, 3, k), the largest displacement of all parts 1."""
+    moved = system.expand(shapes)
+    fields = {name: displacements(mesh, dofs, moved[name]) for name, mesh in meshes.items()
+              if (dofs := system.parts[name].dofs) is not None}
+    largest = np.max([np.linalg.norm(field, axis=1).max(axis=0) for field in fields.values()], axis=0)
+    drawn: dict[str, Drawn] = {}
+    for kind in dict.fromkeys(mesh.kind for mesh in meshes.values()):
+        names = [name for name, mesh in meshes.items() if mesh.kind == kind]
+        starts = np.cumsum([0, *(len(meshes[name].points) for name in names)])
+        whole = Mesh(np.vstack([meshes[name].points for name in names]),
+                     np.vstack([meshes[name].cells + start for name, start in zip(names, starts, strict=False)]), kind)
+        drawn[kind] = whole, np.concatenate([fields[name] for name in names]) / np.where(largest > 0, largest, 1.0)
+    return drawn

@@ -34,7 +34,6 @@ class MatricesScene(ComponentScene):
                             required=True, example=[0.0, 1000.0])
     ports: bool = False
     format: str = key("mtx", "what the output reduced-matrices writes", choices=lambda _: FORMATS)
-    folder: str = "."
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("critical-slope", "eigenvalues", "error-time")
     ON_REQUEST: ClassVar[tuple[str, ...]] = ("modes", "reduced-matrices")

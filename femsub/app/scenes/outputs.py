@@ -7,13 +7,24 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+import scipy.sparse as sp
 
-from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, complex_modes, study
-from femsub.app.figures_modes import shapes_figure
+from femsub import (
+    ComplexModes,
+    CraigBampton,
+    Mesh,
+    NormalModes,
+    ReducedSubstructure,
+    Substructure,
+    complex_modes,
+    io,
+    normal_modes,
+    study,
+)
+from femsub.app.figures import shapes_figure
 from femsub.app.moving import mode_file
-from femsub.app.scene import Picture, Progress, Result, run_outputs
-from femsub.app.scenes.component import ComponentScene, Work
-from femsub.app.scenes.interface_on_springs import interface_on_springs
+from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
+from femsub.app.scenes.component import UP_TO, ComponentScene, Work
 from femsub.checks import Array
 from femsub.model import in_band
 from femsub.modes import listed, relative_error
@@ -26,6 +37,7 @@ from femsub.studies import (
     error_time_chart,
     first_loss,
     label,
+    springs_chart,
     stability_remark,
     study_choice,
 )
@@ -33,12 +45,14 @@ from femsub.studies import (
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
 
-DRAWN = 6  # of the normal modes
+DRAWN = 6  # modes of a picture
 NO_GROWTH = "no eigenvalue up to ω"
+RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of springs to the own static stiffness at the interface
 PHASES = 12  # of a period, in which a complex mode is written
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 
 Part = Callable[[Work], Result]
+Drawn = tuple[Mesh, Array]
 
 
 def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, Part] | None = None) -> Result:
@@ -66,28 +80,49 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
 
 def _modes(work: Work) -> Result:
     found = work.normal
-    rows = [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
-            for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
     limit, count = found.counted
     proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
     if found.unlisted:
         proof += f", {found.unlisted} of them outside the band"
     head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}"
+    rows = mode_rows(found)
     data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
     said = [head, Table("modes", rows, ("mode", "omega", "residual"), "Normal modes")]
     mesh, shapes = work.mesh, work.field(found.shapes)
     if mesh is None or shapes is None or not work.scene.figures:
         return Result({"modes": data}, said)
-    titles, title = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows], f"{work.scene.name}: normal modes"
-    fields = {f"mode-{row['mode']:02d} {work.units.frequency(row['omega'])}": shapes[..., i] for i, row in enumerate(rows)}
-    drawn = Picture("modes", lambda: shapes_figure(mesh, shapes[..., :DRAWN], titles[:DRAWN], title, work.marks))
-    return Result({"modes": data}, [*said, drawn], {"modes.vtu": partial(vtu, mesh, fields)})
+    pictures, files = mode_views(work.scene, found.frequencies, {"": (mesh, shapes)}, work.marks)
+    return Result({"modes": data}, [*said, *pictures], files)
+
+
+def mode_rows(found: NormalModes) -> list[dict[str, Any]]:
+    """The rows of a table of normal modes."""
+    return [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
+            for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
+
+
+def mode_views(scene: Scene, frequencies: Array, drawn: Mapping[str, Drawn], marks: Mapping[str, Array]
+               ) -> tuple[list[Picture], dict[str, Writer]]:
+    """A picture of the lowest modes and a VTU file of all, for each mesh and the shapes on it (nodes, 3, k)."""
+    titles = [f"mode {i}: ω = {omega:.5g} rad/time" for i, omega in enumerate(frequencies[:DRAWN], 1)]
+    fields = [f"mode-{i:02d} {scene.system.frequency(omega)}" for i, omega in enumerate(frequencies, 1)]
+    pictures: list[Picture] = []
+    files: dict[str, Writer] = {}
+    for kind, (mesh, shapes) in drawn.items():
+        name = f"modes-{kind}" if len(drawn) > 1 else "modes"
+        pictures.append(Picture(name, partial(
+            shapes_figure, mesh, shapes[..., :DRAWN], titles, f"{scene.name}: normal modes", marks)))
+        files[f"{name}.vtu"] = partial(vtu, mesh, dict(zip(fields, np.moveaxis(shapes, -1, 0), strict=True)))
+    return pictures, files
+
+
+def page_mode(scene: Scene, mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str, Writer]:
+    """The file of a complex shape u (nodes, 3) for the page, if one is asked for."""
+    return mode_file(mesh, u, f"least stable mode{title}", complex(eigenvalue)) if scene.paged else {}
 
 
 def vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
-    from femsub.io import mesh_bytes
-
-    file.write(mesh_bytes(mesh, shapes))
+    file.write(io.mesh_bytes(mesh, shapes))
 
 
 def _critical(work: Work) -> Result:
@@ -192,8 +227,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     mesh, whole = work.mesh, work.field(u)
     if mesh is None or whole is None:
         return Result(data, [told])
-    files = mode_file(mesh, whole, f"least stable mode, from {label(name)} with {model.size} DOF", value) \
-        if work.scene.paged else {}
+    files = page_mode(work.scene, mesh, whole, f", from {label(name)} with {model.size} DOF", value)
     if not work.scene.figures:
         return Result(data, [told], files)
     # any phase will do: the one in which the place that moves most is at its largest
@@ -219,9 +253,7 @@ def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str 
         vtu(bare, {f"displacement {named}": (shape * np.exp(1j * omega * time)).real}, file)
 
     def series(file: BinaryIO) -> None:
-        from femsub.io import series_bytes
-
-        file.write(series_bytes(times))
+        file.write(io.series_bytes(times))
 
     files: dict[str, Writer] = {f"{title}.pvd": series}
     return files | {name: partial(phase, time) for name, time in times.items()}
@@ -240,5 +272,43 @@ def _error_time(work: Work) -> Result:
                          error_time_chart(studies), study_choice(found, scene.tolerance)])
 
 
+def _springs(work: Work) -> Result:
+    """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
+    sub = work.sub
+    if not len(sub.interface):
+        return Result({"joined-interface": []}, ["Interface on springs: the component has no interface DOF"])
+    condensed = np.diag(work.reduce(CraigBampton(0)).K)[:len(sub.interface)]
+    bare = sub.K.diagonal()[sub.interface]
+    own = np.where(condensed > 1e-9 * bare, condensed, bare)
+    rows: list[dict[str, Any]] = []
+    for ratio in RATIOS:
+        work.tell(f"interface on springs of {ratio:g} times its own stiffness")
+        count = min(UP_TO, min(rom.size for _, rom in work.reduced))
+        exact = _frequencies(sub, ratio * own, count)
+        for method, rom in work.reduced:
+            found = _frequencies(rom, ratio * own, count)
+            rows.append({"model": method.key, "modes": method.modes, "size": rom.size, "springs": float(ratio),
+                         "error": float(np.max(np.abs(found / exact - 1)))})
+    models = {(row["model"], row["modes"]): {key: row[key] for key in ("model", "modes", "size")} for row in rows}
+    for row in rows:
+        models[row["model"], row["modes"]][f"{row['springs']:g}"] = row["error"]
+    columns = ("model", "modes", "size", *(column(f"{ratio:g}", form=".1e") for ratio in RATIOS))
+    head = (f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
+            "component's own at each interface DOF")
+    title = f"{work.scene.name}: interface on springs, lowest {count} frequencies"
+    return Result({"joined-interface": rows}, [
+        head, Table("", list(models.values()), columns, keys=3), Table("joined-interface", rows, title="Interface on springs"),
+        springs_chart(rows, title)])
+
+
+def _frequencies(model: Substructure, springs: Array, count: int) -> Array:
+    B = sp.csr_array(model.interface_rows)
+    added = B.T @ sp.diags_array(springs) @ B
+    if not sp.issparse(model.K):
+        added = added.toarray()
+    modes = normal_modes(Substructure(model.M, model.K + added, name=model.name), count=count)
+    return modes.frequencies[modes.rigid:]
+
+
 PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,
-                         "joined-interface": interface_on_springs}
+                         "joined-interface": _springs}

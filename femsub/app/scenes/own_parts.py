@@ -12,10 +12,8 @@ import numpy as np
 from femsub import FrictionContact, Material, Mesh, Rigid, Spring, Substructure, Tied, couple, read_component, read_mesh, solid
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, other_method_names, run_outputs
-from femsub.app.scenes.joined_parts import Choice, JoinedScene, Over, compared
+from femsub.app.scenes.joined_parts import Choice, JoinedScene, Over, compared, system_modes
 from femsub.app.scenes.solid import motions
-from femsub.app.scenes.system_shapes import system_modes
-from femsub.checks import interval
 from femsub.components import DIRECTIONS
 from femsub.errors import InputError, unknown_name
 from femsub.reduction import METHODS
@@ -152,7 +150,6 @@ class OwnPartsScene(JoinedScene):
     full: list[float] = key([], "values of mu at which the full model is solved", least=0, distinct=True,
                             otherwise="the end of the range", example=[0.2, 0.4])
     belt: str = key("", "the part under the belt", otherwise="the first one with a port or a contact; none", example="disc")
-    folder: str = "."
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("methods",)
     ON_REQUEST: ClassVar[tuple[str, ...]] = ("modes",)
@@ -167,7 +164,6 @@ class OwnPartsScene(JoinedScene):
                              "name their ends as 'part.set'")
         if self.belt and self.belt not in names:
             raise unknown_name("part", self.belt, names)
-        interval("mu", (self.mu[0], self.mu[1]))
 
 
 SCENE = OwnPartsScene

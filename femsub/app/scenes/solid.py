@@ -48,15 +48,11 @@ class SolidScene(ComponentScene):
     force: float = 8000.0
     modes: list[int] = field(default_factory=lambda: [10, 20, 40, 80])
     repeats: int = 3
-    folder: str = "."
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.mesh:
-            return
-        for name, value in (("supports", ["inner"]), ("interface", ["mounts"]), ("contact", "contact")):
-            if not getattr(self, name):
-                object.__setattr__(self, name, value)
+        if not self.mesh:
+            self.fill(supports=["inner"], interface=["mounts"], contact="contact")
 
     def component(self) -> tuple[Substructure, Mesh]:
         mesh = self._mesh()

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 
 from femsub import Material, Mesh, Spring, Substructure, Tied, block, couple, solid
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Result, run_outputs
-from femsub.app.scenes.joined_parts import JoinedScene, compared
-from femsub.app.scenes.parts_shown import chosen_modes, picture
+from femsub.app.scene import Progress, Result
+from femsub.app.scenes.joined_parts import MeshedScene, run_parts
 from femsub.checks import Array
 
 MOST = 16  # times finer: some 10 million DOF
@@ -31,7 +29,7 @@ GLUED = (*(("base", post) for post in POSTS), ("cover", "carrier"), ("carrier", 
 
 
 @dataclass(frozen=True)
-class SolidPartsScene(JoinedScene):
+class SolidPartsScene(MeshedScene):
     """A steel base, held below, with four posts glued onto it; a cover bolted to the posts; on it, glued, a carrier and a pad.
 
     The belt slides on the pad. Glue joins surfaces whose meshes do not match. A bolt is a spring between the middle of the post's
@@ -46,13 +44,8 @@ class SolidPartsScene(JoinedScene):
     bolts: float = key(5e8, "the stiffness of a bolt, along and across", unit="N/m", above=0)
     rayleigh: list[float] = key([5.0, 1e-7], "[alpha, beta] of the damping D = αM + βK", unit="1/s, s", form="[alpha, beta]")
     force: float = 2000.0
-    methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang", "rubin", "guyan"])
     modes: list[int] = field(default_factory=lambda: [5, 10])
-    ports: bool = True
-    repeats: int = 3
     band: list[float] = key([0.0, 1.2e4], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]")
-
-    OUTPUTS: ClassVar[tuple[str, ...]] = ("parts", "methods", "modes-per-part")
 
 
 SCENE = SolidPartsScene
@@ -114,15 +107,5 @@ def run(scene: SolidPartsScene, progress: Progress) -> Result:
     found = meshes(scene.fineness, scene.kind)
     parts, joints = assembly(found, Material(scene.E, scene.nu, scene.rho), scene.bolts, (scene.rayleigh[0], scene.rayleigh[1]))
     system = couple(parts, joints, scene.name)
-    belt = replace(scene.linear_belt, port="pad.belt")
-    title = f"{scene.name}: {system.size} DOF in {len(parts)} parts"
-
-    def compute(output: str) -> Result:
-        if output == "parts":
-            return picture(found, title)
-        if output == "methods":
-            return compared(scene, system, belt, scene.name, output, progress)
-        return chosen_modes(scene, system, output, progress)
-
-    return run_outputs(scene.outputs, compute, {"band": scene.band, **scene.friction},
-                       [f"{title}, {len(joints)} joints, {scene.friction_words}"])
+    told = f"{scene.name}: {system.size} DOF in {len(parts)} parts, {len(joints)} joints"
+    return run_parts(scene, system, found, told, progress)

@@ -48,9 +48,6 @@ class SolidTransientScene(SolidScene):
     WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
     OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "error-time", "signals", "spectrum", "spectrogram")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _ = self.rubbing  # refuses a slope
 
 SCENE = SolidTransientScene
 
