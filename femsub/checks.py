@@ -166,22 +166,19 @@ def mapping(name: str, value: Any, of: str) -> Mapping[Any, Any]:
     return value
 
 
-def interval(name: str, value: Any) -> tuple[float, float]:
-    """(lo, hi) with lo < hi, both finite."""
+def interval(name: str, value: Any, positive: bool = False) -> tuple[float, float]:
+    """(lo, hi) with lo < hi, both finite; `positive`: from 0 on."""
     if isinstance(value, (str, bytes, Mapping, set)) or not isinstance(value, Iterable) or len(pair := list(value)) != 2:
         raise InputTypeError(f"{name} must be a pair (lo, hi), not {shown(value)}")
     lo, hi = (finite_number(name, edge) for edge in pair)
-    if lo >= hi:
-        raise InputError(f"{name} must be (lo, hi) with lo < hi, but is ({lo:g}, {hi:g})")
+    if lo >= hi or (positive and lo < 0):
+        raise InputError(f"{name} must be (lo, hi) with {'0 <= ' * positive}lo < hi, but is ({lo:g}, {hi:g})")
     return lo, hi
 
 
 def check_band(band: object) -> tuple[float, float]:
     """A band (lo, hi) with 0 ≤ lo < hi, in radians per unit of time."""
-    lo, hi = interval("band", band)
-    if lo < 0:
-        raise InputError(f"band must be (lo, hi) with 0 <= lo, in rad per unit of time, but is ({lo:g}, {hi:g})")
-    return lo, hi
+    return interval("band", band, positive=True)
 
 
 def real_array(name: str, value: Any, finite: bool = True) -> np.ndarray:

@@ -142,7 +142,7 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
     ("speed = nan", "speed' must be a finite number"),
     ("eps = 0.0", "eps must be positive"),
     ("force = -1.0", "force must"),
-    ("band = [1.0, 0.5]", "with lo < hi"),
+    ("band = [1.0, 0.5]", "0 <= lo < hi"),
     ("band = [1.0]", "band must be [lo, hi], not [1.0]"),
     ('scene = "matrices"\nK = "K.mtx"\nband = [0.0, 1.0]', "scene key 'M' is missing: the file of the mass matrix"),
     ('scene = "matrices"\nM = "M.mtx"\nK = "K.mtx"\nport = 0', "scene key 'band' is missing"),

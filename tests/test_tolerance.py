@@ -359,9 +359,8 @@ def test_a_study_takes_tolerances() -> None:
 def test_refusals(kind: type) -> None:
     for wrong, told in (({}, "nothing is given"), ({"modes": 3, "band": (0, 1), "tol": 1e-3}, "are both given"),
                         ({"modes": 3, "tol": 1e-3}, "are both given"), ({"band": (0, 1)}, "tol=1e-3.* is missing"),
-                        ({"tol": 1e-3}, "band=.* is missing"), ({"band": (0, 1), "tol": 0.0}, "between 0 and 1"),
-                        ({"band": (1, 0), "tol": 1e-3}, r"band must be \(lo, hi\) with lo < hi"),
-                        ({"band": (0, 1), "tol": np.nan}, "finite")):
+                        ({"tol": 1e-3}, "band=.* is missing"), ({"band": (1, 0), "tol": 1e-3}, "0 <= lo < hi"),
+                        ({"band": (0, 1), "tol": 0.0}, "between 0 and 1"), ({"band": (0, 1), "tol": np.nan}, "finite")):
         with pytest.raises(fs.InputError, match=told):
             kind(**wrong)
     with pytest.raises(fs.InputTypeError, match="tol must be a number"):
