@@ -188,8 +188,6 @@ def _mended(pencil: Pencil, certificate: Nearest | Enclosed, values: Array, X: A
     if pencil.size > KEPT or (pencil.size > QUADRATIC and (damping <= HEAVY * np.sqrt(mass * stiffness)).all()):
         return values, X, Y, done
     found = mended(pencil, values[at], X[:, at], Y[:, at])
-    if not found.done.any() and not found.vague.any():
-        return values, X, Y, done
     values, X = values.copy(), X.astype(complex)
     values[at], X[:, at], Y[:, at], done[at] = found.values, found.X, found.Y, found.done
     certificate.told_again(values, int(found.vague.sum()))
