@@ -176,14 +176,14 @@ def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str
         frame = axis.get_window_extent()
         marked = [line for line in axis.lines if line.get_marker() not in ("None", "none", "", None)]
         marks = [mark for line in marked for mark in line.get_transform().transform(np.column_stack(line.get_data()))]
-        taken = [box_at(*mark, 7 * pixels, 7 * pixels) for mark in marks] + [text.get_window_extent() for text in axis.texts]
+        taken = [box_at(mark[0], mark[1], 7 * pixels, 7 * pixels) for mark in marks] + [text.get_window_extent() for text in axis.texts]
         for _, x, y, text, colour in (label for label in labels if label[0] is axis):
             wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
             at = axis.transData.transform((x, y))
             for right, up in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
                 gap = (2.5 if right and up else 5) * pixels
                 shift = np.array([right * (gap + wide / 2), up * (gap + high / 2)])
-                box = box_at(*(at + shift), wide, high)
+                box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
                 if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken):
                     axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
                                   ha="center", va="center", zorder=6)
