@@ -439,7 +439,7 @@ def test_a_crossing_between_two_neighbouring_numbers_is_not_lost() -> None:
 def test_rounding_of_an_unsymmetric_mass_is_bounded(scale: float) -> None:
     """`size` is what rounding is told from: no entry of A(p) is larger."""
     family = fs.Affine([[1.0, 0.2], [0.0, 1.0]], [[0.1, 0.0], [0.0, 0.3]], [(scale, [[2, 1], [1, 2]]), ("mu", [[0, -1], [0, 0]])])
-    one = Family(lambda p: family.at(mu=p), (0.0, scale))
+    one = Family(pencil_over(family, None, "mu"), (0.0, scale))
     assert all((np.abs(one.matrix(p)) <= one.size * (1 + 1e-12)).all() for p in (0.0, 0.3 * scale, scale))
 
 

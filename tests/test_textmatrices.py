@@ -118,7 +118,7 @@ def test_dof_map_as_text(tmp_path: Path, text: str, name: str, label: str) -> No
     ("mtx", "%%MatrixMarket matrix array real general\n2 3\n1\n1\n1\n1\n1\n1\n", "K must be square, but its shape is (2, 3)"),
     ("dat", "1\n", "unknown ending; known are .mtx (Matrix Market or Abaqus)"),
     ("npz", "no zip\n", "not a whole .npz file"),
-    ("mat", "no mat\n", "cannot be read as a matrix"),
+    ("mat", "no mat\n", "is no MATLAB file, or cut short"),
 ])
 def test_bad_text(tmp_path: Path, ending: str, text: str, words: str) -> None:
     names = {"sti": "M.mas", "mtx": "M.mtx"}

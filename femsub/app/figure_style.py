@@ -189,7 +189,8 @@ def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]
         frame = axis.get_window_extent()
         marked = [line for line in axis.lines if line.get_marker() not in ("None", "none", "", None)]
         marks = [mark for line in marked for mark in line.get_transform().transform(np.column_stack(line.get_data()))]
-        taken = [box_at(mark[0], mark[1], 7 * pixels, 7 * pixels) for mark in marks] + [text.get_window_extent() for text in axis.texts]
+        taken = [box_at(mark[0], mark[1], 7 * pixels, 7 * pixels) for mark in marks]
+        taken += [text.get_window_extent() for text in axis.texts]
         for _, x, y, text, colour in (label for label in labels if label[0] is axis):
             wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
             at = axis.transData.transform((x, y))

@@ -115,7 +115,7 @@ class StribeckArctan:
 
         def slope(v: Any) -> Any:
             ratio = v / eps
-            return c / eps / (1 + ratio * ratio) - copysign(drop * decay * exp(-decay * abs(v)), v) * (v != 0)
+            return c / eps / (1 + ratio * ratio) - copysign(1.0, v) * (v != 0) * drop * decay * exp(-decay * abs(v))
 
         return value, slope
 
