@@ -138,6 +138,7 @@ def test_the_seam_of_dense_modes_lies_in_a_gap(rng: np.random.Generator) -> None
         assert shapes.T @ M @ shapes == pytest.approx(np.eye(24), abs=1e-11)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("count", range(2, 20, 3))
 def test_a_count_that_cuts_a_cluster(count: int) -> None:
     one = fs.chain(60, belt=2)

@@ -392,6 +392,7 @@ NAMES = sorted(
 )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_nonsense_is_answered_or_refused(name: str, working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:
     function, right = working[name]

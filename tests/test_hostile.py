@@ -222,6 +222,7 @@ def mode(path: Path, **changes: Any) -> None:
     np.savez_compressed(path, **{key: value for key, value in (arrays | changes).items() if value is not None})
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("changes", [
     {"points": None}, {"told": {"title": 3}}, {"told": {"eigenvalue": None}}, {"told": {"eigenvalue": ["a", 1]}},
     {"told": {"nodes": "x"}}, {"points": np.array([["a"] * 3] * 2)}, {"real": np.full((2, 3), np.nan)},

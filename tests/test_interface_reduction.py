@@ -219,6 +219,7 @@ def test_one_part_of_a_system_is_reduced_by_itself() -> None:
     assert u["p10"].shape == (60, 2) == u["p11"].shape
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("held", [True, False])
 @pytest.mark.parametrize("key", ["craig-bampton", "rubin"])
 def test_parts_that_meet_share_their_shapes(key: str, held: bool) -> None:
@@ -238,6 +239,7 @@ def test_parts_that_meet_share_their_shapes(key: str, held: bool) -> None:
     assert np.allclose(elastic(further, 6), elastic(fs.reduce(system, fs.InterfaceModes(24)), 6), rtol=1e-9)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", ["craig-bampton", "rubin"])
 @pytest.mark.parametrize("count", [8, 14])
 def test_a_floating_system_is_not_held_by_what_its_parts_share(key: str, count: int) -> None:

@@ -390,6 +390,7 @@ def test_figures_of_parts_are_drawn(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "methods-2-parts.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("span", [(0.27, 0.44), (0.9, 4.1), (0.2, 1.1), (0.002, 0.15), (140.0, 160.0)])
 def test_numbers_at_an_axis_do_not_collide(span: tuple[float, float]) -> None:
     """Within a factor of 5, matplotlib set nine numbers of four digits side by side."""

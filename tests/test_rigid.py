@@ -42,6 +42,7 @@ def zeros(model: fs.Substructure | fs.Pencil, contact: fs.Belt | None = None) ->
     return int(modes.rigid.sum())
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("units", STEEL)
 @pytest.mark.parametrize("uneven", [0.0, 1e-12, 1e-9])
 @pytest.mark.parametrize(("face", "count", "cells", "sides"), FACES)

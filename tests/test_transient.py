@@ -169,6 +169,7 @@ def test_a_large_sparse_model_takes_one_factor_per_step_size() -> None:
     assert np.abs(relative).max() < 5e-3 * np.abs(short.velocity("belt")).max()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("samples", "blow"), [(100, 1e-3), (600, 1e-3), (600, 0.1)])
 def test_alpha_sees_small_motions(samples: int, blow: float) -> None:
     model = fs.chain(320, belt=20)
@@ -180,6 +181,7 @@ def test_alpha_sees_small_motions(samples: int, blow: float) -> None:
     assert f"local errors add up to {run.error:.1e} of the motion" in repr(run)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("method", "within"), [("alpha", 1e-4), ("lsoda", 1e-4), ("dop853", 1e-4), ("radau", 1e-4)])
 def test_the_motion_after_a_tiny_blow_is_proportional_to_it(method: str, within: float) -> None:
     """Nothing in the accuracy may depend on the size of the motion while friction is as good as linear."""
@@ -219,6 +221,7 @@ def linear_motion(model: fs.Substructure, contacts: list[Any], t: float, start: 
     return expm(A * t) @ start
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("method", "within"), [("lsoda", 1e-6), ("dop853", 1e-6), ("alpha", 5e-2)])
 def test_linear_motion_is_right_at_every_size(method: str, within: float) -> None:
     """The belt's constant force is 1e20 times that of the smallest motion."""
