@@ -54,6 +54,10 @@ def test_what_is_collected_is_what_was_expanded() -> None:
                       [fs.Rigid(("front", [int(full.interface[-1])]), ("back", [0]))])
     x = np.random.default_rng(2).standard_normal((outer.size, 2))
     np.testing.assert_allclose(outer.collected(outer.expand(x)), x, atol=1e-12)
+    dual = fs.couple(full.parts, cut(60, 3)[1], assembly="dual")
+    moved = {name: np.ones(part.size) for name, part in dual.parts.items()}  # the joints hold in it; multipliers move nothing
+    for name, u in dual.expand(dual.collected(moved)).items():
+        np.testing.assert_allclose(u, moved[name], atol=1e-12)
     with pytest.raises(fs.InputError, match="the part 'p0' is reduced"):
         fs.reduce(full, {"p0": fs.CraigBampton(3)}).collected({})
 
