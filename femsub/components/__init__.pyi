@@ -1,5 +1,5 @@
 from .beam import SUPPORTS as SUPPORTS
-from .build import not_negative as not_negative, pair as pair, per_part as per_part, proportional as proportional
+from .build import not_negative as not_negative, pair as pair, proportional as proportional
 from .fields import node_rows as node_rows
 from .grids import annulus as annulus, ring as ring
 from .mesh import (

@@ -1,10 +1,8 @@
 from .charts import (
     ROUNDING as ROUNDING,
     Chart as Chart,
-    Level as Level,
     Panel as Panel,
     Series as Series,
-    floored as floored,
     look as look,
 )
 from .charts_components import (
@@ -32,7 +30,6 @@ from .losses import Loss as Loss, affine_over as affine_over, first_loss as firs
 from .results import Row as Row, Study as Study
 from .self_excitation import table_rows as table_rows
 from .tables import (
-    Column as Column,
     Table as Table,
     column as column,
     fitted as fitted,
