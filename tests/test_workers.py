@@ -479,6 +479,7 @@ def until(come: Any, seconds: float = 30.0) -> None:
 
 HOLDING = """
 import ctypes, os, sys, time
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from femsub.algebra import side_by_side
@@ -488,24 +489,30 @@ def held(folder):
     ctypes.PyDLL(None).sleep(600)  # holds Python's lock, so that no thread of Python runs beside it
 
 def main():
+    if "while it tidies" in sys.argv:
+        ProcessPoolExecutor.shutdown = lambda *_, **__: os.kill(os.getpid(), 9)
     side_by_side(partial(held, sys.argv[1]), {"a": (), "b": ()}, 2)
 
 """
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
-def test_a_worker_that_holds_the_lock_of_python_ends_with_its_parent(tmp_path: Path) -> None:
+@pytest.mark.parametrize("dies", ["at once", "while it tidies"])
+def test_a_worker_that_holds_the_lock_of_python_ends_with_its_parent(tmp_path: Path, dies: str) -> None:
     script, marks, place = tmp_path / "script.py", tmp_path / "marks", tmp_path / "place"
     marks.mkdir()
     place.mkdir()
     script.write_text(HOLDING + GUARD)
-    parent = subprocess.Popen([sys.executable, script, marks], env=environment(place), start_new_session=True)
+    parent = subprocess.Popen([sys.executable, script, marks, dies], env=environment(place), start_new_session=True,
+                              preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     pids: list[int] = []
     try:
         until(lambda: len(list(marks.iterdir())) == 2)
         pids = [int(path.stem) for path in marks.iterdir()]
-        os.killpg(parent.pid, signal.SIGINT)  # the workers leave it to their parent
-        parent.kill()
+        if dies == "at once":
+            parent.kill()
+        else:
+            os.killpg(parent.pid, signal.SIGINT)  # the workers leave it to their parent
         parent.wait()
         until(lambda: not any(map(alive, pids)))
         until(lambda: not list(place.glob("femsub-*")))

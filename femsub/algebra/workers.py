@@ -47,8 +47,8 @@ ROOM = 10  # times what is sent must be free there, since results come back as w
 ALIVE = "alive"  # a file that is locked as long as a run lives
 PICKLE = "pickle"  # a file with all but the arrays
 # A shell with this script reads until the process that started it dies. It ends all processes of its own group but itself,
-# removes the folder $0, and kills what has outlived SIGTERM.
-UNDERTAKER = 'trap "" TERM; read _; kill 0; sleep 1; rm -rf "$0"; kill -9 0'
+# removes the folder $0, and kills what has outlived SIGTERM. A line that it reads is an order to kill at once.
+UNDERTAKER = 'trap "" TERM; read _ || { kill 0; sleep 1; }; rm -rf "$0"; kill -9 0'
 FORWARDED = FemsubWarning, RuntimeWarning
 _lock = RLock()  # PETSc is not safe in threads: a process does one task at a time, also if the executor gives it threads
 
@@ -197,15 +197,15 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
     """A function that starts worker processes, each as an executor of its own: where one dies, its task is known.
 
     'spawn', since a fork of a process with PETSc, MPI and threads is not safe. The workers join the process group of a shell. So
-    Ctrl-C reaches this process alone, and one signal ends them all. It is sent here if the block ends by an error or Ctrl-C, and
-    by the shell if this process dies, also to a worker that is stuck in code that holds Python's lock.
+    Ctrl-C reaches this process alone, and one signal ends them all. The shell sends it if the block ends by an error or Ctrl-C,
+    and if this process dies, also to a worker that is stuck in code that holds Python's lock.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import get_context
 
     pools: list[ProcessPoolExecutor] = []
     shell = subprocess.Popen(["/bin/sh", "-c", UNDERTAKER, folder], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
-                             stderr=subprocess.DEVNULL, process_group=0)
+                             stderr=subprocess.DEVNULL, process_group=0, text=True)
 
     def started(count: int) -> list[Executor]:
         new = [ProcessPoolExecutor(1, get_context("spawn"), os.setpgid, (0, shell.pid)) for _ in range(count)]
@@ -223,7 +223,10 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
     try:
         yield started
     except BaseException:
-        os.killpg(shell.pid, signal.SIGKILL)
+        try:
+            print("now", file=shell.stdin, flush=True)
+        except BrokenPipeError:  # somebody has killed the shell
+            os.killpg(shell.pid, signal.SIGKILL)
         raise
     finally:
         for pool in pools:
