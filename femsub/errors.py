@@ -85,9 +85,10 @@ def warn(message: str | Warning, category: type[Warning] = FemsubWarning) -> Non
     warnings.warn(message, category, stacklevel=level)
 
 
-def unknown_name(kind: str, found: object, valid: Iterable[str]) -> InputError:
-    """The error for a name that does not exist, with the nearest one that does."""
-    names = sorted(valid)
-    near = difflib.get_close_matches(str(found), names, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? Valid" if near else "valid"
-    return InputError(f"unknown {kind} {found!r}; {hint}: {', '.join(names) or 'none'}")
+def unknown_name(kind: str, found: object, valid: Iterable[str], *more: object) -> InputError:
+    """The error for a name that does not exist, and for `more` of the kind, with the nearest ones that do."""
+    names, told = sorted(valid), ""
+    for one in (found, *more):
+        near = difflib.get_close_matches(str(one), names, n=1, cutoff=0.5)
+        told += f"unknown {kind} {one!r}; " + (f"did you mean {near[0]!r}? " if near else "")
+    return InputError(f"{told}{'Valid' if told.endswith('? ') else 'valid'}: {', '.join(names) or 'none'}")

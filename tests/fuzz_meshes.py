@@ -85,7 +85,7 @@ def subjects(folder: Path) -> list[Subject]:
     add("abaqus", "m.inp", vocabulary=KEYWORDS, strict=WHOLE).write_text(abaqus(bricks))
     fs.write_mesh(add("calculix", "m.inp", vocabulary=KEYWORDS, strict=WHOLE), named)
     for form in ("fixed", "free"):
-        add(f"bdf-{form}", "m.bdf", vocabulary=CARDS).write_text(nastran(bricks, form))
+        add(f"bdf-{form}", "m.bdf", vocabulary=CARDS, strict=WHOLE).write_text(nastran(bricks, form))
     for version in ("2.2", "4.0", "4.1"):
         if version != "4.0":
             add(f"msh-{version}", "m.msh", vocabulary=SECTIONS).write_text(gmsh(bricks, version))

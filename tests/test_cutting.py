@@ -131,9 +131,17 @@ def test_a_chain_in_parts_stays_semidefinite_so_that_every_method_serves() -> No
 
 def test_a_part_of_matrices_that_is_indefinite_is_refused_by_free_interface_methods() -> None:
     whole = fs.solid(fs.block((1.0, 0.5, 0.2), (8, 4, 2), "hexahedron"), STEEL, supports=["left"])
-    with pytest.raises(fs.SingularMatrixError, match="negative eigenvalue"):
-        for part in fs.cut(whole, into=3).parts.values():
-            fs.reduce(part, fs.CraigChang(4))
+    parts, joints = fs.cut(whole, into=3)
+    for method in (fs.CraigChang(4), fs.Herting(4), fs.CraigBampton(band=(0, 1e4), tol=1e-3)):
+        with pytest.raises(fs.SingularMatrixError, match=r"^'p1': .* CraigBampton\(modes=\.\.\.\) or Guyan\(\), or cut the mesh"):
+            fs.reduce(parts["p1"], method)
+        assert fs.reduce(parts["p1"], fs.Guyan()).size
+    with pytest.raises(fs.SingularMatrixError, match=r"^'p[123]': K of this part is indefinite.* or cut the mesh"):
+        fs.reduce(fs.couple(parts, joints), dict.fromkeys(parts, fs.CraigChang(4)))
+    free = fs.Substructure(np.diag([1.0, 1.0, 0.0]), np.diag([1.0, -1.0, 0.0]))
+    with pytest.raises(fs.SingularMatrixError, match=r"^'part': K - σM is not positive definite") as caught:
+        fs.reduce(free, fs.CraigChang(1))
+    assert "cut" not in str(caught.value)
 
 
 def test_a_mesh_in_pieces_is_cut_within_them() -> None:
@@ -183,8 +191,17 @@ def test_wrong_cuts_are_told() -> None:
         fs.cut(fs.chain(10))
     with pytest.raises(fs.InputError, match="at most 10"):
         fs.cut(fs.chain(10), into=11)
-    with pytest.raises(fs.InputError, match="too many"):
+    with pytest.raises(fs.InputError, match=r"too many: p\d+ has no node of its own\. Take fewer"):
         fs.cut(fs.chain(10), into=10)
+    full = np.ones((6, 6)) + 6 * np.eye(6)
+    for model, message in ((fs.Substructure(full, full, name="block"), "the matrices of 'block' .* coupled with every other"),
+                           (fs.Substructure(full, full, dofs=fs.DofMap(np.full(6, 7), np.arange(6), tuple("abcdef"))),
+                            "all DOF belong to one node"),
+                           (fs.reduce(fs.chain(10), fs.CraigBampton(4)), "more nodes, or its mesh")):
+        with pytest.raises(fs.InputError, match=message):
+            fs.cut(model, into=2)
+    with pytest.raises(fs.InputError, match=r"'rectangle' has one cell.* mesh it finer"):
+        fs.cut(fs.rectangle((1.0, 1.0), (1, 1)), fs.plate, into=2, **own)
     bare = fs.Substructure(np.eye(4), np.eye(4))
     with pytest.raises(fs.InputError, match="no map of its DOF"):
         fs.cut(mesh, lambda mesh: bare, into=2)

@@ -76,6 +76,15 @@ def test_cut_files_of_ansys_end(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", code, str(tmp_path / "whole.msh"), str(tmp_path / "m.msh")], check=True, timeout=100)
 
 
+def test_a_mesh_of_fluent_is_told_from_others(tmp_path: Path) -> None:
+    """One triangle by its three edges, which would be read as a mesh of three lines."""
+    path = tmp_path / "m.msh"
+    path.write_text('(0 "a triangle")\n(2 2)\n(10 (0 1 3 0 2))\n(10 (1 1 3 1 2)\n(\n0 0\n1 0\n0 1\n))\n(12 (0 1 1 0))\n'
+                    "(12 (2 1 1 1 1))\n(13 (0 1 3 0))\n(13 (3 1 3 3 2)(\n1 2 1 0\n2 3 1 0\n3 1 1 0\n))\n")
+    with pytest.raises(fs.InputError, match=r"m\.msh is a mesh of Fluent"):
+        fs.read_mesh(path)
+
+
 @pytest.mark.parametrize(("form", "suffix", "old", "new", "text"), [
     ("su2", ".su2", "NELEM= 2", "NELEM= 3", ""),
     ("su2", ".su2", "NELEM= 2", "NELEM= 1", "lines that do not belong to what is above them"),

@@ -66,6 +66,12 @@ WAYS = {
                        *PLAIN[33:]], {}),
     "NMAP": (["*NODE, NSET=n", *(f"{n}, {y - 5}., {9 - x}., {z}." for n, (x, y, z) in NODES.items()),
               "*NMAP, NSET=n, TYPE=RECTANGULAR", "9.,5.,0., 9.,6.,0.", "8.,5.,0.", "1.,1.,1.", *PLAIN[33:]], {}),
+    "coordinates left out at the end of a line": (
+        ["*NODE", *(re.sub(r"(, 0\.)+$", "", line) for line in NODE_LINES), *PLAIN[33:]], {}),
+    "a comma at the end of a keyword's line": (
+        ["*NODE, NSET=n,", *NODE_LINES, "*ELEMENT, TYPE=C3D8,", " ELSET=all,", *CELL_LINES], {}),
+    "an instance with nodes of its own": (["*Part, name=P", "*End Part", "*Assembly, name=A", "*Instance, name=P-1, part=P",
+                                           *PLAIN, "*End Instance", "*End Assembly"], {}),
     "blank fields": (["*NODE", *(line.replace(" 0.", " ") for line in NODE_LINES), *PLAIN[33:]], {}),
     "normals behind the coordinates": (["*NODE", *(f"{line}, 0., 0., 1." for line in NODE_LINES), *PLAIN[33:]], {}),
     "empty lines, commas at the end": (["*NODE", "", *(f"{line} ," for line in NODE_LINES), " ", PLAIN[33],
@@ -132,7 +138,6 @@ def test_encodings(encoding: str, tmp_path: Path) -> None:
     (["*NSET, NSET=a, GENERATE", "24, 21, -1"], "*NSET a, GENERATE has a line from 24 to 21 in steps of -1; it must be"),
     (["*NSET, NSET=a, GENERATE", "1, 4, -1"], "GENERATE has a line from 1 to 4 in steps of -1"),
     (["*NSET, NSET=a, GENERATE", "1"], "GENERATE has a line from 1 to 0 in steps of 1;"),
-    (["*NSET, NSET=a, GENERATE", "1, 99999999999, 1"], "*NSET a names node 5, which the file does not give"),
     (["*ELSET, ELSET=a, GENERATE", "1, 99999999999, 1"], "*ELSET a names element 4, which the file does not give"),
     (["*ELSET, ELSET=a", "1, 77"], "*ELSET a names element 77, which the file does not give"),
     (["*NSET, NSET=a, ELSET=none"], "*NSET a names the set 'none', which is not above it"),
@@ -146,7 +151,13 @@ def test_encodings(encoding: str, tmp_path: Path) -> None:
     (["*ELEMENT, TYPE=COH3D8", "51, 1, 2, 12, 11, 101, 102, 112, 111"], "elements of type COH3D8 cannot be read"),
     (["*NODE", "0, 1., 1., 1."], "the numbers of nodes must be whole and positive, not 0.0"),
     (["*NODE", "900, 1. 1., 1."], "4 numbers in 3 fields: is a comma missing?"),
-    (["*NODE", "900, 1., 2., 3.", "901, 1., 2."], "each line must be number, x, y, z"),
+    (["*NODE", "900, 1.", "901, 1."], "each line must be number, x, y, z"),
+    (["*NSET, NSET=a", "1, -1"], "the nodes of *NSET a must be whole and positive, not -1"),
+    (["*NSET, NSET=c", "1", "*NSET, NSET=a", "c, --1"], "*NSET a names '--1', which is neither a number nor a set above it"),
+    (["*NSET, NSET=c", "1", "*NSET, NSET=a", f"c, {2**63}"], "*NSET a: its data hold a number beyond all limits"),
+    (["*NSET, NSET=c", "1", "*NSET, NSET=a", f"c, {2**64 + 1}"], "*NSET a: its data hold a number beyond all limits"),
+    (["*NSET, NSET=c", "1", "*NSET, NSET=a", "c, \u0663"], "*NSET a names '\u0663', which is neither a number nor a set"),
+    (["*NSET, NSET=c", "1", "*NFILL", f"c, c, 2, {2**63}"], "number of intervals and step hold a number beyond all limits"),
     (["*NODE, INPUT=none.inp"], "includes 'none.inp', which is not a file beside it"),
     (["*ELGEN", "77, 3"], "*ELGEN copies element 77, which is not above it"),
     (["*ELGEN", "1, 99999, 1, 1, 99999"], "makes 99999 x 99999 x 1 elements, which is none or too many"),
@@ -188,3 +199,40 @@ def test_keywords_that_look_alike_are_let_pass(tmp_path: Path) -> None:
             "*User Element, nodes=2, type=U1", "1, 2",
             "*Model Change, type=contact pair, remove", "a, b", "*System"]
     assert_nine(deck(tmp_path, PLAIN + rest))
+
+
+def test_a_comma_at_the_end_of_a_keyword_costs_no_member(tmp_path: Path) -> None:
+    """It was taken for a sign that the keyword goes on, and the first line of 16 members with it."""
+    first, rest = (", ".join(map(str, part)) for part in (list(NODES)[:16], list(NODES)[16:]))
+    tail = ["*NSET, NSET=a,", first, rest, "*NSET, NSET=b, GENERATE,", "1, 4", "11, 14", "*NSET, NSET=c,", "a, b",
+            "*NSET, NSET=d,", "GENERATE", "1, 3", "*NSET, NSET=e", f"{first},", rest]
+    mesh = deck(tmp_path, PLAIN + tail)
+    assert {name: len(rows) for name, rows in mesh.sets.items()} == {"all": 32, "a": 32, "b": 8, "c": 32, "d": 3, "e": 32}
+
+
+@pytest.mark.parametrize("cells", [[f"{line}, 9, 10," for line in CELL_LINES], [CELL_LINES[0] + ", 7", *CELL_LINES[1:]]])
+def test_more_nodes_on_a_line_than_the_element_has(cells: list[str], tmp_path: Path) -> None:
+    mesh = deck(tmp_path, ["*NODE", *NODE_LINES, "*ELEMENT, TYPE=C3D8", *cells])
+    assert sorted(map(tuple, mesh.numbers[mesh.cells].tolist())) == sorted(map(tuple, CELLS.values()))
+    assert len(mesh.repairs) == 1 and "nodes too many on a line" in mesh.repairs[0]
+
+
+def test_nodes_of_sets_that_are_not_there(tmp_path: Path) -> None:
+    """Numbers with gaps: sets by GENERATE run over them."""
+    tail = ["*NSET, NSET=all, GENERATE", "1, 99999999999, 1", "*NSET, NSET=few", "4, 29, 11", "*NSET, NSET=none", "29"]
+    mesh = deck(tmp_path, ["*NODE", *NODE_LINES, "*ELEMENT, TYPE=C3D8", *CELL_LINES, *tail])
+    assert {name: len(rows) for name, rows in mesh.sets.items()} == {"all": 32, "few": 2, "none": 0}
+    assert "*NSET all names 99999999967 nodes that the file does not give, the first is 5: left out" in mesh.repairs
+    assert "*NSET few names 1 nodes that the file does not give, the first is 29: left out" in mesh.repairs
+
+
+@pytest.mark.parametrize(("lines", "text"), [
+    (["*ELEMENT, TYPE=SPRINGA", "1, 1, 2", "*ELEMENT, TYPE=D", "2, 1, 3, 2", "3, 2, 4, 3"],
+     "has only elements that are no cells: 1 of type SPRINGA, 2 of type D"),
+    (["*ELEMENT, TYPE=C3D15", "1, 1, 2, 11, 101, 102, 111, 3, 4, 12, 103, 104, 112, 13, 14, 21"], "has 1 wedge15 cells, but"),
+    (["*ELEMENT, TYPE=C3D6", "1, 1, 2, 11, 101, 102, 111"], "has 1 wedge cells, but femsub"),
+    ([], "has no *ELEMENT data"),
+])
+def test_elements_that_femsub_has_not_are_named(lines: list[str], text: str, tmp_path: Path) -> None:
+    with pytest.raises(fs.InputError, match=re.escape(text)):
+        deck(tmp_path, ["*NODE", *NODE_LINES, *lines])

@@ -165,11 +165,10 @@ def test_nastran_properties_and_numbers(tmp_path: Path) -> None:
     path.write_text("\n".join([*lines[1:], "ENDDATA\n"]))  # as Gmsh writes it
     assert np.array_equal(fs.read_mesh(path).cells, mesh.cells)
     path.write_text("\n".join([*lines, "ENDDATA\n"]).replace("GRID,7,,", "GRID,7,3,").replace("GRID,17,,", "GRID,17,3,"))
-    with pytest.raises(fs.InputError, match="in coordinate systems of their own"):
+    with pytest.raises(fs.InputError, match=r"gives nodes in the coordinate system 3 .* but it has no CORD1R"):
         fs.read_mesh(path)
-    path.write_text("\n".join([*lines, "ENDDATA\n"]).replace("CHEXA,2,5,", "CHEXA,2,,"))
-    with pytest.raises(fs.InputError, match="some cells of the mesh file have a property and some have none"):
-        fs.read_mesh(path)
+    path.write_text("\n".join([*lines, "ENDDATA\n"]).replace("CHEXA,2,5,", "CHEXA,2,,"))  # then it is the element's number
+    assert {name: list(rows) for name, rows in fs.read_mesh(path).groups.items()} == {"property-4": [0], "property-2": [1]}
 
 
 INP = """** two bricks, as Abaqus/CAE writes one part
@@ -251,7 +250,7 @@ def test_an_abaqus_file_with_its_numbers_and_sets(tmp_path: Path) -> None:
     ("   12, 13, 14\n", "   12, 13\n", "TYPE=C3D8R has 8 numbers, which is no multiple of 9"),
     ("23, 24\n*Nset", "23, 999\n*Nset", "names node 999, which the file does not give"),
     (" clamp, Far End", " clamp, far", "names 'far', which is neither a number nor a set"),
-    (" 102, 1., 0., 0.", " 102, 1., 0.", "*NODE has 15 numbers in 4 lines"),
+    (" 102, 1., 0., 0.", " 102, 1., 0., 0., 0., 0., 0., 0., 0.", "*NODE has 21 numbers in 4 lines"),
     (" 102, 1., 0., 0.", " 102, 1., zero, 0.", "are not all numbers"),
     (" 102, 1., 0., 0.", " 101, 1., 0., 0.", "gives 1 nodes more than once, the first is node 101"),
     ("part=Bar\n*End", "part=Bar\n 0., 0., 5.\n*End", "a part that is moved"),
@@ -288,13 +287,14 @@ def test_files_cut_short(name: str, tmp_path: Path, capfd: pytest.CaptureFixture
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("suffix", [".inp", ".bdf", ".msh", ".vtu", ".vtk", ".xdmf", ".med", ".txt", ".unv", ""])
+@pytest.mark.parametrize("suffix", [".inp", ".bdf", ".msh", ".vtu", ".vtk", ".xdmf", ".med", ".txt", ".dat", ".unv", ""])
 def test_a_text_that_is_no_mesh(suffix: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / f"letter{suffix}"
     path.write_text("Dear reader,\nthis is no mesh.\n")
     with pytest.raises(fs.InputError, match=re.escape(str(path))) as caught:
         fs.read_mesh(path)
     assert "\n" not in str(caught.value)
+    assert suffix not in (".txt", ".dat", ".unv", "") or "neither the ending" in str(caught.value)
     path.write_bytes(bytes(range(256)) * 4)
     with pytest.raises(fs.InputError):
         fs.read_mesh(path)

@@ -128,7 +128,10 @@ def test_angles_of_shells_and_vectors_of_bars_are_no_nodes(tmp_path: Path) -> No
 
 @pytest.mark.parametrize(("old", "new", "text"), [
     ("GRID,7,,", "INCLUDE 'none.bdf'\nGRID,7,,", "includes 'none.bdf', which is not a file beside it"),
-    ("GRID,7,,", "GRDSET,,3\nGRID,7,,", "in coordinate systems of their own (field CP of GRID or GRDSET)"),
+    ("GRID,7,,", "GRDSET,,3\nGRID,7,,", "gives nodes in the coordinate system 3 (field CP), but it has no CORD1R, CORD1C"),
+    ("GRID,7,,", "CORD2R,3,3,,,,,,1.\n,1.\nGRID,7,3,", "the coordinate system 3 is defined by itself"),
+    ("GRID,7,,", "CORD2R,3,,,,,,,1.\n,,,2.\nGRID,7,3,", "the three points of the coordinate system 3 lie on a line"),
+    ("GRID,7,,", "CORD1S,3,17,27,99\nGRID,7,3,", "the coordinate system 3 names node 99, which the file does not give"),
     ("GRID,17,,", "GRID,7,,", "gives 1 nodes more than once, the first is node 7"),
     ("CHEXA,2,5,", "CHEXA,1,5,", "gives 1 elements more than once, the first is element 1"),
     ("GRID,17,,", "GRID,,,", "the numbers of GRID must be whole and positive, not 0"),
@@ -138,9 +141,10 @@ def test_angles_of_shells_and_vectors_of_bars_are_no_nodes(tmp_path: Path) -> No
     ("CHEXA,2,5,47,87,", "CHEXA,2,5,47,8 7,", "the fields of CHEXA are not all numbers"),
     ("GRID,17,,", "GRID,17,,x", "the fields of GRID are not all numbers"),
     ("CHEXA,2,5,", "CHEX,2,5,", "has CHEX cards, which are not read; did you mean CHEXA?"),
-    ("CHEXA,2,5,", "CIHEX1,2,5,", "has CIHEX1 cards, which are not read"),
+    ("CHEXA,2,5,", "CIHEX3,2,5,", "has CIHEX3 cards, which are not read: write"),
+    ("GRID,7,,", "GRIDD,7,,", "has GRIDD cards, which are not read; did you mean GRID?"),
+    ("CHEXA,2,5,", "HCEXA,2,5,", "has HCEXA cards, which are not read; did you mean CHEXA?"),
     ("GRID,17,,", "=,*(10),=\nGRID,17,,", "has = cards, which are not read"),
-    ("ENDDATA", "", "has no ENDDATA: is it cut short?"),
     ("GRID,7,,", "+,1\nGRID,7,,", "begins with a continuation"),
     ("CHEXA,2,5,", "CHEXA,2,5,1,2,3,4,5,6,7,8,9", "a line of more than 10 fields"),
     ("ENDDATA", "BEGIN SUPER=1\nENDDATA", "several parts of bulk data"),
@@ -157,6 +161,119 @@ def test_continuations_out_of_order_are_refused(tmp_path: Path) -> None:
     lines = bricks("small marked")
     lines[12:] = [line.replace("+C1", f"+A{i // 2}") for i, line in enumerate(lines[12:])]
     assert_bricks(deck(tmp_path, [*lines, "ENDDATA"]))
-    lines[13], lines[15] = lines[15], lines[13]
-    with pytest.raises(fs.InputError, match=re.escape("the continuation '+A1' does not stand below the line it continues")):
-        deck(tmp_path, [*lines, "ENDDATA"])
+    assert_bricks(deck(tmp_path, [*lines, "FREQ    3       1.", "+A0     2.", "ENDDATA"]))  # a mark that is used twice
+    *grid, first, more, second, rest = lines
+    for order in ((first, rest, second, more), (first, "FREQ    3       1.", more, second, rest)):
+        with pytest.raises(fs.InputError, match=r"the continuation '\+A[01]' does not stand below the line it continues"):
+            deck(tmp_path, [*grid, *order, "ENDDATA"])
+
+
+def test_continuations_of_cards_that_are_not_read_may_stand_anywhere(tmp_path: Path) -> None:
+    assert_bricks(deck(tmp_path, [*bricks("small"), "TABLED1 7                                                               +T1",
+                                  "FREQ    3       1.                                                              +F1",
+                                  "+T1     0.      1.", "+F1     2.", "ENDDATA"]))
+
+
+def test_a_file_without_enddata_is_read_if_its_last_line_ends(tmp_path: Path) -> None:
+    mesh = deck(tmp_path, bricks("free"))
+    assert len(mesh.repairs) == 1 and "no ENDDATA" in mesh.repairs[0]
+    assert_bricks(mesh)
+    (tmp_path / "deck.bdf").write_text("\n".join(bricks("free")))
+    with pytest.raises(fs.InputError, match="seems to be cut short"):
+        fs.read_mesh(tmp_path / "deck.bdf")
+
+
+@pytest.mark.parametrize("card", ["PBEAM", "PBUSH", "PBUSH1D", "PTUBE", "PSHEAR", "EGRID", "DVGRID", "RADSET", "PBUSH2D", "GAP"])
+def test_cards_that_only_look_like_those_of_a_mesh_are_skipped(card: str, tmp_path: Path) -> None:
+    assert_bricks(deck(tmp_path, [f"{card},1,2,3.5", *bricks("small"), "ENDDATA"]))
+
+
+def test_formulas_are_no_fields(tmp_path: Path) -> None:
+    assert_bricks(deck(tmp_path, ["DEQATN  1       F(R,T,P)=SQRT(R**2+T**2,P)+1,2,3,4,5,6,7,8,9,10", *bricks("free"), "ENDDATA"]))
+
+
+@pytest.mark.parametrize("name", ["deck.dat", "deck.inp", "deck.txt", "deck", "deck.run1"])
+def test_the_content_tells_a_deck_whatever_it_is_called(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text("\n".join(["ID A,B", "CEND", "BEGIN BULK", *bricks("large"), "ENDDATA", ""]))
+    assert_bricks(fs.read_mesh(path))
+    nodes = [f"{number}, {x}, {y}, {z}" for number, (x, y, z) in zip(NODES, BRICKS.points, strict=True)]
+    cells = [f"{i + 1}, {', '.join(str(NODES[node]) for node in cell)}" for i, cell in enumerate(BRICKS.cells)]
+    path.write_text("\n".join(["*NODE", *nodes, "*ELEMENT, TYPE=C3D8", *cells, ""]))
+    mesh = fs.read_mesh(path)
+    assert np.array_equal(mesh.cells, BRICKS.cells) and mesh.numbers.tolist() == NODES
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", ["CROD", "CTUBE"])
+def test_two_rods_on_one_card(name: str, form: str, tmp_path: Path) -> None:
+    grid = [f"GRID,{i + 1},,{i}." for i in range(4)]
+    mesh = deck(tmp_path, [*grid, *card(form, name, 12, 13, 1, 2, 3, 12, 3, 2), *card(form, name, 20, 13, 3, 4), "ENDDATA"])
+    assert sorted(map(tuple, mesh.numbers[mesh.cells].tolist())) == [(1, 2), (3, 2), (3, 4)]
+    assert sorted(mesh.groups) == ["property-12", "property-13"] and len(mesh.groups["property-13"]) == 2
+
+
+@pytest.mark.parametrize(("name", "order"), [
+    ("CIHEX1", None), ("CHEXA1", None), ("CHEXA2", None),
+    ("CIHEX2", [0, 8, 1, 9, 2, 10, 3, 11, 16, 17, 18, 19, 4, 12, 5, 13, 6, 14, 7, 15])])
+def test_bricks_of_old_decks(name: str, order: list[int] | None, tmp_path: Path) -> None:
+    mesh = fs.annulus(1.0, 3.0, 0.5, (2, 8, 1), "hexahedron20" if order else "hexahedron")
+    lines = [line for i, x in enumerate(mesh.points) for line in card("free", "GRID", i + 1, "", *(f"{v:.5f}" for v in x))]
+    lines += [line for i, cell in enumerate(mesh.cells) for line in card("small", name, i + 1, 1, *(cell[order or range(8)] + 1))]
+    back = deck(tmp_path, [*lines, "ENDDATA"])
+    assert np.array_equal(back.cells, mesh.cells) and back.repairs == ()
+
+
+@pytest.mark.parametrize(("name", "kind"), [
+    ("CTRIA2", "triangle"), ("CTRMEM", "triangle"), ("CQUAD1", "quad"), ("CQDMEM1", "quad")])
+def test_shells_of_old_decks(name: str, kind: str, tmp_path: Path) -> None:
+    grid = [f"GRID,{i + 1},,{x},{y}" for i, (x, y) in enumerate(((0., 0.), (1., 0.), (1., 1.), (0., 1.)))]
+    nodes = "1,2,3" if kind == "triangle" else "1,2,3,4"
+    mesh = deck(tmp_path, [*grid, f"{name},1,1,{nodes},29.2", "ENDDATA"])
+    assert mesh.kind == kind and mesh.cells.tolist() == [list(range(len(mesh.cells[0])))]
+
+
+@pytest.mark.parametrize(("name", "nodes"), [("CPENTA", 6), ("CPENTA", 15), ("CPYRAM", 13)])
+def test_solids_that_femsub_has_not_are_refused_by_their_kind(name: str, nodes: int, tmp_path: Path) -> None:
+    lines = [f"GRID,{i + 1},,{i}.,{i * i}.,{i**3}." for i in range(nodes)]
+    kind = f"{'wedge' if name == 'CPENTA' else 'pyramid'}{nodes if nodes > 6 else ''}"
+    with pytest.raises(fs.InputError, match=f"has 1 {kind} cells, but femsub knows only"):
+        deck(tmp_path, [*lines, *card("free", name, 1, 1, *range(1, nodes + 1)), "ENDDATA"])
+
+
+def turned(axis: int, degrees: float) -> np.ndarray:
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return np.insert(np.insert(np.array([[c, -s], [s, c]]), axis, 0, axis=0), axis, np.eye(3)[axis], axis=1)
+
+
+def local(shape: str, points: np.ndarray, origin: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Points in a system whose unit vectors are the rows of `axes`; angles in degrees, θ of a sphere from the z axis."""
+    x, y, z = axes @ (points - origin).T
+    r, around = np.hypot(x, y), np.rad2deg(np.arctan2(y, x))
+    return np.stack({"R": (x, y, z), "C": (r, around, z),
+                     "S": (np.hypot(r, z), np.rad2deg(np.arctan2(r, z)), around)}[shape], axis=1)
+
+
+def numbers(values: np.ndarray) -> str:
+    return ",".join(f"{value:.12f}" for value in np.ravel(values))
+
+
+@pytest.mark.parametrize("shape", "RCS")
+@pytest.mark.parametrize("defined", ["by points", "by points of another system", "by nodes", "by GRDSET"])
+def test_points_in_coordinate_systems(shape: str, defined: str, tmp_path: Path) -> None:
+    """The bricks, given in a system that is turned and moved."""
+    origin, axes = np.array([3.0, -2.0, 0.5]), turned(2, 40) @ turned(0, 25)
+    three = np.array([origin, origin + 2 * axes[2], origin + 3 * axes[0] + 4 * axes[2]])
+    lines = [f"GRID,{number},{'' if defined == 'by GRDSET' else 5},{numbers(place)}"
+             for number, place in zip(NODES, local(shape, BRICKS.points, origin, axes), strict=True)]
+    if defined == "by nodes":
+        lines += [f"GRID,{901 + i},,{numbers(place)}" for i, place in enumerate(three)]
+        lines += [f"CORD1{shape},4,901,902,903,5,901,902,903"]
+    else:
+        of = 9 if "another" in defined else 0
+        tilted = turned(1, -70)
+        given = local("C", three, np.ones(3), tilted) if of else three
+        lines += [f"CORD2{shape},5,{of},{numbers(given[:2])},+", f"+,{numbers(given[2])}", "GRDSET,,5" * (defined == "by GRDSET")]
+        lines += [f"CORD2C,9,,1.,1.,1.,{numbers(1 + tilted[2])}", f",{numbers(1 + tilted[0])}"]
+    mesh = deck(tmp_path, [*lines, *bricks("free")[12:], "ENDDATA"])
+    assert np.allclose(mesh.points, BRICKS.points, rtol=0, atol=1e-9) and np.array_equal(mesh.cells, BRICKS.cells)

@@ -132,6 +132,22 @@ def test_bad_text(tmp_path: Path, ending: str, text: str, words: str) -> None:
     assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("name", "text"), [
+    ("K.stiff", N3), ("K.txt", N3), ("K.stiff", f"** of a superelement\n{N3}".replace(",", ", ")), ("K", K3), ("K.stiff", K3),
+    ("K.txt", "%%MatrixMarket matrix coordinate real symmetric\n% of Ansys\n3 3 5\n" + K3),
+    ("K.mmf", "%%MatrixMarket matrix coordinate real symmetric\n3 3 5\n" + K3.replace("2.0", "2.0D+00"))])
+def test_the_content_tells_a_matrix_whatever_its_file_is_called(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    same(sp.csr_array(fs.read_matrix(tmp_path / name)), sp.csr_array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]))
+
+
+@pytest.mark.parametrize("text", ["2.0 -1.0 0.0\n-1.0 2.0 -1.0\n0.0 -1.0 1.0\n", "Dear reader\n", "", "1 2\n", "1 1 2.0 3.0\n"])
+def test_a_text_that_is_no_matrix_by_its_entries(text: str, tmp_path: Path) -> None:
+    (tmp_path / "K.txt").write_text(text)
+    with pytest.raises(fs.InputError, match="unknown ending"):
+        fs.read_matrix(tmp_path / "K.txt")
+
+
 @pytest.mark.parametrize(("arguments", "words"), [
     ({"dofs": "1.1\n1.2\n"}, r"K\.dof has 2 DOF, but .*K\.sti has 3 rows"),
     ({"dofs": "1.1\n"}, "has 1 DOF, but"),

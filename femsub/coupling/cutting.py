@@ -170,6 +170,8 @@ def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: S
 def _pieces(mesh: Mesh, whole: Substructure, into: int) -> dict[str, Array]:
     """Cells that hang together by faces (of a plane mesh by edges), in so many pieces; those under a port in one."""
     count = len(mesh.cells)
+    if count == 1:
+        raise InputError(f"the mesh {mesh.name!r} has one cell, and cells are not cut: mesh it finer")
     into = whole_number("into, the number of parts,", into, 2, count)
     corners = _incidence(corners_of(mesh), len(mesh.points))
     neighbours = sp.coo_array(corners @ corners.T)
@@ -243,6 +245,10 @@ def _cut_matrices(whole: Substructure, into: int) -> Cut:
     else:
         _, node = np.unique(whole.dofs.nodes, return_inverse=True)
     count = int(node.max()) + 1
+    if count == 1:
+        raise InputError(f"the matrices of {whole.name!r} cannot be cut: " + (
+            "each DOF is coupled with every other, as in one element or a reduced model. Cut the full model or its mesh"
+            if whole.dofs is None else "all DOF belong to one node"))
     into = whole_number("into, the number of parts,", into, 2, count)
     of_node = sp.csr_array((np.ones(len(node)), (node, np.arange(len(node)))), shape=(count, len(node)))
     graph = sp.coo_array(of_node @ A @ of_node.T)

@@ -44,7 +44,8 @@ def members(graph: Matrix, owner: Array, ported: Array, count: int) -> tuple[Arr
         pairs = np.repeat(element, len(element)), np.tile(element, len(element))
         common[part] = common[part] + sp.csr_array((np.ones(len(pairs[0])), pairs), shape=graph.shape)
     if not member.any(axis=0).all():
-        raise InputError(f"into={count} parts of {len(owner)} nodes are too many: one has no node of its own. Take fewer")
+        raise InputError(f"into={count} parts of {len(owner)} nodes are too many: p{int(member.any(axis=0).argmin()) + 1} has no "
+                         "node of its own. " + ("Take fewer" if count > 2 else "Cut a model that has more nodes, or its mesh"))
     return member, common
 
 

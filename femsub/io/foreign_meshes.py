@@ -24,7 +24,10 @@ _VTK_COUNTS = re.compile(rb"^(POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKU
 
 def meshio() -> Any:
     """The package meshio, or an error that tells how to install it."""
-    return package("meshio", "mesh files need meshio: pip install femsub[fe]")
+    found = package("meshio", "mesh files need meshio: pip install femsub[fe]")
+    for kind in ("wedge15", "pyramid13"):  # known to its readers, but without a dimension
+        found._mesh.topological_dimension.setdefault(kind, 3)
+    return found
 
 
 def read_foreign(path: Path) -> tuple[Any, list[str]]:
@@ -32,7 +35,8 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
 
     ==============  ==========================================================================================================
     reads           what meshio reads: VTU, VTK, MED, XDMF, SU2, Ansys .msh, Medit, ...
-    refuses         VTU, VTK and SU2 with more or fewer points or cells than their headers say, or sizes beyond the file's own;
+    refuses         Fluent's .msh (cells by their faces);
+                    VTU, VTK and SU2 with more or fewer points or cells than their headers say, or sizes beyond the file's own;
                     in their text, and XDMF's, what begins as a number and is none;
                     VTU in several pieces; SU2 with lines that do not belong, or a last line that does not end; Ansys files
                     without an end
@@ -49,6 +53,9 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
     points, cells = counted(path, path.read_bytes()) if counted else (None, None)
     what = f"{path} cannot be read as a mesh"
     if suffix == ".msh" and _is_ansys(path):
+        if re.search(rb"^\s*\((20|30)?13\b", path.read_bytes(), re.MULTILINE):
+            raise InputError(f"{path} is a mesh of Fluent, which describes cells by the faces between them; femsub does not read "
+                             "these. Write the mesh in another format, e.g. as Gmsh's .msh, .inp or .bdf")
         with _Ending(io.FileIO(path)) as file:
             found, said = quietly(lambda: meshio().read(file, "ansys"), what)
     else:

@@ -38,7 +38,9 @@ _SIZES = {"tetra": 4, "tetra10": 10, "hexahedron": 8, "hexahedron20": 20, "wedge
           "triangle": 3, "quad": 4, "triangle6": 6, "quad8": 8, "quad9": 9, "line": 2, "line3": 3}
 #: other elements that fill a volume, which would be missing: cohesive, gasket, acoustic, infinite, continuum shells, ...
 _VOLUMES = re.compile(r"(COH|GK|AC|CIN|EC|PC|FC|F|Q|DCC|EMC)3D([4-9]|\d\d)|SC[68]|CSS8|C3D")
-_SCOPES = ("PART", "INSTANCE", "ASSEMBLY", "END PART", "END ASSEMBLY")
+_SCOPES = ("PART", "INSTANCE", "ASSEMBLY", "END PART", "END INSTANCE", "END ASSEMBLY")
+#: a line with more options of the keyword above it, which ends with a comma; else the comma is one too many
+_OPTIONS = re.compile(r"[^,\n]*=|[ \t]*(GENERATE|UNSORTED|INTERNAL|SHIFT|REFLECT|POLE)[ \t]*(,|\n|\Z)", re.IGNORECASE)
 
 
 def read_inp(path: Path) -> tuple[Any, list[str]]:
@@ -47,12 +49,14 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     ==============  ==========================================================================================================
     reads           \\*NODE, \\*ELEMENT, \\*NSET, \\*ELSET (lists, names, quoted names, GENERATE), \\*NGEN (straight, arcs),
                     \\*NFILL (equal intervals), \\*NCOPY, \\*NMAP (RECTANGULAR, CYLINDRICAL), \\*ELGEN, \\*ELCOPY, \\*INCLUDE and
-                    INPUT= (files beside this one); blank fields as 0, Fortran exponents, a byte-order mark, Latin-1
-    skips, tells    elements that are no cells (MASS, SPRING, ...); nodes, elements and sets that only the assembly has
+                    INPUT= (files beside this one); blank and missing fields as 0, Fortran exponents, a byte-order mark,
+                    Latin-1; the mesh of a part, or of an instance
+    skips, tells    elements that are no cells (MASS, SPRING, ...); nodes, elements and sets that only the assembly has; more
+                    nodes on a line than an element has; nodes of sets that the file does not give
     refuses         several parts or instances, one that is moved, \\*SYSTEM, nodes in cylindrical coordinates; other options
                     of what is read; \\*IMPERFECTION, \\*IMPORT, \\*MODEL CHANGE, \\*REFINE MESH, \\*PARAMETER, \\*SYMMETRIC MODEL
-                    GENERATION; nearly known keywords; nodes and elements given twice; sets of what the file does not
-                    give; elements that fill a volume and are none of ours; a last line that does not end
+                    GENERATION; nearly known keywords; nodes and elements given twice; sets of elements that the file does
+                    not give; elements that fill a volume and are none of ours; a last line that does not end
     cannot know     whether lines are missing between two keywords or at the end: the format counts nothing. A number in a
                     list of a set is a node or element, a set called 7 needs quotes there
     ==============  ==========================================================================================================
@@ -67,7 +71,9 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     found = Found(path)
     _collect(path, found)
     if not found.nodes or not found.elements:
-        raise InputError(f"{path} has no {'*NODE' if not found.nodes else '*ELEMENT'} data")
+        told = ", ".join(f"{count} of type {kind}" for kind, count in found.skipped.items())
+        raise InputError(f"{path} has only elements that are no cells: {told}" if told and found.nodes else
+                         f"{path} has no {'*ELEMENT' if found.nodes else '*NODE'} data")
     numbers, points = found.all_nodes()
     cell_numbers = [part for _, part, _ in found.elements]
     once(path, "elements", np.concatenate([*cell_numbers, *found.others]))
@@ -77,7 +83,10 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
         what = f"*{sort}SET {name}"
         members = found.members(sort, name, what)
         if sort == "N":
-            point_sets[name] = rows_of(path, what, "node", numbers, members)
+            point_sets[name] = np.flatnonzero(np.isin(numbers, whole_numbers(f"{path}: the nodes of {what}", members)))
+            if len(members) > len(point_sets[name]):
+                missing = np.setdiff1d(members, numbers)
+                found.leave_out(what, len(missing), int(missing[0]))
             continue
         rows_of(path, what, "element", known, members)
         rows = [np.flatnonzero(np.isin(part, members)) for part in cell_numbers]
@@ -85,7 +94,7 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
             cell_sets[name] = rows
     mesh = meshio.Mesh(points, cells, point_sets=point_sets, cell_sets=cell_sets)
     mesh.points_id, mesh.cells_id = numbers, cell_numbers
-    notes = [f"{count} elements of type {kind} skipped" for kind, count in found.skipped.items()]
+    notes = [f"{count} elements of type {kind} skipped" for kind, count in found.skipped.items()] + found.notes
     if found.apart:
         notes.append(f"what belongs to the assembly only skipped: {', '.join(sorted(found.apart))}")
     return mesh, notes
@@ -101,7 +110,8 @@ def _collect(path: Path, found: Found) -> None:
                 raise InputError(f"{path} has several parts or a part that is moved: write one flat file, e.g. with "
                                  "'do not use parts and assemblies in input files' in Abaqus/CAE")
             continue
-        in_assembly = found.scopes["ASSEMBLY"] > found.scopes["END ASSEMBLY"]
+        in_assembly = (found.scopes["ASSEMBLY"] > found.scopes["END ASSEMBLY"]
+                       and found.scopes["INSTANCE"] == found.scopes["END INSTANCE"])
         if keyword not in _MAKERS:
             continue
         maker, option, known = _MAKERS[keyword]
@@ -145,6 +155,7 @@ class Found:
     skipped: Counter[str] = field(default_factory=Counter)
     scopes: Counter[str] = field(default_factory=Counter)
     apart: set[str] = field(default_factory=set)
+    notes: list[str] = field(default_factory=list)
 
     def add(self, sort: str, name: str, members: Part) -> None:
         """Add members to a set. Names are not case-sensitive; a set that appears again grows."""
@@ -190,9 +201,15 @@ class Found:
         if len(inside) < count:
             wrong = np.flatnonzero(inside != part.first + part.step * np.arange(len(inside)))
             missing = part.first + part.step * (int(wrong[0]) if len(wrong) else len(inside))
-            raise InputError(f"{self.path}: {what} names {'node' if sort == 'N' else 'element'} {missing}, which the file does "
-                             "not give")
+            if sort == "EL":
+                raise InputError(f"{self.path}: {what} names element {missing}, which the file does not give")
+            self.leave_out(what, count - len(inside), missing)
         return inside
+
+    def leave_out(self, what: str, count: int, first: int) -> None:
+        """Note nodes of a set that the file does not give: meshes often have gaps in their numbers."""
+        note = f"{what} names {count} nodes that the file does not give, the first is {first}: left out"
+        self.notes += [note] * (note not in self.notes)
 
 
 def _rows(what: str, data: str, width: int, kind: type = np.int64, lines: int = 0) -> Array:
@@ -232,7 +249,7 @@ def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], str]]:
     quoted: dict[str, str] = {}
     for part in re.split(r"^[ \t]*\*", text, flags=re.MULTILINE)[1:]:
         head, _, data = part.partition("\n")
-        while head.rstrip().endswith(",") and data:
+        while head.rstrip().endswith(",") and _OPTIONS.match(data):
             more, _, data = data.partition("\n")
             head += more
         words = _ITEM.findall(head)
@@ -305,14 +322,13 @@ def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) ->
     values, counts = fields(f"{path}: the data of *NODE", data, float)
     if not len(counts):
         return
-    least = min(int(counts.max()), 4)
-    if least < 3 or counts.min() < least or counts.max() > 8:  # a normal may follow, and a comma
+    if not 3 <= counts.max() <= 8:  # a normal may follow, and a comma
         raise InputError(f"{path}: *NODE has {len(values)} numbers in {len(counts)} lines; each line must be number, x, y, z "
-                         "(or number, x, y)")
+                         "(coordinates that are left out at the end of a line are 0)")
     table = as_table(values, counts)
     whole = whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
     points = np.zeros((len(table), 3))
-    points[:, :least - 1] = table[:, 1:least]
+    points[:, :min(table.shape[1] - 1, 3)] = table[:, 1:4]
     found.nodes.append((whole, points))
     yield whole
 
@@ -329,6 +345,9 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
         return
     values, counts = fields(what, _bare(data))
     width = _SIZES[kind] + 1
+    if len(counts) and counts.min() >= width < counts.max():
+        found.notes.append(f"elements of type {kind_here} have up to {counts.max() - width} nodes too many on a line, left out")
+        values, counts = as_table(values, counts)[:, :width].ravel(), np.full(len(counts), width)
     if len(values) % width:
         raise InputError(f"{path}: *ELEMENT, TYPE={kind_here} has {len(values)} numbers, which is no multiple of {width} (number "
                          f"and {width - 1} nodes); is the file cut short?")
@@ -376,17 +395,17 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> I
     if not re.search(r"[^\d\s,+-]", data):
         yield as_numbers(f"{what}: its data", data)
         return
-    members: list[int] = []
+    members: list[str] = []
     for word in _names(data):
-        if word.lstrip("+-").isdecimal():
-            members.append(int(word))
+        if re.fullmatch(r"[+-]?[0-9]+", word):
+            members.append(word)
             continue
         other = word.strip('"')
         known = found.sets.get((sort, other.upper()))
         if known is None or (other.upper() == name.upper() and len(known) == 1):
             raise InputError(f"{what} names {word!r}, which is neither a number nor a set above it")
         yield from list(known)
-    yield np.array(members, dtype=np.int64)
+    yield as_numbers(f"{what}: its data", " ".join(members))
 
 
 # ---- generated nodes and elements; for the lines see the Abaqus Keywords Reference Guide, under the keyword
@@ -432,7 +451,7 @@ def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data:
     what = f"{found.path}: *NFILL"
     for line in filter(str.strip, data.split("\n")):
         first, last, *rest = (*_names(line), "", "")
-        given = [int(word) for word in rest if word.isdecimal()]
+        given = as_numbers(f"{what}: number of intervals and step", " ".join(rest)).tolist()
         if not given or len(given) > 2:
             raise InputError(f"{what} needs two sets, the number of intervals and a step; it has {line.strip()!r}")
         count, step = (*given, 1)[:2]
@@ -440,8 +459,8 @@ def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data:
         if len(low) != len(high) or not len(low) or count < 1:
             raise InputError(f"{what} fills {count} intervals between sets of {len(low)} and {len(high)} nodes, which cannot be "
                              "paired")
-        if count * len(low) > _MADE:
-            raise InputError(f"{what} makes more than {_MADE} nodes")
+        if count * max(len(low), step) > _MADE:
+            raise InputError(f"{what} makes more than {_MADE} nodes, or numbers as large")
         share = (np.arange(1, count) / count)[None, :, None]
         start, end = (found.place("*NFILL", nodes)[:, None, :] for nodes in (low, high))
         numbers = (low[:, None] + step * np.arange(1, count)).ravel()

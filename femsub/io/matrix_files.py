@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -20,8 +21,12 @@ from femsub.io.matrix_market import read_market
 from femsub.io.op4 import read_op4
 
 NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
+HEAD = 4096  # bytes at a file's beginning that tell whether it is text of a matrix
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
-ENDINGS = ".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB) and .op4 (Nastran)"
+ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB) and .op4 (Nastran); text of "
+           "Matrix Market, Abaqus and CalculiX may have any ending")
+#: a line of Abaqus' or CalculiX' matrices: places, then the entry
+_LINE = re.compile(rb"\s*(\d+[\s,]+\d+[\s,]+){1,2}[+-]?[\d.]+([eEdD]?[+-]?\d+)?\s*")
 
 
 def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
@@ -31,7 +36,8 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     ----------
     path : str or Path
         .mtx (Matrix Market, or what Abaqus writes with `*MATRIX OUTPUT`: it uses the same ending), .sti and .mas (CalculiX,
-        SOLVER=MATRIXSTORAGE), .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed), .op4 (Nastran, needs pyyeti).
+        SOLVER=MATRIXSTORAGE); text of these with any other ending; .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed),
+        .op4 (Nastran, needs pyyeti).
     variable : str, optional
         The name of the matrix, if a .mat, .npz or .op4 file holds several.
 
@@ -94,16 +100,18 @@ def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matr
     if not path.is_file():
         raise InputError(f"there is no file {path}")
     ending = path.suffix.lower()
-    if ending in (*TEXT, ".mtx"):
+    readers: dict[str, Callable[[Path], Any]] = {".npz": _npz, ".npy": _npy, ".mat": read_matlab, ".op4": read_op4}
+    if ending not in readers:
+        with open(path, "rb") as file:
+            head = file.read(HEAD)
+        market = head[:14].lower() == b"%%matrixmarket"
+        lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"**")]
+        if not (market or ending in (*TEXT, ".mtx") or (lines and _LINE.fullmatch(lines[0]))):
+            raise InputError(f"{path.name} has an unknown ending; known are {ENDINGS}")
         named = [name for name in names if name is not None]
         if named:
             raise InputError(f"{path} holds one matrix without a name. Leave {named[0]!r} out")
-        if ending in TEXT or not _starts(path, b"%%matrixmarket"):
-            return read_text_matrix(path)
-        return TextMatrix(_guarded(path, read_market), None)
-    readers: dict[str, Callable[[Path], Any]] = {".npz": _npz, ".npy": _npy, ".mat": read_matlab, ".op4": read_op4}
-    if ending not in readers:
-        raise InputError(f"{path.name} has an unknown ending; known are {ENDINGS}")
+        return TextMatrix(_guarded(path, read_market), None) if market else read_text_matrix(path)
     found = _guarded(path, readers[ending])
     if isinstance(found, Mapping):
         return {name: _as_csr(value) for name, value in found.items()}
@@ -141,11 +149,6 @@ def _guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
 
 def _as_csr(value: Any) -> Matrix:
     return sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
-
-
-def _starts(path: Path, banner: bytes) -> bool:
-    with open(path, "rb") as file:
-        return file.read(len(banner)).lower() == banner
 
 
 def _npy(path: Path) -> Any:

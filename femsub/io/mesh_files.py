@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +30,11 @@ _TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": BODIES, "medit:ref":
 _WRITERS = {".vtu": ("vtu", True), ".vtk": ("vtk", True), ".msh": ("gmsh", True), ".inp": ("abaqus", False)}
 _OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": read_nastran,
         ".node": read_tetgen, ".ele": read_tetgen}  # readers that are not meshio's
+HEAD = 1 << 20  # bytes at a file's beginning that tell whose it is
+#: lines of Nastran's decks, and of Abaqus' and CalculiX', whatever the file is called
+_NASTRAN = re.compile(rb"(?mi)^(CEND\b|[ \t]*BEGIN[ \t]+BULK\b|[ \t]*INCLUDE[ \t]+['\"]|GRID\*?[ \t,]+\d)")
+_TECPLOT = re.compile(rb"(?mi)^[ \t]*(TITLE|VARIABLES|ZONE)\b")  # what .dat means to meshio
+_KEYWORD = re.compile(rb"(?mi)^[ \t]*\*(NODE|ELEMENT|HEADING|INCLUDE|PART)\b")
 _ABAQUS = {"hexahedron": b"C3D8", "hexahedron20": b"C3D20", "tetra": b"C3D4", "tetra10": b"C3D10", "triangle": b"S3",
            "quad": b"S4", "line": b"T3D2"}
 
@@ -44,7 +49,8 @@ class _Block(NamedTuple):
 def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = None, includes: str | Path | None = None) -> Mesh:
     """Read a mesh file: the cells of the highest dimension with their named sets, checked (see `mesh_checks.checked`).
 
-    Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh and TetGen have their own readers; meshio reads all other formats. Tables
+    Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh and TetGen have their own readers; meshio reads all other formats. Decks of
+    Abaqus, CalculiX and Nastran may have any name: their content tells which they are. Tables
     of what each reads, refuses and cannot detect are in `femsub.io.inp.read_inp`, `femsub.io.nastran.read_nastran`,
     `femsub.io.gmsh.read_gmsh`, `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension only define
     sets. Coordinates are not converted; they are in the file's unit of length.
@@ -138,15 +144,30 @@ def _sort(found: Any, blocks: list[_Block], chosen: str) -> tuple[dict[str, Arra
 def _found(path: Path) -> tuple[Any, list[str]]:
     """The file as a meshio.Mesh, by its reader, and notes."""
     meshio()
-    suffix = path.suffix.lower()
-    own = read_gmsh if suffix == ".msh" and is_gmsh(path) else _OWN.get(suffix, read_foreign)
     try:
-        found, notes = own(path)
+        found, notes = _reader(path)(path)
     except OSError as error:
         raise InputError(f"the mesh file {path} cannot be read: {error.strerror or error}") from None
     if not len(found.points) or not any(len(block.data) for block in found.cells):
-        raise InputError(f"{path} holds {len(found.points)} nodes and no cells; is it cut short?")
+        raise InputError(f"{path} holds {len(found.points)} nodes and no cells; {'; '.join(notes) or 'is it cut short?'}")
     return found, notes
+
+
+def _reader(path: Path) -> Callable[[Path], tuple[Any, list[str]]]:
+    """By the content, where programs use one suffix or any for their decks; else by the suffix."""
+    suffix = path.suffix.lower()
+    if suffix == ".msh":
+        return read_gmsh if is_gmsh(path) else read_foreign
+    if suffix in (".inp", ".bdf", ".nas", ".fem", ".dat") or suffix not in meshio().extension_to_filetypes:
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+        if _NASTRAN.search(head):
+            return read_nastran
+        if _KEYWORD.search(head):
+            return read_inp
+        if suffix not in _OWN and not (suffix == ".dat" and _TECPLOT.search(head)):
+            raise InputError(f"{path}: neither the ending {suffix!r} nor the content is that of a mesh file that femsub reads")
+    return _OWN.get(suffix, read_foreign)
 
 
 def _several(counts: Mapping[str, int]) -> str:

@@ -1,4 +1,4 @@
-"""Nastran bulk data (.bdf, .nas, .fem): grid points and elements, fixed fields of 8 and 16 columns and free ones alike.
+"""Nastran bulk data (.bdf, .nas, .fem, .dat): grid points and elements, fixed fields of 8 and 16 columns and free ones alike.
 
 meshio reads these too. But it ignores INCLUDE and GRDSET, reads angles and offsets of shells as nodes, and fails at free
 continuations, blank fields and lower case.
@@ -16,10 +16,13 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
+from femsub.io.damage import check_end
 from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, whole_numbers
+from femsub.io.nastran_systems import NAMES, Systems
 
 BLANK = "-9"  # stands for a coordinate system that is not given: GRDSET may give it
 _HEXA20 = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]  # Nastran has the upright edges before those of the top
+_IHEX2 = [0, 2, 4, 6, 12, 14, 16, 18, 1, 3, 5, 7, 13, 15, 17, 19, 8, 9, 10, 11]  # around the bottom, upright edges, the top
 _WEDGE15 = [*range(9), 12, 13, 14, 9, 10, 11]
 #: card: kind of cell by number of nodes; a line's two nodes are followed by what orients it
 _CELLS: dict[str, dict[int, str]] = {
@@ -28,30 +31,37 @@ _CELLS: dict[str, dict[int, str]] = {
     "CTRIA3": {3: "triangle"}, "CTRIAR": {3: "triangle"}, "CTRIA6": {6: "triangle6"}, "CTRIAX6": {6: "triangle6"},
     "CQUAD4": {4: "quad"}, "CQUADR": {4: "quad"}, "CSHEAR": {4: "quad"}, "CQUAD8": {8: "quad8"}, "CQUAD": {9: "quad9"},
     "CROD": {2: "line"}, "CTUBE": {2: "line"}, "CBAR": {2: "line"}, "CBEAM": {2: "line"}, "CBUSH": {2: "line"},
-    "CBUSH1D": {2: "line"}, "CGAP": {2: "line"}}
+    "CBUSH1D": {2: "line"}, "CGAP": {2: "line"},
+    # of Nastran before 1990
+    "CIHEX1": {8: "hexahedron"}, "CIHEX2": {20: "hexahedron20"}, "CHEXA1": {8: "hexahedron"}, "CHEXA2": {8: "hexahedron"},
+    "CWEDGE": {6: "wedge"}, **{name: {3: "triangle"} for name in ("CTRIA1", "CTRIA2", "CTRMEM", "CTRBSC", "CTRPLT")},
+    **{name: {4: "quad"} for name in ("CQUAD1", "CQUAD2", "CQDMEM", "CQDMEM1", "CQDMEM2", "CQDPLT", "CTWIST")}}
 #: card: how many fields are read: number and system of a point, and its place; number, property and nodes of a cell
-_WIDTHS = {"GRID": 2, "GRID place": 3, "GRDSET": 2} | {name: 2 + max(sizes) for name, sizes in _CELLS.items()}
-_ORDER = {("CHEXA", 20): _HEXA20, ("CPENTA", 15): _WEDGE15, ("CTRIAX6", 6): [0, 2, 4, 1, 3, 5]}
+_WIDTHS = {"GRID": 2, "GRID place": 3, "GRDSET": 2} | {name: 2 + max(sizes) for name, sizes in _CELLS.items()} | {
+    name: 4 if name.startswith("CORD1") else 11 for name in NAMES}
+_TWICE = ("CROD", "CTUBE", *(name for name in NAMES if name.startswith("CORD1")))  # two of them may stand on one card
+_ORDER = {("CHEXA", 20): _HEXA20, ("CIHEX2", 20): _IHEX2, ("CPENTA", 15): _WEDGE15, ("CTRIAX6", 6): [0, 2, 4, 1, 3, 5]}
 #: elements that are not cells: skipped, with a note
-_SKIPPED = re.compile(r"CONM[12]|CMASS\d|CELAS\d|CDAMP\d|CVISC|CONROD|CWELD|CFAST|CSEAM|CBEND|CHBDY.|RBE\d|RBAR|RROD|RJOINT|"
-                      r"PLOTEL|GENEL")
-_HARMLESS = ("CBARAO", "CORD1R", "CORD2R", "CORD1C", "CORD2C", "CORD1S", "CORD2S", "GRID", "GRDSET")
+_SKIPPED = re.compile(r"CONM[12]|CMASS\d|CELAS\d|CDAMP\d|CVISC|CONROD|CWELD|CFAST|CSEAM|CBEND|CHBDY.?|RBE\d|RBAR|RROD|RJOINT|"
+                      r"PLOTEL|GENEL|CTRI(M6|AAX|ARG)|CTRAP(AX|RG)|CTRSHL|CTRPLT1|CTORDRG|CCONEAX|CIS2D8|CFLUID\d|CAXIF\d|CSLOT\d|"
+                      r"CRIGD\w|CRROD|CELBOW|CBEAM3|CBUSH2D|CPLST[NS]\d")
 #: others that fill a volume or change what is given
-_REFUSED = re.compile(r"CIHEX\d|CHACAB|CHACBR|CHEXCZ|CPENTCZ|CIF\w+|CHEX[AP]\w+|SEBULK|SEELT|GMCORD|.{17,}|=.*|/.*|\*\(\d+\)")
+_REFUSED = re.compile(r"CIHEX\d|CHACAB|CHACBR|CHEXCZ|CPENTCZ|CIF\w+|CHEX[AP]\w+|CF(HEX\d|TETRA|WEDGE)|CQUADX\d?|CTRIAX|GRID[BFG]|"
+                      r"SEBULK|SEELT|GMCORD|=.*|/.*|\*\(\d+\)")
 
 
 def read_nastran(path: Path) -> tuple[Any, list[str]]:
     """A meshio.Mesh with `points_id`, `cells_id` and the properties as cell data "nastran:ref", and what was skipped.
 
     ==============  ==========================================================================================================
-    reads           GRID and GRDSET; CTETRA, CHEXA, CPENTA, CPYRAM, shells, bars and the like by their nodes; all three formats
-                    of fields, continuations with and without marks, capitals or not, 1.5-3 for 1.5E-3; blank coordinates
-                    as 0; INCLUDE (files beside this one)
-    skips, tells    elements that are no cells: CONM2, CELAS2, RBE2, ...
-    refuses         points in coordinate systems of their own (CP, also from GRDSET); numbers given twice; nodes missing in a
-                    card or in the file; continuations out of their order; replication (=); superelements; other solids
-                    (CIHEX1, ...) and nearly known names; properties given to some cells only; a file without ENDDATA
-    cannot know     whether cards are missing between two others: the format counts nothing
+    reads           GRID and GRDSET, in coordinate systems (CP) of CORD1R, CORD2R, ..., too; CTETRA, CHEXA, CPENTA, CPYRAM,
+                    shells, bars and the like by their nodes, two rods on a card; all three formats of fields,
+                    continuations with and without marks, capitals or not, 1.5-3 for 1.5E-3; blank coordinates as 0, a
+                    blank property as the element's number, if others have one; INCLUDE (files beside this one)
+    skips, tells    elements that are no cells: CONM2, CELAS2, RBE2, ...; that ENDDATA is missing
+    refuses         numbers given twice; nodes missing in a card or in the file; continuations of cells and points out of their
+                    order; replication (=); superelements; other solids (CIHEX3, ...) and nearly known names
+    cannot know     whether cards are missing between two others, or at the end without ENDDATA: the format counts nothing
     ==============  ==========================================================================================================
 
     Raises
@@ -61,22 +71,22 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     """
     import meshio
 
-    cards, skipped = _cards(path)
+    bulk, notes = _bulk(path)
+    cards, skipped = _cards(path, bulk)
     numbers, points = _points(path, cards)
     order = once(path, "nodes", numbers)
     blocks = [block for name in _CELLS if cards[name] for block in _cells(path, name, cards[name])]
     once(path, "elements", np.concatenate([np.zeros(0, dtype=np.int64), *(block[1] for block in blocks)]))
-    given = np.concatenate([np.zeros(0, dtype=np.int64), *(block[2] for block in blocks)]) > 0
-    if given.any() and not given.all():
-        raise InputError(f"{path}: some cells of the mesh file have a property and some have none; give one to each")
+    given = any(block[2].any() for block in blocks)
+    properties = [np.where(block[2] == 0, block[1], block[2]) for block in blocks] if given else []
     cells = [(kind, order[rows_of(path, f"a {kind} cell", "node", numbers[order], nodes)]) for kind, _, _, nodes in blocks]
-    mesh = meshio.Mesh(points, cells, cell_data={"nastran:ref": [block[2] for block in blocks]} if given.any() else {})
+    mesh = meshio.Mesh(points, cells, cell_data={"nastran:ref": properties} if given else {})
     mesh.points_id, mesh.cells_id = numbers, [block[1] for block in blocks]
-    return mesh, [f"{count} {name} skipped" for name, count in sorted(skipped.items())]
+    return mesh, [*notes, *(f"{count} {name} skipped" for name, count in sorted(skipped.items()))]
 
 
-def _bulk(path: Path) -> str:
-    """The cards between BEGIN BULK (if there is one) and ENDDATA, without comments."""
+def _bulk(path: Path) -> tuple[str, list[str]]:
+    """The cards between BEGIN BULK and ENDDATA (if they are there), without comments; and notes."""
     include = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\s$]*)[^\n]*\n?"""
     text = Deck(path).whole(include, lambda name: re.sub(r"\s*\n\s*", "", name.strip("'\"")))
     text = re.sub(r"\$.*", "", text).expandtabs(8).encode("ascii", "replace").decode()
@@ -85,46 +95,57 @@ def _bulk(path: Path) -> str:
     marks = list(re.finditer(r"^[ \t]*(BEGIN[ \t]+(?:BULK|SUPER)\b[^\n]*|ENDDATA\b)", text, flags=re.MULTILINE | re.IGNORECASE))
     ends = [mark.start() for mark in marks if mark[1].upper() == "ENDDATA"]
     if not ends:
-        raise InputError(f"{path} has no ENDDATA: is it cut short?")
-    begins = [mark for mark in marks if mark.end() < ends[0]]
+        check_end(path)
+    stop = ends[0] if ends else len(text)
+    begins = [mark for mark in marks if mark.end() < stop]
     if len(begins) > 1 or (begins and re.search(r"SUPER|AUXM", begins[0][1], flags=re.IGNORECASE)):
         raise InputError(f"{path} has several parts of bulk data (superelements): write one")
-    return text[begins[0].end() if begins else 0:ends[0]]
+    notes = [] if ends else ["the file has no ENDDATA: if it was cut short at the end of a line, cards are missing"]
+    return text[begins[0].end() if begins else 0:stop], notes
 
 
-def _cards(path: Path) -> tuple[dict[str, list[str]], Counter[str]]:
+def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
     """The fields of each card that is read, between blanks, by their names; and how many are elements but no cells."""
     cards: dict[str, list[str]] = {name: [] for name in _WIDTHS}
     counts: Counter[str] = Counter()
-    name, card, mark = "", list[str](), ""
-    for line in _bulk(path).split("\n"):
+    name, card, mark, wanted = "", list[str](), "", False
+    marks, astray = set[str](), dict[str, str]()  # of lines that wait for a continuation; of continuations elsewhere
+    for line in bulk.split("\n"):
         if line.isspace() or not line:
             continue
-        head, data, after = _fields(path, line)
+        head, data, after = _fields(line)
         if head and head[0] != "+" and (head[0] != "*" or head[1:2] == "("):
             _close(path, cards, name, card)
             name, card = head.rstrip("*"), []
             counts[head] += 1
+            wanted = name.rstrip("_") in _WIDTHS
         elif not name:
             raise InputError(f"{path} begins with a continuation: {line.strip()!r}")
-        elif mark and head.lstrip("+*") not in ("", mark):  # older files may list them anywhere
-            raise InputError(f"{path}: the continuation {head!r} does not stand below the line it continues: sort the file")
+        elif (this := head.lstrip("+*")) == mark:
+            marks.discard(mark)
+        elif this and (mark or not wanted):  # older files may list them anywhere
+            astray[this] = head
+            marks |= {this} if wanted else set()
         card += data
         mark = after.strip().lstrip("+*").upper()
+        if wanted:
+            marks.add(mark)
+            if line.count(",") > 9 and "".join(line.split(",")[10:]).strip():
+                raise InputError(f"{path} has a line of more than 10 fields: {line[:60]!r}")
     _close(path, cards, name, card)
+    if wrong := [head for this, head in astray.items() if this in marks]:
+        raise InputError(f"{path}: the continuation {wrong[0]!r} does not stand below the line it continues: sort the file")
     return cards, _skipped(path, counts)
 
 
-def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
+def _fields(line: str) -> tuple[str, list[str], str]:
     """The first field in capitals, four wide or eight small ones of data, and the last field of a line."""
     if "," not in line:
         head = line[:8].strip().upper()
         width = 16 if "*" in head else 8
         return head, [line[start:start + width].strip() for start in range(8, 72, width)], line[72:80]
     words = [word.strip() for word in line.split(",")]
-    if len(words) > 10:
-        raise InputError(f"{path} has a line of more than 10 fields: {line[:60]!r}")
-    head = words[0].upper()
+    head = words[0].upper() if not line.startswith("DEQATN") else "DEQATN"  # a formula follows, which may have commas
     count = 4 if "*" in head else 8
     words += [""] * (10 - len(words))
     return head, words[1:count + 1], words[count + 1]
@@ -141,6 +162,8 @@ def _close(path: Path, cards: dict[str, list[str]], name: str, card: list[str]) 
     if name == "GRID":
         _close(path, cards, "GRID place", card[2:5])
         card[1] = card[1] or BLANK
+    if name in _TWICE and any(card[4:8]):
+        _close(path, cards, name, card[4:8])
     cards[name].append(" ".join([field or "0" for field in card[:width]] + ["0"] * (width - len(card))))
 
 
@@ -149,14 +172,16 @@ def _skipped(path: Path, counts: Counter[str]) -> Counter[str]:
     skipped: Counter[str] = Counter()
     for head, count in counts.items():
         name = head.rstrip("*")
-        if name.rstrip("_") in _CELLS or name in _HARMLESS:
+        if name.rstrip("_") in _WIDTHS or name == "CBARAO":
             if head.endswith("_*"):
                 raise InputError(f"{path} has {head} cards, in which meshio mixes up the nodes: write small fields")
         elif _SKIPPED.fullmatch(name):
             skipped[name] += count
-        elif (near := get_close_matches(name, _WIDTHS, n=1, cutoff=0.8)) or _REFUSED.fullmatch(name):
-            raise InputError(f"{path} has {name} cards, which are not read" + (f"; did you mean {near[0]}?" if near else
-                             ": write the mesh without them"))
+        elif _REFUSED.fullmatch(name):
+            raise InputError(f"{path} has {name} cards, which are not read: write the mesh without them")
+        elif (near := get_close_matches(name, _WIDTHS, n=1, cutoff=0.8)) and (
+                name[0] == near[0][0] or sorted(name) == sorted(near[0])):  # PBEAM, EGRID, RADSET are cards of their own
+            raise InputError(f"{path} has {name} cards, which are not read; did you mean {near[0]}?")
     return skipped
 
 
@@ -177,13 +202,20 @@ def _points(path: Path, cards: dict[str, list[str]]) -> tuple[Array, Array]:
         raise InputError(f"{path} has no GRID cards")
     if len(cards["GRDSET"]) > 1:
         raise InputError(f"{path} has several GRDSET cards")
-    default = _values(path, "GRDSET", cards["GRDSET"])[:, 1].any()
+    default = _values(path, "GRDSET", cards["GRDSET"])[:, 1]
     numbers, system = _values(path, "GRID", cards["GRID"]).T
     whole_numbers(f"{path}: the numbers of GRID", numbers)
-    if (np.where(system == int(BLANK), default, system) != 0).any():
-        raise InputError(f"{path} gives nodes in coordinate systems of their own (field CP of GRID or GRDSET); write them in the "
-                         "basic one")
-    return numbers, _values(path, "GRID place", cards["GRID place"], float)
+    system = np.where(system == int(BLANK), default[0] if len(default) else 0, system)
+    places = _values(path, "GRID place", cards["GRID place"], float)
+    if not system.any():
+        return numbers, places
+    by_nodes, by_points = {}, {}
+    for name in NAMES:
+        for number, *nodes in _values(path, name, cards[name]).tolist() if name.startswith("CORD1") else ():
+            by_nodes[number] = name[-1], np.array(nodes)
+        for number, of, *rest in _values(path, name, cards[name], float).tolist() if name.startswith("CORD2") else ():
+            by_points[int(number)] = name[-1], int(of), np.reshape(rest, (3, 3))
+    return numbers, Systems(path, numbers, system, places, by_nodes, by_points).points()
 
 
 def _cells(path: Path, name: str, cards: list[str]) -> list[tuple[str, Array, Array, Array]]:
@@ -197,7 +229,7 @@ def _cells(path: Path, name: str, cards: list[str]) -> list[tuple[str, Array, Ar
     wrong = np.flatnonzero(~np.isin(count, list(_CELLS[name])) | (given.sum(axis=1) != count))
     if len(wrong):
         raise InputError(f"{path}: {name} {values[wrong[0], 0]} has {given[wrong[0]].sum()} nodes, not "
-                         f"{' or '.join(map(str, _CELLS[name]))}")
+                         f"{' or '.join(map(str, _CELLS[name]))}; cells with some of their midside nodes left out are not read")
     blocks = []
     for size, kind in _CELLS[name].items():
         taken = values[count == size]

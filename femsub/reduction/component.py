@@ -22,7 +22,7 @@ from femsub.algebra import (
     without,
 )
 from femsub.checks import Array, instance
-from femsub.errors import InputError, InputTypeError, PortWarning, warn
+from femsub.errors import InputError, InputTypeError, PortWarning, SingularMatrixError, warn
 from femsub.model import SHARE, ReducedSubstructure, Substructure
 from femsub.modes import motion_of, rounding_ratio, units
 from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square
@@ -38,6 +38,8 @@ log = logging.getLogger("femsub.reduction.reduce")  # of the function that users
 
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
 STILL = 1e-9  # ‖KZ‖ relative to its terms above which a method's rigid motion is none
+PART_OF_A_CUT = ("K of this part is indefinite, as it may be where matrices were cut. Reduce such parts by "
+                 "CraigBampton(modes=...) or Guyan(), or cut the mesh")
 PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
 
 
@@ -45,13 +47,18 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
             contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure:
     """One component by one method; see `reduce`."""
     task = checked(sub, method, ports, contacts)
-    with one_thread(work(task) < WORK):
-        part = method.part(sub)
-        if method.held and not len(part.sub.interior):
-            return finished(task, part, whole_basis(task, part))
-        turned = task.turned(part)
-        statics = method.statics(part, part.factored(), turned.extra)
-        return finished(task, part, finished_basis(turned, statics, method.kept(statics, turned.pencil)))
+    try:
+        with one_thread(work(task) < WORK):
+            part = method.part(sub)
+            if method.held and not len(part.sub.interior):
+                return finished(task, part, whole_basis(task, part))
+            turned = task.turned(part)
+            statics = method.statics(part, part.factored(), turned.extra)
+            return finished(task, part, finished_basis(turned, statics, method.kept(statics, turned.pencil)))
+    except SingularMatrixError as error:
+        told = str(error).removeprefix(f"{sub.name!r}: ")
+        is_cut = any(sub.name in key.split("+") for key in sub.sets)  # as `cut` names what its parts share
+        raise SingularMatrixError(f"{sub.name!r}: " + (f"{PART_OF_A_CUT} ({told})" if is_cut else told)) from None
 
 
 def finished(task: Task, part: Partition, basis: Basis) -> ReducedSubstructure:
