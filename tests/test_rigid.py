@@ -248,3 +248,19 @@ def test_all_six_of_a_reduced_block_whose_k_has_few_digits(digits: int) -> None:
     for method in (fs.CraigBampton(modes=20), fs.CraigChang(modes=5)):
         modes = fs.normal_modes(fs.reduce(sub, method), count=2)
         assert modes.rigid == 6 and np.allclose(modes.frequencies[6:], exact, rtol=2e-2)
+
+
+def test_equal_real_eigenvalues_that_rounding_splits_are_no_pair():
+    """Under D = αM all rigid motions decay with λ = -α. As λ = -α ± 1e-16i these have twice the real part of a pair's energy."""
+    sub, alpha = lattice(4, 3, seed=2), 0.4
+    form = modal_form(fs.Pencil(sub.M.toarray(), alpha * sub.M.toarray(), sub.K.toarray()))
+    n, r = len(form.omega), form.rigid
+    assert r == 3 and np.array_equal(form.C, form.C.T)
+    state = np.zeros((2 * n - r, 2), dtype=complex)
+    state[n - r:n - r + 2] = [[1.0, 1.0], [1j, -1j]]  # q = φ₁ ± iφ₂, without potential energy
+    split = np.array([-alpha + 1e-16j, -alpha - 1e-16j])
+    assert np.array_equal(form.with_energy(split, state), split)
+    pair = np.array([-alpha / 2 + 1j * np.sqrt(form.omega[r]**2 - alpha**2 / 4)])  # the first elastic mode
+    state = np.zeros((2 * n - r, 1), dtype=complex)
+    state[0], state[n] = form.omega[r], pair[0]
+    assert form.with_energy(pair + 1e-9, state) == pytest.approx(pair, rel=1e-13)

@@ -233,10 +233,13 @@ def test_full_and_reduced_models_in_one_diagram() -> None:
     models = {"full": full, "craig-chang": fs.reduce(full, fs.CraigChang(modes=4), ports=True)}
     tracks = {name: fs.track(model, fs.Belt(slope=0.0), "slope", np.linspace(-0.05, 0.0, 11), band=(0.0, 0.8))
               for name, model in models.items()}
-    figure = draw(flutter_chart("a", tracks, {"full": [-0.0256], "craig-chang": [-0.0256]}, "slope", "chain"))
+    lost = {name: list(fs.critical_value(model, fs.Belt(slope=0.0), "slope", between=(0.0, -0.05), band=(0.0, 0.8)).losses)[:1]
+            for name, model in models.items()}
+    figure = draw(flutter_chart("a", tracks, lost, "slope", "chain"))
     told = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert told == ["full", "a mode grows (bold, filled)", "Craig-Chang", "full: stability lost at -0.0256",
-                    "Craig-Chang: stability lost at -0.0256"]
+    assert told == ["a mode grows", *(f"full, mode {j}" for j in range(1, tracks["full"].eigenvalues.shape[1] + 1)),
+                    "ceases to grow", "Craig-Chang", "Craig-Chang, a mode grows", "full: stability lost at -0.02557",
+                    "Craig-Chang: stability lost at -0.02557"]
     above, below = figure.axes
     assert above.get_ylabel() == "Im λ  [rad/time]" and below.get_ylabel() == "Re λ  [1/time]"
 
@@ -247,12 +250,39 @@ def test_many_branches_are_grey_and_models_solved_here_and_there_have_circles() 
     solved = [(-0.05, fs.complex_modes(chain, fs.Belt(slope=-0.05)).eigenvalues), (0.0, fs.complex_modes(chain).eigenvalues)]
     figure = draw(flutter_chart("a", {"all": tracked}, {}, "slope", "chain", {"full": solved}))
     told = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert told == ["all", "a mode grows (red)", "full, stable", "full, unstable"]
+    assert told == ["all", "a mode grows", "ceases to grow", "full, stable", "full, unstable"]
     circles = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines if line.get_label().startswith("full")}
     grow = np.concatenate([values for _, values in solved]).real > 0
     assert len(circles["full, unstable"]) == grow.sum() > 0 and len(circles["full, stable"]) == (~grow).sum()
     lo, hi = figure.axes[1].get_ylim()
     assert hi > tracked.eigenvalues.real.max() and lo == pytest.approx(-hi)  # what decays fast is left out
+    lowest = tracked.eigenvalues.real.min()
+    assert lowest < lo and f"values go down to {lowest:.4g}" in figure.axes[1].get_title()
+
+
+@pytest.mark.parametrize("points", [5, 8, 40])
+def test_a_branch_turns_colour_where_stability_is_lost_and_regained(points: int) -> None:
+    """The mode grows from 0.0413 to 0.1158; the values computed nearest to that, of five, are 0.054 and 0.1025."""
+    from femsub.components import disc_pair
+
+    A = disc_pair()
+    model = fs.Affine(A["M"], [(1.0, A["D1"]), (lambda speed: 0.4 / speed, A["DR"]), ("speed", A["DG"])],
+                      [(1.0, A["K1"]), (0.4, A["KR"]), (lambda speed: speed**2, A["Kgeo"])])
+    found = fs.critical_value(model, None, "speed", between=(0.005, 0.2))
+    (lost,), (regained,) = found.losses, found.regains
+    tracked = fs.track(model, None, "speed", np.linspace(0.005, 0.2, points))
+    chart = flutter_chart("a", {"disc": tracked}, {"disc": [lost, regained]}, "mu", "disc")
+    for panel in chart.panels:
+        wide = next(one for one in panel.series if one.name == "a mode grows" and np.isfinite(one.y).any())
+        drawn = np.asarray(wide.x)[np.isfinite(wide.y)]
+        assert drawn[0] == lost.value and drawn[-1] == regained.value and panel.x == "μ"
+        ends = {one.name: list(one.x) for one in panel.series if one.marker in ("^", "v")}
+        assert ends == {"begins to grow": [lost.value], "ceases to grow": [regained.value]}
+    below = flutter_chart("a", {"disc": tracked}, {}, "mu", "disc").panels[1]  # without them: where a straight line is 0
+    at = {one.name: one for one in below.series if one.marker in ("^", "v")}
+    assert list(at["begins to grow"].y) == [0.0] and abs(at["begins to grow"].x[0] - lost.value) < 0.2 / points
+    texts = [level.text for level in chart.panels[0].levels]
+    assert texts == [f"disc: stability lost at {lost.value:.4g}", f"disc: stability regained at {regained.value:.4g}"]
 
 
 @pytest.mark.parametrize(("name", "exact"), [("two-mode", [0.75, 0.7575]), ("ziegler", [3.5 - np.sqrt(2), 41 / 28 + 5e-5])])

@@ -13,7 +13,6 @@ from .quadratic.dense import (
     eigenvalues as eigenvalues,
     modal_form as modal_form,
     solve as solve,
-    with_energy as with_energy,
 )
 from .quadratic.matching import (
     NEAR as NEAR,

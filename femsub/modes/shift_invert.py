@@ -257,10 +257,11 @@ class ShiftInvert:
         if cost <= ENERGY:
             return ""
         omega = np.sqrt(np.abs(values[:count + 1]))
+        beyond = f"the next mode lies at ω = {omega[count]:.5g}" if count < len(omega) else "no other mode is known so far"
         return (f"{count} modes are taken as rigid-body motion, although K gives them ω up to {omega[:count].max():.3g} rad/time "
                 f"(ω² of either sign: {values[:count].min():.2g} to {values[:count].max():.2g}). Their energy is at most "
                 f"{cost:.0e} of that of the forces that cancel in them, within rounding{_known(self.unit)}, "
-                f"and the next mode lies at ω = {omega[count]:.5g}. Write K with all digits (17) to be sure; a support as soft "
+                f"and {beyond}. Write K with all digits (17) to be sure; a support as soft "
                 "as that cannot be told from rounding")
 
     def _without_dust(self, x: Array) -> Array:

@@ -86,14 +86,14 @@ class Model:
     def spectrum(self, c: float, band: Band, real: bool = False) -> tuple[Array, Array]:
         """λ with Im λ > 0 (with real=True: ≥ 0) in the band at contact coefficient c, (k,), and modal shapes q (n, k).
 
-        For symmetric matrices Re λ is computed from the energy, see `femsub.modes.quadratic.dense.with_energy`.
+        For symmetric matrices Re λ is computed from the energy, see `ModalForm.with_energy`.
         """
         values, _, right = self.decomposition(c)
         keep = ((values.imag >= 0) if real else (values.imag > 0)) & in_band(values, band)
-        values, q = values[keep], right[len(self.form.omega) - self.form.rigid:, keep]
-        if self.form.H is None and (self.form.sign[self.form.rigid:] > 0).all() and self.symmetric:
-            gain = -(self.lost(q) + c * self.fed(q)) / np.maximum(np.linalg.norm(q, axis=0) ** 2, 1e-300) / 2
-            values = np.where(values.imag != 0, gain + 1j * values.imag, values)
+        values, states = values[keep], right[:, keep]
+        q = states[len(self.form.omega) - self.form.rigid:]
+        if self.form.is_definite and self.symmetric:
+            values = self.form.with_energy(values, states, self.lost(q) + c * self.fed(q))
         return values, q
 
     def lost(self, q: Array) -> Array:

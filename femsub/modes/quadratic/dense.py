@@ -69,6 +69,26 @@ class ModalForm:
             A[n - r:, :n - r] = -self.H[:, r:] / self.omega[r:]
         return A
 
+    @property
+    def is_definite(self) -> bool:
+        """Whether K is symmetric, without negative ω²."""
+        return self.H is None and bool((self.sign[self.rigid:] > 0).all())
+
+    def with_energy(self, values: Array, states: Array, lost: Array | None = None) -> Array:
+        """Re λ = -b̄ᵀCb / (2 b̄ᵀb) for the complex λ of definite K and symmetric C, states (a, b) of shape (2n - rigid, k).
+
+        It follows from q̄ᵀP(λ)q = 0 with real coefficients, whose two roots are λ and its conjugate. It is accurate even if Re λ
+        is smaller than the rounding of λ, as for the low modes of a large model with a single dashpot. Where the roots are
+        real, rounding has split equal real λ, and -b̄ᵀCb / (2 b̄ᵀb) is the mean of two others: these λ are kept.
+        `lost` is b̄ᵀCb, if it is known better.
+        """
+        a, b = np.split(states, [len(self.omega) - self.rigid])
+        potential, kinetic = (np.linalg.norm(part, axis=0) for part in (a, b))
+        power = np.einsum("ij,ij->j", b.conj(), self.C @ b).real if lost is None else lost
+        paired = (values.imag != 0) & (np.abs(power) < 2 * np.abs(values) * potential * kinetic)
+        decay = np.divide(power, 2 * kinetic**2, out=np.zeros_like(power), where=paired)
+        return np.where(paired, -decay + 1j * values.imag, values)
+
     def at(self, s: complex) -> Array:
         """ΦᵀP(s)Φ, shape (n, n).
 
@@ -201,9 +221,10 @@ def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array, motion: RigidMot
         z, free = unresisted(D, shapes[:, :rigid], unit)
         shapes = np.hstack([z, shapes[:, rigid:]])
     C = shapes.T @ (D @ shapes)
-    C[:, free] = 0.0
     if is_symmetric(D):
+        C = (C + C.T) / 2  # to the last digit: left vectors are then conjugate right ones, and energy gives Re λ
         C[free] = 0.0
+    C[:, free] = 0.0
     return shapes, C
 
 
@@ -222,16 +243,6 @@ def eigenvalues(form: ModalForm, C: Array | None = None) -> Array:
     """All 2n eigenvalues of the modal form, exact zeros of rigid motion included; C = ΦᵀDΦ may be replaced."""
     with one_thread(len(form.omega) <= FEW):
         return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
-
-
-def with_energy(values: Array, q: Array, C: Array) -> Array:
-    """Re λ = -q̄ᵀCq / (2 q̄ᵀq) for the complex λ of a symmetric pencil in modal form, C (n, n), q (n, k).
-
-    It follows from q̄ᵀP(λ)q = 0 with real coefficients. It is accurate even if Re λ is smaller than the rounding of λ, as
-    for the low modes of a large model with a single dashpot.
-    """
-    decay = np.einsum("ij,ij->j", q.conj(), C @ q).real / np.maximum(np.einsum("ij,ij->j", q.conj(), q).real, 1e-300) / 2
-    return np.where(values.imag != 0, -decay + 1j * values.imag, values)
 
 
 def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
@@ -311,8 +322,8 @@ def _by_modes(n: int, form: ModalForm) -> tuple[Array, Array, Array]:
         left = right.conj()
     else:
         values, left, right = la.eig(state, left=True, right=True, check_finite=False)
-    if plain and (form.sign[r:] > 0).all():
-        values = with_energy(values, right[n - r:], form.C)
+    if plain and form.is_definite:
+        values = form.with_energy(values, right)
     X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
     # b = λq vanishes with λ, and has a relative rounding of EPS/‖b‖: for small λ the elastic part of the shape is that of a = Ωq
     moved = np.linalg.norm(right[n - r:], axis=0)

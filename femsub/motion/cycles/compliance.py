@@ -20,7 +20,7 @@ import scipy.linalg as la
 from femsub.algebra import QUADRATIC, Handle, is_symmetric, orthonormal, shared_factor
 from femsub.checks import Array
 from femsub.model import Pencil
-from femsub.modes import ModalForm, ShiftInvert, lowest_modes, modal_form, port_responses, with_energy
+from femsub.modes import ModalForm, ShiftInvert, lowest_modes, modal_form, port_responses
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -70,8 +70,8 @@ def spectral(pencil: Pencil) -> Spectral | None:
         return None
     n, r, A = len(form.omega), form.rigid, form.state()
     values, right = la.eig(A, check_finite=False)
-    if form.H is None and (form.sign[r:] > 0).all() and is_symmetric(form.C):
-        values = with_energy(values, right[n - r:], form.C)
+    if form.is_definite and is_symmetric(form.C):
+        values = form.with_energy(values, right)
     try:
         left = la.inv(right, check_finite=False)
     except la.LinAlgError:

@@ -181,7 +181,15 @@ class Larger:
         loads = np.hstack([part for side in sides for part in (side.real, side.imag)])
         if not loads.any():
             return loads[:, :0]
-        return self.handle.deflate(self.handle.factor.solve(compressed(loads, self.handle.K.diagonal())))
+        return self.handle.deflate(self.handle.factor.solve(self._without_rigid(compressed(loads, self.handle.K.diagonal()))))
+
+    def _without_rigid(self, loads: Array) -> Array:
+        """The loads without their part MZ on the rigid motion Z, whose response Z/|σ| lies in U.
+
+        It is left out before the solve: the difference of two responses that large would be noise.
+        """
+        Z = self.handle.rigid
+        return loads - self.handle.M @ (Z @ (Z.T @ loads))
 
     def _outside(self, x: Array) -> Array:
         """x without its part in U."""
@@ -198,6 +206,7 @@ class Larger:
             for start in range(0, R, COLUMNS):
                 load = _forces(part, V[:, start:start + COLUMNS])
                 if load.any():
+                    load = self._without_rigid(load)
                     answer = self.handle.factor.solve(load) - U @ (U.T @ load)  # UᵀA A⁻¹ = Uᵀ
                     columns = slice(at * R + start, at * R + start + load.shape[1])
                     gram[:, columns] = np.vstack([V.T @ (other.T @ answer) for other in parts])
@@ -225,7 +234,7 @@ class Larger:
             return 0.0, 0.0
 
         def applied(x: Array) -> Array:
-            return self._outside(self.handle.factor.solve(B @ x))
+            return self._outside(self.handle.factor.solve(self._without_rigid(B @ x)))
 
         start = self._outside(np.random.default_rng(11).standard_normal((len(self.U), 1)))
         V, image = orthonormal(start, self.product)
