@@ -23,7 +23,8 @@ from typing import Any
 
 import femsub as fs
 from benchmarks import joined
-from femsub.app.figure_style import PAGE, legend_below, new_figure, render
+from benchmarks.pictures import save
+from femsub.app.figure_style import PAGE, legend_below, new_figure
 from femsub.reduction.reduce import METHODS
 from femsub.studies import look
 
@@ -33,18 +34,20 @@ KEYS = ["craig-bampton", "macneal", "dual-craig-bampton", "rubin", "herting"]
 def figure(rows: Sequence[dict[str, Any]]) -> Any:
     """For each problem the mean error (lines) and the largest one (dotted) over the size, one line per method."""
     problems = list(dict.fromkeys(row["problem"] for row in rows))
-    across = min(len(problems), 3)
+    across, keys = min(len(problems), 3), list(dict.fromkeys(row["method"] for row in rows))
     drawn = new_figure(PAGE, 2.5 * -(-len(problems) // across) + 0.9)
     axes = drawn.subplots(-(-len(problems) // across), across, squeeze=False)
     for axis in axes.ravel()[len(problems):]:
         axis.remove()
     for axis, problem in zip(axes.ravel(), problems, strict=False):
-        for at, key in enumerate(dict.fromkeys(row["method"] for row in rows)):
+        for at, key in enumerate(keys):
             mine, seen = [row for row in rows if (row["problem"], row["method"]) == (problem, key)], look(key)
             sizes = [row["size"] for row in mine]
-            axis.semilogy(sizes, [row["mean"] for row in mine], color=seen.colour, marker=seen.marker, ms=8 - at, lw=1.2,
-                          zorder=3, label=f"{seen.label}, mean")  # smaller marks on larger ones: all are seen
-            axis.semilogy(sizes, [row["largest"] for row in mine], color=seen.colour, ls=":", lw=1,
+            # thinner on wider lines, smaller on larger marks: methods of equal error are all seen
+            axis.semilogy(sizes, [row["mean"] for row in mine], color=seen.colour, marker=seen.marker, ms=10 - 1.6 * at,
+                          mfc=seen.colour if at == len(keys) - 1 else "none", mew=1.2, lw=2.8 - 0.5 * at, zorder=3,
+                          label=f"{seen.label}, mean")
+            axis.semilogy(sizes, [row["largest"] for row in mine], color=seen.colour, ls=(3.0 * at, (1.5, 6.0)), lw=1.4,
                           label="largest (dotted)" if at == 0 else None)
         axis.set(title=problem)
         axis.grid()
@@ -53,6 +56,7 @@ def figure(rows: Sequence[dict[str, Any]]) -> Any:
     for axis in axes.ravel()[:len(problems)][-across:]:
         axis.set_xlabel("DOF of the system  [-]")
     legend_below(drawn, axes[0, :1], 3)
+    drawn.suptitle("Error of the lowest frequencies of joined parts over the size of the reduced system")
     return drawn
 
 
@@ -75,8 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             writer = csv.DictWriter(file, list(rows[0]))
             writer.writeheader()
             writer.writerows(rows)
-        with open(asked.out / "methods.png", "wb") as picture:
-            render(lambda: figure(rows), picture)
+        save(asked.out / "methods.png", lambda: figure(rows))
 
 
 if __name__ == "__main__":

@@ -3,8 +3,9 @@
     python scripts/gallery.py                    the page alone, from the runs that were kept
     python scripts/gallery.py --run beam plate   runs these first; `--run all`: every scene, one after the other
 
-A run is one process of one thread. Its processor time is kept in docs/gallery/runs.json, which other work on the machine does not
-change much; its picture in docs/pictures/gallery/. Two scenes need files of their own: those in meshes/.
+A run is one process of one thread. docs/gallery/runs.json keeps its processor time, which other work on the machine does not
+change much, the commit, and the numbers that its picture shows; docs/pictures/gallery/ has the picture. Two scenes need files
+of their own: those in meshes/.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.pictures import commit, shown
 from femsub.app.scene import SCENES
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -144,14 +146,15 @@ def scene_file(scene: str, folder: Path) -> str:
 
 
 def run(scene: str, out: Path) -> dict[str, Any]:
-    """Runs a scene, and gives its processor time [s] and its memory [MB]."""
+    """Runs a scene, and gives its processor time [s], its memory [MB], the commit, and what its figure shows."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "femsub", "run", scene_file(scene, Path(folder)), "--quiet", "--out", str(out)]
         process = subprocess.Popen(command, env=os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)})
         _, status, used = os.wait4(process.pid, 0)
     if status:
         sys.exit(f"scripts/gallery.py: {scene} failed")
-    return told(used)
+    results = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    return told(used) | {"commit": commit(), "shows": shown(results, GALLERY[scene].figure)}
 
 
 def told(used: resource.struct_rusage) -> dict[str, Any]:
@@ -208,7 +211,8 @@ def main() -> None:
             picture(scene, out)
             print(scene, seconds(runs[scene]), flush=True)
             kept = {name: runs[name] for name in SCENES if name in runs}
-            RUNS.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+            lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(one, ensure_ascii=False)}" for name, one in kept.items())
+            RUNS.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8")
     PAGE.write_text(page(runs), encoding="utf-8")
 
 

@@ -6,7 +6,7 @@
 The beam is of steel, 1 m long, free, and touched at three points (at nine for interface modes). Each column of the basis V is a
 curve, scaled to the same height. Dots are the points, squares the further masters. Curves without mass are dashed. The pages in
 docs/methods show the pictures and tables of the errors; tests/test_method_pages.py compares the tables with what `error` and
-`flutter_error` find.
+`flutter_error` find. `scripts/report.py method-pictures` puts the pictures into docs.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.figure_style import new_figure, render
+from benchmarks.pictures import save
+from femsub.app.figure_style import new_figure
 from femsub.checks import Array
 
-OUT = Path(__file__).parent.parent / "docs" / "pictures" / "methods"
+OUT = Path(__file__).parent.parent / "out" / "method-pictures"
 STIFFNESS = 48 * 2.1e11 * 1e-8  # k₀ = 48 EI/L³, that of the beam on two supports against a force in the middle
 THREE = {"left": [0], "middle": [32], "right": [80]}
 NINE = {str(number): [10 * number] for number in range(9)}
@@ -116,7 +117,8 @@ def figure(shown: Sequence[fs.ReducedSubstructure], points: Sequence[int]) -> An
             shape = shape / shape[np.abs(shape).argmax()]
             y = 0.75 * shape - 2 * row
             axis.plot(x, 0 * x - 2 * row, color="0.8", lw=0.8)
-            axis.plot(x, y, color=COLOURS.get(kind, STATIC), lw=1.6, ls="--" if model.M[j, j] == 0 else "-")
+            axis.plot(x, y, color=COLOURS.get(kind, STATIC), lw=1.6, ls="--" if model.M[j, j] == 0 else "-",
+                      label=f"{NAMES[kind]} {row + 1}")
             axis.plot(x[points], y[points], "o", color="black", ms=3.5)
             axis.plot(x[held], y[held], "s", color="black", ms=3.5)
         hurty = "Hurty: " if model.method.startswith("Hurty") else ""
@@ -132,8 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     out.mkdir(parents=True, exist_ok=True)
     for page, shown in models().items():
         points = [dofs[0] // 2 for dofs in (NINE if page == "interface-modes" else THREE).values()]
-        with open(out / f"{page}.png", "wb") as picture:
-            render(lambda shown=shown, points=points: figure(shown, points), picture)  # type: ignore[misc]
+        save(out / f"{page}.png", lambda shown=shown, points=points: figure(shown, points))  # type: ignore[misc]
         print(out / f"{page}.png")
 
 

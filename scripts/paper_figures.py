@@ -1,7 +1,8 @@
 """Draws the conference paper's figures 2 to 5 from femsub, for docs/gallery/paper.md and docs/tutorials/paper.md.
 
-    python scripts/paper_figures.py [--out docs/pictures/paper] [figure-2 figure-3 figure-4 figure-5]
+    python scripts/paper_figures.py [--out out/paper] [figure-2 figure-3 figure-4 figure-5]
 
+`scripts/report.py paper` puts them into docs/pictures.
 Figure 5 follows three models in time and takes some ten seconds; the others take less than one each.
 """
 
@@ -16,7 +17,8 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.figure_style import new_figure, render
+from benchmarks.pictures import save
+from femsub.app.figure_style import new_figure
 from femsub.studies import look
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -26,6 +28,7 @@ SIZES = range(2, 11)  # DOF of the reduced models in Fig. 3b
 SIZE = 5  # DOF of those in Figs. 3a, 4 and 5
 END, STEP, WINDOW = 20000.0, 0.2, 400.0  # of Fig. 5: time, grid, length of a window
 DECADES = 3  # of its scale
+LEFT = -0.03  # end of the axis of Fig. 4
 
 
 def models(belt: int, size: int = SIZE) -> dict[str, Any]:
@@ -60,6 +63,7 @@ def figure_2() -> Any:
     axis.set(xlabel="sliding speed v  [length/time]", ylabel="friction coefficient μ  [-]")
     axis.grid()
     axis.legend()
+    figure.suptitle("Friction law for three ε, with the working point (the paper's Fig. 2)")
     return figure
 
 
@@ -90,6 +94,7 @@ def figure_3() -> Any:
     right.legend()
     for axis in (left, right, below, beside):
         axis.grid()
+    figure.suptitle("Critical slope over the belt's place and over the model's size (the paper's Fig. 3)")
     return figure
 
 
@@ -99,11 +104,14 @@ def figure_4() -> Any:
     axis = figure.subplots()
     for kind, model in models(2).items():
         values = fs.complex_modes(model, BELT).eigenvalues
-        axis.plot(values.real, values.imag, ls="none", **style(kind), label=named(kind, model))
+        outside = int((values.real < LEFT).sum())
+        label = named(kind, model) + (f" ({outside} left of the axes)" if outside else "")
+        axis.plot(values.real, values.imag, ls="none", **style(kind), label=label)
     axis.axvline(0, color="grey", lw=0.8)
-    axis.set(xlim=(-0.03, 0.025), xlabel="Re λ  [1/time]", ylabel="Im λ  [rad/time]")
+    axis.set(xlim=(LEFT, 0.025), xlabel="Re λ  [1/time]", ylabel="Im λ  [rad/time]")
     axis.grid()
-    figure.legend(loc="outside upper center", ncols=3)
+    figure.legend(loc="outside lower center", ncols=3)
+    figure.suptitle("Eigenvalues with the belt under m2, dμ/dv = -0.2677 (the paper's Fig. 4)")
     return figure
 
 
@@ -125,6 +133,7 @@ def figure_5() -> Any:
         axis.set(title=name, xlabel="t  [time]", xticks=[0, 10000])
     axes[0].set_ylabel("ω  [rad/time]")
     figure.colorbar(picture, ax=list(axes), label="velocity of m2  [length/time]")
+    figure.suptitle("Spectra over time of the velocity under the belt (the paper's Fig. 5)")
     return figure
 
 
@@ -134,14 +143,13 @@ FIGURES: dict[str, Callable[[], Any]] = {"figure-2": figure_2, "figure-3": figur
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="FIGURE", help=f"of {', '.join(FIGURES)}; all by default")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "pictures" / "paper")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "paper")
     arguments = parser.parse_args()
     if strange := set(arguments.names) - set(FIGURES):
         parser.error(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(FIGURES)}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     for name in arguments.names or FIGURES:
-        with open(arguments.out / f"{name}.png", "wb") as file:
-            render(FIGURES[name], file)
+        save(arguments.out / f"{name}.png", FIGURES[name])
         print(arguments.out / f"{name}.png")
 
 

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""The benchmarks: data and figures behind docs/benchmarks.md, from scenes, benchmarks, scaling and extreme cases.
+"""All pictures and tables of the docs: data and figures of scenes, benchmarks, scaling and extreme cases, and of the pages.
 
-    python scripts/report.py [--steps NAME ...] [--work DIR] [--data DIR] [--pictures DIR] [--fresh] [--quick]
+    python scripts/report.py [NAME ...] [--list] [--work DIR] [--data DIR] [--pictures DIR] [--fresh] [--quick]
 
-Each step is a command of its own, run in a process of its own, one after the other. What it prints is kept in
-WORK/NAME/printed.txt, its results beside it. A step that has ended well is not run again: a report that stopped goes on where
-it was, and --steps with --fresh repeats what it names. DATA/NAME.txt holds what a step has printed, below its command, its
-seconds, the commit and the machine. PICTURES gets its figures. The page with the conclusions is written by hand.
+Each step is a command of its own, run in a process of its own, one after the other; --list shows their names. What it prints is
+kept in WORK/NAME/printed.txt, its results beside it. A step that has ended well is not run again: a report that stopped goes on
+where it was, and --fresh repeats what is named. DATA/NAME.txt holds what a step has printed, below its command, its seconds, the
+commit and the machine. PICTURES gets its figures, and PICTURES/data.json for each of them the step, the commit and the numbers
+that are drawn: tests/test_pictures.py compares them with a run of that day. The pages with the conclusions are written by hand.
 """
 
 from __future__ import annotations
@@ -22,27 +23,32 @@ import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import femsub as fs
+from benchmarks.pictures import NUMBERS, commit, plain, shown
 from femsub.algebra.petsc import versions
 from femsub.app import report
+from femsub.app.scene import SCENES
 from femsub.io.atomic import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ROOT / "scripts"
+SHOWN = "data.json"  # of the pictures
 
 
 @dataclass(frozen=True)
 class Step:
-    """One command: {out} in it stands for the step's folder."""
+    """One command: {out} in it stands for the step's folder, {work} for that of all steps."""
 
     name: str
     title: str
     says: str
     command: tuple[str, ...]
     quick: tuple[str, ...] = ()  #: the same at sizes that show that all works; a step without is left out then
-    figures: tuple[str, ...] = ()  #: of the files that it leaves, in this order
+    figures: tuple[str, ...] = ()  #: of the files that it leaves
+    folder: str = ""  #: of the pictures, for a step that leaves many, all of which are taken
+    table: bool = True  #: whether what it prints is kept
 
 
 # For small dense models: the threads of NumPy's, SciPy's and PETSc's own BLAS wait for each other's core, for up to ten times
@@ -62,9 +68,10 @@ def module(name: str, title: str, says: str, *options: str, step: str = "") -> S
 
 
 def script(name: str, title: str, says: str, *options: str, figures: tuple[str, ...] = (), quick: tuple[str, ...] = (),
-           step: str = "", writes: bool = True, before: tuple[str, ...] = ()) -> Step:
+           step: str = "", writes: bool = True, before: tuple[str, ...] = (), folder: str = "", table: bool = True) -> Step:
     run, out = (*before, sys.executable, str(SCRIPTS / f"{name}.py")), ("--out", "{out}") if writes else ()
-    return Step(step or name, title, says, (*run, *options, *out), (*run, *quick, *out) if quick else (), figures)
+    return Step(step or name, title, says, (*run, *options, *out), (*run, *quick, *out) if quick else (), figures,
+                folder, table)
 
 
 STEPS = (
@@ -95,6 +102,9 @@ STEPS = (
            "--repeats", "3", writes=False, before=ONE_THREAD),
     script("attractors", "Attractors", "Where seeded starts end, full and reduced.", figures=("attractors.png",)),
     scene("brake", "A brake", "Disc and two pads with friction between them: full and reduced.", "flutter", "error-time"),
+    Step("brake-mode-and-error", "The README's picture", "A brake's unstable mode, and errors of reduced models; after brake.",
+         (sys.executable, "-m", "benchmarks.readme_picture", "--brake", "{work}/brake", "--out", "{out}"), (),
+         ("brake-mode-and-error.png",), table=False),
     script("brake_convergence", "A brake over three meshes", "Frequency, growth and critical friction over element length.",
            step="brake-convergence", figures=("brake-convergence.png",)),
     module("brake", "A large brake", "Seconds and memory for 100 values of the friction.", step="brake-size"),
@@ -104,6 +114,15 @@ STEPS = (
            "--brakes", "200", step="random-brakes"),
     script("system_effectivity", "Systems of parts to a tolerance", "The estimate against the true error over random systems.",
            step="system-effectivity"),
+    script("compare_methods", "Reduction methods", "At equal size, on joined parts.", figures=("methods.png",), step="methods",
+           table=False),
+    script("method_pictures", "What each method keeps", "The shapes of its basis, for the pages of the methods.",
+           step="method-pictures", folder="methods", table=False),
+    script("paper_figures", "The paper's figures", "2 to 5, from femsub.", step="paper", folder="paper", table=False),
+    script("tutorial_figures", "The tutorials' pictures", "Each from the model of its page.", step="tutorials",
+           folder="tutorials", table=False),
+    *(Step(f"gallery-{name}", f"The gallery: {name}", line, (sys.executable, str(SCRIPTS / "gallery.py"), "--run", name),
+           table=False) for name, (_, line) in SCENES.items()),
     script("workers", "Parts side by side", "One process against two.", writes=False),
     module("assembly", "A million DOF in parts", "As one part, part by part, and by two processes."),
 )
@@ -116,7 +135,8 @@ class Stopped(Exception):
 def run(step: Step, folder: Path, quick: bool) -> None:
     """Runs a step and notes that it ended well. What it left when it was stopped stays: some scripts go on from there."""
     folder.mkdir(parents=True, exist_ok=True)
-    command = [part.format(out=folder, tiny=SCRIPTS / "tiny-chain.toml") for part in (step.quick if quick else step.command)]
+    places = {"out": folder, "work": folder.parent, "tiny": SCRIPTS / "tiny-chain.toml"}
+    command = [part.format(**places) for part in (step.quick if quick else step.command)]
     report.progress(f"{step.name}: {shlex.join(command)}")
     start = time.perf_counter()
     with open(folder / "printed.txt", "wb") as printed:
@@ -137,18 +157,6 @@ def run(step: Step, folder: Path, quick: bool) -> None:
     write_whole(folder, {"done.json": partial(_put, content=json.dumps(done, indent=1))})
 
 
-def commit() -> str:
-    """The short hash of what is checked out, marked if it was changed (docs and data apart: what this script writes);
-    'unknown' outside of a repository."""
-    def git(*words: str) -> str:
-        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-    try:
-        changed = git("status", "--porcelain", "-uno", "--", ".", ":!docs", ":!benchmarks/data")
-        return git("rev-parse", "--short", "HEAD") + (" with changes" if changed else "")
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-
-
 def text(step: Step, folder: Path) -> str:
     """What a step has printed, below what belongs to it."""
     done = json.loads((folder / "done.json").read_text(encoding="utf-8"))
@@ -159,18 +167,42 @@ def text(step: Step, folder: Path) -> str:
             f"{done['date']}; {machine}\n\n{table}\n")
 
 
-def picture(step: Step, figure: str) -> str:
-    """The file of a figure in the folder of pictures."""
-    stem = Path(figure).stem
-    return f"{step.name}.png" if stem in step.name else f"{step.name}-{stem}.png"
+def pictures_of(step: Step, folder: Path) -> dict[str, Path]:
+    """The files of a step's figures, by their places in the folder of pictures."""
+    if step.folder:
+        return {f"{step.folder}/{path.name}": path for path in sorted(folder.glob("*.png"))}
+    stems = {name: Path(name).stem for name in step.figures}
+    return {f"{step.name}.png" if stem in step.name else f"{step.name}-{stem}.png": folder / name
+            for name, stem in stems.items() if (folder / name).exists()}
+
+
+def numbers(step: Step, folder: Path) -> dict[str, dict[str, Any]]:
+    """What each picture of a step shows, with the step and the commit, by its place."""
+    done = json.loads((folder / "done.json").read_text(encoding="utf-8"))
+    noted = folder / NUMBERS
+    told = json.loads(noted.read_text(encoding="utf-8")) if noted.exists() else {}
+    places = [path for path in (folder / "results.json", folder / f"{step.name}.json") if path.exists()]
+    results = json.loads(places[0].read_text(encoding="utf-8")) if places else {}
+    found = {}
+    for place, path in pictures_of(step, folder).items():
+        rows = told[path.name] if path.name in told else shown(results, path.stem) or plain(results.get("summary"))
+        found[place] = {"step": step.name, "commit": done["commit"], "date": done["date"], "shows": rows}
+    return found
 
 
 def write(steps: list[Step], work: Path, data: Path, pictures: Path) -> list[str]:
     """The texts and figures of the steps that have ended well, each folder whole or not at all; their names."""
     ended = [step for step in steps if (work / step.name / "done.json").exists()]
-    figures = {picture(step, name): work / step.name / name for step in ended for name in step.figures}
-    write_whole(data, {f"{step.name}.txt": partial(_put, content=text(step, work / step.name)) for step in ended})
-    write_whole(pictures, {name: partial(_put, content=path.read_bytes()) for name, path in figures.items() if path.exists()})
+    texts = {f"{step.name}.txt": partial(_put, content=text(step, work / step.name)) for step in ended if step.table}
+    write_whole(data, texts)
+    index = pictures / SHOWN
+    known = json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}
+    for step in ended:
+        known |= numbers(step, work / step.name)
+    lines = ",\n".join(f" {json.dumps(place)}: {json.dumps(known[place], ensure_ascii=False)}" for place in sorted(known))
+    figures = {place: partial(_put, content=path.read_bytes()) for step in ended
+               for place, path in pictures_of(step, work / step.name).items()}
+    write_whole(pictures, {**figures, SHOWN: partial(_put, content=f"{{\n{lines}\n}}\n")})
     return [step.name for step in ended]
 
 
@@ -180,8 +212,8 @@ def _put(file: BinaryIO, content: str | bytes) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", nargs="+", choices=[step.name for step in STEPS], metavar="NAME",
-                        help=f"of {', '.join(step.name for step in STEPS)} (default: all)")
+    parser.add_argument("steps", nargs="*", metavar="NAME", help="of a step (default: all)")
+    parser.add_argument("--list", action="store_true", help="show the names of the steps, and run nothing")
     parser.add_argument("--work", type=Path, default=ROOT / "out" / "report", metavar="DIR", help="results (default out/report)")
     parser.add_argument("--data", type=Path, default=ROOT / "benchmarks" / "data", metavar="DIR",
                         help="what the steps print (default benchmarks/data)")
@@ -190,6 +222,12 @@ def main() -> int:
     parser.add_argument("--fresh", action="store_true", help="run again what has been run")
     parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that all works, times mean nothing")
     asked = parser.parse_args()
+    names = [step.name for step in STEPS]
+    if asked.list:
+        print(*(f"{step.name:22} {step.title}. {step.says}" for step in STEPS), sep="\n")
+        return 0
+    if strange := set(asked.steps) - set(names):
+        parser.error(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(names)}")
     for folder in (asked.work, asked.data, asked.pictures):
         try:
             report.check_folder(str(folder))

@@ -1,6 +1,8 @@
 """Draws the pictures of docs/tutorials/. Each is made of the same model as its page.
 
-    python scripts/tutorial_figures.py [--out docs/pictures/tutorials] [disc ...]
+    python scripts/tutorial_figures.py [--out out/tutorials] [disc ...]
+
+`scripts/report.py tutorials` puts them into docs/pictures.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.figure_style import new_figure, render
+from benchmarks.pictures import save
+from femsub.app.figure_style import new_figure
 from femsub.app.figures import shapes_figure
 from femsub.studies import look
 
@@ -199,14 +202,13 @@ FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices, "ho
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="FIGURE", help=f"of {', '.join(FIGURES)}; all by default")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "pictures" / "tutorials")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "tutorials")
     arguments = parser.parse_args()
     if strange := set(arguments.names) - set(FIGURES):
         parser.error(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(FIGURES)}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     for name in arguments.names or FIGURES:
-        with open(arguments.out / f"{name}.png", "wb") as file:
-            render(FIGURES[name], file)
+        save(arguments.out / f"{name}.png", FIGURES[name])
         print(arguments.out / f"{name}.png")
 
 

@@ -79,7 +79,7 @@ def report(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
-    first = report(tmp_path, "--steps", "chain")
+    first = report(tmp_path, "chain")
     assert first.returncode == 0, first.stdout + first.stderr
     text = (tmp_path / "data" / "chain.txt").read_text()
     assert "scripts/tiny-chain.toml" in text and " s, commit " in text and "* Craig-Chang" in text
