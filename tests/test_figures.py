@@ -19,9 +19,11 @@ from femsub.studies.tables import KNOWN, WIDTH, Table, fitted, table
 
 pytest.importorskip("matplotlib")
 
+from femsub import annulus, rectangle
 from femsub.app.figure_style import PAGE, SMALL, STYLE, draw, label_points, new_figure, render
+from femsub.app.figures import belt_sweep_figure, shapes_figure
 from femsub.studies import ROUNDING, Chart, Panel, Series, look
-from femsub.studies.charts_components import eigenvalue_chart
+from femsub.studies.charts_components import LINES, eigenvalue_chart, springs_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
 from femsub.studies.charts_motion import COLUMNS, envelope
 
@@ -146,6 +148,38 @@ def test_models_under_friction_without_a_counterpart_have_no_error_to_draw() -> 
     assert "misses an unstable mode" in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
+def test_no_bar_leaves_its_axes_where_two_studies_share_them() -> None:
+    def took(seconds: float) -> Study:
+        once = Timing(seconds, seconds, seconds)
+        row = replace(FOUND.rows[0], solution=Timing(seconds, 0.5 * seconds, 40 * seconds), reduction=once)
+        return replace(FOUND, rows=(row,), repeats=1)
+
+    figure = error_time_figure([("{m1}", took(1.0)), ("{m1, m2}", took(1e-3))])
+    for axis in drawn(figure):
+        (low, high), lines = axis.get_xlim(), [line.get_xdata() for line in axis.lines]
+        seconds = np.concatenate([line for line in lines if len(line) > 2])
+        assert low < np.nanmin(seconds) and np.nanmax(seconds) < high
+
+
+def test_a_method_without_a_mark_is_named_with_its_reason() -> None:
+    found = study({"rubin": [1e-2, 1e-3], "craig-chang": [1e-2, 1e-3]})
+    gone = tuple(replace(row, missing=1) if row.method == "craig-chang" else row for row in found.rows)
+    chart = errors_chart(replace(found, rows=gone, left_out=("MacNeal is left out: no reason",)), "x", "methods")
+    assert "Craig-Chang has no mark: a mode missing in each of its models" in chart.about and "MacNeal is left out" in chart.about
+    assert "has no mark" not in errors_chart(found, "x", "methods").about
+
+
+def test_a_page_has_all_lines_over_springs_and_a_figure_those_that_can_be_told_apart() -> None:
+    rows = [{"model": model, "modes": modes, "size": modes + 3, "springs": springs, "error": 1e-3}
+            for model in ("craig-bampton", "craig-chang", "rubin") for modes in (4, 8, 12, 20) for springs in (0.1, 1.0)]
+    chart = springs_chart(rows, "x")
+    (panel,) = chart.drawn
+    looks = {(*one.look[1:], one.line, one.hollow) for one in panel.series}
+    assert len(looks) == len(panel.series) == 6 <= LINES and {one.told["modes"][0] for one in panel.series} == {4, 20}
+    assert len(chart.plain()["places"][0]["panels"][0]["series"]) == 12 and "2 more numbers of modes" in chart.about
+    assert len(springs_chart(rows[:8], "x").drawn[0].series) == 3  # one method: fewest, most, and one between
+
+
 # ---- eigenvalues, signals
 
 
@@ -164,6 +198,15 @@ def test_a_clump_of_eigenvalues_is_enlarged() -> None:
     assert axes[2].get_ylim()[1] > 0.2 > axes[3].get_ylim()[1] > 0.1  # each its own part
 
 
+def test_eigenvalues_that_pile_up_at_zero_have_an_axis_that_parts_them() -> None:
+    near = spectrum("full", 2.0) | {"eigenvalues": np.append(-np.geomspace(1e-4, 1e-3, 19), -5.0) + 1j}
+    axis = drawn(eigenvalue_figure([near, spectrum("rubin", 1.9) | {"eigenvalues": near["eigenvalues"]}]))[0]
+    assert axis.get_xscale() == "symlog"
+    pixels = axis.transData.transform(np.column_stack([near["eigenvalues"].real, np.ones(20)]))
+    assert np.ptp(axis.transAxes.inverted().transform(pixels)[:19, 0]) > 0.1
+    assert drawn(eigenvalue_figure([spectrum("full", 2.0), spectrum("rubin", 1.9)]))[0].get_xscale() == "linear"
+
+
 def test_marks_that_lie_on_each_other_are_all_seen() -> None:
     axis = eigenvalue_figure([spectrum(name, 2.0) for name in ("full", "craig-bampton", "craig-chang", "rubin")]).axes[0]
     sizes = [line.get_markersize() for line in axis.lines if line.get_marker() not in ("None", "")]
@@ -179,6 +222,46 @@ def test_an_envelope_has_every_extreme(rng: np.random.Generator) -> None:
     at = np.searchsorted(places, t, side="right") - 1
     assert np.all((low[at] <= v) & (v <= high[at]))
     assert np.array_equal(envelope(t[:3], v[:3])[1], v[:3])
+
+
+# ---- shapes
+
+
+def test_a_solid_is_drawn_with_its_outline_at_rest_and_arrows_where_it_slides_within_its_surface() -> None:
+    from matplotlib.collections import LineCollection
+    from matplotlib.quiver import Quiver
+
+    mesh = annulus(0.05, 0.15, 0.01, (3, 24, 1), "hexahedron")
+    x, y, _ = mesh.points.T
+    torsion = np.column_stack([-y, x, 0 * x]) / 0.15
+    bending = np.column_stack([0 * x, 0 * x, x / 0.15])
+    figure = shapes_figure(mesh, np.stack([bending, torsion], axis=-1), ["bending", "torsion"], "x", {})
+    rims = np.linalg.norm(mesh.points[:, :2], axis=1).max()
+    for axis, arrows in zip(drawn(figure)[:2], (0, 1), strict=True):
+        (outline,) = (one for one in axis.collections if isinstance(one, LineCollection))
+        corners = np.concatenate([line.vertices for line in outline.get_paths()])
+        assert np.abs(corners[:, 0]).max() == pytest.approx(rims, rel=0.02)  # not that of the shape, which is wider
+        assert sum(isinstance(one, Quiver) for one in axis.collections) == arrows
+    assert "at rest" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_a_plate_s_deflection_has_shades_with_edges() -> None:
+    mesh = rectangle((2.0, 1.0), (8, 4))
+    w = np.column_stack([0 * mesh.points[:, 0], 0 * mesh.points[:, 0], mesh.points[:, 0] - 1])
+    axis = drawn(shapes_figure(mesh, w[..., None], ["a"], "x", {}))[0]
+    levels = [level for one in axis.collections for level in getattr(one, "levels", ())]
+    assert len(levels) == 22 and 0.0 not in levels
+
+
+def test_the_belt_sweep_compares_all_models_in_one_panel() -> None:
+    belts, slopes = [1, 2, 3], -np.geomspace(1e-3, 0.4, 5)
+    panels = [{"model": model, "interface": place, "growth": np.linspace(-1, 1, 15).reshape(3, 5),
+               "critical_slope": [-0.1, -0.02 * (1 + error), -0.01]}
+              for place in ("{m1}", "{m1, belt}") for model, error in (("full", 0.0), ("craig-bampton", 1e-2), ("rubin", 1e-4))]
+    left, right = drawn(belt_sweep_figure({"belts": belts, "slopes": slopes, "panels": panels}))[:2]
+    names = [f"{look(model).label}, {place}" for place in ("{m1}", "{m1, belt}") for model in ("craig-bampton", "rubin")]
+    assert left.get_legend_handles_labels()[1] == ["full", *names]
+    assert [line.get_ydata()[1] for line in right.lines] == pytest.approx([1e-2, 1e-4] * 2)
 
 
 # ---- all of a scene's figures
@@ -201,6 +284,7 @@ def test_figures_have_units_texts_that_can_be_read_and_legends_beside_the_data(n
         with rc_context(STYLE):
             figure = made()
         assert figure.get_figwidth() <= PAGE
+        assert figure._suptitle is not None, title  # what is drawn, above the number of the paper's figure
         small = [text.get_text() for text in figure.findobj(Text) if text.get_text().strip() and text.get_fontsize() < SMALL
                  and "$" not in text.get_text()]
         assert not small, (title, small)

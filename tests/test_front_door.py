@@ -324,7 +324,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "repeats": 1,
                 "shared": False,
                 "critical": None,
-                "assembly": 0.0,
+                "assembly": 0.0, "held": True,
                 "progress": None,
             },
         ),

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import test_cycle_scenes
 import test_fe_scenes
@@ -24,7 +25,9 @@ from femsub.app import explain, schema
 from femsub.app.cli import main
 from femsub.app.keys import check_keys, item_kind, key, keys_of, values_of
 from femsub.app.scene import SCENES, load, scene_of
+from femsub.app.units import SYSTEMS
 from femsub.errors import InputError
+from femsub.studies import span
 
 ROOT = Path(__file__).parent.parent
 
@@ -270,18 +273,39 @@ def test_quiet_still_tells_what_is_wrong(capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.parametrize(("words", "offered"), [
     (["femsub", "ru"], {"run"}), (["femsub", "run", "chain-t"], {"chain-transient"}), (["femsub", "new", "bea"], {"beam"}),
-    (["femsub", "run", "chain", "--no"], {"--no-figures"}), (["femsub", "run", "mine"], {"mine.toml"})])
+    (["femsub", "run", "chain", "--no"], {"--no-figures"}), (["femsub", "run", "mine"], {"mine.toml", "mine.py", "mine.json"})])
 def test_bash_completes_commands_scenes_and_files(words: list[str], offered: set[str], tmp_path: Path,
                                                   capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("shtab")
     assert main(["completion", "bash"]) == 0
     (tmp_path / "femsub.bash").write_text(capsys.readouterr().out, encoding="utf-8")
-    (tmp_path / "mine.toml").touch()
-    (tmp_path / "mine.txt").touch()
+    for ending in ("toml", "py", "json", "txt"):
+        (tmp_path / f"mine.{ending}").touch()
     program = (f". ./femsub.bash; COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; _shtab_femsub; "
                'echo "${COMPREPLY[@]}"')
     done = subprocess.run(["bash", "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert set(done.stdout.split()) == offered, done.stderr
+
+
+def test_every_wrong_key_is_told() -> None:
+    with pytest.raises(InputError) as told:
+        values_of(scene_of("chain")[0], {"siize": 4, "n": "ten", "zzzz": 1, "interfase": [1], "sizes": []})
+    for words in ("'n' must be a whole number", "'siize'; did you mean 'size'?", "'zzzz'; ", "'sizes' is an empty list",
+                  "'interfase'; did you mean 'interface'?"):
+        assert words in str(told.value)
+    assert str(told.value).count("alid: ") == 1
+
+
+def test_a_band_may_be_given_in_hertz_and_comes_back_as_given() -> None:
+    kind = scene_of("plate")[0]
+    for band in (["500 Hz", "5 kHz"], ["500Hz", "5000.0 Hz"], [1000 * np.pi, "5e3 Hz"]):
+        assert values_of(kind, {"units": "SI", "band": band})["band"] == pytest.approx([1000 * np.pi, 10_000 * np.pi], rel=1e-15)
+    assert SYSTEMS["SI"].said(span((1000 * np.pi, 10_000 * np.pi))).endswith("(500 to 5000 Hz)")
+    for table, words in (({"band": [0, "5 kHz"]}, 'give units, e.g. units = "SI"'), ({"units": "SI", "band": [0, "5 kHertz"]},
+                                                                                   "must be a list of numbers"),
+                         ({"units": "SI", "thickness": "5 Hz"}, "'thickness' must be a number")):
+        with pytest.raises(InputError, match=words):
+            values_of(kind, table)
 
 
 def test_without_shtab_it_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

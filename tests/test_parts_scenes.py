@@ -51,7 +51,7 @@ stiffness = 0.5
 
 def run(folder: Path, text: str) -> dict[str, Any]:
     (folder / "scene.toml").write_text(text, encoding="utf-8")
-    assert main(["run", str(folder / "scene.toml"), "--out", str(folder / "out"), "--no-figures"]) == 0
+    assert main(["run", "-v", str(folder / "scene.toml"), "--out", str(folder / "out"), "--no-figures"]) == 0
     found: dict[str, Any] = json.loads((folder / "out" / "results.json").read_text())
     return found
 
@@ -312,7 +312,8 @@ def test_natural_frequencies_are_listed(tmp_path: Path, capsys: pytest.CaptureFi
     np.testing.assert_allclose([row["reduced"] for row in rows], model, rtol=1e-9)
     np.testing.assert_allclose([row["error"] for row in rows], model / own - 1, rtol=1e-6)
     assert (tmp_path / "out" / "methods-frequencies.csv").read_text().startswith("mode,omega,frequency_hz,reduced,error\n")
-    assert re.search(r"the band, and of Craig-Bampton with 12 DOF, in rad/s:\nmode +ω +Hz +reduced ω", capsys.readouterr().out)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the band, and of Craig-Bampton with 12 DOF, in rad/s: mode ω Hz reduced ω" in said
     alone = run(tmp_path, text.replace("0.05", "1e-9"))["methods"]["frequencies"]
     np.testing.assert_allclose([row["omega"] for row in alone], own, rtol=1e-9)
     assert "reduced" not in alone[0]
@@ -386,7 +387,7 @@ stiffness = 1.0
 def test_figures_of_parts_are_drawn(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     (tmp_path / "scene.toml").write_text(CHAIN.replace("parts = [2, 4]", "parts = [2]"), encoding="utf-8")
-    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", "-v", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "methods-2-parts.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -110,13 +110,13 @@ def without_folders(inputs: Any) -> Any:
 
 @pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", SMALL)
-def test_a_run_is_repeated_from_its_results_and_told_in_100_columns(
+def test_a_run_is_repeated_from_its_results_and_told_in_80_columns(
         tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     scene = scene_file(tmp_path / "here", name)
     assert main(["run", scene, "--no-figures", "--out", str(tmp_path / "out")]) == 0
     monkeypatch.chdir(tmp_path)
     capsys.readouterr()
-    assert main(["run", "out/results.json", "--out", "deep/again"]) == 0
+    assert main(["run", "out/results.json", "-v", "--out", "deep/again"]) == 0
     printed = capsys.readouterr().out
     assert all(len(line) <= WIDTH for line in printed.splitlines()), max(printed.splitlines(), key=len)
     assert not re.search(r"\b(nan|inf|None|True|False)\b", printed)

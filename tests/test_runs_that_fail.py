@@ -67,7 +67,7 @@ def test_what_was_computed_before_an_output_fails_is_kept(thrown: BaseException,
 
     monkeypatch.setitem(chain.PARTS, "eigenvalues", fails)
     (tmp_path / "scene.toml").write_text(PLANTED, encoding="utf-8")
-    assert main(["run", str(tmp_path / "scene.toml"), "--no-figures", "--out", str(tmp_path / "out")]) == status
+    assert main(["run", "-v", str(tmp_path / "scene.toml"), "--no-figures", "--out", str(tmp_path / "out")]) == status
     said, data = capsys.readouterr(), json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     assert {"critical-slope", "eigenvalues", "error-time"} - set(data) == lacking
     assert data["critical-slope"]["rows"] and "Critical slopes" in said.out

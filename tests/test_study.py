@@ -9,12 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import femsub as fs
 from femsub.algebra.petsc import Factor
 from femsub.algebra.timing import timed
 from femsub.modes import match, spectrum_errors, turnover
 from femsub.reduction import METHODS, Reductor
+from femsub.studies import answer, study_choice
+from femsub.studies.error_vs_time import SAME
 from femsub.studies.results import Row, Study, Timing, with_front
 
 
@@ -248,11 +251,63 @@ def test_a_parameter_is_that_of_the_contacts() -> None:
 
 def test_a_method_that_cannot_reduce_the_model_is_left_out() -> None:
     free = fs.chain(10, belt=2, fixed=False, interface=())
-    found = fs.study(free, [fs.CraigBampton(3), fs.Herting(2), fs.CraigChang(3)], (0.0, 0.75), repeats=1)
-    assert [row.label for row in found.rows][-1] == "Craig-Chang" and any("Herting is left out" in one for one in found.left_out)
+    found = fs.study(free, [fs.CraigBampton(3), fs.Herting(2), fs.Guyan(3)], (0.0, 0.75), repeats=1)
+    assert [row.label for row in found.rows][-1] == "Guyan" and any("Herting is left out" in one for one in found.left_out)
     assert "is left out" in str(found)
     with pytest.raises(fs.InputError, match="Herting needs interface DOF"):
         fs.study(free, [fs.Herting(2)], (0.0, 0.75), repeats=1)
+
+
+def test_without_an_interface_methods_that_coincide_are_compared_once() -> None:
+    methods = [fs.CraigBampton(3), fs.CraigChang(3), fs.Guyan(3), fs.CraigBampton(4), fs.Rubin(4)]
+    free = fs.study(fs.chain(10, belt=2, interface=()), methods, (0.0, 0.75), repeats=1, held=True)
+    assert [(row.method, row.size) for row in free.rows] == [("craig-bampton", 3), ("guyan", 3), ("craig-bampton", 4)]
+    assert free.left_out == (SAME.format("Craig-Bampton, Craig-Chang and Rubin", "Craig-Bampton"),)
+    joined = fs.study(fs.chain(10, belt=2), methods, (0.0, 0.75), repeats=1)
+    assert len(joined.rows) == len(methods) and not joined.left_out
+    assert study_choice(free, 0.5).condition == ["the model has no interface. Nothing is told of it joined to others."]
+
+
+def test_a_model_that_is_good_free_may_be_bad_held() -> None:
+    """The free chain held at m1 is one of 9 masses between a wall and a free end: ω_j = 2 sin((2j - 1)π / 38)."""
+    sub, band = fs.chain(10, belt=1, fixed=False), (0.0, 0.9)
+    methods = [fs.CraigBampton(4), fs.CraigChang(1), fs.CraigChang(4), fs.CraigBampton(2)]
+    found = fs.study(sub, methods, band, contacts=fs.Belt(slope=-0.1), repeats=1, held=True)
+    exact = 2 * np.sin((2 * np.arange(1, 4) - 1) * np.pi / 38)
+    assert exact[-1] < band[1] < 2 * np.sin(7 * np.pi / 38)
+    for row, model in zip(found.rows, found.models, strict=True):
+        Z = scipy.linalg.null_space(np.atleast_2d(model.interface_rows))
+        ritz = np.sqrt(scipy.linalg.eigh(Z.T @ model.K @ Z, Z.T @ model.M @ Z, eigvals_only=True))
+        worst = np.inf if len(ritz) < 3 else max(abs(ritz[:3] / exact - 1))
+        assert row.error_held == pytest.approx(worst, rel=1e-6, abs=1e-12)
+    assert found.rows[0].error_held < 1e-9 < found.rows[2].error_held < np.inf  # fixed-interface modes are exact there
+    assert found.rows[3].error_held == np.inf and found.rows[3].error_frequency < np.inf
+    assert "lacks" in str(found) and "inf" not in str(found)
+    assert np.isnan(fs.study(sub, methods, band, repeats=1).rows[0].error_held)
+
+
+@pytest.mark.parametrize(("held", "words"), [
+    (np.nan, "the interface is free, as in this run. A held interface was not compared."),
+    (1e-4, "as in this run, or held at rest. Held at rest, this model has frequencies that are off by 1.0e-04."),
+    (np.inf, "Held at rest, this model lacks a mode of the band; there no model of this run will do."),
+    (8e-2, "off by 8.0e-02; there take Craig-Bampton with 9 modes (20 DOF), which is off by 1.0e-05."),
+    (9e-2, "off by 9.0e-02; there no model of this run will do.")])
+def test_the_verdict_names_its_condition_and_the_figure_for_a_held_interface(held: float, words: str) -> None:
+    time = Timing(1.0, 0.99, 1.01)
+    small = Row("craig-chang", 4, 5, 1e-6, 1e-6, 1e-6, 0, -1.0, 0.0, time, time, 0.0, stable=True, error_held=held)
+    large = replace(small, method="craig-bampton", modes=9, size=20, error_held=1e-5 if held == 8e-2 else held)
+    full = replace(small, method="full", modes=0, size=100, error_held=0.0)
+    found = Study("x", (0.0, 1.0), 3, full, (small, large), interface=2)
+    choice = study_choice(found)
+    assert choice.condition[0].endswith(words)
+    said = answer([choice]).text.splitlines()
+    assert said[0] == "May a small model replace the full one?"
+    assert said[1].startswith("Yes. Craig-Chang with 4 modes (5 DOF) may")
+    assert said[2].endswith(words) and said[2].startswith("Condition: ")
+    assert found.recommended() == small and found.recommended(held=True) == (
+        large if held == 8e-2 else small if held <= 1e-3 else None)
+    assert [line.split()[:2] for line in found.brief().splitlines()[2:]] == [
+        ["full", "100"], [">", "Craig-Chang"], ["Craig-Bampton", "20"], [">", "recommended"]]
 
 
 def test_the_front_leaves_out_what_is_beaten_in_both() -> None:

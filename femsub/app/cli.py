@@ -48,7 +48,8 @@ def _parser() -> argparse.ArgumentParser:
     loud = run.add_mutually_exclusive_group()
     loud.add_argument("-q", "--quiet", action="store_true", help="print warnings and errors only")
     loud.add_argument("-v", "--verbose", action="count", default=0,
-                      help="tell on stderr what is factorised, solved and counted; -vv: each factorisation and count")
+                      help="print every table, and tell on stderr what is factorised, solved and counted; -vv: each "
+                      "factorisation and count")
     _scene_argument(commands.add_parser("keys", help="list every key of a scene: type, unit, default, meaning"), SCENE_NAME)
     _scene_argument(commands.add_parser("new", help="print a scene file with every key: femsub new beam > my.toml"), SCENE_NAME)
     _scene_argument(commands.add_parser("schema", help="print the JSON schema of scene files, for editors"),
@@ -135,9 +136,13 @@ def _completion(shell: str) -> str:
     names = " ".join(SCENES)
     preamble = {
         "bash": f"""_femsub_scene() {{ compgen -W "{names}" -- "$1"; }}
-_femsub_scene_or_file() {{ _femsub_scene "$1"; compgen -f -X '!*.toml' -- "$1"; compgen -d -S / -- "$1"; }}""",
+_femsub_scene_or_file() {{
+    _femsub_scene "$1"
+    for ending in toml py json; do compgen -f -X "!*.$ending" -- "$1"; done
+    compgen -d -S / -- "$1"
+}}""",
         "zsh": f"""_femsub_scene() {{ compadd {names}; }}
-_femsub_scene_or_file() {{ _femsub_scene; _files -g '*.toml'; }}"""}
+_femsub_scene_or_file() {{ _femsub_scene; _files -g '*.(toml|py|json)'; }}"""}
     return shtab.complete(_parser(), shell, preamble=preamble)
 
 
@@ -185,7 +190,7 @@ def _run(options: argparse.Namespace) -> int:
     for text in _texts(caught):
         print(f"femsub: warning: {text}", file=sys.stderr)
     if not options.quiet:
-        _say(fitted(result.text(scene.system)))
+        _say(fitted(result.printed(scene.system, bool(options.verbose))))
     if folder is not None and not options.quiet:
         below = Counter(path.parent.name for path in written if path.parent != folder)
         names = [path.name for path in written if path.parent == folder] + [f"{name}/ ({n} files)" for name, n in below.items()]

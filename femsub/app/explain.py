@@ -14,7 +14,7 @@ from femsub.app.keys import Declared, defaults_of, item_kind, keys_of, kinds, ty
 from femsub.app.scene import scene_of
 from femsub.app.schema import FILE
 
-WIDTH = 100
+WIDTH = 80
 
 
 def keys_text(name: str) -> str:
@@ -74,6 +74,7 @@ def _about(one: Declared, owner: type, default: Any = None) -> str:
     words = type_words(one.type).replace("a list of", f"{key.form}," if key.form else "a list of")
     words += f"{', numbers' if 'string' in words else ''} {key.bounds}" if key.bounds else ""
     words += f" [{key.unit}]" if key.unit else ""
+    words += ", or \"5 kHz\" where units are given" if one.in_hertz else ""
     words += f": {', '.join(key.choices(owner))}" if key.choices is not None else ""
     standard = key.otherwise or ("" if default in (None, "", []) else toml(default))
     return words + ("; required" if key.required else f"; default: {standard}" if standard else "")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -84,7 +85,7 @@ def draw(chart: Chart) -> Any:
             shared.setdefault((which, word), axis)
         alike = [other for other in shown if other is panel or ("y" in panel.share and other.share.get("y") == panel.share["y"])]
         values = [value for other in alike for one in other.series for value in np.asarray(one.y, dtype=float)]
-        labels += _drawn(axis, panel, values)
+        labels += draw_panel(axis, panel, values, {which: _limits(shown, panel, which) for which in panel.limits})
         below, beside = shown[at + across:at + across + 1], shown[at - 1:at] if at % across else []
         axis.set(title=panel.title, **{"xlabel": panel.x} if not below or below[0].x != panel.x else {},
                  **{"ylabel": panel.y} if not beside or beside[0].y != panel.y else {})
@@ -101,15 +102,25 @@ def draw(chart: Chart) -> Any:
     return figure
 
 
-def _drawn(axis: Any, panel: Panel, values: Sequence[float]) -> list[Any]:
+def _limits(shown: Sequence[Panel], panel: Panel, which: str) -> tuple[float, float]:
+    """Those of all panels that have this axis in common: what one of them has would else leave it."""
+    word = panel.share.get(which)
+    alike = [one.limits[which] for one in shown
+             if one is panel or (word and one.share.get(which) == word and which in one.limits)]
+    return min(low for low, _ in alike), max(high for _, high in alike)
+
+
+def draw_panel(axis: Any, panel: Panel, values: Sequence[float], limits: Mapping[str, tuple[float, float]]) -> list[Any]:
     """Draws the series and the levels of a panel; what is returned labels points, those at the ends first.
 
-    `values` are those of all panels that share its axis of errors.
+    `values` are those of all panels that share its axis of errors, `limits` those of its axes.
     """
     if panel.band:
         axis.axhspan(*panel.band, color="0.88", lw=0, zorder=0)
     axis.set(**{f"{which}scale": "log" for which in panel.logs})
-    axis.set(**{f"{which}lim": limits for which, limits in panel.limits.items()})  # first: one point alone gives no limits
+    for which, linear in panel.linear.items():
+        getattr(axis, f"set_{which}scale")("symlog", linthresh=linear, linscale=0.5)
+    axis.set(**{f"{which}lim": ends for which, ends in limits.items()})  # first: one point alone gives no limits
     labels = []
     for one in panel.series:
         name, colour, marker = one.look
@@ -179,6 +190,7 @@ def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str
 
 
 def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
+    from matplotlib.patheffects import withStroke
     from matplotlib.transforms import Bbox
 
     def box_at(x: float, y: float, wide: float, high: float) -> Bbox:
@@ -186,23 +198,39 @@ def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]
 
     pixels = figure.dpi / 72
     for axis in dict.fromkeys(label[0] for label in labels):
-        frame = axis.get_window_extent()
-        marked = [line for line in axis.lines if line.get_marker() not in ("None", "none", "", None)]
-        marks = [mark for line in marked for mark in line.get_transform().transform(np.column_stack(line.get_data()))]
-        taken = [box_at(mark[0], mark[1], 7 * pixels, 7 * pixels) for mark in marks]
+        frame = axis.get_window_extent().padded(-2 * pixels)
+        lines = [(line, line.get_transform().transform(np.column_stack(line.get_data()))) for line in axis.lines]
+        marks = [(*mark, (line.get_markersize() + 2) * pixels) for line, found in lines
+                 if line.get_marker() not in ("None", "none", "", None) for mark in found]
+        crossed = np.concatenate([np.zeros((0, 2)), *(_along(found, 2 * pixels) for line, found in lines
+                                                      if line.get_linestyle() not in ("None", "none", "", None))])
+        taken = [box_at(x, y, size, size) for x, y, size in marks]
         taken += [text.get_window_extent() for text in axis.texts]
         for _, x, y, text, colour in (label for label in labels if label[0] is axis):
             wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
             at = axis.transData.transform((x, y))
+            free: list[tuple[int, int, Any, Bbox]] = []
             for right, up in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
-                gap = (2.5 if right and up else 5) * pixels
+                gap = (4.0 if right and up else 6.5) * pixels
                 shift = np.array([right * (gap + wide / 2), up * (gap + high / 2)])
                 box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
                 if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken):
-                    axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
-                                  ha="center", va="center", zorder=6)
-                    taken.append(box)
-                    break
+                    under = int(((crossed > box.p0) & (crossed < box.p1)).all(axis=1).sum())
+                    free.append((under, len(free), shift, box))
+            if free:  # where it covers least of the lines
+                _, _, shift, box = min(free, key=lambda one: one[:2])
+                axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
+                              ha="center", va="center", zorder=6, path_effects=[withStroke(linewidth=2, foreground="white")])
+                taken.append(box)
+
+
+def _along(corners: Any, step: float) -> Any:
+    """Points on a line through its corners (n, 2), about `step` apart; none where it has a gap or leaves the page."""
+    found = [np.zeros((0, 2))]
+    for one, other in pairwise(corners):
+        if np.isfinite([one, other]).all() and (length := float(np.abs(other - one).max())) < 1e5:
+            found.append(one + np.linspace(0.0, 1.0, int(length / step) + 2)[:, None] * (other - one))
+    return np.concatenate(found)
 
 
 def _matplotlib() -> Any:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub import components
-from femsub.app.figure_style import PAGE, legend_below, new_figure
-from femsub.studies import look
+from femsub.app.figure_style import PAGE, legend_below, new_figure, rounding_below
+from femsub.studies import ROUNDING, look
 
 if TYPE_CHECKING:
     from femsub import Mesh
@@ -22,39 +22,60 @@ MARKS = {"contact": ("black", "v"), "interface": ("#0067a5", "s")}
 AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(35.0)  # from where solids are seen
 #: colours that also those tell apart who see no red or no green
 PARTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#999999")
+#: the same on the colours of solids, where black and blue are not seen
+MARKS_ON_SOLIDS = {"contact": ("#e41a1c", "v"), "interface": ("#ff7f00", "s")}
+CUT = 3  # pieces along an edge into which the faces of a coarse mesh are cut
+NEARER = 0.02  # of the largest displacement: how far in front of their face edges are taken to be
 FINE = 8000  # cells from which on their edges are not drawn
 APART = np.array([0.5, 0.5, 2.5])  # of its distance from the middle that each part is moved where parts are drawn apart
+# of a plate's deflection: shades with edges, since smooth ones show streaks of the mesh; none at 0, where they would zigzag
+LEVELS = np.linspace(-1.0, 1.0, 22)
+SHARP = np.cos(np.radians(40.0))  # between the normals of two faces, from which on their edge belongs to the outline
+SLIDES = 0.5  # share of the motion normal to the surface below which arrows show it, since the shape hardly changes
+ARROWS = 60  # of them, about
 LIGHT = np.array([0.2, -0.4, 0.9])  # from where it comes, of length 1 but for rounding
 
 
 def belt_sweep_figure(found: Mapping[str, Any]) -> Any:
-    """max Re λ over the slope and the belt's place, with the border of stability (the paper's Fig. 3a)."""
-    panels, belts, slopes = found["panels"], found["belts"], np.abs(found["slopes"])
-    interfaces = list(dict.fromkeys(panel["interface"] for panel in panels))
-    columns = len(panels) // len(interfaces)
-    figure = new_figure(PAGE, 2.4 * len(interfaces) + 0.6)
-    axes = figure.subplots(len(interfaces), columns, sharex=True, sharey=True, squeeze=False)
-    top = max(float(np.max(panel["growth"])) for panel in panels)
+    """max Re λ of the full model over the slope and the belt's place with the borders of all models (the paper's Fig. 3a), and
+    beside it the deviation of the reduced models' borders."""
     from matplotlib.colors import SymLogNorm
 
-    norm = SymLogNorm(linthresh=1e-3 * top, vmin=-top, vmax=top)
-    mesh = None
-    for axis, panel in zip(axes.ravel(), panels, strict=True):
-        growth = np.where(np.isfinite(panel["growth"]), panel["growth"], np.nan)
-        mesh = axis.pcolormesh(belts, slopes, growth.T, norm=norm, cmap="RdBu_r", shading="nearest", rasterized=True)
-        border = -np.array(panel["critical_slope"], dtype=float)
-        axis.plot(belts, np.where(np.isfinite(border), border, np.nan), "k.-", lw=1, ms=5, label="critical slope")
-        axis.set(yscale="log", title=f"{look(panel['model']).label}, {panel['interface']}")
+    panels, belts, slopes = found["panels"], found["belts"], np.abs(found["slopes"])
+    full = next(panel for panel in panels if panel["model"] == "full")
+    reduced = [panel for panel in panels if panel["model"] != "full"]
+    figure = new_figure(PAGE, 4.0)
+    left, right = figure.subplots(1, 2, sharex=True)
+    growth = np.where(np.isfinite(full["growth"]), full["growth"], np.nan)
+    top = float(np.nanmax(np.abs(growth), initial=0.0)) or 1.0
+    mesh = left.pcolormesh(belts, slopes, growth.T, norm=SymLogNorm(linthresh=1e-3 * top, vmin=-top, vmax=top), cmap="RdBu_r",
+                           shading="nearest", rasterized=True)
+    border = _finite(full["critical_slope"])
+    left.plot(belts, -border, color="black", marker="o", ms=8, mfc="none", lw=1, label="full")
+    for panel in reduced:
+        own, other = look(panel["model"]), panel["interface"] != full["interface"]
+        style: dict[str, Any] = {"color": own.colour, "marker": own.marker, "ms": 4, "lw": 1, "ls": ":" if other else "-",
+                                 "mfc": "white" if other else own.colour, "label": f"{own.label}, {panel['interface']}"}
+        mine = _finite(panel["critical_slope"])
+        left.plot(belts, -mine, **style)
+        right.plot(belts, np.maximum(np.abs(mine / border - 1), ROUNDING), **style)
+    left.set(yscale="log", title="full model: growth, and the borders of all", ylabel="-dμ/dv  [time/length]")
+    right.set(title="error of the reduced models' borders", ylabel="relative error  [-]")
+    rounding_below(right, [value for line in right.lines for value in line.get_ydata()])
+    right.grid(lw=0.4)
+    for axis in (left, right):
         axis.set_xticks(belts)
-    for axis in axes[-1]:
         axis.set_xlabel("belt under mass  [-]")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("-dμ/dv  [time/length]")
-    legend_below(figure, axes[0, :1])
+    legend_below(figure, (left, right), 3)
     figure.suptitle("Growth and critical slope over the belt's place; in braces the interface")
     decades = 10.0 ** np.arange(np.ceil(np.log10(1e-2 * top)), np.log10(top))
-    figure.colorbar(mesh, ax=axes, label="max Re λ  [1/time]", shrink=0.8, ticks=[*-decades[::-1], 0.0, *decades])
+    figure.colorbar(mesh, ax=left, label="max Re λ  [1/time]", ticks=[*-decades[::-1], 0.0, *decades])
     return figure
+
+
+def _finite(values: Any) -> Array:
+    found = np.asarray(values, dtype=float)
+    return np.where(np.isfinite(found), found, np.nan)
 
 
 def spectrogram_figure(made: Sequence[tuple[Any, Any]], highest: float) -> Any:
@@ -74,6 +95,7 @@ def spectrogram_figure(made: Sequence[tuple[Any, Any]], highest: float) -> Any:
         axis.locator_params(axis="x", nbins=4)
     axes[0].set_ylabel("ω  [rad/time]")
     figure.colorbar(picture, ax=list(axes), label="amplitude of v under the belt\n[length/time]")
+    figure.suptitle("Spectra over time of the velocity v under the belt")
     return figure
 
 
@@ -101,7 +123,7 @@ def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, 
         for axis in axes[:, 0]:
             axis.set_ylabel(upward)
     shown = {label: line for axis in axes.ravel() for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
-             if len(line.get_xdata())}
+             if len(line.get_xdata()) or line.get_linestyle() == ":"}
     if shown:
         figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=max(2, len(shown)))
     figure.suptitle(title)
@@ -127,50 +149,125 @@ def _lines(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[str
 
 
 def _contours(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[str, Array]) -> None:
+    from matplotlib.tri import Triangulation
+
     cells = mesh.cells if mesh.kind == "triangle" else mesh.cells[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    plane = Triangulation(mesh.points[:, 0], mesh.points[:, 1], triangles=cells)
     for axis, w in zip(axes.ravel(), shapes[:, 2].T, strict=False):
-        drawn = axis.tripcolor(*mesh.points[:, :2].T, w, triangles=cells, shading="gouraud", cmap="RdBu_r", vmin=-1, vmax=1,
-                               rasterized=True)
+        drawn = axis.tricontourf(plane, np.clip(w, -1, 1), levels=LEVELS, cmap="RdBu_r")
         for name, at in marks.items():
             colour, marker = MARKS[name]
             axis.plot(*mesh.points[at, :2].T, marker, color=colour, mec="white", ms=6, ls="none", label=name, clip_on=False)
         axis.set_aspect("equal")
-    figure.colorbar(drawn, ax=axes, label="w / max|w|  [-]", shrink=0.8)
+    figure.colorbar(drawn, ax=axes, label="w / max|w|  [-]", shrink=0.8, ticks=np.linspace(-1.0, 1.0, 9))
 
 
 def _surfaces(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[str, Array]) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import PolyCollection
-
-    faces = components.corner_nodes(mesh, *components.boundary_faces(mesh))
-    stretch = STRETCH * np.ptp(mesh.points, axis=0).max()
-    scale = ScalarMappable(cmap="viridis")
-    scale.set_clim(0, 1)
     for axis, u in zip(axes.ravel(), np.moveaxis(shapes, -1, 0), strict=False):
-        plane, front, _ = _front(mesh.points + stretch * u, faces)
-        colours = scale.to_rgba(np.linalg.norm(u, axis=1)[front].mean(axis=1))
-        axis.add_collection(PolyCollection(plane[front], facecolors=colours, linewidths=0.3,
-                                           edgecolors=colours if len(faces) > FINE else (0, 0, 0, 0.3)))
-        for name, at in marks.items():
-            colour, marker = MARKS[name]
-            at = at[np.isin(at, faces)] if np.isin(at, faces).any() else at  # corners will do
-            hidden = ~np.isin(at, front)
-            style = {"color": colour, "ls": "none", "ms": 5 if len(at) < 30 else 3}
-            axis.plot(*plane[at[~hidden]].T, marker, mec="white", mew=0.5, label=name, **style)
-            axis.plot(*plane[at[hidden]].T, marker, mfc="none", mew=0.7, label=f"{name}, behind", **style)
-        axis.set_aspect("equal")
-        axis.autoscale_view()
-        axis.set_axis_off()
+        scale = draw_solid(axis, mesh, u, marks)
     triad(axes[0, 0])
     figure.colorbar(scale, ax=axes, label="|u| / max|u|  [-]", shrink=0.8)
+
+
+def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> Any:
+    """A moved solid with the outline that it has at rest, and marks at nodes; the scale of its colours."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    faces = components.corner_nodes(mesh, *components.boundary_faces(mesh))
+    scale = ScalarMappable(cmap="viridis")
+    scale.set_clim(0, 1)
+    stretch = STRETCH * np.ptp(mesh.points, axis=0).max()
+    plane, front, _ = _front(mesh.points + stretch * u, faces)
+    corners, sizes = (mesh.points + stretch * u)[faces], np.linalg.norm(u, axis=1)[faces]
+    lines = np.zeros((0, 4, 3))
+    if cut := faces.shape[1] == 4 and CUT**2 * len(faces) <= FINE:  # the order from far to near is better, and so are the colours
+        lines = _edges(corners[_normals(corners) @ seen_from() > 0])
+        corners, sizes = _cut(corners), _cut(sizes)
+    normal = _normals(corners)
+    facing = normal @ seen_from() > 0
+    colours = scale.to_rgba(sizes[facing].mean(axis=1))
+    colours[:, :3] *= (0.8 + 0.2 * np.clip(normal[facing] @ LIGHT, 0, 1))[:, None]
+    black = np.broadcast_to([0.0, 0.0, 0.0, 0.3], (len(lines), 4))
+    depth = [seen(one.reshape(-1, 3))[1].reshape(one.shape[:2]).mean(axis=1) for one in (corners[facing], lines)]
+    order = np.argsort(np.concatenate([depth[0], depth[1] + NEARER * stretch]), kind="stable")
+    pieces = [seen(one)[0] for one in (*corners[facing], *lines)]
+    paint, width = np.concatenate([colours, black]), np.repeat([0.3, 0.4], [len(colours), len(lines)])
+    around = paint[order] if cut or len(faces) > FINE else (0, 0, 0, 0.3)
+    axis.add_collection(PolyCollection([pieces[at] for at in order], facecolors=paint[order], edgecolors=around,
+                                       linewidths=width[order]))
+    axis.add_collection(LineCollection(list(_outline(mesh.points, faces)), colors="0.25", linewidths=0.6, linestyles=":"))
+    axis.plot([], [], color="0.25", lw=0.9, ls=":", label="at rest")
+    _arrows(axis, mesh.points, stretch * u, faces)
+    for name, at in marks.items():
+        colour, marker = MARKS_ON_SOLIDS[name]
+        at = at[np.isin(at, faces)] if np.isin(at, faces).any() else at  # corners will do
+        hidden = ~np.isin(at, front)
+        style = {"color": colour, "ls": "none", "ms": 5 if len(at) < 30 else 3}
+        axis.plot(*plane[at[~hidden]].T, marker, mec="white", mew=0.5 * (len(at) < 30), label=name, **style)
+        axis.plot(*plane[at[hidden]].T, marker, mfc="none", mew=0.7, label=f"{name}, behind", **style)
+    axis.set_aspect("equal")
+    axis.autoscale_view()
+    axis.set_axis_off()
+    return scale
+
+
+def _cut(corners: Array) -> Array:
+    """Faces of four corners (m, 4, ...) as CUT x CUT smaller ones each, bilinear."""
+    ends = np.linspace(0.0, 1.0, CUT + 1)
+    s, t = (one.ravel() for one in np.meshgrid(np.arange(CUT), np.arange(CUT)))
+    s, t = ends[np.stack([s, s + 1, s + 1, s], axis=1)], ends[np.stack([t, t, t + 1, t + 1], axis=1)]
+    weights = np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=-1)
+    found = np.einsum("qcn,mn...->mqc...", weights, corners)
+    return np.asarray(found.reshape(-1, 4, *corners.shape[2:]))
+
+
+def _edges(corners: Array) -> Array:
+    """The edges of faces (m, k, 3), each in CUT pieces, as faces of no area (., 4, 3)."""
+    steps = np.linspace(0.0, 1.0, CUT + 1)[:, None]
+    one, other = corners[:, :, None], np.roll(corners, -1, axis=1)[:, :, None]
+    places = one + steps * (other - one)
+    first, last = places[:, :, :-1].reshape(-1, 3), places[:, :, 1:].reshape(-1, 3)
+    return np.stack([first, last, last, first], axis=1)
+
+
+def _outline(points: Array, faces: Array) -> Array:
+    """The edges of a surface at rest that are sharp, or where it turns away from the viewer, as they are seen, (k, 2, 2)."""
+    plane, normal = seen(points)[0], _normals(points[faces])
+    corners = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
+    edges, first, which = np.unique(np.sort(corners.reshape(-1, 2), axis=1), axis=0, return_index=True, return_inverse=True)
+    face = np.repeat(np.arange(len(faces)), faces.shape[1])
+    other = np.empty(len(edges), dtype=int)  # each edge has two faces, or one twice
+    other[which.ravel()] = face  # the last one
+    one, facing = face[first], normal @ seen_from() > 0
+    sharp = (normal[one] * normal[other]).sum(axis=1) < SHARP
+    kept = (facing[one] | facing[other]) & (sharp | (facing[one] != facing[other]))
+    return np.asarray(plane[edges[kept]])
+
+
+def _arrows(axis: Any, points: Array, u: Array, faces: Array) -> None:
+    """Arrows from where points are at rest to where they are moved to, if a body slides within its surface: it looks still."""
+    plane, front, normal = _front(points, faces)
+    mean = u[front].mean(axis=1)
+    if np.sum((mean * normal).sum(axis=1) ** 2) >= SLIDES**2 * np.sum(mean**2):
+        return
+    at = np.unique(front)
+    at = at[np.linspace(0, len(at) - 1, min(ARROWS, len(at))).astype(int)]
+    axis.quiver(*plane[at].T, *seen(u[at])[0].T, angles="xy", scale_units="xy", scale=1.0, width=0.004, color="#c44e00", zorder=4)
+
+
+def _normals(corners: Array) -> Array:
+    """Unit normals of faces (m, k, 3); corners are anticlockwise from outside."""
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
+    length = np.linalg.norm(normal, axis=1)[:, None]
+    return np.asarray(normal / np.where(length > 0, length, 1.0))
 
 
 def _front(points: Array, faces: Array) -> tuple[Array, Array, Array]:
     """Points as they are seen (n, 2), the faces that are turned to the viewer, the nearest last, and their unit normals."""
     plane, depth = seen(points)
-    normal = np.cross(points[faces[:, 2]] - points[faces[:, 0]], points[faces[:, -1]] - points[faces[:, 1]])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    front = np.flatnonzero(normal @ seen_from() > 0)  # corners are anticlockwise from outside
+    normal = _normals(points[faces])
+    front = np.flatnonzero(normal @ seen_from() > 0)
     front = front[np.argsort(depth[faces[front]].mean(axis=1), kind="stable")]
     return plane, faces[front], normal[front]
 

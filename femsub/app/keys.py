@@ -13,17 +13,20 @@ table or a list of tables: its type is then a dataclass of this kind, or a list 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from math import pi
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from femsub.checks import check_band, choice, finite_number, interval, shown, whole_number
-from femsub.errors import InputError, unknown_name
+from femsub.errors import FemsubError, InputError, unknown_name
 
 WORDS = {bool: ("true or false", "true or false"), int: ("a whole number", "whole numbers"), float: ("a number", "numbers"),
          str: ("a string", "strings")}
 RANGES = ("[lo, hi]", "[from, to]")
+HERTZ = re.compile(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(k?)Hz\s*")  # of a band, where the unit of time is the second
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,11 @@ class Declared:
     key: Key
 
     @property
+    def in_hertz(self) -> bool:
+        """Whether it is a band, whose ends may be given as "5000 Hz" or "5 kHz"."""
+        return self.key.form == RANGES[0] and self.key.unit.startswith("rad/")
+
+    @property
     def table(self) -> type | None:
         """The class of a key that holds a table, or a list of tables."""
         return next((item for kind in kinds(self.type) for item in (item_kind(kind) or kind,) if dataclasses.is_dataclass(item)),
@@ -169,18 +177,47 @@ def values_of(kind: type, table: Mapping[str, Any], where: str = "") -> dict[str
     Raises
     ------
     InputError
-        A key that does not exist (the nearest one is named), a value of the wrong type, an empty list.
+        Keys that do not exist (the nearest ones are named), values of the wrong type, an empty list: all of them are told.
     """
-    declared, values = keys_of(kind), {}
-    for name, value in table.items():
-        if name in getattr(kind, "WITHOUT", {}):
-            raise InputError(f"scene key {where + name!r}: {kind.WITHOUT[name]}")  # type: ignore[attr-defined]
-        if name not in declared:
-            raise unknown_name("scene key", where + name, [where + one for one in ([] if where else ["scene"]) + list(declared)])
-        if value == []:
-            raise InputError(f"scene key {where + name!r} is an empty list; leave the key out to take its default")
-        values[name] = _typed(where + name, value, declared[name].type)
+    declared, values, unknown = keys_of(kind), {}, []
+    wrong: list[FemsubError] = []
+    for name in table:
+        if name not in declared and name not in getattr(kind, "WITHOUT", {}):
+            unknown.append(where + name)
+            continue
+        try:
+            values[name] = _value(kind, table, name, where)
+        except FemsubError as error:
+            wrong.append(error)
+    if unknown:
+        wrong.append(unknown_name("scene key", unknown[0], [where + one for one in [*([] if where else ["scene"]), *declared]],
+                                  *unknown[1:]))
+    if wrong:
+        raise wrong[0] if len(wrong) == 1 else InputError("; ".join(map(str, wrong)))
     return values
+
+
+def _value(kind: type, table: Mapping[str, Any], name: str, where: str) -> Any:
+    """The value of a key in a table, of the type that is declared."""
+    if name in getattr(kind, "WITHOUT", {}):
+        raise InputError(f"scene key {where + name!r}: {kind.WITHOUT[name]}")  # type: ignore[attr-defined]
+    one, value = keys_of(kind)[name], table[name]
+    if value == []:
+        raise InputError(f"scene key {where + name!r} is an empty list; leave the key out to take its default")
+    if one.in_hertz and isinstance(value, list):
+        value = [_radians(where + name, end, table) for end in value]
+    return _typed(where + name, value, one.type)
+
+
+def _radians(name: str, value: Any, table: Mapping[str, Any]) -> Any:
+    """The end of a band in rad per second, if it is given in hertz."""
+    found = HERTZ.fullmatch(value) if isinstance(value, str) else None
+    if found is None:
+        return value
+    if not table.get("units"):
+        raise InputError(f"scene key {name!r}: {value!r} is told in hertz, which needs the unit of time: give units, e.g. "
+                         "units = \"SI\"")
+    return 2 * pi * float(found[1]) * (1000 if found[2] else 1)
 
 
 def check_keys(scene: Any, where: str = "") -> None:

@@ -23,13 +23,12 @@ from femsub.app.scene import OWN, SCENES
 from femsub.app.units import SYSTEMS, UNKNOWN
 from femsub.checks import Array, package
 from femsub.errors import FemsubError, InputError
-from femsub.studies import label
+from femsub.studies import ANSWERS, label
 
 PAGE_FILE = "report.html"
 TEMPLATE = Path(__file__).with_name("page.html")
 WHY = 'the page of a run is drawn by Plotly: pip install "femsub[page]"'
 OPEN = 40  # rows of a table that is shown at once; longer ones are folded
-ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found"}
 TIMES = ("reduction_median_s", "solution_median_s")  # other times are in the files alone
 SLIDERS = (("phase", "phase φ", 0, 360, 1, 0), ("speed", "periods per second", 0.1, 2, 0.1, 0.5),
            ("scale", "scale", 0, 3, 0.05, 1))  # name, label, least, most, step and value
@@ -126,6 +125,7 @@ def _body(told: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
 def _verdict(found: Mapping[str, Any]) -> Iterator[str]:
     yield f'<section id="verdict" class="{found["answer"].replace(" ", "-")}"><h2>{escape(found["question"])}</h2>'
     yield f'<p class="answer"><strong>{ANSWERS[found["answer"]]}.</strong> {escape(found["headline"])}</p>'
+    yield from (f"<p><strong>Condition:</strong> {escape(line)}</p>" for line in found["condition"])
     for title, lines in (("What decides it", found["decides"]), ("What is not checked", found["unchecked"])):
         if lines:
             yield f"<h3>{title}</h3><ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"

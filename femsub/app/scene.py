@@ -189,11 +189,14 @@ class Result:
     files : dict of str to callable
         File name, which may name a folder below that of the results, to a function that writes the file's content. Called
         only where there is a folder to write to.
+    head : sequence
+        The first of `shown`, which tell what the model is.
     """
 
     data: dict[str, Any]
     shown: Sequence[Shown] = ()
     files: dict[str, Writer] = field(default_factory=dict)
+    head: Sequence[Shown] = ()
 
     @property
     def tables(self) -> dict[str, studies.Table]:
@@ -214,9 +217,30 @@ class Result:
         return [one for one in self.shown if isinstance(one, studies.Chart)]
 
     def text(self, units: Units = UNKNOWN) -> str:
-        """What is printed."""
+        """All sentences and tables."""
         return units.said("\n".join(one if isinstance(one, str) else one.text(units.known) for one in self.shown
                                     if isinstance(one, str) or (isinstance(one, studies.Table) and one.columns)))
+
+    def printed(self, units: Units = UNKNOWN, whole: bool = False) -> str:
+        """The verdict, then the short table of each comparison, or, with `whole` or where nothing was compared, all tables."""
+        verdict = studies.answer(self.shown)
+        choices = [one for one in self.shown if isinstance(one, studies.Choice)]
+        parts = [verdict.text] if verdict.decided else []
+        if whole or not choices:
+            parts.append(self.text(units))
+        else:
+            parts.append(Result({}, self.head).text(units))
+            parts += [f"{one.where.capitalize()}\n{one.brief}" if one.where else one.brief for one in choices]
+        decides = verdict.decides if whole or not choices else [
+            line for one in self.shown if isinstance(one, studies.Remark) for line in one.decides
+            if one not in choices or line.startswith("Mind")]
+        if not whole:  # where no model will do, its sentence tells what to do
+            decides = [*(studies.sentence(one.sentence, one.where) for one in choices if not one.model), *decides]
+        lists = [("What decides it", decides), ("Not checked", verdict.unchecked if whole else ())]
+        parts += ["\n".join([f"{title}:", *(f"- {line}" for line in dict.fromkeys(lines))]) for title, lines in lists if lines]
+        if choices and not whole:
+            parts.append(f"All tables ({len(self.tables)}): -v prints them, --out DIR writes them.")
+        return units.said("\n\n".join(filter(None, parts)))
 
 
 def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], shown: Sequence[Shown],
@@ -256,7 +280,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
         data["complete"] = False
         parts.append(Result({}, ["Interrupted: these results are incomplete."]))
     every = [one for part in parts for one in (*[""] * bool(part is not parts[0] and part.text()), *part.shown)]
-    return Result(data, every, {name: file for part in parts for name, file in part.files.items()})
+    return Result(data, every, {name: file for part in parts for name, file in part.files.items()}, shown)
 
 
 def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Scene, Progress], Result]]:

@@ -11,7 +11,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
-from femsub.app.keys import Declared, defaults_of, item_kind, keys_of, kinds
+from femsub.app.keys import HERTZ, Declared, defaults_of, item_kind, keys_of, kinds
 from femsub.app.scene import SCENES, scene_of
 
 DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that TOML editors know
@@ -82,6 +82,8 @@ def _key(one: Declared, owner: type, default: Any) -> dict[str, Any]:
             ways.append(_value(kind, one, owner))
             continue
         single = [_value(item, one, owner) for item in kinds(inner)]
+        if one.in_hertz:
+            single.append({"type": "string", "pattern": f"^{HERTZ.pattern}$"})
         length = one.key.length
         ways.append({"type": "array", "items": _any(single), "minItems": length or 1} | ({"maxItems": length} if length else {})
                     | ({"uniqueItems": True} if one.key.distinct else {}))

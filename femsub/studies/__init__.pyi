@@ -34,9 +34,11 @@ from .tables import (
     column as column,
     fitted as fitted,
     label as label,
+    span as span,
     table as table,
 )
 from .verdicts import (
+    ANSWERS as ANSWERS,
     NEVER as NEVER,
     Choice as Choice,
     Remark as Remark,

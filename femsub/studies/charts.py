@@ -99,6 +99,8 @@ class Panel:
     title : str
     logs : str
         The logarithmic axes: '', 'x', 'y' or 'xy'.
+    linear : mapping of str to float
+        Axes of a figure that are logarithmic on both sides of 0, and linear up to this size.
     levels : sequence of Level
     limits : mapping of str to (float, float)
         Of 'x' and 'y', where they are not those of the data.
@@ -126,6 +128,7 @@ class Panel:
     among: str = ""
     where: str = ""
     band: tuple[float, float] | None = None
+    linear: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

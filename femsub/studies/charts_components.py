@@ -10,11 +10,15 @@ import numpy as np
 from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, look, told_of
 
 CLUMP = 0.4  # of the range of the full model's eigenvalues: reduced ones that fill less are drawn enlarged as well
+PILED = 0.03  # of the largest |Re λ|: where half of them are smaller, they pile up at 0
+DECADES = 5  # of Re λ on each side of 0, at most
 CROWD = 60  # eigenvalues of the full model from which on its circles are small
 SLOPE, ERROR = "critical slope dμ/dv  [time/length]", "relative error  [-]"
 MISSING = "A slope below the border destabilises. Where a point is missing, the band reaches above the model's cut-off."
 HOLLOW = "Right of the line Re λ = 0 a mode grows. Hollow marks of reduced models lie above their cut-off."
 PLANE = "Re λ  [1/time]", "Im λ  [rad/time]"
+LINES = 8  # that can be told apart in one panel
+STYLES = (("solid", False, 1.6), ("dash", True, 1.2), ("dot", True, 0.9))  # line, hollow and width: the most modes first
 SHADES = ("#9ecae1", "#4292c6", "#08519c", "#000000")
 
 Curve: TypeAlias = tuple[str, str, str, Sequence[Mapping[str, Any]]]  # name, model, line, rows
@@ -100,8 +104,9 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str) -> Chart:
         model["panel"] for model in models)}
     frames = {name: frame for name, several in places.items() if (frame := _clump(several)) is not None}
     line = [Level(0.0, line="solid", colour="#808080")]
+    linear = _linear(np.concatenate([np.asarray(model["eigenvalues"]).real for model in models]))
     panels = [Panel(_spectra(several), *PLANE, f"{name} ({_sizes(several)})" if len(several) > 1 else name, levels=line,
-                    share={"x": "all", "y": "all"}, band=frames[name][1] if name in frames else None)
+                    share={"x": "all", "y": "all"}, band=frames[name][1] if name in frames else None, linear=linear)
               for name, several in places.items()]
     for name, several in places.items() if frames else ():
         limits = dict(zip("xy", frames[name], strict=True)) if name in frames else {}
@@ -110,6 +115,15 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str) -> Chart:
                             where="figure"))
     return Chart("eigenvalues", f"Eigenvalues: {title}", panels, len(places), note=HOLLOW, width=1.0 if len(places) > 1 else 0.7,
                  height=3.6, columns=3)
+
+
+def _linear(growth: Any) -> dict[str, float]:
+    """Where most of Re λ would pile up at 0, the decade from which on its axis is logarithmic."""
+    sizes = np.abs(growth[np.isfinite(growth)])
+    sizes = sizes[sizes > ROUNDING * sizes.max(initial=0.0)]
+    if not len(sizes) or np.median(sizes) > PILED * sizes.max():
+        return {}
+    return {"x": float(10.0 ** max(np.floor(np.log10(np.quantile(sizes, 0.2))), np.ceil(np.log10(sizes.max())) - DECADES))}
 
 
 def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False) -> list[Series]:
@@ -151,16 +165,29 @@ def _sizes(models: Sequence[Mapping[str, Any]]) -> str:
 
 
 def springs_chart(rows: Sequence[Mapping[str, Any]], title: str) -> Chart:
-    """Error of the lowest frequencies over the stiffness of the springs under the interface; a line for each model."""
-    kept = list(dict.fromkeys(row["modes"] for row in rows))
-    series = []
-    for model, modes in dict.fromkeys((row["model"], row["modes"]) for row in rows):
-        own = [row for row in rows if (row["model"], row["modes"]) == (model, modes)]
-        told = told_of(own, {"modes": "modes", "springs": "springs", "error": "error"})
-        width = 0.6 + 1.2 * kept.index(modes) / max(len(kept) - 1, 1)
-        series.append(Series(f"{look(model).label}, {own[0]['size']} DOF", told["springs"], floored(told["error"]), model,
-                             "solid", width=width, told=told))
-    return Chart("joined-interface", title, [Panel(
-        series, "springs under the interface / static stiffness of the component there  [-]", "relative error of ω  [-]",
-        logs="xy")], note=f"Soft springs leave the interface nearly free, stiff ones nearly fixed. Errors of zero are drawn at "
-        f"{ROUNDING:g}.", height=4.0, columns=3)
+    """Error of the lowest frequencies over the stiffness of the springs under the interface; a line for each model.
+
+    A figure has so many models that they can be told apart: of each method the fewest and the most modes, and those between as
+    far as there is room. A page has all.
+    """
+    methods, counts = (list(dict.fromkeys(row[key] for row in rows)) for key in ("model", "modes"))
+    room = min(max(LINES // max(len(methods), 1), 2), len(STYLES))
+    drawn = [counts[at] for at in sorted({round(at) for at in np.linspace(0, len(counts) - 1, min(room, len(counts)))})]
+    looks = {modes: STYLES[at] for at, modes in enumerate(reversed(drawn))}
+
+    def panel(kept: Sequence[int], where: str) -> Panel:
+        series = []
+        for model, modes in dict.fromkeys((row["model"], row["modes"]) for row in rows if row["modes"] in kept):
+            own = [row for row in rows if (row["model"], row["modes"]) == (model, modes)]
+            told = told_of(own, {"modes": "modes", "springs": "springs", "error": "error"})
+            line, hollow, width = looks.get(modes, STYLES[0])
+            series.append(Series(f"{look(model).label}, {own[0]['size']} DOF", told["springs"], floored(told["error"]), model,
+                                 line, hollow=hollow, width=width, told=told))
+        return Panel(series, "springs under the interface / static stiffness of the component there  [-]",
+                     "relative error of ω  [-]", logs="xy", where=where)
+
+    left = len(counts) - len(drawn)
+    about = f"not drawn: {left} more number{'s' * (left != 1)} of modes, which the table has" if left else ""
+    return Chart("joined-interface", title, [panel(drawn, "figure"), panel(counts, "page")], about=about,
+                 note="Soft springs leave the interface nearly free, stiff ones nearly fixed. Errors of zero are drawn at "
+                 f"{ROUNDING:g}.", height=4.0, columns=3)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -11,38 +12,66 @@ from femsub.checks import Array
 from femsub.studies.charts import Chart, Level, Panel, Series, look
 
 if TYPE_CHECKING:
-    from femsub.stability import Tracked
+    from femsub.stability import Crossing, Tracked
 
 COLOURS = ("#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#bcbd22", "#7f7f7f")
 OTHERS = (("#c44e00", "s"), ("#0067a5", "^"), ("#333333", "D"), ("#6a3d9a", "v"))  # of models that are no reduction
 MARKS = 31  # values marked of each model beside the first
 STABLE, UNSTABLE = "#4d4d4d", "#c0392b"
 ROOM = 0.06  # of the range of Re λ and Im λ, left around the curves
-NOTE = "Dashed: where stability is lost. A mode with Re λ above 0 grows; its line is wide, its marks are filled."
+FEW = 4  # losses and regains of a model that have a line and their value each; of more the first loss alone
+REGAINED = "#8f8f8f"
+LITTLE = 1.5  # times the largest Re λ: an axis that reaches no further down is not cut
+NEAR = 0.05  # of ω: how far a crossing may be from a branch whose sign it tells
+NOTE = "Dashed: where stability is lost. A mode with Re λ above 0 grows; its line is red and wide, its marks are filled."
 
 Points: TypeAlias = Sequence[tuple[float, Array]]  # values of the parameter, and the eigenvalues there
 
 
-def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[str, Sequence[float]], label: str, title: str,
-                  points: Mapping[str, Points] | None = None) -> Chart:
-    """Im λ above, Re λ below. The first model has a line for each branch, wide where it grows.
+class Passage(NamedTuple):
+    """Where a branch begins to grow (`lost`) or ceases to, between two computed values of the parameter."""
 
-    The others have marks, filled where a mode grows. A vertical line stands at each critical value. `tracks` and `critical` have
-    the models by their names, reduced ones by the keys of their methods. `points` are models that were solved at some values
-    only; they have circles. More branches than there are colours are grey, and red where they grow; Re λ is then drawn about
-    the axis.
+    after: int  #: the row of the value before it
+    value: float
+    eigenvalue: complex
+    lost: bool
+
+
+def passages(item: Tracked, branch: int, known: Sequence[Crossing] = ()) -> list[Passage]:
+    """All of a branch: at the crossing that is known there, else where a straight line between both values has Re λ = 0."""
+    found, values, grow = [], item.eigenvalues[:, branch], item.growing[:, branch]
+    for i in np.flatnonzero((grow[:-1] != grow[1:]) & np.isfinite(values[:-1].real) & np.isfinite(values[1:].real)):
+        (here, there), (left, right) = values[i:i + 2], item.values[i:i + 2]
+        share = float(np.clip(-here.real / (there.real - here.real), 0.0, 1.0))
+        omega = here.imag + share * (there.imag - here.imag)
+        least = max(NEAR * abs(omega), abs(there.imag - here.imag))
+        mine = [one for one in known if left <= one.value <= right and abs(one.omega - omega) <= least]
+        if mine:
+            one = min(mine, key=lambda one: abs(one.omega - omega))
+            found.append(Passage(int(i), one.value, complex(0.0, one.omega), bool(grow[i + 1])))
+        else:
+            found.append(Passage(int(i), float(left + share * (right - left)), complex(0.0, omega), bool(grow[i + 1])))
+    return found
+
+
+def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[str, Sequence[Crossing]], label: str, title: str,
+                  points: Mapping[str, Points] | None = None) -> Chart:
+    """Im λ above, Re λ below. The first model has a line for each branch, wide and red where it grows.
+
+    The others have marks, filled where a mode grows. Triangles stand at the losses and regains of each branch of the first, a
+    vertical line at each of `critical`. `tracks` and `critical` have the models by their names, reduced ones by the keys of their
+    methods. `points` are models that were solved at some values only; they have circles. More branches than there are colours
+    are grey. Re λ is then drawn about the axis, and the panel says what it leaves out.
     """
     first, *others = tracks.items()
     many = first[1].eigenvalues.shape[1] > len(COLOURS)
-    pairs = [_branches(*first, many)]
-    levels = [Level(value, f"{look(first[0]).label}: stability lost at {value:.4g}" if i == 0 else "")
-              for i, value in enumerate(critical.get(first[0], ()))]
+    pairs = [_branches(*first, many, critical.get(first[0], ()))]
+    levels = _levels(look(first[0]).label, critical.get(first[0], ()), "dash", "black")
     for at, (model, item) in enumerate(others):
         style = look(model)
         colour, marker = (style.colour, style.marker) if style.label != model else OTHERS[at % len(OTHERS)]
         pairs.append(_marks(style.label, item, colour, marker))
-        levels += [Level(value, f"{style.label}: stability lost at {value:.4g}" if i == 0 else "", "x", "dot", colour)
-                   for i, value in enumerate(critical.get(model, ()))]
+        levels += _levels(style.label, critical.get(model, ()), "dot", colour)
     pairs += [_circles(model, solved) for model, solved in (points or {}).items()]
     every = np.concatenate([item.eigenvalues.ravel() for item in tracks.values()])
     every = every if every.size else np.zeros(1)  # no mode in the band
@@ -52,13 +81,26 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
                                      ("real", "Re λ  [1/time]", [*levels, Level(0.0, "", "y", "solid")], "Growth rates")):
         values = getattr(every, part)
         least, most = float(np.nanmin(values)), float(np.nanmax(values))
-        if many and top > 0 and part == "real":
+        lowest = least
+        if many and part == "real" and 0 < LITTLE * top < -least:
             least, most = max(-top, least), top
         room = ROOM * ((most - least) or 1.0)
         low = max(least - room, -room) if part == "imag" else least - room
-        panels.append(Panel([one for pair in pairs for one in pair[part]], label, axis, about, levels=lines,
-                            limits={"y": (low, most + room)}, share={"x": "parameter"}))
+        if lowest < low:
+            about += f" (the axis is cut: values go down to {lowest:.4g})"
+        panels.append(Panel([one for pair in pairs for one in pair[part]], re.sub(r"\bmu\b", "μ", label), axis, about,
+                            levels=lines, limits={"y": (low, most + room)}, share={"x": "parameter"}))
     return Chart(name, f"{title}: flutter diagram", panels, note=NOTE, width=0.875, height=2.7, columns=2)
+
+
+def _levels(name: str, crossings: Sequence[Crossing], line: str, colour: str) -> list[Level]:
+    """Lines at a few losses and regains with their values, or at the first loss."""
+    ordered = sorted(crossings, key=lambda one: one.value)
+    told = [(one, "lost" if one.growth[1] > one.growth[0] else "regained") for one in ordered]
+    if len(told) > FEW:
+        told = [next((one for one in told if one[1] == "lost"), told[0])]
+    return [Level(one.value, f"{name}: stability {word} at {one.value:.4g}", "x", line, colour if word == "lost" else REGAINED)
+            for one, word in told]
 
 
 def _pair(values: Array, places: Any, name: str, told: Mapping[str, Any] | None = None, **style: Any) \
@@ -72,22 +114,32 @@ def _joined(*pairs: dict[str, list[Series]]) -> dict[str, list[Series]]:
     return {part: [one for pair in pairs for one in pair[part]] for part in ("imag", "real")}
 
 
-def _branches(model: str, item: Tracked, many: bool) -> dict[str, list[Series]]:
-    """Each branch in a colour of its own, or grey if there are many; wide where it grows; a circle where two meet."""
-    pairs = []
-    name, grow = look(model).label, item.growing
-    for j, branch in enumerate(item.eigenvalues.T):
-        own, told = COLOURS[j % len(COLOURS)], {"branch": [float(j)] * len(branch), "error bar": item.error_bar[:, j]}
-        pairs.append(_pair(branch, item.values, name, told, line="solid", marker="", colour=STABLE if many else own,
-                           width=0.8 if many else 1.2, legend=j == 0))
-        if grow[:, j].any():
-            pairs.append(_pair(np.where(grow[:, j], branch, complex(np.nan, np.nan)), item.values,
-                               f"a mode grows ({'red' if many else 'bold, filled'})", told, line="solid", marker="",
-                               colour=UNSTABLE if many else own, width=1.8 if many else 3.6, legend=not grow[:, :j].any()))
+def _branches(model: str, item: Tracked, many: bool, known: Sequence[Crossing]) -> dict[str, list[Series]]:
+    """Each branch in a colour of its own, or grey if there are many; wide and red where it grows; a circle where two meet."""
+    lines: list[dict[str, list[Series]]] = []
+    wide: list[dict[str, list[Series]]] = []
+    crossed: list[Passage] = []
+    name, count = look(model).label, item.eigenvalues.shape[1]
+    for j in range(count):
+        passed = passages(item, j, known)
+        crossed += passed
+        at = [one.after + 1 for one in passed]
+        places = np.insert(item.values, at, [one.value for one in passed])
+        branch = np.insert(item.eigenvalues[:, j], at, [one.eigenvalue for one in passed])
+        grow = np.insert(item.growing[:, j], at, True)
+        told = {"branch": [float(j)] * len(branch), "error bar": np.insert(item.error_bar[:, j], at, np.nan)}
+        lines.append(_pair(branch, places, name if many or count == 1 else f"{name}, mode {j + 1}", told, line="solid", marker="",
+                           colour=STABLE if many else COLOURS[j], width=0.8 if many else 1.2, legend=not many or j == 0))
+        if grow.any():
+            wide.append(_pair(np.where(grow, branch, complex(np.nan, np.nan)), places, "a mode grows", told, line="solid",
+                              marker="", colour=UNSTABLE, width=1.8 if many else 3.6, legend=not wide))
+    ends = [_pair(np.array([one.eigenvalue for one in these]), [one.value for one in these], word, marker=marker, size=5.0)
+            for word, marker, these in (("begins to grow", "^", [one for one in crossed if one.lost]),
+                                        ("ceases to grow", "v", [one for one in crossed if not one.lost])) if these]
     if met := [one for one in item.meetings if one.kind in ("coalescence", "splitting")]:
-        pairs.append(_pair(np.array([one.eigenvalue for one in met]), [one.value for one in met], "coalescence or splitting",
-                           {"kind": [one.kind for one in met]}, size=6.0, hollow=True))
-    return _joined(*pairs)
+        ends.append(_pair(np.array([one.eigenvalue for one in met]), [one.value for one in met], "coalescence or splitting",
+                          {"kind": [one.kind for one in met]}, marker="o", size=6.0, hollow=True))
+    return _joined(*(lines + wide if many else wide + lines), *ends)
 
 
 def _circles(name: str, solved: Points) -> dict[str, list[Series]]:
@@ -104,5 +156,5 @@ def _marks(name: str, item: Tracked, colour: str, marker: str) -> dict[str, list
     grow, values = item.growing[taken], item.eigenvalues[taken]
     places = np.broadcast_to(item.values[taken, None], values.shape)
     style: dict[str, Any] = {"colour": colour, "marker": marker, "size": 4.0}
-    return _joined(_pair(values.ravel(), places.ravel(), name, hollow=True, **style),
-                   _pair(values[grow], places[grow], name, legend=False, **style))
+    pairs = [_pair(values.ravel(), places.ravel(), name, hollow=True, **style)]
+    return _joined(*pairs, *[_pair(values[grow], places[grow], f"{name}, a mode grows", **style)] * bool(grow.any()))

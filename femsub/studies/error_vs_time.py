@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, SMALL, WIDE, release, timed
 from femsub.checks import Array, check_band, instance, interval, items, listener, real_array, whole_number, word
-from femsub.coupling import System
+from femsub.coupling import Rigid, System, couple
 from femsub.errors import FemsubError, InputError, PortWarning, unknown_name
 from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, contacts_of, in_band
 from femsub.modes import (
@@ -22,6 +22,7 @@ from femsub.modes import (
     all_modes,
     extra_eigenvalues,
     frequency_error,
+    match,
     relative_error,
     spectrum_errors,
     turnover,
@@ -38,13 +39,15 @@ from femsub.studies.tables import label
 Step: TypeAlias = Method | Mapping[str, Method]
 Steps: TypeAlias = Step | Sequence[Step]
 Progress = Callable[[str], None]
+TWINS = 1e-6  # relative difference of shapes, M and K up to which two reduced models are the same
+SAME = "without an interface {} make the same models, which are compared once, as {}"
 SHORT_RUNS = 3  # solutions of a reduced model per turn
 
 
 def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, float], *, contacts: Contacts = None,
           parameter: str | None = None, values: Sequence[float] = (), between: tuple[float, float] | None = None,
-          ports: bool = False, repeats: int = 5, shared: bool = False, critical: Sequence[float] | None = None,
-          assembly: float = np.nan, progress: Progress | None = None) -> Study:
+          ports: bool = False, repeats: int = 5, shared: bool = False, held: bool = False,
+          critical: Sequence[float] | None = None, assembly: float = np.nan, progress: Progress | None = None) -> Study:
     """Reduce a model by several methods, and compare errors and run times with the full one.
 
     Compared are undamped frequencies, complex modes at each value of a parameter, which of them grow, the first loss of
@@ -80,6 +83,9 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         convergence study then costs little more than this one reduction. The seconds to reduce are those of this basis and of
         what is left for each model, more than a smaller one alone would cost. By default each is reduced anew, and its seconds
         are its own.
+    held : bool
+        Whether undamped frequencies are compared with the interface held at rest as well: what a model is worth in a mount. This
+        solves the full model once more.
     critical : sequence of float, optional
         The critical values of the full model and of each reduced one, if they are known already.
     assembly : float
@@ -92,7 +98,8 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     Study
         The times of the full model are those of the eigensolver alone. If an independent count confirms the number of its
         eigenvalues in the band (up to 2,000 DOF), this is done once and not timed. A method that cannot reduce the model is in
-        ``.left_out`` with the reason.
+        ``.left_out`` with the reason. Without an interface several methods make the same model, and one of them is compared:
+        ``.left_out`` names the others.
 
     Raises
     ------
@@ -114,6 +121,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)
     instance("shared", shared, bool)
+    instance("held", held, bool)
     parameter, values, between = _range(given, parameter, values, between)
     known = None if critical is None else real_array("critical", critical, finite=False).ravel()
     if known is not None and len(known) != len(asked_for) + 1:
@@ -132,8 +140,12 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         losses = asked.losses([full.model, *(one.model for one in small)], rows, tell)
     rows = [replace(row, critical=loss.value, omega=loss.omega, reason=loss.reason,
                     error_critical=relative_error(loss.value, losses[0].value)) for row, loss in zip(rows, losses, strict=True)]
+    if held and len(model.interface):
+        tell(f"{model.name}: undamped frequencies with the interface held")
+        rows = [replace(row, error_held=error) for row, error in zip(
+            rows, asked.held_errors([one.model for one in small]), strict=True)]
     return Study(model.name, band, repeats, rows[0], with_front(rows[1:], band[1]), assembly, parameter, values, between,
-                 left_out, tuple(one.model for one in small), tuple(full.spectra))
+                 left_out, tuple(one.model for one in small), tuple(full.spectra), len(model.interface))
 
 
 def _steps(method: Any) -> tuple[Step, ...]:
@@ -221,6 +233,16 @@ class Question:
             error_force=force, error_real=_largest(each.real for each in found), missed=sum(each.missed for each in found),
             invented=sum(each.invented for each in found))
 
+    def held_errors(self, models: Sequence[Substructure]) -> list[float]:
+        """The largest error of a frequency in the band, of the full model (0) and each of these, with interfaces at rest.
+
+        NaN where nothing moves then, or the contacts' stiffness acts, which may be that of the interface.
+        """
+        if self.at_rest(self.model) is not self.model:
+            return [np.nan] * (1 + len(models))
+        own = held_frequencies(self.model, self.band)
+        return [0.0, *(held_error(own, held_frequencies(model)) for model in models)]
+
     def losses(self, models: Sequence[Substructure], rows: Sequence[Row], tell: Progress) -> list[Loss]:
         """The first loss of each model. Over a range, that of a large model is sought near that of the most accurate one."""
         if self.between is None and (self.parameter != "slope" or first_belt(self.contacts) is None):
@@ -237,6 +259,7 @@ def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool,
     if model.size <= QUADRATIC:
         tell(f"{model.name}: complex modes of the full model")
         full.spectra = [complex_modes(model, load, band=asked.band) for load in asked.loads]
+    same: list[str] = []
     for turn in range(repeats):
         bases = Bases(methods) if shared else None
         for one in list(small):
@@ -249,6 +272,8 @@ def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool,
             except FemsubError as error:
                 refused.append((one.steps, error))
                 small.remove(one)
+        if not turn and not len(model.interface):
+            same = _twins_left_out(small)
         if not small:
             raise refused[0][1] if len(refused) == 1 else InputError(
                 f"no method can reduce {model.name!r}: {'; '.join(_left_out(refused, small))}")
@@ -258,7 +283,28 @@ def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool,
         for one in small:  # for a small dense model the whole spectrum costs no more than the band
             for _ in range(SHORT_RUNS if len(asked.loads) == 1 else 1):  # waking BLAS threads may cost as much as the work
                 one.spectra = _solved(one, asked.loads, None if one.model.size <= WIDE else asked.band)
-    return full, small, tuple(_left_out(refused, small))
+    return full, small, (*same, *_left_out(refused, small))
+
+
+def _twins_left_out(small: list[Tried]) -> list[str]:
+    """Takes out models that others are already, and says so: without an interface several methods keep the same shapes."""
+    same: dict[str, dict[str, None]] = {}
+    for i in reversed(range(len(small))):
+        if twin := next((one for one in small[:i] if _key(one.steps) != _key(small[i].steps)
+                         and twins(one.model, small[i].model)), None):
+            same.setdefault(_name(twin.steps), {})[_name(small[i].steps)] = None
+            del small[i]
+    names = {name: [name, *reversed(others)] for name, others in same.items()}
+    return [SAME.format(f"{', '.join(those[:-1])} and {those[-1]}", name) for name, those in names.items()]
+
+
+def twins(one: Substructure, other: Substructure) -> bool:
+    """Whether two reduced models of one part are the same in other coordinates, q = T p."""
+    if one.size != other.size or not isinstance(one, ReducedSubstructure) or not isinstance(other, ReducedSubstructure):
+        return False
+    T = np.linalg.lstsq(one.V, other.V, rcond=None)[0]
+    pairs = [(one.V @ T, other.V), *((T.T @ A @ T, B) for A, B in ((one.M, other.M), (one.K, other.K)))]
+    return all(np.linalg.norm(A - B) <= TWINS * np.linalg.norm(B) for A, B in pairs)
 
 
 def _left_out(refused: Sequence[tuple[tuple[Step, ...], FemsubError]], small: Sequence[Tried]) -> list[str]:
@@ -337,6 +383,23 @@ def _largest(values: Iterable[float]) -> float:
 def _all_modes(model: Substructure) -> NormalModes:
     """Every mode of a small model."""
     return all_modes(model.K, model.M, carried=model.rigid_motion)
+
+
+def held_frequencies(model: Substructure, band: tuple[float, float] | None = None) -> Array:
+    """The undamped frequencies in a band while the interface is held at rest; without a band all, of a small model."""
+    if model.size <= len(model.interface_numbers):
+        return np.empty(0)
+    at_rest = couple({"held": model}, [Rigid(("held", model.interface_numbers), "ground")], interface=[])
+    if band is None:
+        return all_frequencies(at_rest)
+    found = elastic(normal_modes(at_rest, band=band) if at_rest.size > SMALL else _all_modes(at_rest))
+    return found[in_band(found, band)]
+
+
+def held_error(full: Array, reduced: Array) -> float:
+    """The largest |Δω| / ω; inf where a frequency of the full model has no counterpart at all."""
+    at, to = match(full, reduced)
+    return float((np.abs(reduced[to] - full[at]) / full[at]).max(initial=0.0)) if len(at) == len(full) else np.inf
 
 
 def all_frequencies(model: Substructure) -> Array:

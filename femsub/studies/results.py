@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import positive_number
-from femsub.studies.tables import Table, column, fitted, label
+from femsub.studies.tables import Column, Table, column, fitted, label, span
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 APART = 1.25  # two models count as equally fast if their times, beyond the spread of the runs, differ by less
 ROUGH = 0.1  # error of the forces in the joints above which a recommendation warns of them
 STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
+BRIEF = ("method", "size", "error_growth", "missed", "missing", "error_critical", "error_force", "error_held",
+         "reduction_median_s", "solution_median_s")  # columns of the short table
 PHASES = ("factorisation", "basis", "certificate", "projection")  # of a reduction
 
 
@@ -92,6 +94,9 @@ class Row:
         Modes in the band that grow in the full model alone, and in this one alone, at all values of the parameter.
     omega : float
         The frequency of the first loss.
+    error_held : float
+        max |Δω| / ω with the interface held at rest in both models; inf if the reduced one lacks a mode of the band, NaN where
+        this was not asked for or is not known.
     """
 
     method: str
@@ -121,6 +126,7 @@ class Row:
     missed: int = 0
     invented: int = 0
     omega: float = np.nan
+    error_held: float = np.nan
 
     @property
     def label(self) -> str:
@@ -188,6 +194,8 @@ class Study:
         The reduced models, row by row.
     spectra : tuple of ComplexModes
         The full model's modes, at each value of the parameter.
+    interface : int
+        The number of interface DOF.
 
     Examples
     --------
@@ -209,23 +217,28 @@ class Study:
     left_out: tuple[str, ...] = ()
     models: tuple[Substructure, ...] = field(default=(), compare=False)
     spectra: tuple[ComplexModes, ...] = field(default=(), compare=False)
+    interface: int = 0
 
     def __repr__(self) -> str:
         best = min(self.rows, key=lambda row: row.error_eigenvalue, default=None)
         told = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.label} with {best.size} DOF"
         return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{told}"
 
-    def recommended(self, tol: float = 1e-3) -> Row | None:
-        """The smallest reduced model that may replace the full one, or None.
+    def recommended(self, tol: float = 1e-3, held: bool = False) -> Row | None:
+        """The smallest reduced model that may replace the full one, or None; with `held` also where its interface is held.
 
         It has fewer DOF than the full model. Over a range of the parameter it misses no unstable mode, and error_critical is
         within the tol. Without a range error_growth is; no eigenvalue is missing and none is spurious in the band; and the
         whole band is below the cut-off. Of these models the one with the fewest DOF is taken: it is solved fastest, and the
         choice does not depend on timing noise. Among models of equal size the one with the smallest error is taken, unless its
-        fastest run is slower than the slowest run of another one by a quarter.
+        fastest run is slower than the slowest run of another one by a quarter. With `held`, error_held is within the tol, too.
         """
         positive_number("tol", tol)
-        fit = [row for row in self.rows if row.size < self.full.size and self._error(row) <= tol and self._sound(row)]
+        return self._best([row for row in self.rows if not held or row.error_held <= tol], tol)
+
+    def _best(self, rows: Iterable[Row], tol: float) -> Row | None:
+        """The one of these that is recommended."""
+        fit = [row for row in rows if row.size < self.full.size and self._error(row) <= tol and self._sound(row)]
         least = min((row.size for row in fit), default=0)
         fit = [row for row in fit if row.size == least]
         return min((row for row in fit if not any(other.quicker(row) for other in fit)), key=self._error, default=None)
@@ -242,7 +255,7 @@ class Study:
         """`recommended` in words."""
         row = self.recommended(tol)
         what = "the rates of damping and growth" if self.between is None else f"the critical {self.parameter} of the full model"
-        where = f"{100 * tol:.3g} % of {what} from {self.band[0]:.4g} to {self.band[1]:.4g} rad/time"
+        where = f"{100 * tol:.3g} % of {what} from {span(self.band)}"
         if row is None:
             whole = [row for row in self.rows if (row.sound if self.between is None else not row.missed)
                      and self._error(row) > tol]
@@ -264,25 +277,49 @@ class Study:
         return (f"; mind that the full model is {STABLE[self.full.stable]} and this one {STABLE[row.stable]}: the border is "
                 "nearer than the error")
 
-    def __str__(self) -> str:
-        built = "" if np.isnan(self.assembly) else f", assembled in {seconds(self.assembly)}"
-        forces = self.full.error_force == 0 and (self.between is None or any(row.error_force >= 0 for row in self.rows))
-        over = bool(self.values) or self.between is not None
-        at = f", {self.parameter} = {', '.join(f'{value:g}' for value in self.values)}" if self.values else ""
+    def brief(self, tol: float = 1e-3) -> str:
+        """The full model, and of each method the model that is recommended, or else the most accurate one."""
+        best, rows = self.recommended(tol), [self.full]
+        for method in dict.fromkeys(row.method for row in self.rows):
+            own = [row for row in self.rows if row.method == method]
+            rows.append(best if best in own else self._best(own, tol) or min(
+                own, key=lambda row: (not self._sound(row), np.nan_to_num(self._error(row), nan=np.inf))))
+        kept = [one for one in self._columns() if one.key in BRIEF and (one.key != "missing" or any(row.missing for row in rows))]
+        first = replace(kept[0], cell=lambda row: f"{'>' if row['recommended'] else ' '} {label(row['method'])}")
+        told = Table("", [row.flat() | {"recommended": row is best} for row in rows], [first, *kept[1:]], keys=2).text()
+        return told + ("\n> recommended" if best else "")
+
+    @property
+    def _forces(self) -> bool:
+        """Whether the forces in the joints are compared."""
+        return self.full.error_force == 0 and (self.between is None or any(row.error_force >= 0 for row in self.rows))
+
+    def _columns(self) -> list[Column]:
+        """The columns of the table; `missing` and `stable` only where a model differs from the full one in them."""
+        forces, over = self._forces, bool(self.values) or self.between is not None
+        apart = [] if over else [key for key in ("missing", "stable")
+                                 if any(getattr(row, key) != getattr(self.full, key) for row in self.rows)]
         # of systems the forces in the joints tell more than λ, which is told by ω and Re λ
-        columns = [
+        return [column(one) if isinstance(one, str) else one for one in (
             column("method", "  method", cell=lambda row: f"{'*' if row['pareto'] else ' '} {label(row['method'])}"), "size",
-            *([] if over else ["error_frequency"]), *([] if forces else ["error_eigenvalue"]),
+            *([] if over else ["error_frequency"]),
+            *(["error_held"] if any(row.error_held >= 0 for row in self.rows) else []),
+            *([] if forces else ["error_eigenvalue"]),
             *([column("error_real", "err Re λ"), "missed", "invented"] if over else ["error_growth"]),
             *([] if self.between is None else [column("critical", f"critical {self.parameter}", ".5f", cell=lambda row: (
                 "none" if row["critical"] == np.inf else row["critical"]))]),
             *([column("error_critical", f"err {self.parameter}", cell=lambda row: (
                 None if row["error_critical"] == np.inf else row["error_critical"]))] if self.parameter else []),
-            *(["error_force"] if forces else []), *([] if over else ["missing", "stable"]),
+            *(["error_force"] if forces else []), *apart,
             column("reduction_median_s", "reduce", "s", cell=lambda row: seconds(row["reduction_median_s"])),
-            column("solution_median_s", "solve", "s", cell=lambda row: seconds(row["solution_median_s"]))]
-        lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time{at}, medians of {self.repeats}{built}",
-                 Table("", [row.flat() for row in (self.full, *self.rows)], columns, keys=2).text()]
+            column("solution_median_s", "solve", "s", cell=lambda row: seconds(row["solution_median_s"])))]
+
+    def __str__(self) -> str:
+        built = "" if np.isnan(self.assembly) else f", assembled in {seconds(self.assembly)}"
+        over = bool(self.values) or self.between is not None
+        at = f", {self.parameter} = {', '.join(f'{value:g}' for value in self.values)}" if self.values else ""
+        lines = [f"{self.name}: band {span(self.band)}{at}, medians of {self.repeats}{built}",
+                 Table("", [row.flat() for row in (self.full, *self.rows)], self._columns(), keys=2).text()]
         if any(row.pareto for row in self.rows):
             lines.append("* no other is both as fast (or as small, where the runs' times overlap) and as accurate in Re λ")
         if over:
@@ -296,7 +333,7 @@ class Study:
         for name, reason in dict.fromkeys((row.label, row.reason) for row in without):
             sizes = ", ".join(str(row.size) for row in without if (row.label, row.reason) == (name, reason))
             lines.append(f"{what} of {name} with {sizes} DOF: {reason}")
-        if any(np.isnan(row.error_force) for row in self.rows) and forces:
+        if any(np.isnan(row.error_force) for row in self.rows) and self._forces:
             lines.append("no error of the forces where a mode of the full system has no counterpart")
         return fitted("\n".join([*lines, *self.left_out]))
 

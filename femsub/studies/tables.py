@@ -12,8 +12,8 @@ import numpy as np
 
 from femsub.reduction import METHODS
 
-WIDTH = 100  # columns of a terminal that every table fits
-GAP = "  "  # between columns
+WIDTH = 80  # columns of a terminal that every table fits
+GAPS = ("  ", " ")  # between columns; the second where a table fits with it alone
 NONE = "-"  # where there is no value
 RATE = "rad/time"  # the unit of columns that have one in Hz beside them, where the unit of time is known
 #: of whole systems, which no key of a scene names: label, colour, marker
@@ -73,6 +73,8 @@ KNOWN = {one.key: one for one in (
     Column("error_critical", "err critical", ".1e", "", "relative error of the critical slope, or of another parameter"),
     Column("error_real", "err Re λ, over |λ|", ".1e", "", "largest error of Re λ, over |λ|"),
     Column("error_frequency", "err ω", ".1e", "", "largest relative error of an undamped frequency"),
+    Column("error_held", "err ω held", ".1e", "", "largest error of an undamped frequency, interface held at rest; or it "
+           "lacks a mode", cell=lambda row: "lacks" if row["error_held"] == np.inf else row["error_held"]),
     Column("error_force", "err force", ".1e", "", "relative error of the forces in the joints"),
     Column("missing", "missing", "d", "", "eigenvalues of the full model that the small one lacks"),
     Column("extra", "extra", "d", "", "eigenvalues of the small model that the full one lacks"),
@@ -190,6 +192,11 @@ class Table:
                      self.none)
 
 
+def span(band: Sequence[float]) -> str:
+    """'0 to 31415.9 rad/time': with digits enough that a band of 5000 Hz is told as one."""
+    return f"{band[0]:.6g} to {band[1]:.6g} rad/time"
+
+
 def label(model: Any) -> str:
     """The name of a model by its method's key; of another, such as 'full', the key itself."""
     return METHODS[model].label if model in METHODS else SETTLED[model][0] if model in SETTLED else str(model)
@@ -200,8 +207,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[
     """Columns aligned to the right, the first to the left; None and NaN are a dash.
 
     `hertz` names the columns in rad/s that have one in Hz beside them. A table of more than WIDTH columns has its heads broken
-    into lines; if that is not enough, its last columns stand below the others, beside the first `keys` again. `none` says what a
-    dash stands for, in a line below a table that has one.
+    into lines, and then one blank between columns; if that is not enough, its last columns stand below the others, beside the
+    first `keys` again. `none` says what a dash stands for, in a line below a table that has one.
     """
     for name in hertz:
         at = list(head).index(name) + 1
@@ -215,12 +222,13 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[
         heads = [textwrap.wrap(text, max(least, 1), break_long_words=False, break_on_hyphens=False)
                  for text, least in zip(head, wide, strict=True)]
     wide = [max(least, *map(len, lines)) for lines, least in zip(heads, wide, strict=True)]
+    gap = next((one for one in GAPS if sum(wide) + len(one) * (len(wide) - 1) <= WIDTH), GAPS[0])
     parts = []
-    for block in _blocks(wide, keys):
+    for block in _blocks(wide, keys, gap):
         high = max(len(heads[at]) for at in block)
         lines = [[([""] * high + heads[at])[line - high] for at in block] for line in range(high)]
         lines += [["-" * wide[at] for at in block], *([row[at] for at in block] for row in body)]
-        parts.append("\n".join(GAP.join(cell.rjust(wide[at]) if at else cell.ljust(wide[at])
+        parts.append("\n".join(gap.join(cell.rjust(wide[at]) if at else cell.ljust(wide[at])
                                         for at, cell in zip(block, line, strict=True)).rstrip() for line in lines))
     if none and any(NONE in row for row in body):
         parts[-1] += f"\n{NONE}  {none}"
@@ -236,14 +244,14 @@ def _cell(value: Any, form: str) -> str:
 
 
 def _total(heads: Sequence[Sequence[str]], wide: Sequence[int]) -> int:
-    return sum(max(least, *map(len, lines)) for lines, least in zip(heads, wide, strict=True)) + len(GAP) * (len(wide) - 1)
+    return sum(max(least, *map(len, lines)) for lines, least in zip(heads, wide, strict=True)) + len(GAPS[0]) * (len(wide) - 1)
 
 
-def _blocks(wide: Sequence[int], keys: int) -> list[list[int]]:
+def _blocks(wide: Sequence[int], keys: int, gap: str) -> list[list[int]]:
     """Columns that stand side by side, each time with the first `keys`."""
     blocks: list[list[int]] = [list(range(keys))]
     for at in range(keys, len(wide)):
-        if sum(wide[one] + len(GAP) for one in [*blocks[-1], at]) - len(GAP) > WIDTH and len(blocks[-1]) > keys:
+        if sum(wide[one] + len(gap) for one in [*blocks[-1], at]) - len(gap) > WIDTH and len(blocks[-1]) > keys:
             blocks.append(list(range(keys)))
         blocks[-1].append(at)
     return blocks

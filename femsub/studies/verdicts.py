@@ -9,13 +9,15 @@ from typing import Any
 
 from femsub.checks import NOT_CHECKED
 from femsub.studies.results import STABLE, Row, Study, seconds
-from femsub.studies.tables import label
+from femsub.studies.tables import label, span
 
 #: what no run can tell, for every scene that compares models
 NEVER = ("All errors are relative to the full model. The run does not tell how well its mesh, its materials and its friction law "
          "describe the real part.")
 LINEAR = ("The verdict is that of the linear model about steady sliding. Motion beyond the border was not computed: see the "
           "scenes of limit cycles and those in time.")
+#: answers, as a reader meets them
+ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found"}
 OUTSIDE = "Frequencies outside the band were not compared."
 
 
@@ -41,6 +43,18 @@ class Verdict(Remark):
     headline: str = ("This run compares no models by their errors, so it does not decide whether a small model may replace the "
                      "full one.")
     question: str = "May a small model replace the full one?"
+    condition: Sequence[str] = ()
+
+    @property
+    def decided(self) -> bool:
+        """Whether the run has compared models, or found what its scene asks for."""
+        return self.headline != Verdict.headline
+
+    @property
+    def text(self) -> str:
+        """The question, the answer, and the condition that it rests on."""
+        return "\n".join([self.question, f"{ANSWERS[self.answer]}. {self.headline}",
+                          *(f"Condition: {line}" for line in self.condition)])
 
     def said(self, words: Any) -> dict[str, Any]:
         """As it stands in results.json; `words` puts units into a text."""
@@ -58,6 +72,8 @@ class Choice(Remark):
     full: int = 0
     band: tuple[float, float] = (0.0, 0.0)
     where: str = ""
+    condition: Sequence[str] = ()
+    brief: str = ""
 
 
 def answer(found: Iterable[Any]) -> Verdict:
@@ -72,8 +88,7 @@ def answer(found: Iterable[Any]) -> Verdict:
 
 def _of_choices(choices: Sequence[Choice]) -> Verdict:
     fit = [one for one in choices if one.model]
-    low, high = choices[0].band
-    band = f"in the band {low:g} to {high:.4g} rad/time"
+    band = f"in the band {span(choices[0].band)}"
     if not fit:
         return Verdict([sentence(one.sentence, one.where) for one in choices], [NEVER, LINEAR], "no",
                        f"No small model of this run may replace the full one {band}.")
@@ -85,20 +100,39 @@ def _of_choices(choices: Sequence[Choice]) -> Verdict:
         decides += [f"{one.where.capitalize()}: {' '.join(said)}"] if several else said
     where = f" ({best.where})" if best.where else ""
     return Verdict(decides, [OUTSIDE, *best.unchecked, NEVER, LINEAR], "yes" if len(fit) == len(choices) else "in part",
-                   f"{best.model} may replace the full model of {best.full} DOF {band}{where}.")
+                   f"{best.model} may replace the full model of {best.full} DOF {band}{where}.",
+                   condition=best.condition)
 
 
 def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Choice:
     """What a study recommends, and what makes that model fit, figure by figure."""
     row, full = found.recommended(tol), found.full
-    choice = Choice(sentence=found.recommendation(tol), full=full.size, band=found.band, where=where)
+    choice = Choice(sentence=found.recommendation(tol), full=full.size, band=found.band, where=where, brief=found.brief(tol))
     if found.values:
         at = ", ".join(f"{value:g}" for value in found.values)
         choice = replace(choice, unchecked=[f"The full model was solved at {found.parameter} = {at} alone."])
     if row is None:
         return choice
     said = _over_range(found, row) if found.between else _in_band(row, full, tol)
-    return replace(choice, decides=said, model=row.named, size=row.size)
+    return replace(choice, decides=said, model=row.named, size=row.size, condition=_conditions(found, row, tol))
+
+
+def _conditions(found: Study, row: Row, tol: float) -> list[str]:
+    """For what a recommendation holds, and what it is worth with the interface held at rest."""
+    if found.between:
+        return [f"{found.parameter} lies between {found.between[0]:g} and {found.between[1]:g}."]
+    if not found.interface:
+        return ["the model has no interface. Nothing is told of it joined to others."]
+    free = "the interface is free, as in this run."
+    if math.isnan(row.error_held):
+        return [f"{free} A held interface was not compared."]
+    off = "Held at rest, this model " + ("lacks a mode of the band" if math.isinf(row.error_held) else
+                                         f"has frequencies that are off by {row.error_held:.1e}")
+    if row.error_held <= tol:
+        return [f"the interface is free, as in this run, or held at rest. {off}."]
+    other = found.recommended(tol, held=True)
+    then = "no model of this run will do" if other is None else f"take {other.named}, which is off by {other.error_held:.1e}"
+    return [f"{free} {off}; there {then}."]
 
 
 def _over_range(found: Study, row: Row) -> list[str]:

@@ -15,6 +15,7 @@ from femsub import (
     Affine,
     ComplexModes,
     ContactModes,
+    CriticalValue,
     FrictionContact,
     Material,
     Mesh,
@@ -50,6 +51,7 @@ from femsub.studies import (
     first_loss,
     flutter_chart,
     friction_errors_chart,
+    span,
     study_choice,
 )
 
@@ -125,6 +127,11 @@ class Brake:
         for name in PADS:
             check_held(self.meshes[name], scene.sprung, f"the pad {name!r}")
 
+    @property
+    def contact_nodes(self) -> Array:
+        """The nodes under the pads, as rows of all meshes one after the other; the disc is the first."""
+        return np.concatenate([self.meshes["disc"].sets[f"under-{name}"] for name in PADS])
+
     @cached_property
     def system(self) -> System:
         """The full model."""
@@ -168,6 +175,13 @@ class Brake:
     def affine(self) -> Affine:
         """The best reduced model over μ."""
         return affine_over(self.best, self.contacts(0.0), "mu", self.range)
+
+    @cached_property
+    def all_critical(self) -> CriticalValue:
+        """All losses and regains of the best reduced model; proved to be all if that was asked for."""
+        self.tell("all losses of stability")
+        solver = "auto" if "losses" in self.scene.outputs else "followed"
+        return critical_value(self.affine, None, "mu", between=self.range, band=self.band, solver=solver)
 
     @property
     def range(self) -> tuple[float, float]:
@@ -238,12 +252,12 @@ class Brake:
 def run(scene: BrakeScene, progress: Progress) -> Result:
     """The unstable modes, the errors of reduced models, and the flutter diagram."""
     brake = Brake(scene, progress)
-    points = sum(len(brake.meshes["disc"].sets[f"under-{name}"]) for name in PADS)
+    points = len(brake.contact_nodes)
     data: dict[str, Any] = {"system": repr(brake.system), "size": brake.system.size, "contact_nodes": points, "band": scene.band,
                             "contacts": [repr(one) for one in brake.contacts(scene.full[-1])]}
     text = [f"{scene.name}: {brake.system!r}",
             f"{points} nodes of the disc under the pads, contact stiffness {scene.contact:g}, pressure {scene.pressure:g}, disc "
-            f"at {scene.turning:g} rad/time; band {scene.band[0]:g} to {scene.band[1]:g} rad/time; full model at mu = "
+            f"at {scene.turning:g} rad/time; band {span(scene.band)}; full model at mu = "
             f"{', '.join(f'{mu:g}' for mu in scene.full)}"]
     outputs = {"unstable": _unstable, "error-time": _error_time, "flutter": _flutter, "losses": _losses}
     return run_outputs(scene.outputs, lambda output: outputs[output](brake), data, ["\n".join(text)])
@@ -278,8 +292,9 @@ def _unstable(brake: Brake) -> Result:
     fields = fields * np.exp(-1j * np.angle(_largest(fields)))
     titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g}" for row in rows]
     names = [f"{row['hertz']:.5g} Hz" for row in rows]
-    title = f"{scene.name}: unstable modes at mu = {mu:g}, at the phase of the largest displacement"
-    drawn.append(Picture("unstable", partial(shapes_figure, mesh, fields[..., :DRAWN].real, titles[:DRAWN], title, {})))
+    title = f"{scene.name}: unstable modes at μ = {mu:g}, at the phase of the largest displacement"
+    drawn.append(Picture("unstable", partial(shapes_figure, mesh, fields[..., :DRAWN].real, titles[:DRAWN], title,
+                                             {"contact": brake.contact_nodes})))
     shown = {f"{part} {name}": getattr(fields[..., i], attribute) for i, name in enumerate(names)
              for part, attribute in (("real-part", "real"), ("imaginary-part", "imag"))}
     phases = {f"phase {name}": np.degrees(np.angle(fields[..., i])) for i, name in enumerate(names)}
@@ -345,7 +360,7 @@ def _flutter(brake: Brake) -> Result:
         words = f"No mode in the band flutters for {scene.mu[0]:g} ≤ mu ≤ {scene.mu[1]:g}"
     data = {"flutter": {"rows": rows, "critical": {key: {"mu": one.value, "omega": one.omega} for key, one in critical.items()}}}
     name = f"reduced to {small.size} DOF"
-    lost = {name: [own]} if np.isfinite(own) else {}
+    lost = {name: [*brake.all_critical.losses, *brake.all_critical.regains]} if np.isfinite(own) else {}
     losses = ", ".join(f"of the {key} model at mu = {one.value:.6g}" for key, one in critical.items() if np.isfinite(one.value))
     told = Remark([f"Loss of stability in the flutter diagram: {losses}."] if losses else ())
     return Result(data, [words, repr(followed), told, Table("flutter", rows, title="Eigenvalues over mu"), flutter_chart(
@@ -354,8 +369,7 @@ def _flutter(brake: Brake) -> Result:
 
 def _losses(brake: Brake) -> Result:
     """All losses and regains of stability of the best reduced model, and the proof that there are no others."""
-    brake.tell("all losses of stability")
-    found = critical_value(brake.affine, None, "mu", between=brake.range, band=brake.band)
+    found = brake.all_critical
     rows = [{"what": what, "mu": one.value, "omega": one.omega, "kind": one.kind}
             for what, several in (("loss", found.losses), ("regain", found.regains)) for one in several]
     data = {"losses": {"evidence": found.evidence, "rows": rows}}

@@ -27,6 +27,7 @@ from femsub.studies import (
     first_loss,
     friction_chart,
     size_sweep_chart,
+    span,
     stability_remark,
     study_choice,
 )
@@ -164,7 +165,7 @@ def _critical(scene: ChainScene, _: Progress) -> Result:
                column("slope", "critical slope", ".6f"),
                column("full", form=".6f"), "error", "port_error")
     return Result({"critical-slope": {"rows": rows}}, [
-        f"Critical slopes dμ/dv in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time",
+        f"Critical slopes dμ/dv in the band {span(scene.band)}",
         Table("critical-slope", rows, columns, "Critical slopes", keys=4),
         *dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"]),
         belt_places_chart(rows, _masses(scene.interface))])
@@ -217,8 +218,7 @@ def _size_sweep(scene: ChainScene, _: Progress) -> Result:
     rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
              "full": curve["full"], "error": error} for curve in curves
             for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
-    head = (f"Relative error of the critical slope in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time, belt under "
-            f"m{scene.belt}")
+    head = f"Relative error of the critical slope in the band {span(scene.band)}, belt under m{scene.belt}"
     return Result({"size-sweep": {"curves": curves, "rows": rows}}, [
         head, wide, Table("size-sweep", rows, title="Critical slope over the model's size"),
         size_sweep_chart(curves, scene.belt)])
@@ -273,7 +273,7 @@ def _error_time(scene: ChainScene, progress: Progress) -> Result:
         methods = [METHODS[name](size - len(sub.interface)) for name in scene.methods for size in scene.sizes
                    if size >= len(sub.interface)]
         studies.append((_masses(sub.interface + 1), study(sub, methods, (scene.band[0], scene.band[1]), contacts=belt,
-                                                          repeats=scene.repeats, progress=progress)))
+                                                          repeats=scene.repeats, held=True, progress=progress)))
     rows = [{"interface": interface, **row.flat()} for interface, found in studies for row in (found.full, *found.rows)]
     said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies)
     choices = [{"interface": interface, "sentence": found.recommendation(),

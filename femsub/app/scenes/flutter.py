@@ -13,7 +13,8 @@ from femsub import Affine, CriticalValue, Tracked, critical_value, track
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.errors import InputError
-from femsub.studies import Table, Verdict, column, flutter_chart
+from femsub.stability import Crossing
+from femsub.studies import Table, Verdict, column, flutter_chart, span
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
 TOLD = 5  # open intervals that are listed
@@ -55,10 +56,10 @@ def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, e
         if output == "critical-value":
             return _critical(found, exact, label, between)
         return _diagram({name: tracked(name) for name in models},
-                        {name: [one.value for one in item.losses] for name, item in found.items()}, label, scene.name)
+                        {name: [*item.losses, *item.regains] for name, item in found.items()}, label, scene.name)
 
     head = f"{scene.name}: {label} from {between[0]:g} to {between[1]:g}"
-    head += f", modes from {band[0]:g} to {band[1]:g} rad/time" if band else ""
+    head += f", modes from {span(band)}" if band else ""
     return run_outputs(scene.outputs, compute, {**data, "between": scene.between}, [head, *text])
 
 
@@ -113,7 +114,7 @@ def _left_open(name: str, item: CriticalValue) -> list[str]:
     return [f"{name}: not excluded are further crossings in {places}{f' and {more} more intervals' if more > 0 else ''}."]
 
 
-def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, list[float]], label: str, title: str) -> Result:
+def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, Sequence[Crossing]], label: str, title: str) -> Result:
     branches, meetings = branch_rows(tracks), meeting_rows(tracks)
     columns = ["model", column("kind", "meeting", "s"), column("value", label, ".8g"), column("branches", form="d"),
                column("growth", form=".6f"), column("omega", "Im λ", ".6f"), column("gap", form=".0e"),

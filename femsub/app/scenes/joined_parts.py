@@ -77,7 +77,7 @@ def compared(scene: JoinedScene, system: System, contacts: Contacts, title: str,
     rows = _methods(scene, system, choices or {})
     methods: list[Any] = [parts for parts, _ in rows] if over is None else [*_with_contact_modes(system, rows, contacts)]
     found = study(system, methods, (scene.band[0], scene.band[1]), contacts=contacts, ports=scene.ports, repeats=scene.repeats,
-                  progress=progress, **(over._asdict() if over else {}))
+                  held=over is None, progress=progress, **(over._asdict() if over else {}))
     best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
     flat = [row.flat() for row in (found.full, *found.rows)]
     parts = [{"part": part, "size": sub.size, "interface": len(sub.interface)} for part, sub in system.parts.items()]

@@ -37,6 +37,7 @@ from femsub.studies import (
     error_time_chart,
     first_loss,
     label,
+    span,
     springs_chart,
     stability_remark,
     study_choice,
@@ -73,7 +74,7 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
         band, rule = work.band
         data |= {"band": band, "band_rule": rule}
         modes = ", ".join(map(str, scene.modes))
-        text.append(f"band {band[0]:g} to {band[1]:.6g} rad/time ({rule}); {scene.labels} with {modes} modes"
+        text.append(f"band {span(band)} ({rule}); {scene.labels} with {modes} modes"
                     + (", static responses to the contact joined" if scene.ports else ""))
     return run_outputs(scene.outputs, lambda output: parts[output](work), data, text)
 
@@ -262,7 +263,7 @@ def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str 
 def _error_time(work: Work) -> Result:
     scene = work.scene
     found = study(work.sub, work.methods, work.band[0], contacts=work.belt, ports=scene.ports, repeats=scene.repeats,
-                  critical=work.slopes, assembly=work.assembly, progress=work.tell)
+                  held=True, critical=work.slopes, assembly=work.assembly, progress=work.tell)
     rows = [row.flat() for row in (found.full, *found.rows)]
     best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
     data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,

@@ -9,6 +9,7 @@ from femsub.app.scene import Progress, Result
 from femsub.app.scenes.component import Work
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
 from femsub.app.scenes.plate import PlateScene
+from femsub.studies import span
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,6 @@ def run(scene: PlateCycleScene, progress: Progress) -> Result:
     models = {**{method.key: rom for method, rom in work.reduced if method.modes == most}, "full": work.sub}
     band, rule = work.band
     head = (f"{scene.name}: {work.sub!r}\n{scene.friction_words}; "
-            f"{scene.labels} with {most} modes; band {band[0]:g} to {band[1]:.6g} rad/time ({rule})")
+            f"{scene.labels} with {most} modes; band {span(band)} ({rule})")
     data = {"model": repr(work.sub), "size": work.sub.size, "modes_kept": most, "band_rule": rule}
     return run_cycles(scene, models, band, data, head, progress)
