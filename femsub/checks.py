@@ -80,12 +80,17 @@ def shown(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def package(name: str, why: str) -> Any:
-    """An optional package, or an error that tells what it is needed for and how to install it."""
+def package(module: str, why: str, *names: str, otherwise: str = "") -> Any:
+    """A module of an optional package, or an error that tells what it is needed for, and how to install it by its `names`."""
     try:
-        return import_module(name)
+        return import_module(module)
     except ImportError as error:
-        raise MissingPackageError(why) from error
+        raise MissingPackageError(f"{why}: {installed_by(*names)}{otherwise}") from error
+
+
+def installed_by(*names: str) -> str:
+    """The command that installs packages for this interpreter, whichever is called `pip` in the user's shell."""
+    return f"{sys.executable or 'python3'} -m pip install {' '.join(names)}"
 
 
 def finite_number(name: str, value: Any) -> float:

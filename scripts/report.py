@@ -58,7 +58,7 @@ ONE_THREAD = ("env", "OMP_NUM_THREADS=1")
 
 def scene(name: str, title: str, says: str, *figures: str, quick: str = "") -> Step:
     def run(what: str) -> tuple[str, ...]:
-        return (*ONE_THREAD, str(SCRIPTS / "femsub"), "run", what, "--out", "{out}")
+        return (*ONE_THREAD, str(SCRIPTS / "femsub"), "run", "-v", what, "--out", "{out}")
     small = run(quick) if quick else ()
     return Step(Path(name).stem, title, says, run(name), small, tuple(f"{figure}.png" for figure in figures))
 

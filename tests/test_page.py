@@ -129,7 +129,7 @@ def test_a_missing_plotly_is_told_before_anything_is_computed(tmp_path: Path, mo
     monkeypatch.setitem(sys.modules, "plotly", None)
     monkeypatch.setattr(chain, "run", lambda *_: pytest.fail("it was run"))
     assert main(["run", scene, "--out", str(tmp_path / "out")]) == 1
-    assert 'pip install "femsub[page]"' in capsys.readouterr().err and not (tmp_path / "out").exists()
+    assert "-m pip install plotly" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("name", [*FOUR, *MORE])

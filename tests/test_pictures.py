@@ -42,7 +42,7 @@ def today(folder: Path, scene: str, keys: str) -> list[dict[str, Any]]:
 @pytest.mark.parametrize(("scene", "keys"), [
     ("chain", "sizes = [4, 5, 9]\nrepeats = 1\n"),
     ("beam", "modes = [8, 20]\nrepeats = 1\n"),
-    pytest.param("plate", "modes = [6, 20]\nrepeats = 1\n", marks=pytest.mark.slow),
+    pytest.param("plate", "modes = [8, 20]\nrepeats = 1\n", marks=pytest.mark.slow),
     pytest.param("solid", "modes = [10, 40]\nrepeats = 1\n", marks=pytest.mark.slow),
     pytest.param("brake", 'methods = ["craig-bampton"]\nmodes = [60]\n', marks=pytest.mark.slow)])
 def test_a_picture_shows_the_errors_of_today(scene: str, keys: str, tmp_path: Path) -> None:

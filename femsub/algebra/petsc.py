@@ -32,7 +32,7 @@ from femsub.algebra.memory import room_for_factor
 from femsub.algebra.ordering import good_order, slender
 from femsub.algebra.process_memory import give_back_freed_memory
 from femsub.algebra.shared import FACTOR_BYTES, drop
-from femsub.checks import EPS, Array, Matrix
+from femsub.checks import EPS, Array, Matrix, installed_by
 from femsub.errors import BreakdownError, InputError, MissingPackageError, NotConvergedError, SingularMatrixError
 
 Kind = Literal["definite", "symmetric", "general"]
@@ -40,8 +40,8 @@ CHOLMOD = True  # use it if PETSc has it; tests and scripts/factors.py set False
 MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules a setMumpsIcntl(7)
 ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
 WHEEL = "dolfinx_solver"  # to be imported before the petsc4py of the same folder
-INSTALL = ('With Python 3.12 or later: pip install "femsub[solvers]". With root rights on Debian: scripts/setup. Else: '
-           "scripts/setup-from-source, or see docs/install.md")
+INSTALL = (f"With Python 3.12 or later: {installed_by('dolfinx-solver-real')}. In a clone of femsub: scripts/setup, which takes "
+           "Debian's packages, that wheel or the sources. docs/install.md tells more")
 BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
 
 

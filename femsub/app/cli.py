@@ -16,7 +16,7 @@ from pathlib import Path
 
 from femsub import __version__
 from femsub.app.scene import SCENES, load
-from femsub.checks import package
+from femsub.checks import installed_by, package
 from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError
 
 READER_GONE = 141  # the exit status of a command whose output nobody reads any more
@@ -95,7 +95,7 @@ def _doctor() -> int:
     try:
         from femsub.app.doctor import report
     except ImportError as error:  # NumPy or SciPy itself
-        return _fail(f"{error}; install what femsub needs: scripts/setup, or pip install femsub", 1)
+        return _fail(f"{error}; install what femsub needs: scripts/setup in its folder, or {installed_by('numpy', 'scipy')}", 1)
     return report()
 
 
@@ -132,7 +132,7 @@ def _printed(options: argparse.Namespace) -> str:
 
 
 def _completion(shell: str) -> str:
-    shtab = package("shtab", 'completion scripts are written by shtab: pip install "femsub[completion]"')
+    shtab = package("shtab", "completion scripts are written by shtab", "shtab")
     names = " ".join(SCENES)
     preamble = {
         "bash": f"""_femsub_scene() {{ compgen -W "{names}" -- "$1"; }}

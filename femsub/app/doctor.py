@@ -14,9 +14,10 @@ import scipy.sparse as sp
 
 import femsub
 from femsub.algebra import available, inertia, libraries, petsc
+from femsub.checks import installed_by
 from femsub.errors import FemsubError
 
-OPTIONAL = {"matplotlib": "figures", "scikit-fem": "fe", "meshio": "fe", "pyyeti": "nastran"}  # by the extra that brings it
+OPTIONAL = "matplotlib", "scikit-fem", "meshio", "plotly", "pyyeti"
 PACKAGES = {"MUMPS": "mumps", "CHOLMOD": "suitesparse", "METIS": "metis", "Scotch": "ptscotch"}  # as PETSc calls them
 LITTLE = 2e9  # bytes of memory below which models of some 10,000 solid DOF do not fit
 #: by packages that are missing, broken, or do not fit each other
@@ -66,11 +67,11 @@ def _python(found: Findings) -> None:
 def _packages(found: Findings) -> None:
     found.add("numpy", np.__version__)
     found.add("scipy", metadata.version("scipy"))
-    for name, extra in OPTIONAL.items():
+    for name in OPTIONAL:
         try:
             found.add(name, metadata.version(name))
         except metadata.PackageNotFoundError:
-            found.add(name, f"not installed; if you need it: pip install femsub[{extra}]")
+            found.add(name, f"not installed; if you need it: {installed_by(name)}")
 
 
 def _petsc(found: Findings) -> None:

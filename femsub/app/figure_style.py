@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from femsub.app.units import UNKNOWN, Units
-from femsub.errors import MissingPackageError
+from femsub.checks import package
 from femsub.studies import ROUNDING, Chart, Panel
 
 HERTZ = (lambda omega: omega / (2 * np.pi), lambda hertz: 2 * np.pi * hertz)
@@ -234,10 +234,6 @@ def _along(corners: Any, step: float) -> Any:
 
 
 def _matplotlib() -> Any:
-    try:
-        import matplotlib.backends.backend_agg
-        import matplotlib.figure
-        import matplotlib.text
-    except ImportError as error:
-        raise MissingPackageError("figures need matplotlib: pip install femsub[figures], or run with --no-figures") from error
-    return matplotlib
+    found = [package(f"matplotlib{name}", "figures need matplotlib", "matplotlib", otherwise=", or run with --no-figures")
+             for name in ("", ".backends.backend_agg", ".figure", ".text")]
+    return found[0]

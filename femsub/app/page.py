@@ -27,7 +27,7 @@ from femsub.studies import ANSWERS, label
 
 PAGE_FILE = "report.html"
 TEMPLATE = Path(__file__).with_name("page.html")
-WHY = 'the page of a run is drawn by Plotly: pip install "femsub[page]"'
+WHY = "the page of a run is drawn by Plotly", "plotly"
 OPEN = 40  # rows of a table that is shown at once; longer ones are folded
 TIMES = ("reduction_median_s", "solution_median_s")  # other times are in the files alone
 SLIDERS = (("phase", "phase φ", 0, 360, 1, 0), ("speed", "periods per second", 0.1, 2, 0.1, 0.5),
@@ -43,7 +43,7 @@ def check_plotly() -> None:
     MissingPackageError
         There is no Plotly.
     """
-    package("plotly", WHY)
+    package("plotly", *WHY)
 
 
 def show(folder: Path) -> Path:
@@ -79,7 +79,7 @@ def show(folder: Path) -> Path:
 
 def write_page(told: Mapping[str, Any], mode: Moving | None, file: BinaryIO) -> None:
     """The page of results as results.json has them, and with the mode to be shown if there is one."""
-    script = package("plotly.offline", WHY).get_plotlyjs()
+    script = package("plotly.offline", *WHY).get_plotlyjs()
     parts = {"TITLE": escape(str(told["scene"])), "BODY": "\n".join(_body(told, mode)),
              "DATA": _embedded({"charts": told["charts"], "mode": None if mode is None else _sent(mode)}), "PLOTLY": script}
     text = TEMPLATE.read_text(encoding="utf-8")

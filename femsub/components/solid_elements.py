@@ -72,7 +72,7 @@ class Reference:
 
 def skfem() -> Any:
     """The package scikit-fem, or an error that tells how to install it."""
-    return package("skfem", "finite elements need scikit-fem and meshio: pip install femsub[fe]")
+    return package("skfem", "finite elements need scikit-fem and meshio", "scikit-fem", "meshio")
 
 
 @cache

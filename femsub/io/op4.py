@@ -28,7 +28,7 @@ class _Matrix(NamedTuple):
 
 def op4_module() -> Any:
     """pyyeti's module for OP4 files."""
-    return package("pyyeti.nastran.op4", "Nastran OP4 files need pyyeti: pip install femsub[nastran]")
+    return package("pyyeti.nastran.op4", "Nastran OP4 files need pyyeti", "pyyeti")
 
 
 def read_op4(path: Path) -> dict[str, Matrix]:
