@@ -6,6 +6,7 @@ Nothing is fetched: neither while it is built, nor when a page is read. Formulas
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,20 @@ import generate  # noqa: E402  of this folder
 
 import femsub  # noqa: E402
 
+
+def _repository() -> str:
+    """The web address that this repository was cloned from, also by ssh; '' if there is none."""
+    said = subprocess.run(["git", "-C", str(HERE), "config", "--get", "remote.origin.url"], capture_output=True, text=True, check=False)
+    found = re.fullmatch(r"(?:https?://|ssh://|)(?:\w+@)?([\w-]+(?:\.[\w-]+)+)[:/](?:\d+/)?(.+?)(?:\.git)?/?", said.stdout.strip())
+    return f"https://{found[1]}/{found[2]}" if found else ""
+
+
 project = "femsub"
 author = copyright = "The femsub developers"
 release = version = femsub.__version__
+
+#: where this clone comes from, if that is on the web
+REPOSITORY = _repository()
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx_design", "sphinx_copybutton"]
 exclude_patterns = ["_build", "conf.py", "generate.py"]
@@ -41,14 +53,17 @@ copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
 
 html_theme = "pydata_sphinx_theme"
-html_title = "femsub"
+html_title = f"femsub {version}"
+html_search_scorer = str(HERE / "_static" / "scorer.js")
 html_static_path = ["_static"]
 html_css_files = ["femsub.css"]
+html_js_files = ["tables.js"]
 html_sidebars = {page.stem: [] for page in HERE.glob("*.md")}  # beside pages without a folder there is nothing to list
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
-    "navbar_end": ["theme-switcher"],
+    "navbar_end": ["theme-switcher", "navbar-icon-links"],
+    "icon_links": [{"name": "Repository", "url": REPOSITORY, "icon": "fa-solid fa-code-branch"}] if REPOSITORY else [],
     "footer_start": ["copyright"],
     "footer_end": [],
     "secondary_sidebar_items": ["page-toc"],
@@ -96,8 +111,21 @@ def link_reference(app: Sphinx, document: str, text: list[str]) -> None:
     """Links the reference's first page to those that are made from the code, which are not in the repository."""
     if document == "reference/index":
         for page, (title, *_) in generate.NAMES.items():
-            text[0] = text[0].replace(f"| {title} |", f"| [{title}]({page}.md) |")
+            text[0] = text[0].replace(f"| {title} |", f"| [{title}]({page}/index.md) |")
         text[0] += "\n" + generate.scene_table("scenes/")
+
+
+def fill_in(app: Sphinx, document: str, text: list[str]) -> None:
+    """The table of the gallery becomes pictures to choose from; the start page names the address to clone."""
+    if document == "gallery/index":
+        rows = re.compile(r"^\| \[([\w-]+)\]\(#\1\) \| (.*?) \| (.*?) \|\n", re.MULTILINE)
+        cards = "".join(f":::{{grid-item-card}} {name}\n:img-top: ../pictures/gallery/{name}.png\n:img-alt: \n:link: {name}-scene\n"
+                        f":link-type: ref\n\n{line} ({seconds})\n:::\n" for name, line, seconds in rows.findall(text[0]))
+        head = "| scene | what it does | run time |\n|---|---|---|\n"
+        text[0] = rows.sub("", text[0]).replace(head, f"::::{{grid}} 2 3 3 4\n:gutter: 2\n:class-container: thumbnails\n\n{cards}::::\n")
+        text[0] = re.sub(r"^## ([\w-]+)$", r"(\1-scene)=\n## \1", text[0], flags=re.MULTILINE)
+    elif document == "index" and REPOSITORY:
+        text[0] = text[0].replace("git clone ADDRESS", f"git clone {REPOSITORY}")
 
 
 def outside(app: Sphinx, document: str, text: list[str]) -> None:
@@ -139,6 +167,7 @@ def link_names(app: Sphinx, tree: nodes.document) -> None:
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("builder-inited", lambda _: generate.write(HERE / "reference"), priority=100)
     app.connect("source-read", link_reference)
+    app.connect("source-read", fill_in)
     app.connect("source-read", outside)
     app.connect("source-read", add_contents)
     app.connect("autodoc-process-docstring", escape_bars, priority=900)  # after numpydoc

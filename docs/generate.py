@@ -50,18 +50,23 @@ def first_line(thing: Any) -> str:
     return (inspect.getdoc(thing) or "").split("\n")[0].removesuffix(":")
 
 
+def place(name: str) -> str:
+    """Where the page of a public name stands in its folder. `branch` and `Branch` are one file where case is not told apart."""
+    return f"classes/{name}" if isinstance(getattr(fs, name), type) else name
+
+
 def names_page(page: str, names: list[str]) -> str:
-    """A table of the names, and each in full."""
+    """A table of the names, each of which has a page of its own."""
     title, line, _ = NAMES[page]
-    told = [f"# {title}", line, "| name | what it is |\n|---|---|\n" + "\n".join(
-        f"| {{py:obj}}`~femsub.{name}` | {cell(first_line(getattr(fs, name)))} |" for name in names)]
-    for name in names:
-        thing = getattr(fs, name)
-        kind = "class" if isinstance(thing, type) else "function"
-        if kind == "class" and issubclass(thing, BaseException):
-            kind = "exception"
-        told.append(f"## {name}\n\n```{{eval-rst}}\n.. currentmodule:: femsub\n.. auto{kind}:: {name}\n```")
-    return "\n\n".join(told) + "\n"
+    rows = "\n".join(f"| [{name}]({place(name)}.md) | {cell(first_line(getattr(fs, name)))} |" for name in names)
+    return f"# {title}\n\n{line}\n\n| name | what it is |\n|---|---|\n{rows}\n"
+
+
+def name_page(name: str) -> str:
+    """All that the docstring of a public name tells, with its example."""
+    thing = getattr(fs, name)
+    kind = "function" if not isinstance(thing, type) else "exception" if issubclass(thing, BaseException) else "class"
+    return f"# {name}\n\n```{{eval-rst}}\n.. currentmodule:: femsub\n.. auto{kind}:: {name}\n```\n"
 
 
 def scene_page(scene: str) -> str:
@@ -111,7 +116,9 @@ def scene_table(folder: str = "") -> str:
 
 def pages() -> dict[str, str]:
     """All pages of the reference but its first, by their paths."""
-    made = {f"{page}.md": names_page(page, names) for page, names in names_by_page().items()}
+    made: dict[str, str] = {}
+    for page, names in names_by_page().items():
+        made |= {f"{page}/index.md": names_page(page, names), **{f"{page}/{place(name)}.md": name_page(name) for name in names}}
     made |= {f"scenes/{scene}.md": scene_page(scene) for scene in SCENES}
     made["scenes/index.md"] = f"# Keys of scenes\n\nEvery key of every scene file.\n\n{scene_table()}"
     return made

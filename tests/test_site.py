@@ -31,8 +31,18 @@ PAGES: dict[str, str] = generate.pages()
 
 
 def test_the_reference_has_every_public_name_once() -> None:
-    found = [name for page in generate.NAMES for name in re.findall(r"^\.\. auto\w+:: (\w+)$", PAGES[f"{page}.md"], re.MULTILINE)]
-    assert sorted(found) == sorted(name for name in fs.__all__ if not name.startswith("__"))
+    found = {path: re.findall(r"^\.\. auto\w+:: (\w+)$", text, re.MULTILINE) for path, text in PAGES.items()}
+    assert sorted(sum(found.values(), [])) == sorted(name for name in fs.__all__ if not name.startswith("__"))
+    assert all(names == [Path(path).stem] for path, names in found.items() if names)  # a page of its own, which a table leads to
+    links = {f"{page}/{target}" for page in generate.NAMES for target in re.findall(r"^\| \[\w+\]\((\S+)\)", PAGES[f"{page}/index.md"],
+                                                                                   re.MULTILINE)}
+    assert links == {path for path, names in found.items() if names}
+    assert len({path.lower() for path in PAGES}) == len(PAGES)  # for file systems that do not tell case apart
+
+
+def test_every_public_function_and_class_has_an_example() -> None:
+    without = [name for name in fs.__all__ if ">>>" not in (getattr(fs, name).__doc__ or "")]
+    assert not [name for name in without if not name.startswith("__") and not issubclass(getattr(fs, name), (Exception, Warning))]
 
 
 def test_no_page_of_the_reference_is_a_drawer() -> None:
