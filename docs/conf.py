@@ -25,8 +25,9 @@ import femsub  # noqa: E402
 
 def _repository() -> str:
     """The web address that this repository was cloned from, also by ssh; '' if there is none."""
-    said = subprocess.run(["git", "-C", str(HERE), "config", "--get", "remote.origin.url"], capture_output=True, text=True, check=False)
-    found = re.fullmatch(r"(?:https?://|ssh://|)(?:\w+@)?([\w-]+(?:\.[\w-]+)+)[:/](?:\d+/)?(.+?)(?:\.git)?/?", said.stdout.strip())
+    command = ["git", "-C", str(HERE), "config", "--get", "remote.origin.url"]
+    address = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    found = re.fullmatch(r"(?:https?://|ssh://|)(?:\w+@)?([\w-]+(?:\.[\w-]+)+)[:/](?:\d+/)?(.+?)(?:\.git)?/?", address)
     return f"https://{found[1]}/{found[2]}" if found else ""
 
 
@@ -119,10 +120,11 @@ def fill_in(app: Sphinx, document: str, text: list[str]) -> None:
     """The table of the gallery becomes pictures to choose from; the start page names the address to clone."""
     if document == "gallery/index":
         rows = re.compile(r"^\| \[([\w-]+)\]\(#\1\) \| (.*?) \| (.*?) \|\n", re.MULTILINE)
-        cards = "".join(f":::{{grid-item-card}} {name}\n:img-top: ../pictures/gallery/{name}.png\n:img-alt: \n:link: {name}-scene\n"
-                        f":link-type: ref\n\n{line} ({seconds})\n:::\n" for name, line, seconds in rows.findall(text[0]))
+        cards = [f":::{{grid-item-card}} {name}\n:img-top: ../pictures/gallery/{name}.png\n:img-alt: \n:link: {name}-scene\n"
+                 f":link-type: ref\n\n{line} ({seconds})\n:::\n" for name, line, seconds in rows.findall(text[0])]
         head = "| scene | what it does | run time |\n|---|---|---|\n"
-        text[0] = rows.sub("", text[0]).replace(head, f"::::{{grid}} 2 3 3 4\n:gutter: 2\n:class-container: thumbnails\n\n{cards}::::\n")
+        grid = f"::::{{grid}} 2 3 3 4\n:gutter: 2\n:class-container: thumbnails\n\n{''.join(cards)}::::\n"
+        text[0] = rows.sub("", text[0]).replace(head, grid)
         text[0] = re.sub(r"^## ([\w-]+)$", r"(\1-scene)=\n## \1", text[0], flags=re.MULTILINE)
     elif document == "index" and REPOSITORY:
         text[0] = text[0].replace("git clone ADDRESS", f"git clone {REPOSITORY}")

@@ -32,11 +32,11 @@ PAGES: dict[str, str] = generate.pages()
 
 def test_the_reference_has_every_public_name_once() -> None:
     found = {path: re.findall(r"^\.\. auto\w+:: (\w+)$", text, re.MULTILINE) for path, text in PAGES.items()}
-    assert sorted(sum(found.values(), [])) == sorted(name for name in fs.__all__ if not name.startswith("__"))
-    assert all(names == [Path(path).stem] for path, names in found.items() if names)  # a page of its own, which a table leads to
-    links = {f"{page}/{target}" for page in generate.NAMES for target in re.findall(r"^\| \[\w+\]\((\S+)\)", PAGES[f"{page}/index.md"],
-                                                                                   re.MULTILINE)}
-    assert links == {path for path, names in found.items() if names}
+    assert sorted(name for names in found.values() for name in names) == sorted(name for name in fs.__all__ if name[0] != "_")
+    own = {path for path, names in found.items() if names}  # a page of its own, which a table leads to
+    assert all(found[path] == [Path(path).stem] for path in own)
+    rows = re.compile(r"^\| \[\w+\]\((\S+)\)", re.MULTILINE)
+    assert own == {f"{page}/{target}" for page in generate.NAMES for target in rows.findall(PAGES[f"{page}/index.md"])}
     assert len({path.lower() for path in PAGES}) == len(PAGES)  # for file systems that do not tell case apart
 
 
