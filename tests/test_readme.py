@@ -107,6 +107,8 @@ def test_scene_files(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 def test_commands_exist_and_the_scenes_they_name() -> None:
     for line in "".join(blocks("sh")).splitlines():
         script, *words = line.split()
+        if line.startswith(("git clone ", "cd ")):  # the shell's own, which bring the reader to this folder
+            continue
         assert (ROOT / script).stat().st_mode & 0o111, f"{script} cannot be executed"
         if words[:1] == ["run"]:
             from femsub.app.scene import load
