@@ -26,7 +26,8 @@ def test_with_slope_gives_the_slope_asked() -> None:
     for law in (LAW, fs.StribeckArctanOdd(eps=1e-3)):
         for slope, speed in ((-0.2677, 0.19113), (-0.02, 0.5), (-0.1, -0.3)):
             made = law.with_slope(slope, speed)
-            assert made.slope(speed) == made.scalar()[1](speed) == pytest.approx(slope, rel=1e-12)
+            assert made.slope(speed) == pytest.approx(slope, rel=1e-12)  # NumPy's exp differs from math's by rounding
+            assert made.scalar()[1](speed) == pytest.approx(slope, rel=1e-12)
             assert (made.eps, made.coulomb, made.decay) == (law.eps, law.coulomb, law.decay)
     with pytest.raises(fs.InputError, match="Choose another speed"):
         LAW.with_slope(-0.1, 0.0)

@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 
 SLOW = 0.1  # ‖λq‖ of a state of length 1 below which q follows from Ωq
 STILL = 1e-12  # ‖λq‖ below which the rigid part of q would be rounding
+BESIDE = 1e-12  # a shift so far off λ, relatively: on it P(λ) may be singular
+STEPS = 8  # of inverse iteration for a lost λ, at most
+SOLVED = 1e-10  # backward error of an eigenpair that LAPACK has found
 APART = 1e-3  # relative distance of two eigenvalues that are certainly not one
 
 
@@ -272,12 +275,15 @@ def carries(pencil: Pencil) -> bool:
 
 
 def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array]:
-    """The same eigenpairs, but λ = 0 only where Kx = 0 within rounding: rounding has put others there.
+    """The same eigenpairs, but λ = 0 only where Kx = 0 within rounding: rounding has put others there, or near.
 
-    Beside a damping 1e17 times larger, -k/d is lost. It is the smaller root of λ²yᴴMx + λyᴴDx + yᴴKx, after a step of inverse
-    iteration with P at the first of these roots.
+    Beside a damping 1e17 times larger, -k/d is lost: LAPACK's λ is then 0, or any number within its rounding, which solves
+    nothing. -k/d is the smaller root of λ²yᴴMx + λyᴴDx + yᴴKx, after a step of inverse iteration with P at the first of these
+    roots.
     """
-    at = np.flatnonzero(values == 0)
+    noise = (values != 0) & (np.abs(values) <= len(values) * EPS * np.abs(values).max(initial=0.0))
+    noise[noise] = ~(pencil.backward_error(values[noise], X[:, noise]) <= SOLVED)
+    at = np.flatnonzero(noise | (values == 0))
     if not len(at) or carries(pencil):  # K may hold nothing of these coordinates but rounding
         return values, X, Y
     lost = ~(np.isfinite(X[:, at]).all(axis=0) & np.isfinite(Y[:, at]).all(axis=0))  # LAPACK's vectors of such a λ may overflow
@@ -288,16 +294,18 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, A
     values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
     for i in at:
         value, x, y = 0.0, X[:, i], Y[:, i] if Y[:, i].any() else X[:, i].conj()
-        for _ in range(3):
-            value = _smaller_root(*(np.vdot(y, A @ x) for A in (pencil.M, pencil.D, pencil.K)))
+        for _ in range(STEPS):
+            value, before = _smaller_root(*(np.vdot(y, A @ x) for A in (pencil.M, pencil.D, pencil.K))), value
             try:
-                near = pencil.at(value)
+                near = pencil.at(value * (1 + BESIDE))
                 new = np.linalg.solve(near, x), np.linalg.solve(near.T, y)
-            except np.linalg.LinAlgError:  # λ is exact
+            except np.linalg.LinAlgError:
                 break
             if not all(np.isfinite(part).all() and part.any() for part in new):
                 break
             x, y = (unit_length((part / np.abs(part).max())[:, None])[:, 0] for part in new)  # lengths may overflow
+            if abs(value - before) <= 4 * EPS * abs(value):  # not before this step: an error of x is squared in λ
+                break
         if not value or not np.isfinite([x, y]).all() or rounding_ratio(pencil.K, x[:, None])[0] <= RIGID:
             continue
         if (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
