@@ -191,6 +191,13 @@ def test_cards_that_only_look_like_those_of_a_mesh_are_skipped(card: str, tmp_pa
 def test_formulas_are_no_fields(tmp_path: Path) -> None:
     assert_bricks(deck(tmp_path, ["DEQATN  1       F(R,T,P)=SQRT(R**2+T**2,P)+1,2,3,4,5,6,7,8,9,10", *bricks("free"), "ENDDATA"]))
 
+def test_the_first_column_of_a_continuation_mark_means_nothing(tmp_path: Path) -> None:
+    """NASTRAN compares columns 74 to 80 of a line with 2 to 8 of the next one; NASTRAN-95's own decks have CCORD, then +CORD."""
+    lines = [re.sub(r"\+C(\d)$", r"CC\1", line) for line in bricks("small marked")]
+    assert any(line.endswith("CC1") for line in lines)
+    assert_bricks(deck(tmp_path, [*lines, "ENDDATA"]))
+
+
 
 @pytest.mark.parametrize("name", ["deck.dat", "deck.inp", "deck.txt", "deck", "deck.run1"])
 def test_the_content_tells_a_deck_whatever_it_is_called(name: str, tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
     """The fields of each card that is read, between blanks, by their names; and how many are elements but no cells."""
     cards: dict[str, list[str]] = {name: [] for name in _WIDTHS}
     counts: Counter[str] = Counter()
-    name, card, mark, wanted = "", list[str](), "", False
+    name, card, mark, wanted = "", list[str](), set[str](), False
     marks, astray = set[str](), dict[str, str]()  # of lines that wait for a continuation; of continuations elsewhere
     for line in bulk.split("\n"):
         if line.isspace() or not line:
@@ -121,15 +121,16 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
             wanted = name.rstrip("_") in _WIDTHS
         elif not name:
             raise InputError(f"{path} begins with a continuation: {line.strip()!r}")
-        elif (this := head.lstrip("+*")) == mark:
-            marks.discard(mark)
+        elif (this := head.lstrip("+*")) in mark:
+            marks -= mark
         elif this and (mark or not wanted):  # older files may list them anywhere
             astray[this] = head
             marks |= {this} if wanted else set()
         card += data
-        mark = after.strip().lstrip("+*").upper()
+        end = after.strip().upper()
+        mark = {end.lstrip("+*"), end[1:]} - {""}  # NASTRAN does not compare the first character, whatever it is
         if wanted:
-            marks.add(mark)
+            marks |= mark
             if line.count(",") > 9 and "".join(line.split(",")[10:]).strip():
                 raise InputError(f"{path} has a line of more than 10 fields: {line[:60]!r}")
     _close(path, cards, name, card)
