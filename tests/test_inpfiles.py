@@ -138,8 +138,6 @@ def test_encodings(encoding: str, tmp_path: Path) -> None:
     (["*NSET, NSET=a, GENERATE", "24, 21, -1"], "*NSET a, GENERATE has a line from 24 to 21 in steps of -1; it must be"),
     (["*NSET, NSET=a, GENERATE", "1, 4, -1"], "GENERATE has a line from 1 to 4 in steps of -1"),
     (["*NSET, NSET=a, GENERATE", "1"], "GENERATE has a line from 1 to 0 in steps of 1;"),
-    (["*ELSET, ELSET=a, GENERATE", "1, 99999999999, 1"], "*ELSET a names element 4, which the file does not give"),
-    (["*ELSET, ELSET=a", "1, 77"], "*ELSET a names element 77, which the file does not give"),
     (["*NSET, NSET=a, ELSET=none"], "*NSET a names the set 'none', which is not above it"),
     (["*ELSET, ELSET=a", "none"], "*ELSET a names 'none', which is neither a number nor a set above it"),
     (["*NSET", "1"], "a *NSET without a name"),
@@ -243,6 +241,17 @@ def test_nodes_of_sets_that_are_not_there(tmp_path: Path) -> None:
     assert {name: len(rows) for name, rows in mesh.sets.items()} == {"all": 32, "few": 2, "none": 0}
     assert "*NSET all names 99999999967 nodes that the file does not give, the first is 5: left out" in mesh.repairs
     assert "*NSET few names 1 nodes that the file does not give, the first is 29: left out" in mesh.repairs
+
+
+def test_elements_of_sets_that_are_not_there(tmp_path: Path) -> None:
+    """CalculiX passes over them, too."""
+    tail = ["*ELSET, ELSET=most, GENERATE", "1, 99999999999, 1", "*ELSET, ELSET=few", "1, 77", "*ELSET, ELSET=none", "77"]
+    mesh = deck(tmp_path, ["*NODE", *NODE_LINES, "*ELEMENT, TYPE=C3D8", *CELL_LINES, *tail])
+    assert {name: len(rows) for name, rows in mesh.groups.items()} == {"most": 9, "few": 1}
+    assert mesh.repairs == (
+        "*ELSET most names 99999999990 elements that the file does not give, the first is 4: left out",
+        "*ELSET few names 1 elements that the file does not give, the first is 77: left out",
+        "*ELSET none names 1 elements that the file does not give, the first is 77: left out")
 
 
 @pytest.mark.parametrize(("lines", "text"), [

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -52,12 +52,12 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
                     INPUT= (files beside the one that names them, or beside this one); blank and missing fields as 0, Fortran
                     exponents, a byte-order mark, Latin-1; the mesh of a part, or of an instance
     skips, tells    elements that are no cells (MASS, SPRING, ...); nodes, elements and sets that only the assembly has; more
-                    nodes on a line than an element has; nodes of sets that the file does not give; nodes given twice at the
-                    same place
+                    nodes on a line than an element has; nodes and elements of sets that the file does not give; nodes given
+                    twice at the same place
     refuses         several parts or instances, one that is moved, \\*SYSTEM, nodes in cylindrical coordinates; other options
                     of what is read; \\*IMPERFECTION, \\*IMPORT, \\*MODEL CHANGE, \\*REFINE MESH, \\*PARAMETER, \\*SYMMETRIC MODEL
-                    GENERATION; nearly known keywords; elements given twice, nodes at two places; sets of elements that the
-                    file does not give; elements that fill a volume and are none of ours; a last line that does not end
+                    GENERATION; nearly known keywords; elements given twice, nodes at two places; elements that fill a volume
+                    and are none of ours; a last line that does not end
     cannot know     whether lines are missing between two keywords or at the end: the format counts nothing. A number in a
                     list of a set is a node or element, a set called 7 needs quotes there
     ==============  ==========================================================================================================
@@ -87,11 +87,9 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
         members = found.members(sort, name, what)
         if sort == "N":
             point_sets[name] = np.flatnonzero(np.isin(numbers, whole_numbers(f"{path}: the nodes of {what}", members)))
-            if len(members) > len(point_sets[name]):
-                missing = np.setdiff1d(members, numbers)
-                found.leave_out(what, len(missing), int(missing[0]))
+            found.leave_out(what, "nodes", np.setdiff1d(members, numbers))
             continue
-        rows_of(path, what, "element", known, members)
+        found.leave_out(what, "elements", np.setdiff1d(members, known))
         rows = [np.flatnonzero(np.isin(part, members)) for part in cell_numbers]
         if not len(members) or any(map(len, rows)):  # else of skipped elements only
             cell_sets[name] = rows
@@ -208,14 +206,17 @@ class Found:
         if len(inside) < count:
             wrong = np.flatnonzero(inside != part.first + part.step * np.arange(len(inside)))
             missing = part.first + part.step * (int(wrong[0]) if len(wrong) else len(inside))
-            if sort == "EL":
-                raise InputError(f"{self.path}: {what} names element {missing}, which the file does not give")
-            self.leave_out(what, count - len(inside), missing)
+            self.leave_out(what, "nodes" if sort == "N" else "elements", [missing], count - len(inside))
         return inside
 
-    def leave_out(self, what: str, count: int, first: int) -> None:
-        """Note nodes of a set that the file does not give: meshes often have gaps in their numbers."""
-        note = f"{what} names {count} nodes that the file does not give, the first is {first}: left out"
+    def leave_out(self, what: str, kind: str, missing: Sequence[int] | Array, count: int | None = None) -> None:
+        """Note members of a set that the file does not give, if there are any: meshes often have gaps in their numbers.
+
+        `missing` begins with the first; `count` is how many there are, if it does not list them.
+        """
+        if not len(missing):
+            return
+        note = f"{what} names {count or len(missing)} {kind} that the file does not give, the first is {missing[0]}: left out"
         self.notes += [note] * (note not in self.notes)
 
 
