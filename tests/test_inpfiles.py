@@ -138,8 +138,6 @@ def test_encodings(encoding: str, tmp_path: Path) -> None:
     (["*NSET, NSET=a, GENERATE", "24, 21, -1"], "*NSET a, GENERATE has a line from 24 to 21 in steps of -1; it must be"),
     (["*NSET, NSET=a, GENERATE", "1, 4, -1"], "GENERATE has a line from 1 to 4 in steps of -1"),
     (["*NSET, NSET=a, GENERATE", "1"], "GENERATE has a line from 1 to 0 in steps of 1;"),
-    (["*ELSET, ELSET=a, GENERATE", "1, 99999999999, 1"], "*ELSET a names element 4, which the file does not give"),
-    (["*ELSET, ELSET=a", "1, 77"], "*ELSET a names element 77, which the file does not give"),
     (["*NSET, NSET=a, ELSET=none"], "*NSET a names the set 'none', which is not above it"),
     (["*ELSET, ELSET=a", "none"], "*ELSET a names 'none', which is neither a number nor a set above it"),
     (["*NSET", "1"], "a *NSET without a name"),
@@ -217,6 +215,25 @@ def test_more_nodes_on_a_line_than_the_element_has(cells: list[str], tmp_path: P
     assert len(mesh.repairs) == 1 and "nodes too many on a line" in mesh.repairs[0]
 
 
+def test_commas_too_many_at_the_end_of_a_line_of_nodes(tmp_path: Path) -> None:
+    mesh = fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron20")
+    first, rest = (", ".join(map(str, part)) for part in (mesh.cells[0][:15] + 1, mesh.cells[0][15:] + 1))
+    nodes = [f"{i + 1}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(mesh.points)]
+    back = deck(tmp_path, ["*NODE", *nodes, "*ELEMENT, TYPE=C3D20", f"1, {first},, ", f"   {rest}"])
+    assert back.kind == "hexahedron20" and volume(back) == pytest.approx(1.0) and back.repairs == ()
+
+
+def test_nodes_given_twice_at_the_same_place(tmp_path: Path) -> None:
+    mesh = deck(tmp_path, [*PLAIN, "*NODE, NSET=again", *NODE_LINES[:3]])
+    assert mesh.repairs == ("3 nodes were given twice at the same place, kept once",) and len(mesh.points) == 32
+    assert mesh.numbers[mesh.nodes("again")].tolist() == list(NODES)[:3]
+
+
+def test_shells_of_three_nodes_that_calculix_calls_us3(tmp_path: Path) -> None:
+    mesh = deck(tmp_path, ["*NODE", *NODE_LINES, "*USER ELEMENT, TYPE=US3, NODES=3", "*ELEMENT, TYPE=US3", "1, 1, 2, 11"])
+    assert mesh.kind == "triangle" and mesh.numbers[mesh.cells].tolist() == [[1, 2, 11]]
+
+
 def test_nodes_of_sets_that_are_not_there(tmp_path: Path) -> None:
     """Numbers with gaps: sets by GENERATE run over them."""
     tail = ["*NSET, NSET=all, GENERATE", "1, 99999999999, 1", "*NSET, NSET=few", "4, 29, 11", "*NSET, NSET=none", "29"]
@@ -226,12 +243,24 @@ def test_nodes_of_sets_that_are_not_there(tmp_path: Path) -> None:
     assert "*NSET few names 1 nodes that the file does not give, the first is 29: left out" in mesh.repairs
 
 
+def test_elements_of_sets_that_are_not_there(tmp_path: Path) -> None:
+    """CalculiX passes over them, too."""
+    tail = ["*ELSET, ELSET=most, GENERATE", "1, 99999999999, 1", "*ELSET, ELSET=few", "1, 77", "*ELSET, ELSET=none", "77"]
+    mesh = deck(tmp_path, ["*NODE", *NODE_LINES, "*ELEMENT, TYPE=C3D8", *CELL_LINES, *tail])
+    assert {name: len(rows) for name, rows in mesh.groups.items()} == {"most": 9, "few": 1}
+    assert mesh.repairs == (
+        "*ELSET most names 99999999990 elements that the file does not give, the first is 4: left out",
+        "*ELSET few names 1 elements that the file does not give, the first is 77: left out",
+        "*ELSET none names 1 elements that the file does not give, the first is 77: left out")
+
+
 @pytest.mark.parametrize(("lines", "text"), [
     (["*ELEMENT, TYPE=SPRINGA", "1, 1, 2", "*ELEMENT, TYPE=D", "2, 1, 3, 2", "3, 2, 4, 3"],
-     "has only elements that are no cells: 1 of type SPRINGA, 2 of type D"),
+     "has only elements of types that femsub does not read: 1 of type SPRINGA, 2 of type D"),
     (["*ELEMENT, TYPE=C3D15", "1, 1, 2, 11, 101, 102, 111, 3, 4, 12, 103, 104, 112, 13, 14, 21"], "has 1 wedge15 cells, but"),
     (["*ELEMENT, TYPE=C3D6", "1, 1, 2, 11, 101, 102, 111"], "has 1 wedge cells, but femsub"),
     ([], "has no *ELEMENT data"),
+    (["*RESTART, READ", "*STEP"], "has no *ELEMENT data: it continues another run (*RESTART, READ), whose file has the mesh"),
 ])
 def test_elements_that_femsub_has_not_are_named(lines: list[str], text: str, tmp_path: Path) -> None:
     with pytest.raises(fs.InputError, match=re.escape(text)):

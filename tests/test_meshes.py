@@ -153,6 +153,12 @@ def test_flat_and_concave_and_collapsed_cells_are_refused() -> None:
         checked(needle)
 
 
+def test_a_line_between_nodes_at_the_same_place_is_told_to_have_no_length() -> None:
+    spring = fs.Mesh([[0, 0, 0], [1, 0, 0], [1, 0, 0]], [[0, 1], [1, 2]], "line")
+    with pytest.raises(fs.InputError, match=r"1 of 2 line cells .* have no length: cell 1 around \(1, 0, 0\). Leave them out"):
+        checked(spring)
+
+
 def test_a_shell_in_space_has_no_side_to_be_on() -> None:
     mesh = fs.rectangle((2, 1), (2, 2), "quad")
     x, y = mesh.points.T

@@ -80,6 +80,29 @@ def test_included_files(tmp_path: Path) -> None:
     assert_bricks(deck(tmp_path, ["BEGIN BULK", "include 'nodes.bdf' $ here", *lines[12:], "ENDDATA"], nodes=lines[:12]))
 
 
+def test_included_files_include_others_beside_themselves_or_beside_the_deck(tmp_path: Path) -> None:
+    """Nastran looks from the folder of the run."""
+    lines = bricks("small")
+    (tmp_path / "parts" / "more here").mkdir(parents=True)
+    (tmp_path / "parts" / "more here" / "cells.inc").write_text("\n".join([*lines[12:], ""]))
+    for name in ("parts/more here/cells.inc", "more here/cells.inc", "'more here/cells.inc'"):
+        assert_bricks(deck(tmp_path, ["INCLUDE parts/one.bdf $ the rest", "ENDDATA"],
+                           **{"parts/one": [*lines[:12], f"include {name}  "]}))
+    with pytest.raises(fs.InputError, match=r"one.bdf includes 'none.inc', which is not a file beside it or beside .*deck.bdf"):
+        deck(tmp_path, ["INCLUDE parts/one.bdf", "ENDDATA"], **{"parts/one": ["INCLUDE none.inc"]})
+
+
+def test_bulk_data_that_begin_twice_are_no_superelements(tmp_path: Path) -> None:
+    assert_bricks(deck(tmp_path, ["BEGIN BULK", "$ a comment", "", "BEGIN BULK", *bricks("small"), "ENDDATA"]))
+
+
+def test_points_given_twice_at_the_same_place(tmp_path: Path) -> None:
+    lines = bricks("small")
+    mesh = deck(tmp_path, [*lines, *lines[:2], "ENDDATA"])
+    assert mesh.repairs == ("2 nodes were given twice at the same place, kept once",)
+    assert np.array_equal(mesh.cells, BRICKS.cells) and mesh.numbers.tolist() == NODES
+
+
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", ["hexahedron20", "tetra10", "tetra"])
 def test_middle_nodes_stand_where_they_belong(kind: str, form: str, tmp_path: Path) -> None:
@@ -166,6 +189,13 @@ def test_continuations_out_of_order_are_refused(tmp_path: Path) -> None:
     for order in ((first, rest, second, more), (first, "FREQ    3       1.", more, second, rest)):
         with pytest.raises(fs.InputError, match=r"the continuation '\+A[01]' does not stand below the line it continues"):
             deck(tmp_path, [*grid, *order, "ENDDATA"])
+
+
+def test_the_first_column_of_a_continuation_mark_means_nothing(tmp_path: Path) -> None:
+    """NASTRAN compares columns 74 to 80 of a line with 2 to 8 of the next one; NASTRAN-95's own decks have CCORD, then +CORD."""
+    lines = [re.sub(r"\+C(\d)$", r"CC\1", line) for line in bricks("small marked")]
+    assert any(line.endswith("CC1") for line in lines)
+    assert_bricks(deck(tmp_path, [*lines, "ENDDATA"]))
 
 
 def test_continuations_of_cards_that_are_not_read_may_stand_anywhere(tmp_path: Path) -> None:

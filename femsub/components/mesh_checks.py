@@ -128,8 +128,12 @@ def _oriented(mesh: Mesh, labels: Array) -> Mesh:
     low, high, corner_low, corner_high = (np.concatenate(part) for part in zip(*_volumes(mesh), strict=True))
     mirrored = (high < -FLAT) & (corner_high <= FLAT)
     sound = (low > FLAT) & (corner_low >= -FLAT)
-    _refuse(mesh, ~mirrored & ~sound, labels, "are tangled or flat (the Jacobian determinant changes its sign or vanishes)",
-            "move their nodes, or mesh that part anew")
+    if mesh.kind == "line":
+        wrong, cure = "have no length", "Leave them out, e.g. springs between nodes at the same place, or move their nodes"
+    else:
+        wrong = "are tangled or flat (the Jacobian determinant changes its sign or vanishes)"
+        cure = "move their nodes, or mesh that part anew"
+    _refuse(mesh, ~mirrored & ~sound, labels, wrong, cure)
     if not mirrored.any():
         return mesh
     cells = mesh.cells.copy()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, once, rows_of, whole_numbers
+from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, once, rows_of, whole_numbers, without_copies
 
 #: keywords whose data define the mesh
 _MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
@@ -30,7 +30,7 @@ _PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9", 65: 
 #: how the name of an element begins, and what the number after that means
 _FAMILIES = (
     (r"C3D|DC3D", {4: "tetra", 10: "tetra10", 8: "hexahedron", 20: "hexahedron20", 6: "wedge", 15: "wedge15", 5: "pyramid"}),
-    (r"CPS|CPE|CAX|STRI|SFM3D|M3D|R3D|S", _PLANE),
+    (r"CPS|CPE|CAX|STRI|SFM3D|M3D|R3D|US|S", _PLANE),
     (r"T2D|T3D", {2: "line", 3: "line3"}),
     (r"B[23]", {1: "line", 2: "line3", 3: "line"}),
 )
@@ -49,14 +49,15 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     ==============  ==========================================================================================================
     reads           \\*NODE, \\*ELEMENT, \\*NSET, \\*ELSET (lists, names, quoted names, GENERATE), \\*NGEN (straight, arcs),
                     \\*NFILL (equal intervals), \\*NCOPY, \\*NMAP (RECTANGULAR, CYLINDRICAL), \\*ELGEN, \\*ELCOPY, \\*INCLUDE and
-                    INPUT= (files beside this one); blank and missing fields as 0, Fortran exponents, a byte-order mark,
-                    Latin-1; the mesh of a part, or of an instance
+                    INPUT= (files beside the one that names them, or beside this one); blank and missing fields as 0, Fortran
+                    exponents, a byte-order mark, Latin-1; the mesh of a part, or of an instance
     skips, tells    elements that are no cells (MASS, SPRING, ...); nodes, elements and sets that only the assembly has; more
-                    nodes on a line than an element has; nodes of sets that the file does not give
+                    nodes on a line than an element has; nodes and elements of sets that the file does not give; nodes given
+                    twice at the same place
     refuses         several parts or instances, one that is moved, \\*SYSTEM, nodes in cylindrical coordinates; other options
                     of what is read; \\*IMPERFECTION, \\*IMPORT, \\*MODEL CHANGE, \\*REFINE MESH, \\*PARAMETER, \\*SYMMETRIC MODEL
-                    GENERATION; nearly known keywords; nodes and elements given twice; sets of elements that the file does
-                    not give; elements that fill a volume and are none of ours; a last line that does not end
+                    GENERATION; nearly known keywords; elements given twice, nodes at two places; elements that fill a volume
+                    and are none of ours; a last line that does not end
     cannot know     whether lines are missing between two keywords or at the end: the format counts nothing. A number in a
                     list of a set is a node or element, a set called 7 needs quotes there
     ==============  ==========================================================================================================
@@ -72,8 +73,10 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     _collect(path, found)
     if not found.nodes or not found.elements:
         told = ", ".join(f"{count} of type {kind}" for kind, count in found.skipped.items())
-        raise InputError(f"{path} has only elements that are no cells: {told}" if told and found.nodes else
-                         f"{path} has no {'*ELEMENT' if found.nodes else '*NODE'} data")
+        if told and found.nodes:
+            raise InputError(f"{path} has only elements of types that femsub does not read: {told}")
+        also = ": it continues another run (*RESTART, READ), whose file has the mesh" if found.continues else ""
+        raise InputError(f"{path} has no {'*ELEMENT' if found.nodes else '*NODE'} data{also}")
     numbers, points = found.all_nodes()
     cell_numbers = [part for _, part, _ in found.elements]
     once(path, "elements", np.concatenate([*cell_numbers, *found.others]))
@@ -84,11 +87,9 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
         members = found.members(sort, name, what)
         if sort == "N":
             point_sets[name] = np.flatnonzero(np.isin(numbers, whole_numbers(f"{path}: the nodes of {what}", members)))
-            if len(members) > len(point_sets[name]):
-                missing = np.setdiff1d(members, numbers)
-                found.leave_out(what, len(missing), int(missing[0]))
+            found.leave_out(what, "nodes", np.setdiff1d(members, numbers))
             continue
-        rows_of(path, what, "element", known, members)
+        found.leave_out(what, "elements", np.setdiff1d(members, known))
         rows = [np.flatnonzero(np.isin(part, members)) for part in cell_numbers]
         if not len(members) or any(map(len, rows)):  # else of skipped elements only
             cell_sets[name] = rows
@@ -112,6 +113,7 @@ def _collect(path: Path, found: Found) -> None:
             continue
         in_assembly = (found.scopes["ASSEMBLY"] > found.scopes["END ASSEMBLY"]
                        and found.scopes["INSTANCE"] == found.scopes["END INSTANCE"])
+        found.continues |= keyword == "RESTART" and "READ" in options
         if keyword not in _MAKERS:
             continue
         maker, option, known = _MAKERS[keyword]
@@ -156,6 +158,7 @@ class Found:
     scopes: Counter[str] = field(default_factory=Counter)
     apart: set[str] = field(default_factory=set)
     notes: list[str] = field(default_factory=list)
+    continues: bool = False  # another run, by *RESTART, READ
 
     def add(self, sort: str, name: str, members: Part) -> None:
         """Add members to a set. Names are not case-sensitive; a set that appears again grows."""
@@ -163,13 +166,15 @@ class Found:
         self.sets.setdefault((sort, name.upper()), []).append(members)
 
     def all_nodes(self) -> tuple[Array, Array]:
-        """Numbers, ascending, and points; a repeated number is an error."""
+        """Numbers, ascending, and points; a number that comes again at another place is an error."""
         if not self.nodes:
             raise InputError(f"{self.path} has no *NODE data where they are needed")
         if len(self.nodes) > 1 or not (np.diff(self.nodes[0][0]) > 0).all():
-            numbers = np.concatenate([part for part, _ in self.nodes])
-            order = once(self.path, "nodes", numbers)
-            self.nodes = [(numbers[order], np.concatenate([part for _, part in self.nodes])[order])]
+            numbers, points = (np.concatenate(parts) for parts in zip(*self.nodes, strict=True))
+            rows, notes = without_copies(numbers, points)
+            self.notes += notes
+            rows = rows[once(self.path, "nodes", numbers[rows])]
+            self.nodes = [(numbers[rows], points[rows])]
         return self.nodes[0]
 
     def all_elements(self) -> Array:
@@ -201,14 +206,17 @@ class Found:
         if len(inside) < count:
             wrong = np.flatnonzero(inside != part.first + part.step * np.arange(len(inside)))
             missing = part.first + part.step * (int(wrong[0]) if len(wrong) else len(inside))
-            if sort == "EL":
-                raise InputError(f"{self.path}: {what} names element {missing}, which the file does not give")
-            self.leave_out(what, count - len(inside), missing)
+            self.leave_out(what, "nodes" if sort == "N" else "elements", [missing], count - len(inside))
         return inside
 
-    def leave_out(self, what: str, count: int, first: int) -> None:
-        """Note nodes of a set that the file does not give: meshes often have gaps in their numbers."""
-        note = f"{what} names {count} nodes that the file does not give, the first is {first}: left out"
+    def leave_out(self, what: str, kind: str, missing: Sequence[int] | Array, count: int | None = None) -> None:
+        """Note members of a set that the file does not give, if there are any: meshes often have gaps in their numbers.
+
+        `missing` begins with the first; `count` is how many there are, if it does not list them.
+        """
+        if not len(missing):
+            return
+        note = f"{what} names {count or len(missing)} {kind} that the file does not give, the first is {missing[0]}: left out"
         self.notes += [note] * (note not in self.notes)
 
 
@@ -343,7 +351,7 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
             raise InputError(f"{path}: elements of type {kind_here or '(none)'} cannot be read; C3D4, C3D10, C3D8 and C3D20 can")
         yield _skip(found, kind_here, data)
         return
-    values, counts = fields(what, _bare(data))
+    values, counts = fields(what, re.sub(r",[, \t]*(?=\n|\Z)", "", data))  # CalculiX passes over all commas at the end
     width = _SIZES[kind] + 1
     if len(counts) and counts.min() >= width < counts.max():
         found.notes.append(f"elements of type {kind_here} have up to {counts.max() - width} nodes too many on a line, left out")

@@ -68,16 +68,18 @@ class Deck:
         self.seen: set[Path] = set()
 
     def included(self, by: Path, name: str) -> tuple[Path, str]:
-        """The place and the text of a file that `by` names.
+        """The place and the text of a file that `by` names: beside it or, as for a program that runs there, beside the deck.
 
         Raises
         ------
         InputError
             It is not there, lies elsewhere, or is one too many.
         """
-        place = by.parent / name
-        if not name or not os.path.isfile(place):
-            raise InputError(f"{by} includes {name or 'no file'!r}, which is not a file beside it")
+        places = [folder / name for folder in dict.fromkeys((by.parent, self.path.parent))]
+        place = next((place for place in places if name and os.path.isfile(place)), None)
+        if place is None:
+            also = f" or beside {self.path}" if len(places) > 1 else ""
+            raise InputError(f"{by} includes {name or 'no file'!r}, which is not a file beside it{also}")
         whole = Path(os.path.realpath(place))
         home = Path(os.path.realpath(self.path.parent))
         if not any(whole.is_relative_to(folder) for folder in (home, *_trusted.get())):
@@ -175,6 +177,19 @@ def once(path: Path, what: str, numbers: Array) -> Array:
     if len(again):
         raise InputError(f"{path} gives {len(np.unique(again))} {what} more than once, the first is {what[:-1]} {again[0]}")
     return order
+
+
+def without_copies(numbers: Array, values: Array) -> tuple[Array, list[str]]:
+    """The rows of nodes without those that say again what a row above them says, and a note of how many these are.
+
+    `values` (n, k) has what a file gives for each node; the same number with other values stays, for `once` to refuse.
+    """
+    order = np.argsort(numbers, kind="stable")
+    again = (np.diff(numbers[order]) == 0) & (values[order][1:] == values[order][:-1]).all(axis=1)
+    count = int(np.count_nonzero(again))
+    words = "node was" if count == 1 else "nodes were"
+    notes = [f"{count} {words} given twice at the same place, kept once"] * (count > 0)
+    return np.setdiff1d(np.arange(len(numbers)), order[1:][again]), notes
 
 
 def rows_of(path: Path, what: str, sort: str, numbers: Array, wanted: Array) -> Array:

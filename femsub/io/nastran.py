@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from difflib import get_close_matches
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.io.damage import check_end
-from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, whole_numbers
+from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, whole_numbers, without_copies
 from femsub.io.nastran_systems import NAMES, Systems
 
 BLANK = "-9"  # stands for a coordinate system that is not given: GRDSET may give it
@@ -57,10 +58,12 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     reads           GRID and GRDSET, in coordinate systems (CP) of CORD1R, CORD2R, ..., too; CTETRA, CHEXA, CPENTA, CPYRAM,
                     shells, bars and the like by their nodes, two rods on a card; all three formats of fields,
                     continuations with and without marks, capitals or not, 1.5-3 for 1.5E-3; blank coordinates as 0, a
-                    blank property as the element's number, if others have one; INCLUDE (files beside this one)
-    skips, tells    elements that are no cells: CONM2, CELAS2, RBE2, ...; that ENDDATA is missing
-    refuses         numbers given twice; nodes missing in a card or in the file; continuations of cells and points out of their
-                    order; replication (=); superelements; other solids (CIHEX3, ...) and nearly known names
+                    blank property as the element's number, if others have one; INCLUDE (files beside the one that names
+                    them, or beside this one)
+    skips, tells    elements that are no cells: CONM2, CELAS2, RBE2, ...; that ENDDATA is missing; points given twice alike
+    refuses         elements given twice, points at two places; nodes missing in a card or in the file; continuations of
+                    cells and points out of their order; replication (=); superelements; other solids (CIHEX3, ...) and
+                    nearly known names
     cannot know     whether cards are missing between two others, or at the end without ENDDATA: the format counts nothing
     ==============  ==========================================================================================================
 
@@ -73,7 +76,7 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
 
     bulk, notes = _bulk(path)
     cards, skipped = _cards(path, bulk)
-    numbers, points = _points(path, cards)
+    numbers, points, copies = _points(path, cards)
     order = once(path, "nodes", numbers)
     blocks = [block for name in _CELLS if cards[name] for block in _cells(path, name, cards[name])]
     once(path, "elements", np.concatenate([np.zeros(0, dtype=np.int64), *(block[1] for block in blocks)]))
@@ -82,13 +85,13 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     cells = [(kind, order[rows_of(path, f"a {kind} cell", "node", numbers[order], nodes)]) for kind, _, _, nodes in blocks]
     mesh = meshio.Mesh(points, cells, cell_data={"nastran:ref": properties} if given else {})
     mesh.points_id, mesh.cells_id = numbers, [block[1] for block in blocks]
-    return mesh, [*notes, *(f"{count} {name} skipped" for name, count in sorted(skipped.items()))]
+    return mesh, [*notes, *copies, *(f"{count} {name} skipped" for name, count in sorted(skipped.items()))]
 
 
 def _bulk(path: Path) -> tuple[str, list[str]]:
     """The cards between BEGIN BULK and ENDDATA (if they are there), without comments; and notes."""
-    include = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\s$]*)[^\n]*\n?"""
-    text = Deck(path).whole(include, lambda name: re.sub(r"\s*\n\s*", "", name.strip("'\"")))
+    include = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\n$]*)[^\n]*\n?"""
+    text = Deck(path).whole(include, lambda name: re.sub(r"\s*\n\s*", "", name.strip().strip("'\"")))
     text = re.sub(r"\$.*", "", text).expandtabs(8).encode("ascii", "replace").decode()
     if "//" in text or "#" in text:
         text = re.sub(r"^(?://|#).*", "", text, flags=re.MULTILINE)
@@ -98,6 +101,8 @@ def _bulk(path: Path) -> tuple[str, list[str]]:
         check_end(path)
     stop = ends[0] if ends else len(text)
     begins = [mark for mark in marks if mark.end() < stop]
+    empty = {i for i, (mark, after) in enumerate(pairwise(begins)) if not text[mark.end():after.start()].strip()}
+    begins = [mark for i, mark in enumerate(begins) if i not in empty]  # BEGIN BULK may stand there twice
     if len(begins) > 1 or (begins and re.search(r"SUPER|AUXM", begins[0][1], flags=re.IGNORECASE)):
         raise InputError(f"{path} has several parts of bulk data (superelements): write one")
     notes = [] if ends else ["the file has no ENDDATA: if it was cut short at the end of a line, cards are missing"]
@@ -108,7 +113,7 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
     """The fields of each card that is read, between blanks, by their names; and how many are elements but no cells."""
     cards: dict[str, list[str]] = {name: [] for name in _WIDTHS}
     counts: Counter[str] = Counter()
-    name, card, mark, wanted = "", list[str](), "", False
+    name, card, mark, wanted = "", list[str](), set[str](), False
     marks, astray = set[str](), dict[str, str]()  # of lines that wait for a continuation; of continuations elsewhere
     for line in bulk.split("\n"):
         if line.isspace() or not line:
@@ -121,15 +126,16 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
             wanted = name.rstrip("_") in _WIDTHS
         elif not name:
             raise InputError(f"{path} begins with a continuation: {line.strip()!r}")
-        elif (this := head.lstrip("+*")) == mark:
-            marks.discard(mark)
+        elif (this := head.lstrip("+*")) in mark:
+            marks -= mark
         elif this and (mark or not wanted):  # older files may list them anywhere
             astray[this] = head
             marks |= {this} if wanted else set()
         card += data
-        mark = after.strip().lstrip("+*").upper()
+        end = after.strip().upper()
+        mark = {end.lstrip("+*"), end[1:]} - {""}  # NASTRAN does not compare the first character, whatever it is
         if wanted:
-            marks.add(mark)
+            marks |= mark
             if line.count(",") > 9 and "".join(line.split(",")[10:]).strip():
                 raise InputError(f"{path} has a line of more than 10 fields: {line[:60]!r}")
     _close(path, cards, name, card)
@@ -197,7 +203,8 @@ def _values(path: Path, name: str, cards: list[str], kind: type = np.int64) -> A
     return found.reshape(len(cards), width)
 
 
-def _points(path: Path, cards: dict[str, list[str]]) -> tuple[Array, Array]:
+def _points(path: Path, cards: dict[str, list[str]]) -> tuple[Array, Array, list[str]]:
+    """Numbers and places, without what is given twice alike, and a note of that."""
     if not cards["GRID"]:
         raise InputError(f"{path} has no GRID cards")
     if len(cards["GRDSET"]) > 1:
@@ -207,15 +214,17 @@ def _points(path: Path, cards: dict[str, list[str]]) -> tuple[Array, Array]:
     whole_numbers(f"{path}: the numbers of GRID", numbers)
     system = np.where(system == int(BLANK), default[0] if len(default) else 0, system)
     places = _values(path, "GRID place", cards["GRID place"], float)
+    rows, notes = without_copies(numbers, np.column_stack([system, places]))
+    numbers, system, places = numbers[rows], system[rows], places[rows]
     if not system.any():
-        return numbers, places
+        return numbers, places, notes
     by_nodes, by_points = {}, {}
     for name in NAMES:
         for number, *nodes in _values(path, name, cards[name]).tolist() if name.startswith("CORD1") else ():
             by_nodes[number] = name[-1], np.array(nodes)
         for number, of, *rest in _values(path, name, cards[name], float).tolist() if name.startswith("CORD2") else ():
             by_points[int(number)] = name[-1], int(of), np.reshape(rest, (3, 3))
-    return numbers, Systems(path, numbers, system, places, by_nodes, by_points).points()
+    return numbers, Systems(path, numbers, system, places, by_nodes, by_points).points(), notes
 
 
 def _cells(path: Path, name: str, cards: list[str]) -> list[tuple[str, Array, Array, Array]]:
