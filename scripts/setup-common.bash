@@ -46,6 +46,8 @@ keep_or_clear() {
         mkdir -p "$state"
         return
     fi
+    [ ! -L "$venv" ] || die "$venv is a link to $(readlink -f "$venv"), which belongs to another folder: remove the link," \
+        "or name that environment's interpreter in FEMSUB_PYTHON"
     if [ -d "$state" ]; then
         [ ! -e "$venv/pyvenv.cfg" ] || say "the .venv here is unfinished, broken or was moved: making it anew"
         rm -f "$venv/pyvenv.cfg" # first, so that an interrupted removal never looks like somebody else's

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -137,6 +138,21 @@ def test_what_a_change_must_pass_runs_without_the_variables_of_a_machine(tmp_pat
     subprocess.run([str(run)], capture_output=True, check=True)
     own = {"PWD", "SHLVL", "_"}  # of bash itself
     assert set(told.read_text().split()) - own == {"PATH", "HOME", "LANG"}
+
+
+def test_the_set_up_leaves_an_environment_of_another_folder_alone(tmp_path: Path) -> None:
+    """A linked .venv was emptied, that of another clone."""
+    mine, others = tmp_path / "mine", tmp_path / "others"
+    for folder in (mine / "scripts", others / ".setup"):
+        folder.mkdir(parents=True)
+    for name in ("pyproject.toml", "scripts/setup", "scripts/setup-common.bash"):
+        shutil.copy(ROOT / name, mine / name)
+    for name, text in (("pyvenv.cfg", "home = /usr/bin"), (".setup/root", str(others))):
+        (others / name).write_text(text, encoding="utf-8")
+    (mine / ".venv").symlink_to(others)
+    done = subprocess.run([mine / "scripts" / "setup"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and f".venv is a link to {others}" in done.stderr, done.stderr
+    assert (others / "pyvenv.cfg").exists() and (others / ".setup" / "root").exists() and (mine / ".venv").is_symlink()
 
 
 def test_the_readmes_test_command_is_what_a_change_must_pass() -> None:
