@@ -18,6 +18,7 @@ PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one i
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labelsize": 8, "ytick.labelsize": 8,
          "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True}
 SMALL = 8  # points, of numbers beside marks
+MANY = "#7f7f7f"  # in a legend: of marks that have the colours of several models
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
 
 def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note: str = "") -> None:
@@ -152,9 +153,25 @@ def few_decades(axis: Any) -> None:
 
 def legend_below(figure: Any, axes: Iterable[Any], columns: int = 4) -> None:
     """One legend of all axes below them, each label once."""
-    lines = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    lines: dict[str, Any] = {}
+    colours: dict[str, set[Any]] = {}
+    for line, label in ((line, label) for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)):
+        lines[label] = line
+        colours.setdefault(label, set()).add(getattr(line, "get_color", str)())
+    for label in (label for label, found in colours.items() if len(found) > 1):
+        lines[label] = _grey(lines[label])
     if lines:
         figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=min(columns, len(lines)))
+
+
+def _grey(line: Any) -> Any:
+    """The like of a line for a legend, where its name stands for lines of several colours."""
+    like = _matplotlib().lines.Line2D([], [])
+    like.update_from(line)
+    like.set(color=MANY, markeredgecolor=MANY)
+    if line.get_markerfacecolor() != "none":
+        like.set_markerfacecolor(MANY)
+    return like
 
 
 def rounding_below(axis: Any, errors: Iterable[float]) -> None:
@@ -172,7 +189,8 @@ def rounding_below(axis: Any, errors: Iterable[float]) -> None:
 
 
 def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
-    """Texts beside points: (axis, x, y, text, colour). They cover no mark and no other text; where there is no room, none stands.
+    """Texts beside points: (axis, x, y, text, colour). They cover no mark and no other text, and are
+    nearer to their own point than to another of their colour; where there is no room, none stands.
 
     Those of the first points are placed first. They stand once the figure is drawn, for then only have its axes their places.
     """
@@ -206,15 +224,18 @@ def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]
                                                       if line.get_linestyle() not in ("None", "none", "", None))])
         taken = [box_at(x, y, size, size) for x, y, size in marks]
         taken += [text.get_window_extent() for text in axis.texts]
+        mine = [(axis.transData.transform((x, y)), text, colour) for own, x, y, text, colour in labels if own is axis]
         for _, x, y, text, colour in (label for label in labels if label[0] is axis):
             wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
             at = axis.transData.transform((x, y))
+            others = [place for place, word, shade in mine if word != text and shade == colour and np.isfinite(place).all()]
             free: list[tuple[int, int, Any, Bbox]] = []
             for right, up in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
                 gap = (4.0 if right and up else 6.5) * pixels
                 shift = np.array([right * (gap + wide / 2), up * (gap + high / 2)])
                 box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
-                if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken):
+                if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken) \
+                        and all(_gap(box, at) <= _gap(box, other) for other in others):
                     under = int(((crossed > box.p0) & (crossed < box.p1)).all(axis=1).sum())
                     free.append((under, len(free), shift, box))
             if free:  # where it covers least of the lines
@@ -222,6 +243,11 @@ def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]
                 axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
                               ha="center", va="center", zorder=6, path_effects=[withStroke(linewidth=2, foreground="white")])
                 taken.append(box)
+
+
+def _gap(box: Any, point: Any) -> float:
+    """How far a point lies from a box."""
+    return float(np.hypot(*np.maximum(0.0, np.maximum(box.p0 - point, point - box.p1))))
 
 
 def _along(corners: Any, step: float) -> Any:
@@ -235,5 +261,5 @@ def _along(corners: Any, step: float) -> Any:
 
 def _matplotlib() -> Any:
     found = [package(f"matplotlib{name}", "figures need matplotlib", "matplotlib", otherwise=", or run with --no-figures")
-             for name in ("", ".backends.backend_agg", ".figure", ".text")]
+             for name in ("", ".backends.backend_agg", ".figure", ".lines", ".text")]
     return found[0]
