@@ -18,6 +18,7 @@ PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one i
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labelsize": 8, "ytick.labelsize": 8,
          "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True}
 SMALL = 8  # points, of numbers beside marks
+CLEARLY = 1.5  # how much nearer a number stands to its own mark than to others of its colour
 MANY = "#7f7f7f"  # in a legend: of marks that have the colours of several models
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
 
@@ -190,7 +191,7 @@ def rounding_below(axis: Any, errors: Iterable[float]) -> None:
 
 def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
     """Texts beside points: (axis, x, y, text, colour). They cover no mark and no other text, and are
-    nearer to their own point than to another of their colour; where there is no room, none stands.
+    clearly nearer to their own point than to others of their colour; where there is no room, none stands.
 
     Those of the first points are placed first. They stand once the figure is drawn, for then only have its axes their places.
     """
@@ -235,7 +236,7 @@ def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]
                 shift = np.array([right * (gap + wide / 2), up * (gap + high / 2)])
                 box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
                 if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken) \
-                        and all(_gap(box, at) <= _gap(box, other) for other in others):
+                        and all(CLEARLY * _gap(box, at) <= _gap(box, other) for other in others):
                     under = int(((crossed > box.p0) & (crossed < box.p1)).all(axis=1).sum())
                     free.append((under, len(free), shift, box))
             if free:  # where it covers least of the lines
