@@ -18,6 +18,7 @@ PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one i
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labelsize": 8, "ytick.labelsize": 8,
          "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True}
 SMALL = 8  # points, of numbers beside marks
+TOUCHING = 4.0  # points: marks that are nearer to each other lie on each other
 CLEARLY = 1.5  # how much nearer a number stands to its own mark than to others of its colour
 MANY = "#7f7f7f"  # in a legend: of marks that have the colours of several models
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
@@ -229,7 +230,8 @@ def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]
         for _, x, y, text, colour in (label for label in labels if label[0] is axis):
             wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
             at = axis.transData.transform((x, y))
-            others = [place for place, word, shade in mine if word != text and shade == colour and np.isfinite(place).all()]
+            others = [place for place, word, shade in mine if word != text and shade == colour
+                      and np.hypot(*(place - at)) > TOUCHING * pixels]  # those that lie on each other have no side of their own
             free: list[tuple[int, int, Any, Bbox]] = []
             for right, up in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
                 gap = (4.0 if right and up else 6.5) * pixels
