@@ -50,6 +50,7 @@ myst_heading_anchors = 4  # as GitHub makes them
 myst_fence_as_directive = ["math"]  # as git hosts write formulas
 html_math_renderer = "mathml"
 default_role = "code"
+smartquotes = False  # --out is no dash
 autodoc_typehints = "none"  # docstrings tell types with their shapes and units
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
