@@ -239,9 +239,10 @@ def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]
                 box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
                 if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken) \
                         and all(CLEARLY * _gap(box, at) <= _gap(box, other) for other in others):
-                    under = int(((crossed > box.p0) & (crossed < box.p1)).all(axis=1).sum())
+                    inside = ((crossed > box.p0) & (crossed < box.p1)).all(axis=1)
+                    under = int((inside & (np.abs(crossed[:, 1] - at[1]) > 1)).sum())
                     free.append((under, len(free), shift, box))
-            if free:  # where it covers least of the lines
+            if free:  # where it covers least of the lines, but for a bar through its own mark
                 _, _, shift, box = min(free, key=lambda one: one[:2])
                 axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
                               ha="center", va="center", zorder=6, path_effects=[withStroke(linewidth=2, foreground="white")])
