@@ -237,6 +237,8 @@ def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]
                 gap = (4.0 if right and up else 6.5) * pixels
                 shift = np.array([right * (gap + wide / 2), up * (gap + high / 2)])
                 box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
+                if up and any(box.y0 < other[1] < box.y1 for other in others):
+                    continue  # beside another's bar it would be read as that one's
                 if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken) \
                         and all(CLEARLY * _gap(box, at) <= _gap(box, other) for other in others):
                     inside = ((crossed > box.p0) & (crossed < box.p1)).all(axis=1)
