@@ -1,6 +1,7 @@
 """Settings of the documentation's site, which `scripts/docs` builds: plain Markdown pages, and a reference made from the code.
 
-Nothing is fetched: neither while it is built, nor when a page is read. Formulas are Unicode, so that no script must draw them.
+Nothing is fetched: neither while it is built, nor when a page is read. The ```math blocks of pages become MathML, which a browser
+draws without a script. Formulas in a text are Unicode, with the index of K_ii below the line.
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from docutils import nodes
-from sphinx.addnodes import pending_xref
+from docutils.utils.math import latex2mathml
+from sphinx.addnodes import desc_signature, pending_xref
 from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
@@ -44,7 +47,10 @@ nitpicky = True  # a name in a docstring that leads nowhere is a fault
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4  # as GitHub makes them
+myst_fence_as_directive = ["math"]  # as git hosts write formulas
+html_math_renderer = "mathml"
 default_role = "code"
+smartquotes = False  # --out is no dash
 autodoc_typehints = "none"  # docstrings tell types with their shapes and units
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
@@ -166,6 +172,51 @@ def link_names(app: Sphinx, tree: nodes.document) -> None:
             link += code
 
 
+#: how far the second and the third part of a formula's element are lifted
+SCRIPTS = {"msub": ("-0.25em",), "msup": ("0.4em",), "msubsup": ("-0.25em", "0.4em")}
+#: a name of one letter with an index
+INDEXED = re.compile(r"((?<![a-zA-Z0-9_.])[a-zA-Z]|[Α-ω])_([a-zA-Z0-9ψ]{1,2}(?![a-zA-Z0-9_])|\{[^{}]+\})")
+
+
+def lower_indices(app: Sphinx, tree: nodes.document) -> None:
+    """K_ii in a text has its index below the line; code and the names of parameters stay."""
+    kept = (nodes.literal, nodes.literal_block, nodes.math, nodes.math_block, nodes.term, nodes.raw, desc_signature)
+    for text in list(tree.findall(nodes.Text)):
+        above = text.parent
+        while above is not None and not isinstance(above, kept):
+            above = above.parent
+        if above is None and len(parts := INDEXED.split(text.astext())) > 1:
+            made: list[nodes.Node] = []
+            for plain, letter, index in zip(parts[::3], [*parts[1::3], ""], [*parts[2::3], ""], strict=True):
+                made += [nodes.Text(plain + letter), *([nodes.subscript("", index.strip("{}"))] if index else [])]
+            text.parent.replace(text, made)
+
+
+def put_formula(page: Any, node: nodes.Element) -> None:
+    """A ```math block as MathML."""
+    page.body.append(f'<div class="formula">{mathml(node.astext(), True)}</div>\n')
+    raise nodes.SkipNode
+
+
+def put_inline_formula(page: Any, node: nodes.Element) -> None:
+    page.body.append(mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def mathml(formula: str, block: bool = False) -> str:
+    """A formula in LaTeX as MathML. Its indices and exponents are small and moved by hand: a browser without a font for formulas
+    leaves indices on the line."""
+    made = latex2mathml.tex2mathml(formula, as_block=block).replace("&ApplyFunction;", "\u2061")
+    tree = ElementTree.fromstring(made.replace(' xmlns="http://www.w3.org/1998/Math/MathML"', ""))
+    for node in list(tree.iter()):
+        for at, lift in enumerate(SCRIPTS.get(node.tag, ()), 1):
+            moved = ElementTree.Element("mpadded", voffset=lift)
+            ElementTree.SubElement(moved, "mrow", style="font-size: 0.75em").append(node[at])
+            node[at] = moved
+        node.tag = "mrow" if node.tag in SCRIPTS else node.tag
+    return ElementTree.tostring(tree, encoding="unicode", short_empty_elements=False)
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("builder-inited", lambda _: generate.write(HERE / "reference"), priority=100)
     app.connect("source-read", link_reference)
@@ -174,4 +225,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", add_contents)
     app.connect("autodoc-process-docstring", escape_bars, priority=900)  # after numpydoc
     app.connect("doctree-read", link_names)
+    app.connect("doctree-read", lower_indices)
+    app.add_html_math_renderer("mathml", (put_inline_formula, None), (put_formula, None))
     return {"parallel_read_safe": True}

@@ -191,7 +191,7 @@ def draw(rows: list[dict[str, Any]]) -> Any:
                 axis.hist(hard, bins, color=colour, histtype="step", lw=1.2, label=f"{label}, no mode to spare")
         axis.axvspan(1, 10, color="0.9", zorder=0, label="wanted for 90 %")
         for edge in (0.5, 10):
-            axis.axvline(edge, color="0.4", ls="--", lw=1)
+            axis.axvline(edge, color="0.4", ls="--", lw=1, label="0.5 and 10")
         axis.set(xscale="log", yscale="log", ylim=(0.7, 1e5), xlabel="estimate / true error  [-]",
                  title=f"effectivity, {what}")
     axes[0].set_ylabel("number of modes  [-]")
@@ -202,8 +202,8 @@ def draw(rows: list[dict[str, Any]]) -> Any:
             x, y = ([max(at[key], 0.7) for at in mine] for key in ("fewest", "modes"))
             axes[2].plot(x, y, marker, color=colour, ms=4, alpha=0.6, label=f"{label}, tol = {tol:g}")
     line = np.geomspace(0.7, max(at["fewest"] for row in rows for at in row["tolerances"]) * 1.2, 200)
-    axes[2].plot(line, line, "k-", lw=0.8)
-    axes[2].plot(line, np.maximum(1.5 * line, line + 2), "k--", lw=0.8)
+    axes[2].plot(line, line, "k-", lw=0.8, label="the fewest")
+    axes[2].plot(line, np.maximum(1.5 * line, line + 2), "k--", lw=0.8, label="1.5 times as many, or 2 more")
     axes[2].set(xscale="log", yscale="log", xlabel="fewest modes that would do  [-]", ylabel="modes chosen  [-]", title="choice")
     legend_below(figure, axes, 3)
     return figure

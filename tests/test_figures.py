@@ -20,7 +20,7 @@ from femsub.studies.tables import KNOWN, WIDTH, Table, fitted, table
 pytest.importorskip("matplotlib")
 
 from femsub import annulus, rectangle
-from femsub.app.figure_style import PAGE, SMALL, STYLE, draw, label_points, new_figure, render
+from femsub.app.figure_style import MANY, PAGE, SMALL, STYLE, draw, label_points, legend_below, new_figure, render
 from femsub.app.figures import belt_sweep_figure, shapes_figure
 from femsub.studies import ROUNDING, Chart, Panel, Series, look
 from femsub.studies.charts_components import LINES, eigenvalue_chart, springs_chart
@@ -110,7 +110,7 @@ def test_labels_of_points_cover_no_mark_and_no_other_label() -> None:
     figure.canvas.draw()
     for axis in drawn(figure):
         boxes = [text.get_window_extent() for text in axis.texts]
-        assert len(boxes) >= 6
+        assert len(boxes) >= 5
         assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
         for line in axis.lines:
             if line.get_marker() not in ("None", None, ""):
@@ -125,6 +125,37 @@ def test_a_label_without_room_is_left_out() -> None:
     label_points(figure, [(axis, 0.5, 0.5, f"{at}" * 3, "black") for at in range(40)])
     figure.draw_without_rendering()
     assert 1 <= len(axis.texts) <= 8
+
+
+def test_a_label_is_nearer_to_its_own_mark_than_to_another_of_its_colour() -> None:
+    """Two models of nearly the same time and error had each the number of the other beside them."""
+    figure = new_figure(4.0, 3.0)
+    axis = figure.subplots()
+    x, y = np.full(5, 0.5), np.linspace(0.3, 0.6, 5)
+    axis.plot(x, y, "s-", ms=5)
+    label_points(figure, [(axis, *at, f"{number}", "black") for number, at in enumerate(zip(x, y, strict=True))])
+    figure.canvas.draw()
+    places = axis.transData.transform(np.column_stack([x, y]))
+    assert len(axis.texts) >= 3
+    for text in axis.texts:
+        box = text.get_window_extent()
+        gaps = [np.hypot(*np.maximum(0, np.maximum(box.p0 - place, place - box.p1))) for place in places]
+        own = int(text.get_text())
+        assert all(1.4 * gaps[own] < gap for at, gap in enumerate(gaps) if at != own)
+
+
+def test_a_name_of_marks_of_several_colours_is_grey_in_the_legend() -> None:
+    """'fold' had the blue of Craig-Chang, but was drawn in the colours of all models."""
+    figure = new_figure(4.0, 3.0)
+    axis = figure.subplots()
+    for colour in ("#c44e00", "#0067a5"):
+        axis.plot([0, 1], [0, 1], "D", color=colour, label="fold")
+        axis.plot([0, 1], [0, 1], "-", color="black", label="full")
+    legend_below(figure, [axis])
+    shown = {text.get_text(): line.get_color() for text, line in zip(
+        figure.legends[0].get_texts(), figure.legends[0].get_lines(), strict=True)}
+    assert shown == {"fold": MANY, "full": "black"}
+    assert axis.lines[-2].get_color() == "#0067a5"  # what is drawn stays
 
 
 def test_systems_have_a_panel_for_each_error_and_models_with_a_missing_mode_none() -> None:
@@ -176,7 +207,7 @@ def test_a_page_has_all_lines_over_springs_and_a_figure_those_that_can_be_told_a
     (panel,) = chart.drawn
     looks = {(*one.look[1:], one.line, one.hollow) for one in panel.series}
     assert len(looks) == len(panel.series) == 6 <= LINES and {one.told["modes"][0] for one in panel.series} == {4, 20}
-    assert len(chart.plain()["places"][0]["panels"][0]["series"]) == 12 and "2 more numbers of modes" in chart.about
+    assert len(chart.plain()["places"][0]["panels"][0]["series"]) == 12 and "models with 8, 12 modes" in chart.about
     assert len(springs_chart(rows[:8], "x").drawn[0].series) == 3  # one method: fewest, most, and one between
 
 

@@ -91,6 +91,12 @@ def test_the_chain_in_parts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         assert data[f"methods-{count}-parts"]["recommendation"] in " ".join(capsys.readouterr().out.split()) or count == 4
 
 
+def test_coordinates_of_reduced_parts_are_no_translations(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The pieces of the scene's own chain, reduced by MacNeal's method, were told that M and K were in each other's place."""
+    run(tmp_path, 'scene = "chain-parts"\nparts = [5]\nmethods = ["macneal", "dual-craig-bampton"]\nrepeats = 1\n')
+    assert "each other's place" not in capsys.readouterr().err
+
+
 def test_own_parts_are_joined_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     front, back = written(tmp_path)
     data = run(tmp_path, OWN)

@@ -91,3 +91,28 @@ def test_a_scene_of_the_gallery_has_a_small_picture_and_two_sentences(scene: str
 @pytest.mark.parametrize("scene", [name for name, shown in gallery.GALLERY.items() if shown.text])
 def test_a_scene_file_of_the_gallery_is_a_scene_s(scene: str, tmp_path: Path) -> None:
     assert isinstance(load(gallery.scene_file(scene, tmp_path))[0], scene_of(scene)[0])
+
+
+# formulas
+
+METHODS_PAGES = sorted((DOCS / "methods").glob("*.md"))
+
+
+def test_formulas_of_the_methods_are_blocks_that_are_rendered() -> None:
+    found = {path.stem: re.findall(r"^```(\w*)\n(.*?)^```$", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+             for path in METHODS_PAGES}
+    assert not [name for name, blocks in found.items() if any(kind == "text" and "⁻¹" in text for kind, text in blocks)]
+    without = {name for name, blocks in found.items() if not any(kind == "math" for kind, _ in blocks)}
+    assert without == {"index", "choice", "published"}
+
+
+def test_a_formula_becomes_mathml_with_its_indices_below_the_line() -> None:
+    pytest.importorskip("sphinx")
+    conf = loaded(DOCS / "conf.py")
+    assert '<mpadded voffset="-0.25em">' in conf.mathml("K_{ii}^{-1}") and "msub" not in conf.mathml("K_{ii}^{-1} M_b")
+    for path in METHODS_PAGES:
+        for formula in re.findall(r"^```math\n(.*?)^```$", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+            assert "merror" not in conf.mathml(formula, True), path.name
+    texts = {"G⁻¹Φ_b, K_ii⁻¹ K_biΨ": "G⁻¹Φ<b>, K<ii>⁻¹ K<bi>Ψ", "m_{j-1} to m_j": "m<{j-1}> to m<j>",
+             "test_site.py, mode_n, read_x_y": "test_site.py, mode_n, read_x_y"}
+    assert {text: conf.INDEXED.sub(r"\1<\2>", text) for text in texts} == texts

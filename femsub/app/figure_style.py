@@ -18,6 +18,9 @@ PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one i
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labelsize": 8, "ytick.labelsize": 8,
          "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True}
 SMALL = 8  # points, of numbers beside marks
+TOUCHING = 4.0  # points: marks that are nearer to each other lie on each other
+CLEARLY = 1.5  # how much nearer a number stands to its own mark than to others of its colour
+MANY = "#7f7f7f"  # in a legend: of marks that have the colours of several models
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
 
 def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note: str = "") -> None:
@@ -152,9 +155,25 @@ def few_decades(axis: Any) -> None:
 
 def legend_below(figure: Any, axes: Iterable[Any], columns: int = 4) -> None:
     """One legend of all axes below them, each label once."""
-    lines = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    lines: dict[str, Any] = {}
+    colours: dict[str, set[Any]] = {}
+    for line, label in ((line, label) for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)):
+        lines[label] = line
+        colours.setdefault(label, set()).add(getattr(line, "get_color", str)())
+    for label in (label for label, found in colours.items() if len(found) > 1):
+        lines[label] = _grey(lines[label])
     if lines:
         figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=min(columns, len(lines)))
+
+
+def _grey(line: Any) -> Any:
+    """The like of a line for a legend, where its name stands for lines of several colours."""
+    like = _matplotlib().lines.Line2D([], [])
+    like.update_from(line)
+    like.set(color=MANY, markeredgecolor=MANY)
+    if line.get_markerfacecolor() != "none":
+        like.set_markerfacecolor(MANY)
+    return like
 
 
 def rounding_below(axis: Any, errors: Iterable[float]) -> None:
@@ -172,7 +191,8 @@ def rounding_below(axis: Any, errors: Iterable[float]) -> None:
 
 
 def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
-    """Texts beside points: (axis, x, y, text, colour). They cover no mark and no other text; where there is no room, none stands.
+    """Texts beside points: (axis, x, y, text, colour). They cover no mark and no other text, and are
+    clearly nearer to their own point than to others of their colour; where there is no room, none stands.
 
     Those of the first points are placed first. They stand once the figure is drawn, for then only have its axes their places.
     """
@@ -206,22 +226,34 @@ def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]
                                                       if line.get_linestyle() not in ("None", "none", "", None))])
         taken = [box_at(x, y, size, size) for x, y, size in marks]
         taken += [text.get_window_extent() for text in axis.texts]
+        mine = [(axis.transData.transform((x, y)), text, colour) for own, x, y, text, colour in labels if own is axis]
         for _, x, y, text, colour in (label for label in labels if label[0] is axis):
             wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
             at = axis.transData.transform((x, y))
+            others = [place for place, word, shade in mine if word != text and shade == colour
+                      and np.hypot(*(place - at)) > TOUCHING * pixels]  # those that lie on each other have no side of their own
             free: list[tuple[int, int, Any, Bbox]] = []
             for right, up in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
                 gap = (4.0 if right and up else 6.5) * pixels
                 shift = np.array([right * (gap + wide / 2), up * (gap + high / 2)])
                 box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
-                if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken):
-                    under = int(((crossed > box.p0) & (crossed < box.p1)).all(axis=1).sum())
+                if up and any(box.y0 < other[1] < box.y1 for other in others):
+                    continue  # beside another's bar it would be read as that one's
+                if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken) \
+                        and all(CLEARLY * _gap(box, at) <= _gap(box, other) for other in others):
+                    inside = ((crossed > box.p0) & (crossed < box.p1)).all(axis=1)
+                    under = int((inside & (np.abs(crossed[:, 1] - at[1]) > 1)).sum())
                     free.append((under, len(free), shift, box))
-            if free:  # where it covers least of the lines
+            if free:  # where it covers least of the lines, but for a bar through its own mark
                 _, _, shift, box = min(free, key=lambda one: one[:2])
                 axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
                               ha="center", va="center", zorder=6, path_effects=[withStroke(linewidth=2, foreground="white")])
                 taken.append(box)
+
+
+def _gap(box: Any, point: Any) -> float:
+    """How far a point lies from a box."""
+    return float(np.hypot(*np.maximum(0.0, np.maximum(box.p0 - point, point - box.p1))))
 
 
 def _along(corners: Any, step: float) -> Any:
@@ -235,5 +267,5 @@ def _along(corners: Any, step: float) -> Any:
 
 def _matplotlib() -> Any:
     found = [package(f"matplotlib{name}", "figures need matplotlib", "matplotlib", otherwise=", or run with --no-figures")
-             for name in ("", ".backends.backend_agg", ".figure", ".text")]
+             for name in ("", ".backends.backend_agg", ".figure", ".lines", ".text")]
     return found[0]

@@ -93,7 +93,7 @@ class Substructure(Frozen):
         if not np.any(diagonal):
             raise InputError("M has no mass at all: every diagonal entry is zero")
         _semidefinite_pairs(mass, diagonal)
-        if _in_each_others_place(mass, stiffness):
+        if type(self) is Substructure and _in_each_others_place(mass, stiffness):  # parts of a system have been looked at
             warn(f"M and K of {str(name)!r} seem to be in each other's place: most rows of M sum to 0 along a translation, as "
                  "those of a stiffness matrix do, and those of K do not. The order is Substructure(M, K), read_component(M, K)")
         if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:

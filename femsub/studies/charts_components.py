@@ -186,8 +186,8 @@ def springs_chart(rows: Sequence[Mapping[str, Any]], title: str) -> Chart:
         return Panel(series, "springs under the interface / static stiffness of the component there  [-]",
                      "relative error of ω  [-]", logs="xy", where=where)
 
-    left = len(counts) - len(drawn)
-    about = f"not drawn: {left} more number{'s' * (left != 1)} of modes, which the table has" if left else ""
+    left = [f"{modes}" for modes in counts if modes not in drawn]
+    about = f"not drawn, but in the table: models with {', '.join(left)} modes" if left else ""
     return Chart("joined-interface", title, [panel(drawn, "figure"), panel(counts, "page")], about=about,
                  note="Soft springs leave the interface nearly free, stiff ones nearly fixed. Errors of zero are drawn at "
                  f"{ROUNDING:g}.", height=4.0, columns=3)

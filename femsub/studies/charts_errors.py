@@ -70,7 +70,7 @@ def friction_errors_chart(found: Study, title: str, name: str) -> Chart:
 
 
 def _chart(name: str, found: Study, title: str, panels: Sequence[Panel], across: int, about: str) -> Chart:
-    head = f"{title}: error against run time, band {found.band[0]:g} to {found.band[1]:.4g} rad/time"
+    head = f"{title}: error against run time, band {found.band[0]:g} to {found.band[1]:.6g} rad/time"
     return Chart(name, head, panels, across, f"{LEGEND}{about}", NOTE, height=2.7, columns=3)
 
 
@@ -78,7 +78,7 @@ def _runs(studies: Sequence[Study]) -> str:
     times = [time for found in studies for row in found.rows for time in (row.reduction, row.solution)]
     spread = any(time.most > time.least for time in times)
     runs = studies[0].repeats
-    return (f"; medians of {runs} runs" if runs > 1 else "; one run") + (", bars from least to most" if spread else "")
+    return (f"\nmedians of {runs} runs" if runs > 1 else "\none run") + (", bars from least to most" if spread else "")
 
 
 def _panels(found: Study, rows: Sequence[Row], kinds: Mapping[str, str], drawn: Sequence[str], place: str) -> list[Panel]:

@@ -173,7 +173,7 @@ def _eigenvalues(work: Work) -> Result:
     kept = work.scene.modes
     panels = [{**m, "panel": f"{modes} modes"} for modes in dict.fromkeys([kept[0], kept[len(kept) // 2], kept[-1]])
               for m in spectra if m["model"] == "full" or m["modes"] == modes]
-    title = f"{work.scene.name}: dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}"
+    title = f"{work.scene.name}, dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}"
     shown = [head, said, eigenvalue_chart(panels, title), stability_remark(spectra), Remark.of_completeness(exact.evidence)]
     if at is None:
         return Result(data, shown)
