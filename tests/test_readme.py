@@ -50,7 +50,7 @@ def prose(page: str) -> list[str]:
 
 
 def test_all_kinds_of_blocks_are_known() -> None:
-    assert {kind for _, kind, _ in BLOCKS} == {"sh", "python", "toml", "text"}
+    assert {kind for _, kind, _ in BLOCKS} == {"sh", "python", "toml", "text", "math"}
 
 
 def test_the_readme_can_be_read_to_its_end() -> None:

@@ -19,7 +19,7 @@ STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labels
          "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True}
 SMALL = 8  # points, of numbers beside marks
 TOUCHING = 4.0  # points: marks that are nearer to each other lie on each other
-CLEARLY = 1.5  # how much nearer a number stands to its own mark than to others of its colour
+CLEARLY = 1.15  # how much nearer a number stands to its own mark than to others of its colour
 MANY = "#7f7f7f"  # in a legend: of marks that have the colours of several models
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
 
