@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.figure_style import PAGE, legend_below, new_figure, render
+from benchmarks.pictures import save
+from femsub.app.figure_style import PAGE, legend_below, new_figure
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes import match
 from femsub.studies.losses import first_loss
@@ -81,8 +82,7 @@ def main() -> int:
     change = np.abs(np.diff(values, axis=0)) / np.abs(values[-1])
     print("largest change of λ from mesh to mesh, relative to |λ|: " + ", ".join(f"{step:.1e}" for step in change.max(axis=1)))
     given.out.mkdir(parents=True, exist_ok=True)
-    with open(given.out / "brake-convergence.png", "wb") as file:
-        render(lambda: figure(rows, values, given.mu), file)
+    save(given.out / "brake-convergence.png", lambda: figure(rows, values, given.mu))
     table = [{"size": row["size"], "dof": row["dof"], "critical_mu": row["critical"], "critical_omega": row["omega"],
               "frequency_hz": (value.imag / 2 / np.pi).tolist(), "growth": value.real.tolist()}
              for row, value in zip(rows, values, strict=True)]

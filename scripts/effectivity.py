@@ -22,8 +22,9 @@ import numpy as np
 
 import femsub as fs
 from benchmarks import gallery
+from benchmarks.pictures import save
 from femsub.algebra.factor import release
-from femsub.app.figure_style import PAGE, legend_below, new_figure, render
+from femsub.app.figure_style import PAGE, legend_below, new_figure
 from femsub.io.atomic import write_whole
 from femsub.model.bands import within
 from femsub.model.estimate import SHARE
@@ -231,7 +232,7 @@ def main() -> None:
     told = summary(rows)
     write_whole(asked.out, {"effectivity.txt": lambda stream: stream.write(f"{told}\n".encode())})
     print(told)
-    write_whole(asked.out, {"effectivity.png": lambda file: render(lambda: draw(rows), file)})
+    save(asked.out / "effectivity.png", lambda: draw(rows))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ def scaling(folder: Path, *args: str) -> dict[str, Any]:
                "--repeats", "1", "--cores", "1", "--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert {path.name for path in folder.iterdir()} == {"scaling.csv", "scaling.json", "scaling.png"}
+    assert {path.name for path in folder.iterdir()} == {"scaling.csv", "scaling.json", "scaling.png", "numbers.json"}
     report = json.loads((folder / "scaling.json").read_text())
     assert set(report["machine"]["1"]["blas_threads"].values()) <= {1}
     assert all(row["seconds"] > 0 and row["peak_mb"] > 0 for row in report["rows"])
