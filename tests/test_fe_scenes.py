@@ -190,7 +190,7 @@ def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() ->
     assert len(fit) > 2 and best.size == min(row.size for row in fit)
     few = next(row for row in found.rows if row.modes == 4)
     assert few.cutoff < 8500 and few not in fit
-    assert found.recommended(1e-16) is None and "none of these models" in found.recommendation(1e-16)
+    assert found.recommended(1e-16) is None and "no smaller model" in found.recommendation(1e-16)
     with pytest.raises(ValueError, match="tol must be positive"):
         found.recommended(0)
 

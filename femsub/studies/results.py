@@ -261,7 +261,7 @@ class Study:
                      and self._error(row) > tol]
             near = min(whole, key=self._error, default=None)
             nearest = "" if near is None else f"; {near.named} comes nearest with {100 * self._error(near):.2g} %"
-            return f"for {where} none of these models is accurate enough{nearest}. Keep more modes, or lower the band"
+            return f"for {where} no smaller model is accurate enough{nearest}. Keep more modes, or lower the band"
         within = "are within" if row.error_force <= ROUGH else "are not to be trusted, they are off by up to"
         forces = "" if np.isnan(row.error_force) else f"; the forces in the joints {within} {100 * row.error_force:.2g} %"
         faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
