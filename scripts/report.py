@@ -80,7 +80,7 @@ STEPS = (
     scene("beam", "Beam", "A steel beam on a belt, 400 DOF.", "error-time"),
     scene("plate", "Plate", "A thin plate, 3,200 DOF.", "error-time"),
     scene("solid", "Solid", "A brake's disc, 7,920 DOF.", "error-time"),
-    scene("scripts/long-chain.toml", "A chain of 100,000 masses", "Beyond its border of stability; the README's first figure.",
+    scene("scripts/long-chain.toml", "A chain of 100,000 masses", "Beyond its border of stability.",
           "error-time"),
     scene("scripts/disc-transient.toml", "A disc in time", "10,800 DOF: what a simulated period costs, full and reduced.",
           "error-time"),
