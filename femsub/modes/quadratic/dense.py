@@ -278,8 +278,8 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, A
     """The same eigenpairs, but λ = 0 only where Kx = 0 within rounding: rounding has put others there, or near.
 
     Beside a damping 1e17 times larger, -k/d is lost: LAPACK's λ is then 0, or any number within its rounding, which solves
-    nothing. -k/d is the smaller root of λ²yᴴMx + λyᴴDx + yᴴKx, after a step of inverse iteration with P at the first of these
-    roots.
+    nothing. -k/d is the smaller root of λ²yᴴMx + λyᴴDx + yᴴKx, after some steps of inverse iteration with P beside the last of
+    these roots.
     """
     noise = (values != 0) & (np.abs(values) <= len(values) * EPS * np.abs(values).max(initial=0.0))
     noise[noise] = ~(pencil.backward_error(values[noise], X[:, noise]) <= SOLVED)
