@@ -110,7 +110,7 @@ def test_labels_of_points_cover_no_mark_and_no_other_label() -> None:
     figure.canvas.draw()
     for axis in drawn(figure):
         boxes = [text.get_window_extent() for text in axis.texts]
-        assert len(boxes) >= 5
+        assert len(boxes) >= 6
         assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
         for line in axis.lines:
             if line.get_marker() not in ("None", None, ""):

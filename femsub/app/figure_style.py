@@ -20,6 +20,8 @@ STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labels
 SMALL = 8  # points, of numbers beside marks
 TOUCHING = 4.0  # points: marks that are nearer to each other lie on each other
 CLEARLY = 1.15  # how much nearer a number stands to its own mark than to others of its colour
+#: where a number may stand to its mark, to the right and up; once all have been tried at the first, those left are at the second
+SIDES = (((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)), ((1, 0.3), (-1, 0.3), (1, -0.3), (-1, -0.3)))
 MANY = "#7f7f7f"  # in a legend: of marks that have the colours of several models
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
 
@@ -203,52 +205,59 @@ def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str
 
         def execute(self, fig: Any) -> None:
             super().execute(fig)
-            _put_labels(fig, self.waiting)
+            for axis in dict.fromkeys(label[0] for label in self.waiting):
+                _put_labels(axis, [label[1:] for label in self.waiting if label[0] is axis], fig.dpi / 72)
             self.waiting = ()
 
     figure.set_layout_engine(Labelled())
 
 
-def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
+def _put_labels(axis: Any, labels: Sequence[tuple[float, float, str, str]], pixels: float) -> None:
+    """Those of one axis, (x, y, text, colour), at so many pixels a point."""
     from matplotlib.patheffects import withStroke
     from matplotlib.transforms import Bbox
 
     def box_at(x: float, y: float, wide: float, high: float) -> Bbox:
         return Bbox.from_bounds(x - wide / 2, y - high / 2, wide, high)
 
-    pixels = figure.dpi / 72
-    for axis in dict.fromkeys(label[0] for label in labels):
-        frame = axis.get_window_extent().padded(-2 * pixels)
-        lines = [(line, line.get_transform().transform(np.column_stack(line.get_data()))) for line in axis.lines]
-        marks = [(*mark, (line.get_markersize() + 2) * pixels) for line, found in lines
-                 if line.get_marker() not in ("None", "none", "", None) for mark in found]
-        crossed = np.concatenate([np.zeros((0, 2)), *(_along(found, 2 * pixels) for line, found in lines
-                                                      if line.get_linestyle() not in ("None", "none", "", None))])
-        taken = [box_at(x, y, size, size) for x, y, size in marks]
-        taken += [text.get_window_extent() for text in axis.texts]
-        mine = [(axis.transData.transform((x, y)), text, colour) for own, x, y, text, colour in labels if own is axis]
-        for _, x, y, text, colour in (label for label in labels if label[0] is axis):
-            wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
-            at = axis.transData.transform((x, y))
-            others = [place for place, word, shade in mine if word != text and shade == colour
-                      and np.hypot(*(place - at)) > TOUCHING * pixels]  # those that lie on each other have no side of their own
-            free: list[tuple[int, int, Any, Bbox]] = []
-            for right, up in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
-                gap = (4.0 if right and up else 6.5) * pixels
-                shift = np.array([right * (gap + wide / 2), up * (gap + high / 2)])
-                box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
-                if up and any(box.y0 < other[1] < box.y1 for other in others):
-                    continue  # beside another's bar it would be read as that one's
-                if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken) \
-                        and all(CLEARLY * _gap(box, at) <= _gap(box, other) for other in others):
-                    inside = ((crossed > box.p0) & (crossed < box.p1)).all(axis=1)
-                    under = int((inside & (np.abs(crossed[:, 1] - at[1]) > 1)).sum())
-                    free.append((under, len(free), shift, box))
-            if free:  # where it covers least of the lines, but for a bar through its own mark
-                _, _, shift, box = min(free, key=lambda one: one[:2])
-                axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
-                              ha="center", va="center", zorder=6, path_effects=[withStroke(linewidth=2, foreground="white")])
-                taken.append(box)
+    frame = axis.get_window_extent().padded(-2 * pixels)
+    lines = [(line, line.get_transform().transform(np.column_stack(line.get_data()))) for line in axis.lines]
+    marks = [(*mark, (line.get_markersize() + 2) * pixels) for line, found in lines
+             if line.get_marker() not in ("None", "none", "", None) for mark in found]
+    crossed = np.concatenate([np.zeros((0, 2)), *(_along(found, 2 * pixels) for line, found in lines
+                                                  if line.get_linestyle() not in ("None", "none", "", None))])
+    taken = [box_at(x, y, size, size) for x, y, size in marks]
+    taken += [text.get_window_extent() for text in axis.texts]
+    mine = [(axis.transData.transform((x, y)), text, colour) for x, y, text, colour in labels]
+
+    def place(x: float, y: float, text: str, colour: str, sides: Iterable[tuple[float, float]]) -> bool:
+        """Whether there was room at one of these sides of a mark; the text stands there then."""
+        wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
+        at = axis.transData.transform((x, y))
+        others = [spot for spot, word, shade in mine if word != text and shade == colour
+                  and np.hypot(*(spot - at)) > TOUCHING * pixels]  # those that lie on each other have no side of their own
+        free: list[tuple[int, int, Any, Bbox]] = []
+        for right, up in sides:
+            gap = (4.0 if right and abs(up) == 1 else 6.5) * pixels
+            shift = np.array([right * (gap + wide / 2), up * (gap + high / 2 if abs(up) == 1 else high)])
+            box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
+            if up and any(box.y0 < other[1] < box.y1 for other in others):
+                continue  # beside another's bar it would be read as that one's
+            if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken) \
+                    and all(CLEARLY * _gap(box, at) <= _gap(box, other) for other in others):
+                inside = ((crossed > box.p0) & (crossed < box.p1)).all(axis=1)
+                under = int((inside & (np.abs(crossed[:, 1] - at[1]) > 1)).sum())
+                free.append((under, len(free), shift, box))
+        if free:  # where it covers least of the lines, but for a bar through its own mark
+            _, _, shift, box = min(free, key=lambda one: one[:2])
+            axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
+                          ha="center", va="center", zorder=6, path_effects=[withStroke(linewidth=2, foreground="white")])
+            taken.append(box)
+        return bool(free)
+
+    waiting = labels
+    for sides in SIDES:
+        waiting = [label for label in waiting if not place(*label, sides)]
 
 
 def _gap(box: Any, point: Any) -> float:
