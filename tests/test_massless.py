@@ -350,6 +350,17 @@ def test_a_number_that_depends_on_rounding_is_not_certified() -> None:
             assert fs.complex_modes(pencil).evidence == "not checked"
 
 
+def test_a_rounding_of_lapack_alone_leaves_no_number_open() -> None:
+    """M = BᵀB of whole numbers is singular exactly, but LAPACK's least eigenvalue may be 1e-15: `run chain-parts` warned of it."""
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(4, 13))
+        B = rng.integers(-2, 3, (n - int(rng.integers(1, 3)), n)).astype(float)
+        if (rank := np.linalg.matrix_rank(B)) == len(B):
+            found = fs.complex_modes(fs.Pencil(B.T @ B, 0.1 * np.eye(n), np.diag(np.arange(1.0, n + 1))))
+            assert (len(found), found.evidence) == (n + rank, "certified"), seed
+
+
 def test_a_truncation_splits_no_pair() -> None:
     """λ = -1 ± 2i and 0.1 ± 3i, listed by LAPACK in any order: 3 of them are one pair, and its members are conjugates."""
     from femsub.modes.quadratic.singular_mass import _by_qz

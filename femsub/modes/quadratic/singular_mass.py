@@ -81,13 +81,18 @@ def parts_of(pencil: Pencil) -> Parts:
 
 
 def _decomposed(A: Array) -> tuple[Array, Array, Array]:
-    """A = L diag(s) Rᵀ with orthonormal L and R, |s| descending; L = R if A is symmetric, then s may be negative."""
-    if not np.array_equal(A, A.T):
-        left, size, right = la.svd(A)
-        return left, size, right.T
-    size, turn = la.eigh(A) if len(A) else (np.zeros(0), A)
+    """A = L diag(s) Rᵀ with orthonormal L and R, |s| descending; L = R if A is symmetric, then s may be negative.
+
+    s is diag(LᵀAR): LAPACK's own s carry several roundings of the largest, which would hide whether the least are 0.
+    """
+    if np.array_equal(A, A.T):
+        left = right = la.eigh(A)[1] if len(A) else A
+    else:
+        left, _, right = la.svd(A)
+        right = right.T
+    size = np.einsum("ij,ij->j", left, A @ right)
     order = np.argsort(-np.abs(size), kind="stable")
-    return turn[:, order], size[order], turn[:, order]
+    return left[:, order], size[order], right[:, order]
 
 
 def _rank(sizes: Array, whole: float, least: float) -> tuple[int, bool]:
