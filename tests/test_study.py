@@ -263,6 +263,7 @@ def test_without_an_interface_methods_that_coincide_are_compared_once() -> None:
     free = fs.study(fs.chain(10, belt=2, interface=()), methods, (0.0, 0.75), repeats=1, held=True)
     assert [(row.method, row.size) for row in free.rows] == [("craig-bampton", 3), ("guyan", 3), ("craig-bampton", 4)]
     assert free.left_out == (SAME.format("Craig-Bampton, Craig-Chang and Rubin", "Craig-Bampton"),)
+    assert " ".join(free.brief().split()).endswith(free.left_out[0])  # a table of one method only needs its reason
     joined = fs.study(fs.chain(10, belt=2), methods, (0.0, 0.75), repeats=1)
     assert len(joined.rows) == len(methods) and not joined.left_out
     assert study_choice(free, 0.5).condition == ["the model has no interface. Nothing is told of it joined to others."]

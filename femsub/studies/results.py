@@ -278,7 +278,7 @@ class Study:
                 "nearer than the error")
 
     def brief(self, tol: float = 1e-3) -> str:
-        """The full model, and of each method the model that is recommended, or else the most accurate one."""
+        """The full model, and of each method the model that is recommended, or else the most accurate one; which are left out."""
         best, rows = self.recommended(tol), [self.full]
         for method in dict.fromkeys(row.method for row in self.rows):
             own = [row for row in self.rows if row.method == method]
@@ -287,7 +287,7 @@ class Study:
         kept = [one for one in self._columns() if one.key in BRIEF and (one.key != "missing" or any(row.missing for row in rows))]
         first = replace(kept[0], cell=lambda row: f"{'>' if row['recommended'] else ' '} {label(row['method'])}")
         told = Table("", [row.flat() | {"recommended": row is best} for row in rows], [first, *kept[1:]], keys=2).text()
-        return told + ("\n> recommended" if best else "")
+        return "\n".join([told, *(["> recommended"] if best else []), *map(fitted, self.left_out)])
 
     @property
     def _forces(self) -> bool:
