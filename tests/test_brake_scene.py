@@ -95,7 +95,7 @@ def test_the_scene_tells_unstable_modes_errors_and_the_critical_mu(tmp_path: Pat
     assert errors["contact-modes", 30] < errors["contact-modes", 20] and errors["contact-modes", 30] < errors["real-modes", 30]
     best = data["error-time"]["recommended"]
     assert best["missed"] == 0 and best["error_critical"] <= 1e-2
-    assert re.search(r"of the reduced model at mu = 0\.\d+, of the full model at mu = 0\.\d+", " ".join(said.split()))
+    assert re.search(r"of the reduced model at μ = 0\.\d+, of the full model at μ = 0\.\d+", " ".join(said.split()))
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"unstable.vtu", "most-unstable.pvd", "unstable.png", "flutter.png", "error-time.png", "unstable.csv"} <= written
 

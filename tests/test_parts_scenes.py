@@ -227,7 +227,7 @@ def test_own_parts_with_friction_tell_the_error_of_the_critical_mu(tmp_path: Pat
         assert float(row["error_critical"]) == pytest.approx(error, rel=1e-3)
     best = found["recommended"]
     assert best["error_critical"] <= 0.05 and best["missed"] == 0 and found["parameter"] == "mu"
-    assert found["recommendation"] in " ".join(printed.split()) and "critical mu" in printed
+    assert found["recommendation"] in " ".join(printed.split()) and "critical μ" in printed
     with pytest.raises(fs.InputError, match="mu must be"):
         load(str(_changed(tmp_path, RUBBING.replace("mu = [0.0, 1.0]", "mu = [1.0, 0.0]"))))
 

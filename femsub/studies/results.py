@@ -251,10 +251,15 @@ class Study:
         """Whether a model is not wrong about modes, whatever its error."""
         return row.sound and row.cutoff >= self.band[1] if self.between is None else not row.missed
 
+    @property
+    def symbol(self) -> str:
+        """The parameter as it is written in texts: μ for 'mu'."""
+        return "μ" if self.parameter == "mu" else self.parameter
+
     def recommendation(self, tol: float = 1e-3) -> str:
         """`recommended` in words."""
         row = self.recommended(tol)
-        what = "the rates of damping and growth" if self.between is None else f"the critical {self.parameter} of the full model"
+        what = "the rates of damping and growth" if self.between is None else f"the critical {self.symbol} of the full model"
         where = f"{100 * tol:.3g} % of {what} from {span(self.band)}"
         if row is None:
             whole = [row for row in self.rows if (row.sound if self.between is None else not row.missed)
@@ -306,9 +311,9 @@ class Study:
             *(["error_held"] if any(row.error_held >= 0 for row in self.rows) else []),
             *([] if forces else ["error_eigenvalue"]),
             *([column("error_real", "err Re λ"), "missed", "invented"] if over else ["error_growth"]),
-            *([] if self.between is None else [column("critical", f"critical {self.parameter}", ".5f", cell=lambda row: (
+            *([] if self.between is None else [column("critical", f"critical {self.symbol}", ".5f", cell=lambda row: (
                 "none" if row["critical"] == np.inf else row["critical"]))]),
-            *([column("error_critical", f"err {self.parameter}", cell=lambda row: (
+            *([column("error_critical", f"err {self.symbol}", cell=lambda row: (
                 None if row["error_critical"] == np.inf else row["error_critical"]))] if self.parameter else []),
             *(["error_force"] if forces else []), *apart,
             column("reduction_median_s", "reduce", "s", cell=lambda row: seconds(row["reduction_median_s"])),
@@ -317,7 +322,7 @@ class Study:
     def __str__(self) -> str:
         built = "" if np.isnan(self.assembly) else f", assembled in {seconds(self.assembly)}"
         over = bool(self.values) or self.between is not None
-        at = f", {self.parameter} = {', '.join(f'{value:g}' for value in self.values)}" if self.values else ""
+        at = f", {self.symbol} = {', '.join(f'{value:g}' for value in self.values)}" if self.values else ""
         lines = [f"{self.name}: band {span(self.band)}{at}, medians of {self.repeats}{built}",
                  Table("", [row.flat() for row in (self.full, *self.rows)], self._columns(), keys=2).text()]
         if any(row.pareto for row in self.rows):
@@ -325,7 +330,7 @@ class Study:
         if over:
             lines.append("err Re λ: relative to |λ|; missed: modes that grow in the full model alone; invented: in the small one "
                          "alone")
-        what = f"no critical {self.parameter}"
+        what = f"no critical {self.symbol}"
         short = [row for row in self.rows if row.cutoff < self.band[1] and np.isnan(row.critical)]
         if short and self.parameter:
             lines.append(f"{what} where the band reaches above the cut-off: {reaching(short)}")

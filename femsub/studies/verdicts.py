@@ -110,7 +110,7 @@ def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Choice:
     choice = Choice(sentence=found.recommendation(tol), full=full.size, band=found.band, where=where, brief=found.brief(tol))
     if found.values:
         at = ", ".join(f"{value:g}" for value in found.values)
-        choice = replace(choice, unchecked=[f"The full model was solved at {found.parameter} = {at} alone."])
+        choice = replace(choice, unchecked=[f"The full model was solved at {found.symbol} = {at} alone."])
     if row is None:
         return choice
     said = _over_range(found, row) if found.between else _in_band(row, full, tol)
@@ -120,7 +120,7 @@ def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Choice:
 def _conditions(found: Study, row: Row, tol: float) -> list[str]:
     """For what a recommendation holds, and what it is worth with the interface held at rest."""
     if found.between:
-        return [f"{found.parameter} lies between {found.between[0]:g} and {found.between[1]:g}."]
+        return [f"{found.symbol} lies between {found.between[0]:g} and {found.between[1]:g}."]
     if not found.interface:
         return ["the model has no interface. Nothing is told of it joined to others."]
     free = "the interface is free, as in this run."
@@ -139,7 +139,7 @@ def _over_range(found: Study, row: Row) -> list[str]:
     """What makes a model fit over a range of a parameter."""
     invented = f", but {row.invented} invented" if row.invented else " and none is invented"
     return [f"{row.named}: no unstable mode of the full model is missed{invented}.",
-            f"Its critical {found.parameter} is within {_shown(row.error_critical, '.1e')} of the full model's.",
+            f"Its critical {found.symbol} is within {_shown(row.error_critical, '.1e')} of the full model's.",
             f"Its eigenvalues are within {_shown(row.error_eigenvalue, '.1e')} of their modulus, its growth rates within "
             f"{_shown(row.error_real, '.1e')}."]
 

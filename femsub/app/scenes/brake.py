@@ -241,11 +241,11 @@ class Brake:
         if (row := self.best_row) is not None:
             own, full = (Loss(one.critical, one.omega, one.reason) for one in (row, self.compared.full))
         else:
-            self.tell("the critical mu")
+            self.tell("the critical μ")
             look = partial(first_loss, contacts=self.contacts(0.0), parameter="mu", between=self.range, band=self.band)
             own, full = look(self.best), look(self.system)
         if full.reason and np.isfinite(own.value):
-            warn(f"the critical mu of the full model was not found: {full.reason}", FemsubWarning)
+            warn(f"the critical μ of the full model was not found: {full.reason}", FemsubWarning)
         return {"reduced": own, "full": full}
 
 
@@ -257,7 +257,7 @@ def run(scene: BrakeScene, progress: Progress) -> Result:
                             "contacts": [repr(one) for one in brake.contacts(scene.full[-1])]}
     text = [f"{scene.name}: {brake.system!r}",
             f"{points} nodes of the disc under the pads, contact stiffness {scene.contact:g}, pressure {scene.pressure:g}, disc "
-            f"at {scene.turning:g} rad/time; band {span(scene.band)}; full model at mu = "
+            f"at {scene.turning:g} rad/time; band {span(scene.band)}; full model at μ = "
             f"{', '.join(f'{mu:g}' for mu in scene.full)}"]
     outputs = {"unstable": _unstable, "error-time": _error_time, "flutter": _flutter, "losses": _losses}
     return run_outputs(scene.outputs, lambda output: outputs[output](brake), data, ["\n".join(text)])
@@ -273,18 +273,18 @@ def _unstable(brake: Brake) -> Result:
     rows = [{"mu": mu, "omega": value.imag, "hertz": value.imag / (2 * np.pi), "growth": value.real, "error_bar": bar,
              "damping": -2 * value.real / abs(value), **{f"energy_{name}": float(one[i]) for name, one in shares.items()}}
             for i, (value, bar) in enumerate(zip(modes.eigenvalues[chosen], modes.error_bar[chosen], strict=True))]
-    head = (f"Unstable modes of the full model at mu = {mu:g} in the band: {len(rows)} of {len(modes)}; completeness "
+    head = (f"Unstable modes of the full model at μ = {mu:g} in the band: {len(rows)} of {len(modes)}; completeness "
             f"{modes.evidence}")
     paged = _mode_file(brake, modes, mu)
     data = {"unstable": rows, "completeness": modes.evidence}
     complete = Remark.of_completeness(modes.evidence)
     if not rows:
-        return Result(data, [f"{head}. All modes decay; give a larger mu, or less damping", complete, Remark(
+        return Result(data, [f"{head}. All modes decay; give a larger μ, or less damping", complete, Remark(
             ["The full model has no unstable mode in the band."])], paged)
     columns = ("hertz", column("growth", form=".5g"), "error_bar", "damping",
                *(column(f"energy_{name}", form=".2f") for name in shares))
     drawn: list[Shown] = [head, Table("unstable", rows, columns, "Unstable modes of the full model"), complete,
-                          Remark([f"At mu = {mu:g} the full model has {len(rows)} unstable mode{'s' * (len(rows) != 1)} in the "
+                          Remark([f"At μ = {mu:g} the full model has {len(rows)} unstable mode{'s' * (len(rows) != 1)} in the "
                                   "band."])]
     if not scene.figures:
         return Result(data, drawn, paged)
@@ -309,7 +309,7 @@ def _mode_file(brake: Brake, modes: ComplexModes, mu: float) -> dict[str, Writer
     if at is None:
         return {}
     (_, (mesh, fields)), = by_kind(brake.system, brake.meshes, modes.shapes[:, [at]]).items()
-    return page_mode(brake.scene, mesh, fields[..., 0], f" of the full model at mu = {mu:g}", modes.eigenvalues[at])
+    return page_mode(brake.scene, mesh, fields[..., 0], f" of the full model at μ = {mu:g}", modes.eigenvalues[at])
 
 
 def _largest(fields: Array) -> Array:
@@ -329,9 +329,9 @@ def _energy_shares(system: System, shapes: Array) -> dict[str, Array]:
 def _error_time(brake: Brake) -> Result:
     """Each method and number of modes against the full model."""
     scene, found = brake.scene, brake.compared
-    known = f"its critical mu is {found.full.critical:.5f}" if np.isfinite(found.full.critical) else \
-        "it has no critical mu in the range"
-    head = (f"Reduced models against the full one, which takes {found.full.solution.median:.1f} s per mu; {known}. Parts reduced "
+    known = f"its critical μ is {found.full.critical:.5f}" if np.isfinite(found.full.critical) else \
+        "it has no critical μ in the range"
+    head = (f"Reduced models against the full one, which takes {found.full.solution.median:.1f} s per μ; {known}. Parts reduced "
             "by a method are then reduced by contact modes")
     rows, best, words = [row.flat() for row in (found.full, *found.rows)], found.recommended(WITHIN), found.recommendation(WITHIN)
     data = {"error-time": {"parameter": "mu", "values": scene.full, "rows": rows, "left_out": found.left_out,
@@ -343,7 +343,7 @@ def _error_time(brake: Brake) -> Result:
 def _flutter(brake: Brake) -> Result:
     """Eigenvalues over μ of the best reduced model, and of the full one where it was solved; the critical μ of both."""
     scene, small, affine, band = brake.scene, brake.best, brake.affine, brake.band
-    brake.tell("modes of the reduced model over mu")
+    brake.tell("modes of the reduced model over μ")
     followed = track(affine, None, "mu", np.linspace(scene.mu[0], scene.mu[1], scene.points), band=band)
     curves = [(float(mu), values[np.isfinite(values)]) for mu, values in zip(followed.values, followed.eigenvalues, strict=True)]
     crosses = [(mu, modes.eigenvalues) for mu, modes in brake.exact.items()]
@@ -354,17 +354,18 @@ def _flutter(brake: Brake) -> Result:
     if np.isfinite(own):
         exact = f"full model {true:.6g}, " if np.isfinite(true) else "not found for the full model, "
         error = f" (error {abs(own - true) / true:.1e})" if np.isfinite(true) else ""
-        words = (f"Critical mu in the band: {exact}reduced model of {small.size} DOF {own:.6g}{error}, at "
+        words = (f"Critical μ in the band: {exact}reduced model of {small.size} DOF {own:.6g}{error}, at "
                  f"{omega / (2 * np.pi):.5g} Hz")
     else:
-        words = f"No mode in the band flutters for {scene.mu[0]:g} ≤ mu ≤ {scene.mu[1]:g}"
+        words = f"No mode in the band flutters for {scene.mu[0]:g} ≤ μ ≤ {scene.mu[1]:g}"
     data = {"flutter": {"rows": rows, "critical": {key: {"mu": one.value, "omega": one.omega} for key, one in critical.items()}}}
     name = f"reduced to {small.size} DOF"
     lost = {name: [*brake.all_critical.losses, *brake.all_critical.regains]} if np.isfinite(own) else {}
-    losses = ", ".join(f"of the {key} model at mu = {one.value:.6g}" for key, one in critical.items() if np.isfinite(one.value))
+    losses = ", ".join(f"of the {key} model at μ = {one.value:.6g}" for key, one in critical.items() if np.isfinite(one.value))
     told = Remark([f"Loss of stability in the flutter diagram: {losses}."] if losses else ())
-    return Result(data, [words, repr(followed), told, Table("flutter", rows, title="Eigenvalues over mu"), flutter_chart(
-        "flutter", {name: followed}, lost, "mu  [-]", scene.name, {f"full model of {brake.system.size} DOF": crosses})])
+    tracked = repr(followed).replace(" over mu ", " over μ ")
+    return Result(data, [words, tracked, told, Table("flutter", rows, title="Eigenvalues over μ"), flutter_chart(
+        "flutter", {name: followed}, lost, "μ  [-]", scene.name, {f"full model of {brake.system.size} DOF": crosses})])
 
 
 def _losses(brake: Brake) -> Result:

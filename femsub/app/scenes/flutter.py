@@ -34,7 +34,7 @@ class FlutterScene(Scene):
 
 def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, exact: Mapping[str, float], label: str,
             data: dict[str, Any], progress: Progress, band: tuple[float, float] | None = None,
-            text: Sequence[str] = ()) -> Result:
+            text: Sequence[str] = (), unit: str = "") -> Result:
     """Computes what `scene.outputs` names, for each of the models by its name; `exact` are the critical values that are known."""
     between = (scene.between[0], scene.between[1])
 
@@ -56,7 +56,7 @@ def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, e
         if output == "critical-value":
             return _critical(found, exact, label, between)
         return _diagram({name: tracked(name) for name in models},
-                        {name: [*item.losses, *item.regains] for name, item in found.items()}, label, scene.name)
+                        {name: [*item.losses, *item.regains] for name, item in found.items()}, label, scene.name, unit)
 
     head = f"{scene.name}: {label} from {between[0]:g} to {between[1]:g}"
     head += f", modes from {span(band)}" if band else ""
@@ -114,16 +114,17 @@ def _left_open(name: str, item: CriticalValue) -> list[str]:
     return [f"{name}: not excluded are further crossings in {places}{f' and {more} more intervals' if more > 0 else ''}."]
 
 
-def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, Sequence[Crossing]], label: str, title: str) -> Result:
+def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, Sequence[Crossing]], label: str, title: str,
+             unit: str) -> Result:
     branches, meetings = branch_rows(tracks), meeting_rows(tracks)
     columns = ["model", column("kind", "meeting", "s"), column("value", label, ".8g"), column("branches", form="d"),
                column("growth", form=".6f"), column("omega", "Im λ", ".6f"), column("gap", form=".0e"),
                column("condition", form=".0e"), "error_bar"]
     return Result({"branches": branches, "meetings": meetings}, [
-        "Modes tracked:", *(f"{name}: {item!r}" for name, item in tracks.items()),
+        "Modes tracked:", *(f"{name}: {item!r}".replace(" over mu ", " over μ ") for name, item in tracks.items()),
         Table("branches", branches, title=f"Branches over {label}"),
         Table("meetings", meetings, columns if meetings else (), "Where modes meet", keys=2),
-        flutter_chart("flutter-diagram", tracks, critical, label, title)])
+        flutter_chart("flutter-diagram", tracks, critical, f"{label}  [{unit}]" if unit else label, title)])
 
 
 def branch_rows(tracks: Mapping[str, Tracked]) -> list[dict[str, Any]]:

@@ -57,7 +57,7 @@ class JoinedScene(Scene):
     ports: bool = key(False, "whether the static response to a part's ports joins its basis")
     band: list[float] = key([], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]",
                             required=True, example=[0.0, 1e4])
-    tolerance: float = key(1e-3, "relative error of the growth rates, or of the critical mu, that the recommended model may have",
+    tolerance: float = key(1e-3, "relative error of the growth rates, or of the critical μ, that the recommended model may have",
                            above=0)
 
 
@@ -121,7 +121,7 @@ def _full_words(found: Study) -> list[str]:
     """What the errors are relative to."""
     if np.isnan(found.full.critical):
         return []
-    return [f"full: critical {found.parameter} {found.full.critical:.6g}, largest Re λ in the band {found.full.growth:.6g}"]
+    return [f"full: critical {found.symbol} {found.full.critical:.6g}, largest Re λ in the band {found.full.growth:.6g}"]
 
 
 def _port_words(found: Study) -> list[str]:

@@ -28,4 +28,4 @@ def run(scene: TwoModeScene, progress: Progress) -> Result:
     pairs = {f"d1 = {d:g}, d2 = {scene.ratio * d:g}": (d, scene.ratio * d) for d in scene.damping}
     return flutter(scene, {name: two_mode(pair) for name, pair in pairs.items()}, "mu",
                    {name: two_mode_critical(pair) for name, pair in pairs.items()}, "μ",
-                   {"damping": scene.damping, "ratio": scene.ratio}, progress)
+                   {"damping": scene.damping, "ratio": scene.ratio}, progress, unit="-")

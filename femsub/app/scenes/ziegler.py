@@ -26,4 +26,5 @@ def run(scene: ZieglerScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     names = {f"b = {b:g}": b for b in scene.damping}
     return flutter(scene, {name: ziegler(b) for name, b in names.items()}, "P",
-                   {name: ziegler_critical(b) for name, b in names.items()}, "P l/k", {"damping": scene.damping}, progress)
+                   {name: ziegler_critical(b) for name, b in names.items()}, "P l/k", {"damping": scene.damping}, progress,
+                   unit="-")
