@@ -245,10 +245,10 @@ STEEL = fs.Material(E=2.1e11, nu=0.3, rho=7850.0)
 def test_a_cell_twice_would_double_its_mass() -> None:
     mesh = fs.block((3, 1, 1), (3, 1, 1), "hexahedron")
     twice = changed(mesh, cells=np.vstack([mesh.cells, mesh.cells[[1]][:, [4, 5, 6, 7, 0, 1, 2, 3]]]))
-    with pytest.raises(fs.InputError, match=r"1 cells of 'block' are given twice. The first is cell 3, which is cell 1 again"):
+    with pytest.raises(fs.InputError, match=r"1 cell of 'block' is given twice. The first is cell 3, which is cell 1 again"):
         fs.solid(twice, STEEL)
     flat = fs.rectangle((2, 1), (2, 1), "quad")
-    with pytest.raises(fs.InputError, match="are given twice"):
+    with pytest.raises(fs.InputError, match="1 cell of 'rectangle' is given twice"):
         fs.plate(changed(flat, cells=flat.cells[[0, 1, 0]]), E=1, nu=0.3, rho=1, thickness=0.01)
 
 

@@ -242,7 +242,7 @@ def test_an_abaqus_file_with_its_numbers_and_sets(tmp_path: Path) -> None:
     assert {name: list(rows) for name, rows in mesh.groups.items()} == {"low": [0], "high": [1], "all": [0, 1]}
     assert volume(mesh) == pytest.approx(2.0)
     assert mesh.points[np.flatnonzero(mesh.numbers == 12)[0]].tolist() == [1, 0, 1]
-    assert "1 elements of type MASS skipped" in mesh.repairs[0] and "*NSET reference" in mesh.repairs[1]
+    assert "1 element of type MASS skipped" in mesh.repairs[0] and "*NSET reference" in mesh.repairs[1]
 
 
 @pytest.mark.parametrize(("old", "new", "text"), [

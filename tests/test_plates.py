@@ -233,7 +233,7 @@ SOLID = fs.Mesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]], "tetra")
     ({"mesh": SKEWED}, "1 quads of 'mesh' are not axis-parallel rectangles.* triangles"),
     ({"mesh": fs.Mesh([[0, 0], [1, 0], [2, 0]], [[0, 1, 2]], "triangle")}, "1 triangles of 'mesh' are flat"),
     ({"mesh": fs.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 1]], [[0, 1, 2]], "triangle")}, "plane of constant z"),
-    ({"mesh": fs.Mesh([[0, 0], [1, 0], [0, 1], [5, 5]], [[0, 1, 2]], "triangle")}, "1 nodes of 'mesh' belong to no cell"),
+    ({"mesh": fs.Mesh([[0, 0], [1, 0], [0, 1], [5, 5]], [[0, 1, 2]], "triangle")}, "1 node of 'mesh' belongs to no cell"),
     ({"supports": {"rim": "clamped"}}, "unknown set of nodes"), ({"supports": {"left": "simply suported"}}, "did you mean"),
     ({"supports": ["left"]}, "supports must be a dict of names of sets"), ({"interface": "left"}, "a list of names of sets"),
     ({"interface": ("left",), "supports": {"left": "clamped"}}, "held by the supports"),

@@ -61,12 +61,15 @@ def refuse_spoilt(mesh: Mesh) -> None:
     first = _first_alike(mesh)
     again = np.flatnonzero(first != np.arange(len(first)))
     if len(again):
-        raise InputError(f"{len(again)} cells of {mesh.name!r} are given twice. The first is cell {again[0]}, which is cell "
-                         f"{first[again[0]]} again (counted from 0). Its mass would count twice; leave it out")
+        of = f"of {mesh.name!r}"
+        raise InputError(f"{plural(len(again), f'cell {of} is', f'cells {of} are')} given twice. The first is cell {again[0]}, "
+                         f"which is cell {first[again[0]]} again (counted from 0). Its mass would count twice; leave it out")
     unused = ~_in_cells(mesh)
     if unused.any():
-        raise InputError(f"{np.count_nonzero(unused)} nodes of {mesh.name!r} belong to no cell: number "
-                         f"{listed(mesh.numbers[unused])}. They would have no mass and no stiffness; leave them out")
+        of = f"of {mesh.name!r}"
+        told = plural(np.count_nonzero(unused), f"node {of} belongs", f"nodes {of} belong")
+        raise InputError(f"{told} to no cell: number {listed(mesh.numbers[unused])}. Such a node has no mass and no stiffness; "
+                         "leave it out")
 
 
 def _first_alike(mesh: Mesh) -> Array:

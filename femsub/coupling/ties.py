@@ -91,8 +91,9 @@ class Tied(Joint):
         for label in dict.fromkeys(one.dofs.labels[k] for k in one.dofs.components):
             mine, yours = motion_of_nodes(one.dofs, ours, label), motion_of_nodes(other.dofs, theirs, label)
             if (held := np.diff(mine.indptr) == 0).any():
-                raise InputError(f"{label} of {int(held.sum())} nodes of {one.title} is held, or no interface DOF, e.g. of "
-                                 f"node {ours.numbers[int(held.argmax())]}: release it, or let {other.title} come first")
+                count = int(held.sum())
+                raise InputError(f"{label} of {count} node{'s' * (count != 1)} of {one.title} is held, or no interface DOF, e.g. "
+                                 f"of node {ours.numbers[int(held.argmax())]}: release it, or let {other.title} come first")
             blocks.append([(one.part, mine @ one.chosen()), (other.part, -T @ yours @ other.chosen())])
         return Link(stacked(*blocks))
 

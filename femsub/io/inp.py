@@ -95,7 +95,7 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
             cell_sets[name] = rows
     mesh = meshio.Mesh(points, cells, point_sets=point_sets, cell_sets=cell_sets)
     mesh.points_id, mesh.cells_id = numbers, cell_numbers
-    notes = [f"{count} elements of type {kind} skipped" for kind, count in found.skipped.items()] + found.notes
+    notes = [f"{count} element{'s' * (count != 1)} of type {kind} skipped" for kind, count in found.skipped.items()] + found.notes
     if found.apart:
         notes.append(f"what belongs to the assembly only skipped: {', '.join(sorted(found.apart))}")
     return mesh, notes
@@ -354,7 +354,8 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
     values, counts = fields(what, re.sub(r",[, \t]*(?=\n|\Z)", "", data))  # CalculiX passes over all commas at the end
     width = _SIZES[kind] + 1
     if len(counts) and counts.min() >= width < counts.max():
-        found.notes.append(f"elements of type {kind_here} have up to {counts.max() - width} nodes too many on a line, left out")
+        more = int(counts.max()) - width
+        found.notes.append(f"elements of type {kind_here} have up to {more} node{'s' * (more != 1)} too many on a line, left out")
         values, counts = as_table(values, counts)[:, :width].ravel(), np.full(len(counts), width)
     if len(values) % width:
         raise InputError(f"{path}: *ELEMENT, TYPE={kind_here} has {len(values)} numbers, which is no multiple of {width} (number "

@@ -237,7 +237,8 @@ def _cells(path: Path, name: str, cards: list[str]) -> list[tuple[str, Array, Ar
         values, given, count = (part[count == 2] for part in (values, given, count))
     wrong = np.flatnonzero(~np.isin(count, list(_CELLS[name])) | (given.sum(axis=1) != count))
     if len(wrong):
-        raise InputError(f"{path}: {name} {values[wrong[0], 0]} has {given[wrong[0]].sum()} nodes, not "
+        some = int(given[wrong[0]].sum())
+        raise InputError(f"{path}: {name} {values[wrong[0], 0]} has {some} node{'s' * (some != 1)}, not "
                          f"{' or '.join(map(str, _CELLS[name]))}; cells with some of their midside nodes left out are not read")
     blocks = []
     for size, kind in _CELLS[name].items():

@@ -77,7 +77,8 @@ class DofMap(Frozen):
         self._set(nodes=numbers.astype(np.int64), components=kinds.astype(small), labels=labels, points=where)
 
     def __repr__(self) -> str:
-        return f"DofMap: {self.size} DOF at {len(np.unique(self.nodes))} nodes, {', '.join(self.labels)}"
+        count = len(np.unique(self.nodes))
+        return f"DofMap: {self.size} DOF at {count} node{'s' * (count != 1)}, {', '.join(self.labels)}"
 
     @property
     def size(self) -> int:

@@ -256,8 +256,8 @@ def run(scene: BrakeScene, progress: Progress) -> Result:
     data: dict[str, Any] = {"system": repr(brake.system), "size": brake.system.size, "contact_nodes": points, "band": scene.band,
                             "contacts": [repr(one) for one in brake.contacts(scene.full[-1])]}
     text = [f"{scene.name}: {brake.system!r}",
-            f"{points} nodes of the disc under the pads, contact stiffness {scene.contact:g}, pressure {scene.pressure:g}, disc "
-            f"at {scene.turning:g} rad/time; band {span(scene.band)}; full model at μ = "
+            f"{points} node{'s' * (points != 1)} of the disc under the pads, contact stiffness {scene.contact:g}, "
+            f"pressure {scene.pressure:g}, disc at {scene.turning:g} rad/time; band {span(scene.band)}; full model at μ = "
             f"{', '.join(f'{mu:g}' for mu in scene.full)}"]
     outputs = {"unstable": _unstable, "error-time": _error_time, "flutter": _flutter, "losses": _losses}
     return run_outputs(scene.outputs, lambda output: outputs[output](brake), data, ["\n".join(text)])
