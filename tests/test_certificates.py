@@ -360,7 +360,7 @@ def test_one_word_for_each_quality_of_evidence() -> None:
             (proportional, None, {"band": band}, "certified"),  # by inertia alone
             (proportional, belt, {"band": band}, "confirmed"),  # a contact: a determinant on a circle
             (sub, belt, {"count": 12}, "confirmed"),
-            (everywhere, belt, {"band": band}, "confirmed"),  # the winding number of det P
+            (everywhere, belt, {"band": band}, "certified"),  # by projection
             (sub, belt, {"band": band, "evidence": False}, "not checked")):
         modes = fs.complex_modes(model, contact, **ask)
         assert modes.evidence == word

@@ -60,7 +60,7 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
 
 def kept_bytes() -> int:
     """Bytes of all cached objects."""
-    return sum(size for _, size in _kept.values())
+    return sum(size for _, size in list(_kept.values()))  # the garbage collector may drop some meanwhile
 
 
 def _limit() -> float | None:

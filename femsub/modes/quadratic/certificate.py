@@ -1,11 +1,13 @@
 """The proof that no eigenvalue of a region is missing; how many eigenvalues to ask for; when the search may stop.
 
-The proof is a count in a disc around 0, or the winding number of det P around a rectangle. Both are independent of the
-search. The search finds the eigenvalues nearest to 0, and lists those with Im λ ≥ 0.
+The proof is a count in a disc around 0 from inertia and a small determinant, or that of a projection on undamped modes with its
+bound, or the winding number of det P around a rectangle. All are independent of the search. The search finds the eigenvalues
+nearest to 0, and lists those with Im λ ≥ 0.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
@@ -15,27 +17,37 @@ import numpy as np
 from femsub.algebra import QUADRATIC
 from femsub.algebra.shared import shared
 from femsub.checks import Array, Matrix, Tally
-from femsub.errors import SingularMatrixError
+from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.model import beyond, in_band
 from femsub.modes.normal_modes import modes_under
-from femsub.modes.quadratic import damping_split, disc_count
+from femsub.modes.quadratic import damping_split, disc_count, projected_count
 from femsub.modes.quadratic.disc_count import Count, Edge
 from femsub.modes.quadratic.multiplicity import clear_radius
-from femsub.modes.quadratic.region import Box
+from femsub.modes.quadratic.projected_count import Projection
+from femsub.modes.quadratic.region import Box, Contour, listed
 from femsub.modes.quadratic.sparse import KEPT, Shifted
-from femsub.modes.quadratic.winding_count import missed_eigenvalues, undamped_reference
+from femsub.modes.quadratic.winding_count import clear_of, missed_eigenvalues, undamped_reference
 
+Counted = Count | projected_count.Count
 MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hours and backward errors grow
 
 
-class _Disc:
-    """The count in a disc around 0, for a pencil with proportional damping except in a few columns."""
+class _Counted:
+    """The count in a disc around 0, for a pencil with proportional damping except in a few columns; for others by projection."""
 
     def __init__(self, problem: Shifted, wanted: bool) -> None:
-        self.problem = problem
-        self.counted: Count | None = None
+        self.problem, self.wanted = problem, wanted
+        self.counted: Counted | None = None
         self.tally = Tally(0)
         self.parts = damping_split.split(problem.pencil) if wanted else None
+
+    def projected(self, outer: Contour, inside: Callable[[Array], Contour]) -> projected_count.Count | None:
+        """The count by projection, for any damping; `inside` chooses the contour from the projection's eigenvalues."""
+        if not self.wanted or not np.isfinite(outer.size):
+            return None
+        with suppress(SingularMatrixError, MissedModesError, NotConvergedError):
+            return Projection(self.problem.pencil, outer).on(inside)
+        return None
 
     def edge(self, radius: float) -> Edge | None:
         """The undamped count at a radius, moved out by up to 0.1 % if a mode lies there; None if no count is possible."""
@@ -50,16 +62,20 @@ class _Disc:
     def missed_in(self, at: Edge | None, values: Array, X: Array) -> int | None:
         """The number of missing eigenvalues in the disc; None if there is no proof."""
         self.counted = None if at is None else self._counted(at, X[:, np.abs(values) <= at.radius])
+        return self.lacked(values)
+
+    def lacked(self, values: Array) -> int | None:
+        """How many the count has more than are found; None without a count."""
         if self.counted is None:
-            self.tally = Tally(_listed(values))
+            self.tally = Tally(listed(values))
             return None
-        self.tally = self.counted.tally(_listed(values[np.abs(values) < self.counted.radius]))
+        self.tally = self.counted.tally(values)
         return self.counted.number - self.tally.listed
 
     def told_again(self, values: Array, vague: int) -> None:
         """The tally of values that are known better now, without those that may be no eigenvalues."""
         if self.counted is not None:
-            self.tally = self.counted.tally(_listed(values[np.abs(values) < self.counted.radius]))
+            self.tally = self.counted.tally(values)
         self.tally = replace(self.tally, listed=self.tally.listed - vague)
 
     def _counted(self, at: Edge, inside: Array) -> Count | None:
@@ -77,21 +93,22 @@ class _Disc:
         if self.counted is None:
             return (f"{missed} eigenvalues in or near the band are missing, by the winding number of det P. Shift the band a "
                     "little, or narrow re=(a, b)")
-        return (f"{self.counted.number - missed} eigenvalues were found in |λ| < {self.counted.radius:.6g}, but an independent "
-                f"count gives {self.counted.number}. Ask for more or fewer, or for another band")
+        return (f"{self.counted.number - missed} eigenvalues were found in {self.counted.where}, but an independent count gives "
+                f"{self.counted.number}. Ask for more or fewer, or for another band")
 
 
-class Nearest(_Disc):
+class Nearest(_Counted):
     """The `number` eigenvalues nearest to 0, conjugates included, and a disc that contains them."""
 
     most = np.inf
 
     def __init__(self, problem: Shifted, number: int, evidence: bool | None) -> None:
-        super().__init__(problem, problem.pencil.size <= KEPT if evidence is None else evidence)
+        wanted = problem.pencil.size <= KEPT if evidence is None else evidence
+        super().__init__(problem, wanted)
         self.number, self.unasked = number, evidence is None
         # The eigenvalues nearest to a shift are not exactly those nearest to 0, so a few more are computed. A count needs a
         # gap behind the last one, and therefore the next one.
-        self.ask = number + (0 if problem.shift == 0 else 12) + (0 if self.parts is None else 2)
+        self.ask = number + (12 if problem.shift else 0) + (2 if wanted else 0)
 
     def _sure(self, values: Array) -> Array:
         """Indices, ascending in |λ|, of the values that are certainly nearest to 0."""
@@ -101,23 +118,26 @@ class Nearest(_Disc):
     def is_short(self, values: Array) -> bool:
         """Whether other eigenvalues may be nearer to 0 than those found; then `ask` is increased."""
         all_of_them = 2 * self.problem.pencil.size
-        if _listed(values[self._sure(values)]) >= self.number or _listed(values) >= all_of_them or self.ask >= all_of_them:
+        if listed(values[self._sure(values)]) >= self.number or listed(values) >= all_of_them or self.ask >= all_of_them:
             return False
         self.ask = min(2 * self.ask, all_of_them)
         return True
 
     def missed(self, values: Array, X: Array) -> int | None:
         """The number of missing eigenvalues by an independent count; None without one."""
-        if self.parts is None:
+        if not self.wanted:
             return None
         radius = clear_radius(np.abs(values[self._sure(values)]), len(self.taken(values)[0]))
-        return self.missed_in(self.edge(radius), values, X)
+        if self.missed_in(self.edge(radius), values, X) is None:
+            disc = Contour(radius)
+            self.counted = self.projected(disc, lambda _: disc)
+        return self.lacked(values)
 
     def is_found_uncounted(self) -> bool:
         """Whether to give up the count: if the caller did not request it, it must not make the search fail."""
-        if self.parts is None or not self.unasked:
+        if not self.wanted or not self.unasked:
             return False
-        self.parts, self.ask = None, self.ask - 2
+        self.wanted, self.parts, self.ask = False, None, self.ask - 2
         return True
 
     def about(self, values: Array) -> Array:
@@ -128,13 +148,13 @@ class Nearest(_Disc):
     def taken(self, values: Array) -> tuple[Array, Array]:
         """Indices of the requested eigenvalues, and which of these stand for a pair."""
         sure = self._sure(values)
-        listed = np.cumsum(1 + (values[sure].imag != 0))
-        sure = sure[:int(np.searchsorted(listed, self.number)) + 1]
+        so_far = np.cumsum(1 + (values[sure].imag != 0))
+        sure = sure[:int(np.searchsorted(so_far, self.number)) + 1]
         return sure, np.flatnonzero(values[sure].imag)
 
 
-class Enclosed(_Disc):
-    """All eigenvalues in a rectangle, proved by the count in the disc around it, else by the winding number of det P."""
+class Enclosed(_Counted):
+    """All eigenvalues in a rectangle, proved by the count in the disc around it, by projection, or by the winding of det P."""
 
     def __init__(self, problem: Shifted, box: Box, evidence: bool | None, winding: bool = True) -> None:
         super().__init__(problem, evidence is not False)
@@ -143,7 +163,19 @@ class Enclosed(_Disc):
         self.radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
         self.at = self.edge(self.radius)
         self.wound = winding and (pencil.size <= QUADRATIC if evidence is None else evidence)  # whether det P may be sampled
-        self.ask = 2 * (self.at.below if self.at else self._undamped()) + 12
+        self.count = None if self.at else self.projected(
+            self._outside(), lambda values: Contour(sides=(*(clear := clear_of(values[values.imag >= 0], box))[:2], clear[3])))
+        if self.count is not None:  # only the eigenvalues up to the farthest in the rectangle are needed
+            size = np.abs(self.count.values)
+            self.radius = 1.001 * float(size[self.count.contour.encloses(self.count.values)].max(initial=0.0)) + problem.shift
+            self.ask = int(np.count_nonzero(size <= self.radius)) + 8
+        else:
+            self.ask = 2 * (self.at.below if self.at else self._undamped()) + 12
+
+    def _outside(self) -> Contour:
+        """A rectangle around 0 that holds all those to which the edges may move."""
+        a, b, _, hi = self.box
+        return Contour(sides=(a - 0.02 * hi, b + 0.02 * hi, 1.02 * hi))
 
     @cached_property
     def reference(self) -> tuple[Matrix, Array] | None:
@@ -162,7 +194,7 @@ class Enclosed(_Disc):
     def is_short(self, values: Array) -> bool:
         """Whether the disc around the rectangle may contain more eigenvalues; then `ask` is increased."""
         pencil = self.problem.pencil
-        if np.abs(values - self.problem.shift).max() >= self.radius or _listed(values) >= 2 * pencil.size:
+        if np.abs(values - self.problem.shift).max() >= self.radius or listed(values) >= 2 * pencil.size:
             return False
         self.ask = int(min(2 * self.ask, self.most) if self.ask < self.most else self.most + 1)
         return True
@@ -170,12 +202,15 @@ class Enclosed(_Disc):
     def missed(self, values: Array, X: Array) -> int | None:
         """As for `Nearest`."""
         missed = self.missed_in(self.at, values, X)
+        if self.count is not None:
+            self.counted = self.count
+            return self.lacked(values)
         if missed is not None or not self.wound:
             return missed
         if self.reference is None:
             return None
         missed = missed_eigenvalues(self.problem.pencil, self.box, values[np.abs(values) <= self.radius], *self.reference)
-        self.tally = Tally(_listed(values), _listed(values) + missed, sampled=True)
+        self.tally = Tally(listed(values), listed(values) + missed, sampled=True)
         return missed
 
     def is_found_uncounted(self) -> bool:
@@ -195,8 +230,3 @@ class Enclosed(_Disc):
         near = values[taken]
         # a double real eigenvalue split by rounding: both are in
         return taken, np.flatnonzero((near.imag != 0) & in_band(near.conj(), band, re))
-
-
-def _listed(values: Array) -> int:
-    """The number of eigenvalues represented: a λ with Im λ > 0 counts twice."""
-    return len(values) + int(np.count_nonzero(values.imag))

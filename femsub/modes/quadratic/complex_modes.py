@@ -55,11 +55,11 @@ class ComplexModes:
     tally : Tally
         The eigenvalues found beside their independent number (`femsub.checks`).
     evidence : str
-        The evidence that none is missing. 'certified': all eigenvalues were computed, or the inertia gives their number.
-        'confirmed': a determinant sampled on a contour agrees with their number (the winding number around the
-        rectangle, or the count in a disc, see `counted`). 'not checked' otherwise.
+        The evidence that none is missing. 'certified': all eigenvalues were computed, or inertia gives their number, alone or
+        with the bound of a projection. 'confirmed': a determinant sampled on a contour agrees with their number (the winding
+        number around the rectangle, or the count in a disc, see `counted`). 'not checked' otherwise.
     counted : (radius, number) or None
-        The independent count in a disc, see `disc_count.count`: `number` eigenvalues lie in |λ| < radius, conjugates included,
+        The independent count in a disc: `number` eigenvalues lie in |λ| < radius, conjugates included,
         and all have been found. The disc contains the searched rectangle, or its unstable part.
     full_growth : ndarray, shape (k, 2), or None
         Of a model of contact modes with a tolerance, under the contacts that it was made for: the range in which Re λ of the full
@@ -173,12 +173,15 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     evidence : bool, optional
-        Whether to count the eigenvalues independently. There are two ways. If D is proportional except for at most 40 columns
-        (belts, dashpots), the count is made in a disc around 0 that contains the region. It costs one factorisation of
-        K - R²M, which a band needs anyway, and some solves (`disc_count`). If D is skew and K positive definite, as for a part
-        that turns without damping, it costs one of twice the size. This is the default for a band, and for a `count` up to
-        200,000 DOF. Otherwise a band is checked by the winding number of det P, which costs about fifty complex
-        factorisations. This is the default up to 2,000 DOF. LAPACK lists all: 2n, or as many as the ranks of M and D leave.
+        Whether to count the eigenvalues independently. If D is proportional except for at most 40 columns (belts, dashpots),
+        the count is made in a disc around 0 that contains the region. It costs one factorisation of K - R²M, which a band
+        needs anyway, and some solves (`disc_count`). If D is skew and K positive definite, as for a part that turns without
+        damping, it costs one of twice the size. For any other D and K, the undamped modes up to twice the band are found and
+        counted, and a bound of what they leave out proves the number (`projected_count`): a few real factorisations, and
+        about as many solves as for 300 modes. This is the default for a band, and for a `count` up to 200,000 DOF. Where
+        damping or gyroscopic forces are too strong for that, a band is checked by the winding number of det P, which costs about
+        fifty complex factorisations. This is the default up to 2,000 DOF. LAPACK lists all: 2n, or as many as the ranks of M
+        and D leave.
 
     Returns
     -------
@@ -234,7 +237,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
              "undecided. Write K with all digits (17)", ConditionWarning)
     result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
                      tally=found.tally,
-                     counted=None if found.counted is None else (found.counted.radius, found.counted.number),
+                     counted=None if found.counted is None else found.counted.disc,
                      full_growth=None if estimate is None or not len(estimate.located) else
                      estimate.growth_of_full(result.eigenvalues))
     log.info("%r", result)

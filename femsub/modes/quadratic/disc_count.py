@@ -19,6 +19,7 @@ from femsub.algebra import Difference, counting, factorise, inertia, one_thread,
 from femsub.checks import Array, Matrix, Tally
 from femsub.errors import SingularMatrixError
 from femsub.modes.quadratic.damping_split import Split
+from femsub.modes.quadratic.region import listed
 
 SAFE = 0.5  # required margin on the contour; the theorem needs 1
 ROUNDS = 12  # largest number of enrichments until the margin is safe
@@ -90,9 +91,19 @@ class Count:
     size: int
     solves: int
 
-    def tally(self, listed: int) -> Tally:
-        """`listed` eigenvalues in the disc against the count: a sampled one with contacts, of inertia alone without."""
-        return Tally(listed, self.number, sampled=self.size > 0)
+    @property
+    def disc(self) -> tuple[float, int]:
+        """The radius and the number."""
+        return self.radius, self.number
+
+    @property
+    def where(self) -> str:
+        """The region, for messages."""
+        return f"|λ| < {self.radius:.6g}"
+
+    def tally(self, values: Array) -> Tally:
+        """Those of λ, Im λ ≥ 0 listed, in the disc against the count: a sampled one with contacts, of inertia alone without."""
+        return Tally(listed(values[np.abs(values) < self.radius]), self.number, sampled=self.size > 0)
 
     @property
     def is_valid(self) -> bool:

@@ -19,6 +19,56 @@ Box = tuple[float, float, float, float]  # (re_lo, re_hi, lo, hi)
 
 
 @dataclass(frozen=True)
+class Contour:
+    """The upper half of a curve around 0 that is symmetric about the real axis: a rectangle (re_lo, re_hi, hi), or a circle."""
+
+    radius: float = 0.0
+    sides: tuple[float, float, float] | None = None
+
+    @property
+    def size(self) -> float:
+        """The largest |λ| inside."""
+        return self.radius if self.sides is None else float(np.hypot(self.side, self.top))
+
+    @property
+    def side(self) -> float:
+        """The largest |Re λ|."""
+        return self.radius if self.sides is None else max(abs(self.sides[0]), abs(self.sides[1]))
+
+    @property
+    def top(self) -> float:
+        """The largest Im λ."""
+        return self.radius if self.sides is None else self.sides[2]
+
+    def at(self, t: Array) -> Array:
+        """Points for 0 ≤ t ≤ 1, counter-clockwise from the real axis."""
+        if self.sides is None:
+            return self.radius * np.exp(1j * np.pi * t)
+        a, b, hi = self.sides
+        corners = np.array([b + 0j, b + 1j * hi, a + 1j * hi, a + 0j])
+        return np.interp(3 * t, np.arange(4.0), corners.real) + 1j * np.interp(3 * t, np.arange(4.0), corners.imag)
+
+    @property
+    def where(self) -> str:
+        """The region, for messages."""
+        if self.sides is None:
+            return f"|λ| < {self.radius:.6g}"
+        return "{:.6g} < Re λ < {:.6g}, |Im λ| < {:.6g}".format(*self.sides)
+
+    def encloses(self, values: Array) -> Array:
+        """Which values lie inside, conjugates as well, bool."""
+        if self.sides is None:
+            return np.abs(values) < self.radius
+        a, b, hi = self.sides
+        return (values.real > a) & (values.real < b) & (np.abs(values.imag) < hi)
+
+
+def listed(values: Array) -> int:
+    """The number of eigenvalues represented: a λ with Im λ > 0 counts twice."""
+    return len(values) + int(np.count_nonzero(values.imag))
+
+
+@dataclass(frozen=True)
 class Region:
     """`count` eigenvalues nearest to 0, or those in the rectangle `box`; all where both are None."""
 

@@ -20,7 +20,7 @@ from femsub.modes.quadratic.sparse import KEPT, Shifted
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
-    from femsub.modes.quadratic.disc_count import Count
+    from femsub.modes.quadratic.certificate import Counted
     from femsub.modes.quadratic.region import Region
 
 log = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ HEAVY = 100.0  # d_ii / sqrt(m_ii k_ii) from which on an error beside ‖D‖ is
 
 
 class Found(NamedTuple):
-    """λ (k,), X and Y (n, k), including all in the region; the evidence of completeness, with the count in a disc if there is
+    """λ (k,), X and Y (n, k), including all in the region; the evidence of completeness, with the count if there is
     one; and all λ that were found, also outside the region.
     """
 
@@ -38,7 +38,7 @@ class Found(NamedTuple):
     Y: Array
     known: Array
     tally: Tally
-    counted: Count | None = None
+    counted: Counted | None = None
 
 
 def search(pencil: Pencil, region: Region, evidence: bool | None) -> Found:
@@ -129,8 +129,10 @@ def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budge
     that is small enough.
     """
     proof = budget.is_limited and (region.box is not None if evidence is None else evidence)
-    if proof and damping_split.split(pencil) is None:
-        return None  # the winding number of a full matrix would cost more than all eigenvalues
+    if budget.is_limited and damping_split.split(pencil) is None:
+        if proof:
+            return None  # any other count of a full matrix would cost more than all eigenvalues
+        evidence = False
     problem = Shifted(pencil)
     certificate = Nearest(problem, region.count or 0, evidence) if region.box is None else \
         Enclosed(problem, region.box, evidence, not budget.is_limited)

@@ -42,7 +42,7 @@ def missed_eigenvalues(pencil: Pencil, box: Box, found: Array, reference: Matrix
     NotConvergedError
         An eigenvalue lies on the contour.
     """
-    a, b, lo, hi = _clear_of(found, box)
+    a, b, lo, hi = clear_of(found, box)
     known = np.append(found, found[found.imag != 0].conj())
     corners = [b + 0j, b + 1j * hi, a + 1j * hi, a + 0j] if lo == 0 else \
         [b + 1j * lo, b + 1j * hi, a + 1j * hi, a + 1j * lo, b + 1j * lo]
@@ -62,7 +62,7 @@ def missed_eigenvalues(pencil: Pencil, box: Box, found: Array, reference: Matrix
     return round(turn / np.pi) if lo == 0 else round(turn / (2 * np.pi))
 
 
-def _clear_of(values: Array, box: Box) -> Box:
+def clear_of(values: Array, box: Box) -> Box:
     """The rectangle with each edge moved out by up to 2 %, into the widest gap between known eigenvalues."""
     a, b, lo, hi = box
     moves = np.linspace(0.002, 0.02, 10) * hi

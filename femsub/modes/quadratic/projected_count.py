@@ -1,0 +1,415 @@
+"""The number of eigenvalues in a rectangle or disc, for damping and friction of any rank: projection on the undamped modes.
+
+A brake is often projected on its undamped modes, and the result trusted. Here a bound of what the projection leaves out tells
+whether the number of its eigenvalues is right. All factors are real and positive definite, so any size can be counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from femsub.algebra import FEW, Carried, Difference, factorise, inertia, one_thread, orthonormal, shared_factor
+from femsub.checks import EPS, Array, Matrix, Tally
+from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.modes.normal_modes import NormalModes, modes_below
+from femsub.modes.quadratic.region import Contour, listed
+from femsub.modes.shift_invert import ShiftInvert
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
+
+REACH = 2.0  # undamped modes are kept up to so many times the largest Im λ
+LIFTS = (0.0, 1e-3, 1e-2, 0.1, 0.5, 2.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
+STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
+DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
+STRONG = 200  # shapes of stronger damping at most
+SAFE = 0.9  # required margin; the theorem needs 1
+AWAY = 1.3  # σ, in units of the largest |λ|
+FAR = 0.1  # |s - λ| / |λ - σ| on all of the contour above which an eigenvalue is far from it
+POINTS, RIGHT = 5, 1e-6  # at which the sum over eigenpairs is compared with the inverse, and its largest error
+ROUNDS = 8  # of enrichment
+WIDER = 40  # residuals of each kind that enrich the basis in one round
+MOST = 1200  # columns of the basis
+PIECES = 20_000  # of the contour at most
+SHORT = 1e-10  # of the contour: a piece that is not halved again
+BATCH = 512  # pieces looked at together
+
+
+@dataclass(frozen=True)
+class Count:
+    """`number` eigenvalues lie inside the contour, conjugates included; `values` are those of the projection, nearly the same."""
+
+    contour: Contour
+    number: int
+    values: Array = field(repr=False)
+    size: int  #: of the projection
+    margin: float  #: 1 is the limit of the theorem
+
+    @property
+    def where(self) -> str:
+        """The region, for messages."""
+        return self.contour.where
+
+    @property
+    def disc(self) -> tuple[float, int] | None:
+        """The radius of a disc, and the number."""
+        return (self.contour.radius, self.number) if self.contour.sides is None else None
+
+    def tally(self, values: Array) -> Tally:
+        """What a search has found inside, by λ with Im λ ≥ 0, against the number."""
+        return Tally(listed(values[self.contour.encloses(values)]), self.number)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A term of P(s): a matrix and its weight; in Pᴴ the weight is conj(weight) times `sign`, which is -1 of a skew matrix."""
+
+    matrix: Matrix
+    weight: Callable[[Array], Array]
+    sign: float = 1.0
+    linear: bool = False  #: whether the weight is s itself
+
+
+class Projection:
+    """P(s) = s²M + sD + K on a basis V (n, m), VᵀAV = I with A = (K + Kᵀ)/2 + μM, and a bound of what V leaves out.
+
+    Rigid motion that nothing damps, P(s)z = s²Mz, stands apart: its eigenvalues are 0. V holds all other undamped modes up to
+    twice the largest Im λ, by their inertia count, and all shapes of strong damping. So for every x outside, VᵀAx = 0 and
+    xᴴAx = 1, and for every s = a + ib inside the contour
+
+        Re xᴴP(s)x ≥ c = 1 - (b² + μ)/(ω² + μ) - |a|d - |b|g
+
+    with the first mode ω that is left out, |xᴴ(D + Dᵀ)x| ≤ 2d and |xᴴ(D - Dᵀ)x| ≤ 2g; Cholesky factors of dA ± (D + Dᵀ)/2 prove
+    both. If c > 0 and
+
+        ‖R (VᵀPV)⁻¹ L‖ < c on the contour,   R = P V and L = Vᵀ P as far as they lie outside V, in the norms of A and A⁻¹,
+
+    then P has as many eigenvalues inside as VᵀPV has: none is outside alone, and none crosses the contour while the coupling
+    grows from 0 to its value. The norms come from A⁻¹[M, D, K]V, for all s at once.
+
+    Raises
+    ------
+    SingularMatrixError, MissedModesError, NotConvergedError
+        There is no such A or V: M is unsymmetric, K far from definite, or damping too strong.
+    """
+
+    def __init__(self, pencil: Pencil, outer: Contour) -> None:
+        if not pencil.symmetric[0]:
+            raise SingularMatrixError("M is unsymmetric")
+        self.outer, M, n = outer, pencil.M, pencil.size
+        damping, gyroscopic = _halves(pencil.D, pencil.symmetric[1])
+        stiffness, circulatory = _halves(pencil.K, pencil.symmetric[2])
+        handle, modes, lift = _undamped(stiffness, M, outer, pencil.rigid_motion if stiffness is pencil.K else None)
+        self.solve, self.mu = handle.factor.solve, lift - handle.sigma
+        self.A = Difference(stiffness, M, -self.mu)
+        self.free, rest = _free(modes, [damping, gyroscopic, circulatory])
+        self.momenta = M @ self.free
+        strong, d = _strong(self.A, damping, self.solve, outer.side)
+        g = _bound_of_skew(self.A, gyroscopic, self.solve)
+        beyond = modes.counted[0] ** 2 - lift + self.mu
+        self.least = 1 - (outer.top**2 + self.mu) / beyond - outer.side * d - outer.top * g
+        given = (Part(M, lambda s: s * s - self.mu), Part(damping, np.array, linear=True),
+                 Part(gyroscopic, np.array, -1.0, linear=True), Part(circulatory, np.ones_like, -1.0))
+        self.parts = [part for part in given if part.matrix is M or part.matrix.nnz]
+        self.V = self.AV = np.zeros((n, 0))
+        self.images = [self.V] * len(self.parts)
+        self.gram = np.zeros((len(self.parts), 0, len(self.parts), 0))  # of A⁻¹ times the images
+        self.add(np.hstack([rest, strong]))
+
+    @property
+    def size(self) -> int:
+        return int(self.V.shape[1])
+
+    def add(self, new: Array) -> bool:
+        """Append directions, made orthonormal; whether there were any."""
+        new = new - self.free @ (self.momenta.T @ new)
+        new, Anew = orthonormal(np.array(new, order="C"), self.A.__matmul__, self.V)
+        k, m, p = new.shape[1], self.size, len(self.parts)
+        if not k:
+            return False
+        self.V, self.AV = np.hstack([self.V, new]), np.hstack([self.AV, Anew])
+        fresh = [part.matrix @ new for part in self.parts]
+        self.images = [np.hstack(pair) for pair in zip(self.images, fresh, strict=True)]
+        solved = self.solve(np.hstack(fresh))
+        gram = np.zeros((p, m + k, p, m + k))
+        gram[:, :m, :, :m] = self.gram
+        for i, image in enumerate(self.images):
+            gram[i, :, :, m:] = (image.T @ solved).reshape(m + k, p, k)
+            gram[:, m:, i, :m] = gram[i, :m, :, m:].transpose(1, 2, 0)
+        self.gram = gram
+        return True
+
+    def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
+        """A⁻¹P(s)Vx, or of Pᴴ, up to what lies in V: real and imaginary parts, shape (n, 2k)."""
+        total = np.zeros((len(self.V), x.shape[1]), dtype=complex)
+        for part, image in zip(self.parts, self.images, strict=True):
+            weight = part.weight(s)
+            total += image @ (x * (part.sign * weight.conj() if adjoint else weight))
+        return self.solve(np.hstack([total.real, total.imag]))
+
+    def on(self, choose: Callable[[Array], Contour]) -> Count | None:
+        """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without."""
+        if self.least <= 0:
+            return None
+        for _ in range(ROUNDS):
+            try:
+                small = Coupling(self, choose)
+            except la.LinAlgError:
+                return None
+            if not small.wrong < RIGHT:
+                return None
+            margin, new = small.margin()
+            if margin < SAFE:
+                values = np.append(small.values, np.zeros(2 * self.free.shape[1]))
+                return Count(small.contour, int(np.count_nonzero(small.contour.encloses(values))), values, self.size, margin)
+            if self.size > MOST or not new or not self.add(np.hstack(new)):
+                break
+        return None
+
+
+class Coupling:
+    """The eigenpairs of VᵀP(s)V, (VᵀPV)⁻¹ = Σ x_k z_kᴴ ν_k / (1 - tν_k), and their coupling with the outside.
+
+    ν = 1/(λ - σ) and t = s - σ, with a real σ at which P is regular, as it need not be at 0.
+
+    `wrong` is what this sum times VᵀPV differs from the unit matrix, at some s: LAPACK's own rounding.
+    """
+
+    def __init__(self, whole: Projection, choose: Callable[[Array], Contour]) -> None:
+        self.whole = whole
+        m, unit = whole.size, whole.outer.size
+        inside = np.stack([whole.V.T @ image for image in whole.images])  # (p, m, m)
+        # in coordinates in which A + |s|²M is the unit matrix, rigid motion does not swamp the rest
+        T = la.inv(la.cholesky(np.eye(m) + unit**2 * (inside[0] + inside[0].T) / 2))
+        own, D, one = T.T @ inside @ T, np.zeros((m, m)), np.eye(m)
+        K = T.T @ ((whole.V.T @ whole.AV + whole.AV.T @ whole.V) / 2) @ T - whole.mu * own[0]
+        for part, matrix in zip(whole.parts[1:], own[1:], strict=True):
+            if part.linear:
+                D += matrix
+            else:
+                K += matrix
+        self.shift = AWAY * unit
+        P = K + self.shift * D + self.shift**2 * own[0]
+        slope = D + 2 * self.shift * own[0]
+        companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * own[0]]))],
+                              [one, np.zeros((m, m))]])
+        with one_thread(m < FEW):
+            nu, right = la.eig(companion, check_finite=False)
+            left = la.inv(right, check_finite=False)[:, :m].conj().T  # LAPACK's own do not belong together where λ is multiple
+        self.nu = nu / unit
+        x, z = right[m:], np.linalg.solve(P.T, left) * unit
+        even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
+        x, z = x * even, z / even
+        self.x, self.z = T @ x, T @ z
+        self.wrong = 0.0
+        for s in unit * np.exp(1j * np.linspace(0.1, 3.0, POINTS)):
+            inverse = (x * (self.nu / (1 - (s - self.shift) * self.nu))) @ z.conj().T
+            self.wrong = max(self.wrong, float(np.abs(inverse @ (K + s * D + s**2 * own[0]) - one).max()))
+        self.contour = choose(self.values)
+        self.outside = whole.gram - np.einsum("aij,bik->ajbk", inside, inside, optimize=True)
+        self.noise = 16 * EPS * np.abs(np.einsum("aiai->ai", whole.gram))  # of these differences
+
+    @cached_property
+    def values(self) -> Array:
+        """The finite λ."""
+        return self.shift + 1 / self.nu[self.nu != 0]
+
+    def margin(self) -> tuple[float, list[Array]]:
+        """‖R(VᵀPV)⁻¹L‖ / c, bounded on pieces that cover the contour; and directions that lower it if it is not safe.
+
+        Eigenpairs far from the contour count together, by the norms of their images. Each near one counts by its residual.
+        """
+        s, reach = _discs(self.contour, *_pieces(BATCH))
+        near = (np.abs(1 - (s - self.shift)[:, None] * self.nu) - reach[:, None] * np.abs(self.nu)).min(axis=0)
+        far, wide = self._far(np.flatnonzero(near > FAR), near[near > FAR])
+        at = np.flatnonzero(near <= FAR)
+        products = self._products(self.x[:, at]), self._products(self.z[:, at])
+        room, worst, seen = SAFE - min(far, SAFE / 2), 0.0, 0
+        most, where = np.zeros(len(at)), np.zeros(len(at), dtype=complex)
+        start, stop = _pieces(128)
+        while len(start):
+            s, reach = _discs(self.contour, start, stop)
+            total, seen = self._shares(s, reach, at, products).sum(axis=1), seen + len(s)
+            good = total < room
+            worst = max(worst, float(total[good].max(initial=0.0)))
+            start, stop, s = start[~good], stop[~good], s[~good]
+            here = self._shares(s, np.zeros(len(s)), at, products)
+            stuck = (here.sum(axis=1) >= room) | (stop - start < SHORT) | (seen > PIECES)
+            if stuck.any():
+                worst, first = np.inf, here[stuck].argmax(axis=0)
+                high = here[stuck].max(axis=0)
+                where, most = np.where(high > most, s[stuck][first], where), np.maximum(high, most)
+            middle = (start + stop)[~stuck] / 2
+            start, stop = np.append(start[~stuck], middle), np.append(middle, stop[~stuck])
+        both = 1 + any(part.sign < 0 for part in self.whole.parts)
+        new = [self.whole.solve(self.whole.images[i] @ x) for i, x in wide[:both]] if far > SAFE / 2 else []
+        order = np.argsort(-most)[:int(np.count_nonzero(most > 0.2 * SAFE / max(1, len(at))))]
+        order = order[self.nu[at[order]].imag <= 0][:WIDER]  # of a pair one is enough
+        if len(order):
+            new += [self.whole.residuals(where[order], x[:, at[order]], bool(i)) for i, x in enumerate((self.x, self.z)[:both])]
+        return far + worst, new
+
+    def _far(self, at: Array, near: Array) -> tuple[float, list[tuple[int, Array]]]:
+        """The share of the eigenpairs `at`, |1 - tν| ≥ near on the contour; for R and L the part that has most, and directions.
+
+        Σ |weight| ‖image of X‖ bounds ‖RX‖. Conjugates have the same weights, so real and imaginary parts stand for them.
+        """
+        scale, bound, found = np.sqrt(np.abs(self.nu[at]) / near), 1 / self.whole.least, []
+        if not len(at):
+            return 0.0, []
+        largest = [self.contour.size if part.linear else float(np.abs(part.weight(np.array([1j * self.contour.size])))[0])
+                   for part in self.whole.parts]
+        for x in (self.x[:, at] * scale, self.z[:, at] * scale):
+            real = np.where(self.nu[at].imag >= 0, x.real, x.imag) * np.where(self.nu[at].imag, np.sqrt(2), 1.0)
+            lengths, directions = [], []
+            for i, weight in enumerate(largest):
+                gram = real.T @ (self.outside[i, :, i] @ real)
+                values, vectors = la.eigh(gram, subset_by_index=[max(0, len(at) - WIDER), len(at) - 1], check_finite=False)
+                lost = float(self.noise[i] @ (real**2).sum(axis=1))
+                lengths.append(weight * np.sqrt(max(float(values[-1]), 0.0) + lost))
+                directions.append(real @ vectors[:, values > 0.04 * values[-1]])
+            bound *= sum(lengths)
+            found.append((int(np.argmax(lengths)), directions[int(np.argmax(lengths))]))
+        return bound, found
+
+    def _products(self, x: Array) -> Array:
+        """Products of the parts' images of each x (m, k) outside V, shape (k, p, p)."""
+        images = np.einsum("aibj,jk->aibk", self.outside, x, optimize=True)
+        products = np.einsum("ik,aibk->kab", x.conj(), images, optimize=True)
+        diagonal = np.arange(len(self.whole.parts))
+        products[:, diagonal, diagonal] += np.einsum("am,mk->ka", self.noise, np.abs(x) ** 2)
+        return products
+
+    def _shares(self, s: Array, reach: Array, at: Array, products: tuple[Array, Array]) -> Array:
+        """Bounds of ‖R x_k‖ |ν_k/(1 - tν_k)| ‖z_kᴴL‖ / c for |s' - s| ≤ reach, shape (len(s), k)."""
+        found = np.empty((len(s), len(at)))
+        parts, nu = self.whole.parts, self.nu[at]
+        for first in range(0, len(s), BATCH):
+            rows = slice(first, first + BATCH)
+            here, far = s[rows], reach[rows, None]
+            near = np.abs(1 - (here - self.shift)[:, None] * nu) - far * np.abs(nu)
+            share = np.abs(nu) / self.whole.least / np.where(near > 0, near, np.nan)
+            weights = np.stack([part.weight(here) for part in parts], axis=1)
+            signs = np.array([part.sign for part in parts])
+            for own, w in zip(products, (weights, signs * weights.conj()), strict=True):
+                square = np.einsum("sa,kab,sb->sk", w.conj(), own, w, optimize=True).real
+                lengths = np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0))
+                change = (2 * np.abs(here)[:, None] + far) * lengths[0] + sum(
+                    length for part, length in zip(parts, lengths, strict=True) if part.linear)
+                share = share * (np.sqrt(np.maximum(square, 0.0)) + far * change)
+            found[rows] = np.where(np.isfinite(share), share, np.inf)
+        return found
+
+
+def _halves(A: Matrix, symmetric: bool) -> tuple[Matrix, Matrix]:
+    """The symmetric and the skew part of A; A itself where it is symmetric."""
+    if symmetric:
+        return A, sp.csr_array(A.shape)
+    return sp.csr_array((A + A.T) * 0.5), sp.csr_array((A - A.T) * 0.5)
+
+
+def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
+    """Rigid motion on which no other part of P acts, and the rest of the modes; by rounding in the products."""
+    Z, rest = modes.shapes[:, :modes.rigid], modes.shapes[:, modes.rigid:]
+    acting = [part for part in others if part.nnz]
+    if not Z.shape[1] or not acting:
+        return Z, rest
+    scale = [np.linalg.norm(abs(part) @ abs(Z)) for part in acting]
+    sizes, turn = la.svd(np.vstack([(part @ Z) / size for part, size in zip(acting, scale, strict=True) if size]))[1:]
+    still = np.append(sizes, np.zeros(len(turn) - len(sizes))) < STILL
+    return Z @ turn[still].T, np.hstack([Z @ turn[~still].T, rest])
+
+
+def _undamped(K: Matrix, M: Matrix, outer: Contour, carried: Carried) -> tuple[ShiftInvert, NormalModes, float]:
+    """The factor and the modes of K + lift M, positive semidefinite; all modes up to the reach."""
+    last: FemsubError = SingularMatrixError("K is far from definite")
+    for share in LIFTS:
+        lift = share * outer.size**2
+        held = sp.csr_array(K + lift * M) if lift else K
+        try:
+            if lift:
+                shared_factor(held, "definite")  # or an error, before rigid motion is looked for
+            handle = ShiftInvert(held, M, carried=None if lift else carried)
+            modes = modes_below(held, M, float(np.sqrt((REACH * outer.top) ** 2 + lift)), handle)
+            if len(modes.eigenvalues) == modes.counted[1]:
+                return handle, modes, lift
+            last = MissedModesError("an undamped mode is missing")
+        except (SingularMatrixError, MissedModesError) as error:
+            last = error
+    raise last
+
+
+def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: float) -> tuple[Array, float]:
+    """Shapes U (n, k) such that |xᵀDx| ≤ d xᵀAx wherever UᵀAx = 0, and d; D symmetric.
+
+    Raises
+    ------
+    NotConvergedError
+        More than 200 shapes are strongly damped, or some are missed.
+    """
+    none, matrix = np.zeros((A.shape[0], 0)), A.formed()
+    if not D.nnz:
+        return none, 0.0
+    for d in (share / side for share in DAMPED):
+        both = [sp.csr_array(d * matrix + sign * D) for sign in (-1.0, 1.0)]
+        if all(map(_is_definite, both)):
+            return none, d
+    number = sum(map(inertia, both))
+    if number > min(STRONG, A.shape[0] // 2):
+        raise NotConvergedError(f"{number} shapes are strongly damped")
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    start = np.random.default_rng(3).standard_normal(A.shape[0])
+    values, shapes = eigsh(D, number, M=matrix, Minv=LinearOperator(A.shape, matvec=solve, dtype=float), which="LM", tol=1e-12,
+                           v0=start)
+    if np.abs(values).min() < d * (1 - 1e-9):
+        raise NotConvergedError(f"of {number} strongly damped shapes some were missed")
+    return shapes, d
+
+
+def _bound_of_skew(A: Difference, G: Matrix, solve: Callable[[Array], Array]) -> float:
+    """g with |xᴴGx| ≤ g xᴴAx: gA + iG is positive definite, by a Cholesky factor of its real form.
+
+    Raises
+    ------
+    NotConvergedError
+        None was found.
+    """
+    if not G.nnz:
+        return 0.0
+    x = np.random.default_rng(4).standard_normal((A.shape[0], 4))
+    for _ in range(6):
+        x = orthonormal(solve(G @ x), A.__matmul__)[0]
+    image, matrix = G @ x, A.formed()
+    estimate = float(np.sqrt(la.norm(image.T @ solve(image), 2)))
+    for g in (1.2 * estimate, 2 * estimate, 4 * estimate):
+        if _is_definite(sp.csr_array(sp.block_array([[g * matrix, -G], [G, g * matrix]]))):
+            return g
+    raise NotConvergedError("the gyroscopic part is not bounded by the stiffness")
+
+
+def _is_definite(A: Matrix) -> bool:
+    """Whether A is positive definite, by a Cholesky factor that is not kept."""
+    with suppress(SingularMatrixError):
+        factorise(A, "definite").close()
+        return True
+    return False
+
+
+def _pieces(number: int) -> tuple[Array, Array]:
+    ends = np.linspace(0.0, 1.0, number + 1)
+    return ends[:-1], ends[1:]
+
+
+def _discs(contour: Contour, start: Array, stop: Array) -> tuple[Array, Array]:
+    """Middles and radii of discs that cover pieces of the contour."""
+    s = contour.at((start + stop) / 2)
+    return s, np.maximum(np.abs(contour.at(start) - s), np.abs(contour.at(stop) - s))
