@@ -176,7 +176,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
         Whether to count the eigenvalues independently. If D is proportional except for at most 40 columns (belts, dashpots),
         the count is made in a disc around 0 that contains the region. It costs one factorisation of K - R²M, which a band
         needs anyway, and some solves (`disc_count`). If D is skew and K positive definite, as for a part that turns without
-        damping, it costs one of twice the size. For any other D and K, the undamped modes up to twice the band are found and
+        damping, it costs one of twice the size. For any other D and K, the undamped modes up to 2.5 times the band are found and
         counted, and a bound of what they leave out proves the number (`projected_count`): a few real factorisations, and
         about as many solves as for 300 modes. This is the default for a band, and for a `count` up to 200,000 DOF. Where
         damping or gyroscopic forces are too strong for that, a band is checked by the winding number of det P, which costs about

@@ -26,8 +26,8 @@ from femsub.modes.shift_invert import ShiftInvert
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
-REACH = 2.0  # undamped modes are kept up to so many times the largest Im λ
-LIFTS = (0.0, 1e-3, 1e-2, 0.1, 0.5, 2.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
+REACH = 2.5  # undamped modes are kept up to so many times the largest Im λ
+LIFTS = (0.0, 0.1, 1.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
 DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
 STRONG = 200  # shapes of stronger damping at most
@@ -82,7 +82,7 @@ class Projection:
     """P(s) = s²M + sD + K on a basis V (n, m), VᵀAV = I with A = (K + Kᵀ)/2 + μM, and a bound of what V leaves out.
 
     Rigid motion that nothing damps, P(s)z = s²Mz, stands apart: its eigenvalues are 0. V holds all other undamped modes up to
-    twice the largest Im λ, by their inertia count, and all shapes of strong damping. So for every x outside, VᵀAx = 0 and
+    2.5 times the largest Im λ, by their inertia count, and all shapes of strong damping. So for every x outside, VᵀAx = 0 and
     xᴴAx = 1, and for every s = a + ib inside the contour
 
         Re xᴴP(s)x ≥ c = 1 - (b² + μ)/(ω² + μ) - |a|d - |b|g
@@ -107,7 +107,7 @@ class Projection:
         self.outer, M, n = outer, pencil.M, pencil.size
         damping, gyroscopic = _halves(pencil.D, pencil.symmetric[1])
         stiffness, circulatory = _halves(pencil.K, pencil.symmetric[2])
-        handle, modes, lift = _undamped(stiffness, M, outer, pencil.rigid_motion if stiffness is pencil.K else None)
+        handle, modes, lift = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion)
         self.solve, self.mu = handle.factor.solve, lift - handle.sigma
         self.A = Difference(stiffness, M, -self.mu)
         self.free, rest = _free(modes, [damping, gyroscopic, circulatory])
@@ -328,10 +328,13 @@ def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
     return Z @ turn[still].T, np.hstack([Z @ turn[~still].T, rest])
 
 
-def _undamped(K: Matrix, M: Matrix, outer: Contour, carried: Carried) -> tuple[ShiftInvert, NormalModes, float]:
-    """The factor and the modes of K + lift M, positive semidefinite; all modes up to the reach."""
+def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried) -> tuple[ShiftInvert, NormalModes, float]:
+    """The factor and the modes of K + lift M, positive semidefinite; all modes up to the reach.
+
+    Without a lift the pencil's own K must do, whose factor is there. The symmetric part of an unsymmetric one is often indefinite.
+    """
     last: FemsubError = SingularMatrixError("K is far from definite")
-    for share in LIFTS:
+    for share in LIFTS[0 if own else 1:]:
         lift = share * outer.size**2
         held = sp.csr_array(K + lift * M) if lift else K
         try:
@@ -359,11 +362,14 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
     if not D.nnz:
         return none, 0.0
     for d in (share / side for share in DAMPED):
-        both = [sp.csr_array(d * matrix + sign * D) for sign in (-1.0, 1.0)]
-        if all(map(_is_definite, both)):
+        number = inertia(sp.csr_array(d * matrix - D))
+        driving = sp.csr_array(d * matrix + D)  # of which only a D with negative damping has negative eigenvalues
+        number += 0 if _is_definite(driving) else inertia(driving)
+        if not number:
             return none, d
-    number = sum(map(inertia, both))
-    if number > min(STRONG, A.shape[0] // 2):
+        if number <= min(STRONG, A.shape[0] // 2):
+            break
+    else:
         raise NotConvergedError(f"{number} shapes are strongly damped")
     from scipy.sparse.linalg import LinearOperator, eigsh
 
