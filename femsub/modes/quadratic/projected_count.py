@@ -331,7 +331,7 @@ def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
 def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried) -> tuple[ShiftInvert, NormalModes, float]:
     """The factor and the modes of K + lift M, positive semidefinite; all modes up to the reach.
 
-    Without a lift the pencil's own K must do, whose factor is there. The symmetric part of an unsymmetric one is often indefinite.
+    The pencil's own K needs no lift, and its factor is there. The symmetric part of an unsymmetric K is often indefinite.
     """
     last: FemsubError = SingularMatrixError("K is far from definite")
     for share in LIFTS[0 if own else 1:]:
