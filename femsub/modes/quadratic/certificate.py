@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from femsub.algebra import QUADRATIC
 from femsub.algebra.shared import shared
@@ -39,6 +40,7 @@ class _Counted:
         self.problem, self.wanted = problem, wanted
         self.counted: Counted | None = None
         self.tally = Tally(0)
+        self.projection: Projection | None = None
         self.parts = damping_split.split(problem.pencil) if wanted else None
 
     def projected(self, outer: Contour, inside: Callable[[Array], Contour]) -> projected_count.Count | None:
@@ -46,7 +48,16 @@ class _Counted:
         if not self.wanted or not np.isfinite(outer.size):
             return None
         with suppress(SingularMatrixError, MissedModesError, NotConvergedError):
-            return Projection(self.problem.pencil, outer).on(inside)
+            self.projection = Projection(self.problem.pencil, outer)
+            return self.projection.on(inside)
+        return None
+
+    def left(self, values: Array, X: Array) -> Array | None:
+        """Left vectors by the projection that has counted, if there is one and they are clear."""
+        if self.projection is None or self.tally.listed != self.tally.counted or all(self.problem.pencil.symmetric):
+            return None
+        with suppress(LinAlgError):
+            return self.projection.left(values, X)
         return None
 
     def edge(self, radius: float) -> Edge | None:

@@ -40,6 +40,7 @@ WIDER = 40  # residuals of each kind that enrich the basis in one round
 MOST = 1200  # columns of the basis
 PIECES = 20_000  # of the contour at most
 SHORT = 1e-10  # of the contour: a piece that is not halved again
+MIXED = 1e-2  # largest share of another mode in a left vector
 BATCH = 512  # pieces looked at together
 
 
@@ -173,6 +174,30 @@ class Projection:
             if self.size > MOST or not new or not self.add(np.hstack(new)):
                 break
         return None
+
+
+    def left(self, values: Array, X: Array) -> Array | None:
+        """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, to some per mille: enough for error bars.
+
+        V grows by the residuals of its own left vectors first. None where λ or vectors are not clearly those of VᵀPV: the
+        products yᴴ((λ_i + λ_j)M + D)x vanish for two different eigenvalues.
+        """
+        for residuals in (True, False):
+            small = Coupling(self, lambda _: self.outer)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                at = np.abs(values[:, None] - (small.shift + 1 / small.nu)).argmin(axis=1)
+            if len(np.unique(at)) < len(at):
+                return None
+            if residuals:
+                self.add(self.residuals(values, small.z[:, at], adjoint=True))
+        Y = self.V @ small.z[:, at]
+        M, D = self.parts[0].matrix, sum((part.matrix for part in self.parts if part.linear), sp.csr_array(self.A.shape))
+        products = (Y.conj().T @ (M @ X)) * (values[:, None] + values) + Y.conj().T @ (D @ X)
+        size = np.sqrt(np.abs(products.diagonal()))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mixed = np.abs(products) / np.outer(size, size)
+        np.fill_diagonal(mixed, 0.0)
+        return Y / np.linalg.norm(Y, axis=0) if mixed.max(initial=0.0) < MIXED else None
 
 
 class Coupling:

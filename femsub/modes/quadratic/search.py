@@ -175,7 +175,8 @@ def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budge
         return None  # some of those that were counted are none
     taken, mirrored = certificate.taken(values)
     near, X = values[taken], X[:, taken]
-    Y = np.where(done[taken], left[:, taken], problem.left(near, X, searched.ask, searched.searches))
+    own = certificate.left(near, X)
+    Y = np.where(done[taken], left[:, taken], problem.left(near, X, searched.ask, searched.searches) if own is None else own)
     near, X, Y = (np.concatenate([part, part[..., mirrored].conj()], axis=-1) for part in (near, X, Y))
     return Found(near, X, Y, values, certificate.tally, certificate.counted)
 
