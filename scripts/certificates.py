@@ -13,6 +13,7 @@ left      left vectors, where the pencil is unsymmetric
 inertia   the factorisation of K - R²M, or K - ω²M, where only the count needs it, with its solves
 disc      taking the pencil apart, the basis and the margin on the circle (`damping_split`, `disc_count`); of a K that is not
           definite, its factorisation too
+projection  modes and factors for the count by projection (`projected_count`), where damping and friction are anywhere
 ratio     certificates / solution
 refine    `fs.refine` of the modes of a reduced model (Craig-Bampton, 20 modes) in the same band, without the reduction
 """
@@ -35,12 +36,14 @@ from benchmarks import models
 from femsub.algebra.factor import release
 from femsub.app import report
 from femsub.app.scene import Result
+from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes import normal_modes
 from femsub.modes.quadratic import complex_modes, damping_split, disc_count, sparse
+from femsub.modes.quadratic.projected_count import Projection
 from femsub.studies.tables import Table, table
 
 LONG = 60.0
-KINDS = ("errors", "left", "inertia", "disc")
+KINDS = ("errors", "left", "inertia", "disc", "projection")
 Row = dict[str, Any]
 # name: (kind, DOF, 'all', 'count', 'band' or a method)
 MODELS = {
@@ -48,7 +51,8 @@ MODELS = {
     "solid 3,000": ("solid", 3_000, "count"), "chain 100,000": ("chain", 100_000, "count"),
     "chain 100,000, band": ("chain", 100_000, "band"),
     "plate 100,000": ("plate", 100_000, "count"), "plate 100,000, band": ("plate", 100_000, "band"),
-    "solid 100,000": ("solid", 100_000, "count"), "solid 100,000, band": ("solid", 100_000, "band")}
+    "solid 100,000": ("solid", 100_000, "count"), "solid 100,000, band": ("solid", 100_000, "band"),
+    "brake 7,500, band": ("brake", 0.025, "band"), "brake 23,000, band": ("brake", 0.012, "band")}  # by length of elements
 METHODS = {"HCB": fs.CraigBampton(20), "CC": fs.CraigChang(20)}
 MODELS |= {f"{kind} 100,000, {way}": (kind, 100_000, way) for kind in ("chain", "plate", "solid") for way in METHODS}
 
@@ -70,12 +74,15 @@ class Clock:
         return timed
 
 
-def once(sub: fs.Substructure, belt: fs.Belt, ask: Row) -> tuple[Row, fs.ComplexModes]:
+def once(sub: fs.Substructure, belt: Any, ask: Row) -> tuple[Row, fs.ComplexModes]:
     """Seconds of one call, by kind, with nothing kept of the model from calls before."""
     release(sub)
     clock = Clock()
     with patch.object(complex_modes, "bars", clock.wrapped("errors", complex_modes.bars)), \
             patch.object(sparse.Shifted, "left", clock.wrapped("left", sparse.Shifted.left)), \
+            patch.object(Projection, "left", clock.wrapped("left", Projection.left)), \
+            patch.object(Projection, "__init__", clock.wrapped("projection", Projection.__init__)), \
+            patch.object(Projection, "on", clock.wrapped("projection", Projection.on)), \
             patch.object(disc_count, "edge", clock.wrapped("inertia", disc_count.edge)), \
             patch.object(disc_count, "counting", clock.wrapped("factor", disc_count.counting)), \
             patch.object(disc_count, "inertia", clock.wrapped("factor", disc_count.inertia)), \
@@ -110,6 +117,11 @@ def measure(name: str, repeats: int) -> Row:
         sub = models.build(kind, size)
         return summary({"model": name, "dof": sub.size, "eigenvalues": METHODS[way].modes, "evidence": "certified"},
                        [reduction(sub, way) for _ in range(repeats)])
+    if kind == "brake":
+        brake = Brake(BrakeScene(size=size), lambda _: None)
+        row = {"model": name, "dof": brake.system.size}
+        runs = [once(brake.system, brake.contacts(0.6), {"band": brake.band}) for _ in range(repeats)]
+        return summary(row | {"eigenvalues": len(runs[0][1]), "evidence": runs[0][1].evidence}, [seconds for seconds, _ in runs])
     sub, belt = models.build(kind, size), fs.Belt(slope=models.KINDS[kind].slope or -0.02)
     count = 20 + 2 * models.KINDS[kind].rigid
     ask: Row = {"all": {}, "count": {"count": count, "evidence": True}, "band": {}}[way]
@@ -118,7 +130,7 @@ def measure(name: str, repeats: int) -> Row:
         omega = fs.normal_modes(sub, count=count // 2 + 1 - models.KINDS[kind].rigid).frequencies
         top = float(omega[-2:].mean())
         ask = {"band": (0.0, top), "re": (-0.1 * top, 0.1 * top), "evidence": True}
-    runs: list[Row] = []
+    runs = []
     once(sub, belt, ask) if sub.size < 1000 else None
     for _ in range(repeats if sub.size >= 1000 else 50 * repeats):
         seconds, found = once(sub, belt, ask)
@@ -164,7 +176,7 @@ def main() -> None:
             report.write(Result(data, [Table("certificates", rows)]), folder, False, "certificates")
     report.progress_done()
     shown = ("model", "dof", "eigenvalues", "evidence", "solution", *KINDS, "ratio", "refine", "moved")
-    formats = ("s", "d", "d", "s", ".4g", ".3g", ".3g", ".3g", ".3g", ".1%", ".3g", ".1e")
+    formats = ("s", "d", "d", "s", ".4g", *(".3g" for _ in KINDS), ".1%", ".3g", ".1e")
     print(table(shown, [[row.get(key) for key in shown] for row in rows], formats))
 
 

@@ -123,6 +123,7 @@ class Projection:
         self.V = self.AV = np.zeros((n, 0))
         self.images = [self.V] * len(self.parts)
         self.gram = np.zeros((len(self.parts), 0, len(self.parts), 0))  # of A⁻¹ times the images
+        self.counted: Coupling | None = None  # the last one, if the count was proved
         self.add(np.hstack([rest, strong]))
 
     @property
@@ -172,6 +173,7 @@ class Projection:
                 return None
             margin, new = small.margin()
             if margin < SAFE:
+                self.counted = small
                 values = np.append(small.values, np.zeros(2 * self.free.shape[1]))
                 return Count(small.contour, int(np.count_nonzero(small.contour.encloses(values))), values, self.size, margin)
             if self.size > MOST or not new or not self.add(np.hstack(new)):
@@ -185,15 +187,17 @@ class Projection:
         V grows by the residuals of its own left vectors first. None where λ or vectors are not clearly those of VᵀPV: the
         products yᴴ((λ_i + λ_j)M + D)x vanish for two different eigenvalues.
         """
-        for residuals in (True, False):
-            small = Coupling(self, lambda _: self.outer)
+        small = self.counted or Coupling(self, lambda _: self.outer)
+        for last in (False, True):
             with np.errstate(divide="ignore", invalid="ignore"):
                 at = np.abs(values[:, None] - (small.shift + 1 / small.nu)).argmin(axis=1)
             if len(np.unique(at)) < len(at):
                 return None
-            if residuals:
+            if not last:
                 self.add(self.residuals(values, small.z[:, at], adjoint=True), bounded=False)
+                small = Coupling(self, lambda _: self.outer)
         Y = self.V @ small.z[:, at]
+        self.counted = None
         M, D = self.parts[0].matrix, sum((part.matrix for part in self.parts if part.linear), sp.csr_array(self.A.shape))
         products = (Y.conj().T @ (M @ X)) * (values[:, None] + values) + Y.conj().T @ (D @ X)
         size = np.sqrt(np.abs(products.diagonal()))
