@@ -202,6 +202,7 @@ direction = [1.0, 0.0, 0.0]
 """
 
 
+@pytest.mark.slow
 def test_own_parts_with_friction_tell_the_error_of_the_critical_mu(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("meshio")
     meshes = {"pad": fs.block((0.06, 0.03, 0.05), (3, 2, 1), "hexahedron"),

@@ -62,7 +62,7 @@ def count(pencil: fs.Pencil, contour: Contour) -> Count | None:
         return None
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(7)  # each kind of damping
 @pytest.mark.parametrize("seed", range(48))
 def test_a_count_is_never_wrong(seed: int) -> None:
     """Where it is given, it is LAPACK's; and it is given for most. In 300 models of the same kind none was wrong."""
@@ -111,14 +111,14 @@ def test_rigid_motion_and_units_change_no_count(held: bool) -> None:
 
 
 def test_complex_modes_are_certified_by_it_for_a_band_and_a_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Damping that is nowhere proportional, in 600 DOF: the disc of few columns cannot count it."""
-    sub = lattice(20, 15, held=True, seed=3)
+    """Damping that is nowhere proportional, in 260 DOF: the disc of few columns cannot count it."""
+    sub = lattice(13, 10, held=True, seed=3)
     rng = np.random.default_rng(5)
     D = sub.K @ sp.diags_array(2e-3 * rng.random(sub.size))
-    N = sp.random_array((sub.size, sub.size), density=1e-4, rng=rng) * 0.05 * sub.K.diagonal().max()
+    N = sp.random_array((sub.size, sub.size), density=3e-4, rng=rng) * 0.05 * sub.K.diagonal().max()
     pencil = fs.Pencil(sub.M, (D + D.T) * 0.5, sub.K + N - N.T)
     values = dense.solve(pencil.dense())[0]
-    hi = float(np.sort(np.abs(values))[60])
+    hi = float(np.sort(np.abs(values))[40])
     band = fs.complex_modes(pencil, band=(0.2 * hi, hi * 1.001))
     inside = values[(values.imag >= 0.2 * hi) & (values.imag <= hi * 1.001) & (np.abs(values.real) <= hi)]
     assert band.evidence == "certified" and len(band) == len(inside) and band.counted is None
