@@ -18,7 +18,7 @@ from numpy.linalg import LinAlgError
 from femsub.algebra import QUADRATIC
 from femsub.algebra.shared import shared
 from femsub.checks import Array, Matrix, Tally
-from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.errors import MissedModesError, NotConvergedError, NotEnoughMemoryError, SingularMatrixError
 from femsub.model import beyond, in_band
 from femsub.modes.normal_modes import modes_under
 from femsub.modes.quadratic import damping_split, disc_count, projected_count
@@ -47,7 +47,7 @@ class _Counted:
         """The count by projection, for any damping; `inside` chooses the contour from the projection's eigenvalues."""
         if not self.wanted or not np.isfinite(outer.size):
             return None
-        with suppress(SingularMatrixError, MissedModesError, NotConvergedError):
+        with suppress(SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError):
             self.projection = Projection(self.problem.pencil, outer)
             return self.projection.on(inside)
         return None
@@ -56,7 +56,7 @@ class _Counted:
         """Left vectors by the projection that has counted, if there is one and they are clear."""
         if self.projection is None or self.tally.listed != self.tally.counted or all(self.problem.pencil.symmetric):
             return None
-        with suppress(LinAlgError):
+        with suppress(LinAlgError, NotEnoughMemoryError):
             return self.projection.left(values, X)
         return None
 

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import FEW, Carried, Difference, factorise, inertia, one_thread, orthonormal, shared_factor
+from femsub.algebra import FEW, Carried, Difference, check_columns, factorise, inertia, one_thread, orthonormal, shared_factor
 from femsub.checks import EPS, Array, Matrix, Tally
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.modes.normal_modes import NormalModes, modes_below
@@ -98,7 +98,7 @@ class Projection:
 
     Raises
     ------
-    SingularMatrixError, MissedModesError, NotConvergedError
+    SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError
         There is no such A or V: M is unsymmetric, K far from definite, or damping too strong.
     """
 
@@ -120,7 +120,7 @@ class Projection:
         given = (Part(M, lambda s: s * s - self.mu), Part(damping, np.array, linear=True),
                  Part(gyroscopic, np.array, -1.0, linear=True), Part(circulatory, np.ones_like, -1.0))
         self.parts = [part for part in given if part.matrix is M or part.matrix.nnz]
-        self.V = self.AV = np.zeros((n, 0))
+        self.V, self.energy = np.zeros((n, 0)), np.zeros((0, 0))  # VᵀAV: the unit matrix but for rounding
         self.images = [self.V] * len(self.parts)
         self.gram = np.zeros((len(self.parts), 0, len(self.parts), 0))  # of A⁻¹ times the images
         self.counted: Coupling | None = None  # the last one, if the count was proved
@@ -132,12 +132,16 @@ class Projection:
 
     def add(self, new: Array, bounded: bool = True) -> bool:
         """Append directions, made orthonormal; whether there were any. If not `bounded`, what they leave out is not looked at."""
+        m, p = self.size, len(self.parts)
+        check_columns("the pencil", len(new), (p + 2) * (m + 2 * new.shape[1]))
         new = new - self.free @ (self.momenta.T @ new)
         new, Anew = orthonormal(np.array(new, order="C"), self.A.__matmul__, self.V)
-        k, m, p = new.shape[1], self.size, len(self.parts)
+        k = new.shape[1]
         if not k:
             return False
-        self.V, self.AV = np.hstack([self.V, new]), np.hstack([self.AV, Anew])
+        beside = self.V.T @ Anew
+        self.energy = np.block([[self.energy, beside], [beside.T, new.T @ Anew]])
+        self.V = np.hstack([self.V, new])
         fresh = [part.matrix @ new for part in self.parts]
         self.images = [np.hstack(pair) for pair in zip(self.images, fresh, strict=True)]
         if not bounded:
@@ -180,7 +184,6 @@ class Projection:
                 break
         return None
 
-
     def left(self, values: Array, X: Array) -> Array | None:
         """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, to some per mille: enough for error bars.
 
@@ -222,7 +225,7 @@ class Coupling:
         # in coordinates in which A + |s|²M is the unit matrix, rigid motion does not swamp the rest
         T = la.inv(la.cholesky(np.eye(m) + unit**2 * (inside[0] + inside[0].T) / 2))
         own, D, one = T.T @ inside @ T, np.zeros((m, m)), np.eye(m)
-        K = T.T @ ((whole.V.T @ whole.AV + whole.AV.T @ whole.V) / 2) @ T - whole.mu * own[0]
+        K = T.T @ whole.energy @ T - whole.mu * own[0]
         for part, matrix in zip(whole.parts[1:], own[1:], strict=True):
             if part.linear:
                 D += matrix
