@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """The picture of a run's page: its verdict, and the least stable mode, as Chromium shows them.
 
-    python -m benchmarks.page_picture --run DIR [--out DIR]
+    python -m benchmarks.page_picture [--out DIR]
 
-DIR holds a run of the scene solid. It needs playwright and Chromium.
+It runs the scene solid with its page, and needs playwright and Chromium.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from benchmarks.pictures import NUMBERS
 from femsub.app.cli import main as femsub
 
 NAME = "report.png"
+SCENE = 'scene = "solid"\noutputs = ["critical-slope", "error-time", "eigenvalues", "page"]\n'
 WIDTH = 1000
-ABOVE, BELOW = "#verdict", "text=/Drawn are|Shown is Re/"  # what the picture begins and ends with
+ABOVE, BELOW = "#verdict", "#mode .note"  # what the picture begins and ends with
 
 
 def main() -> None:
     from playwright.sync_api import sync_playwright
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--run", type=Path, required=True, metavar="DIR", help="of the scene solid")
     parser.add_argument("--out", type=Path, default=Path("out/page"), metavar="DIR", help="default out/page")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
-    shutil.copytree(asked.run, asked.out / "run", dirs_exist_ok=True)
-    femsub(["show", str(asked.out / "run")])
+    (asked.out / "scene.toml").write_text(SCENE, encoding="utf-8")
+    femsub(["run", str(asked.out / "scene.toml"), "--no-figures", "--out", str(asked.out / "run")])
     with sync_playwright() as play:
         # as root there is no sandbox; without a graphics card WebGL is computed by the processor
         browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=[
@@ -40,9 +40,9 @@ def main() -> None:
         page.goto((asked.out / "run" / "report.html").resolve().as_uri())
         page.evaluate("window.ready.then(() => null)")
         page.wait_for_timeout(3000)  # the mode is drawn
-        top, bottom = (page.locator(place).first.bounding_box() for place in (ABOVE, BELOW))
-        page.screenshot(path=asked.out / NAME, full_page=True, clip={
-            "x": 0, "y": top["y"] - 10, "width": WIDTH, "height": bottom["y"] + bottom["height"] - top["y"] + 20})
+        top = float(page.locator(ABOVE).evaluate("one => one.getBoundingClientRect().top + window.scrollY")) - 10
+        bottom = float(page.locator(BELOW).last.evaluate("one => one.getBoundingClientRect().bottom + window.scrollY")) + 10
+        page.screenshot(path=asked.out / NAME, full_page=True, clip={"x": 0, "y": top, "width": WIDTH, "height": bottom - top})
         said = page.locator(ABOVE).first.inner_text().splitlines()
         browser.close()
     (asked.out / NUMBERS).write_text(json.dumps({NAME: [{"says": line} for line in said if line.strip()]}), encoding="utf-8")
