@@ -173,7 +173,8 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
 def damping(sub: Substructure, basis: Basis, D: Array) -> tuple[Array, RigidMotion | None, Array]:
     """VᵀDV without the rounding of rigid motion, this motion, and G: the rounding of D is up to EPS G Gᵀ."""
     V = basis.V
-    noise = np.hstack([np.abs(V).T @ sub.noise, size_of_products(sub.D, V)])
+    carried = np.abs(V).T @ sub.noise if sub.noise.shape[1] else np.zeros((V.shape[1], 0))  # |V| takes as much memory as V
+    noise = np.hstack([carried, size_of_products(sub.D, V)])
     if sub.pencil.symmetric[1]:
         D = (D + D.T) / 2
     q, motion = _known(sub, basis)
