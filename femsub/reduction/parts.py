@@ -68,7 +68,7 @@ def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstr
              for name in first if first[name] == name}
     largest = sorted(tasks, key=lambda name: -tasks[name].sub.size)  # they begin
     beside = sum(tasks[name].sub.size for name in largest[:workers or 1])
-    needs = {name: sum(reduction_bytes(task.sub.K, task.columns, task.method.modes or FIRST).values())
+    needs = {name: sum(reduction_bytes(task.sub.K, task.columns, task.method.modes or FIRST, task.held).values())
              for name, task in tasks.items() if beside >= LARGE and sp.issparse(task.sub.K)}
     try:
         made = side_by_side(reduced, {name: (tasks[name].sub, tasks[name].method, ports) for name in largest}, workers, executor,
