@@ -437,3 +437,19 @@ def test_joints_that_lock_a_complete_part_are_no_error() -> None:
     complete = {"a": fs.reduce(parts["a"], fs.CraigChang(3)), "b": fs.reduce(parts["b"], fs.CraigChang(1))}
     found = [fs.couple(those, joints) for those in (complete, parts)]
     np.testing.assert_allclose(*(elastic(system) for system in found), rtol=1e-9)
+
+
+def test_joining_takes_as_many_steps_as_there_are_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No joint makes a matrix for each part of the system."""
+    made = []
+    begin = sp.csr_array.__init__
+    monkeypatch.setattr(sp.csr_array, "__init__", lambda self, *given, **how: made.append(1) or begin(self, *given, **how))
+
+    def steps(pieces: int) -> int:
+        parts, joints, _ = cut(10 * pieces, pieces)
+        made.clear()
+        fs.couple(parts, joints)
+        return len(made)
+
+    few, more, most = steps(10), steps(20), steps(40)
+    assert most - more <= 2.1 * (more - few)

@@ -13,7 +13,8 @@ from test_coupling import HOW, agree, beams, crosses, cut, elastic, quarter
 
 import femsub as fs
 from femsub.algebra.elimination import Equations, independent
-from femsub.coupling.dual import finite_span
+from femsub.coupling import assembly
+from femsub.coupling.dual import Multiplied, finite_span
 from femsub.coupling.joined import joint_forces, units_of_energy
 
 
@@ -346,3 +347,16 @@ def test_an_equation_that_is_nearly_redundant_is_told(gap: float, kept: int) -> 
     doubt = pytest.warns(fs.ConditionWarning, match="is redundant, or costs a mode") if 1e-12 < gap < 1e-8 else nullcontext()
     with doubt:
         assert len(independent(equations, np.ones(2))) == kept
+
+
+@pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
+def test_the_force_of_a_joint_moves_the_parts_it_joins_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else each part is multiplied with the forces of all joints, and the joined matrices cost the square of their number."""
+    made: list[Multiplied] = []
+    multiplied = assembly.multiplied
+    monkeypatch.setattr(assembly, "multiplied", lambda *given: made.append(multiplied(*given)) or made[-1])
+    parts, joints, _ = cut(120, 12)
+    fs.reduce(fs.couple(parts, joints), dict.fromkeys(parts, fs.DualCraigBampton(3)))
+    (found,) = made
+    last = sp.csc_array(found.S)[:, -found.multipliers:]
+    assert found.multipliers == 11 and np.diff(last.indptr).max() <= 3  # g on either side, and at the open end of the last part

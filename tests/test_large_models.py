@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
-from femsub.algebra import memory
+from femsub.algebra import memory, process_memory
 from femsub.algebra.factor import factorise
 from femsub.algebra.petsc import Factor
 from femsub.errors import InputError, MissedModesError, NotConvergedError, NotEnoughMemoryError
@@ -136,6 +139,54 @@ def test_the_advice_fits_what_is_largest(machine: Callable[..., None]) -> None:
         memory.check_memory("part", K, 600, 5, 600)
     with pytest.raises(NotEnoughMemoryError, match="fewer modes"):
         memory.check_memory("part", K, 600, 5000, 5)
+
+
+def test_the_limits_of_all_control_groups_of_a_process_count(tmp_path: Path) -> None:
+    def group(path: str, version: int, most: str, used: float, spare: float) -> None:
+        (tmp_path / path).mkdir(parents=True, exist_ok=True)
+        names = ("memory.max", "memory.current", "inactive_file") if version == 2 else \
+            ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        texts = most, f"{used:.0f}", f"anon 5\n{names[2]} {spare:.0f}\n"
+        for name, text in zip((*names[:2], "memory.stat"), texts, strict=True):
+            (tmp_path / path / name).write_text(text)
+
+    own = tmp_path / "own"
+    own.write_text("0::/user/job\n4:cpu,memory:/old\n")
+    assert process_memory.left_of_groups(tmp_path, own) == []
+    group("user", 2, "max", 5e9, 0)
+    group("user/job", 2, "8000000000", 5e9, 1e9)
+    group("memory/old", 1, "6000000000", 3e9, 5e8)
+    assert sorted(process_memory.left_of_groups(tmp_path, own)) == [3.5e9, 4e9]
+    group("user", 2, "6000000000", 5e9, 0)
+    assert min(process_memory.left_of_groups(tmp_path, own)) == 1e9
+
+
+PEAK = """
+import ctypes, gc, sys
+import femsub as fs
+from femsub.algebra import memory
+
+def told(key):
+    return 1024.0 * int(next(line for line in open("/proc/self/status") if line.startswith(key)).split()[1])
+
+cells, method = eval(sys.argv[1]), eval(sys.argv[2])
+sub = fs.solid(fs.block((1, 1, 0.1), cells, "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
+held = sub.interface if method.held else None
+need = sum(memory.reduction_bytes(sub.K, len(sub.interface), method.modes, held).values()) + memory.LOADED
+gc.collect(), ctypes.CDLL(None).malloc_trim(0)  # else what the assembly has freed would serve the reduction
+open("/proc/self/clear_refs", "w").write("5")  # forget the peak of the assembly
+before = told("VmRSS")
+fs.reduce(sub, method)
+print(need / (told("VmHWM") - before))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of a process is told by Linux")
+@pytest.mark.parametrize(("cells", "method"), [((40, 40, 3), "fs.CraigBampton(40)"), ((40, 40, 3), "fs.Rubin(40)"),
+                                               ((70, 70, 2), "fs.CraigBampton(40)")])
+def test_the_memory_of_a_reduction_is_foretold_within_30_percent(cells: tuple[int, ...], method: str) -> None:
+    run = subprocess.run([sys.executable, "-c", PEAK, str(cells), method], capture_output=True, text=True, check=True)
+    assert 1 / 1.3 < float(run.stdout) < 1.3
 
 
 def test_memory_available_is_a_figure() -> None:

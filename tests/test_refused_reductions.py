@@ -9,6 +9,7 @@ import pytest
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.algebra import Factor
 from femsub.reduction.reduce import METHODS
 
 HELD = ("craig-bampton", "guyan", "hurty")  # of a chain with one mass held, 9 DOF are left
@@ -82,3 +83,23 @@ def test_coordinates_of_another_model(key: str) -> None:
 def test_what_is_no_method() -> None:
     with pytest.raises(fs.InputTypeError, match="unknown method 'hcb'"):
         fs.reduce(fs.chain(10), "hcb")
+
+
+@pytest.mark.parametrize("key", [*HELD, "herting"])
+def test_an_interface_that_leaves_a_rotation_is_told_before_any_factor_is_made(key: str) -> None:
+    solid = fs.solid(fs.block((1, 1, 1), (4, 4, 4), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
+    line = np.flatnonzero((solid.dofs.points[:, 0] == 0) & (solid.dofs.points[:, 1] == 0))  # an edge: turning about it is free
+    for interface, left in ((line, 1), (line[:3], 3)):
+        part = fs.Substructure(solid.M, solid.K, interface=interface, name="cube", dofs=solid.dofs)
+        before = Factor.made
+        with pytest.raises(fs.InputError, match=rf"the interface does not hold 'cube'.*{left} rigid-body modes remain"):
+            fs.reduce(part, METHODS[key](modes=0))
+        assert Factor.made == before
+
+
+def test_an_edge_holds_a_part_that_its_supports_keep_from_turning() -> None:
+    solid = fs.solid(fs.block((1, 1, 1), (4, 4, 4), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"],
+                     supports=["right"])
+    line = np.flatnonzero((solid.dofs.points[:, 0] == 0) & (solid.dofs.points[:, 1] == 0))
+    part = fs.Substructure(solid.M, solid.K, interface=line, name="cube", dofs=solid.dofs)
+    assert fs.reduce(part, fs.CraigBampton(modes=2)).size == len(line) + 2

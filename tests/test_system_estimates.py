@@ -18,8 +18,10 @@ from femsub.algebra import factor
 from femsub.model.estimate import Estimate
 from femsub.modes.normal_modes import all_modes
 from femsub.modes.quadratic import full_solve
+from femsub.reduction.estimates import nested as nested_estimates
 from femsub.reduction.estimates.joined import JoinedSpace, held_statics
-from femsub.reduction.estimates.nested import ACCEPTED
+from femsub.reduction.estimates.leaving_out import LeavingOut
+from femsub.reduction.estimates.nested import ACCEPTED, Nested
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
 TOL = 1e-3
@@ -310,3 +312,54 @@ def test_the_drift_of_a_free_system_is_estimated_and_its_rigid_motion_is_no_mode
         assert estimate.frequencies[0] == pytest.approx(exact.frequencies[3], rel=1e-2)
         slow = estimate.eigenvalues[np.abs(estimate.eigenvalues) < 1.0]
         assert len(slow) == 1 and slow[0].imag == 0 and -1e-4 < slow[0].real < 0
+
+
+def test_the_models_that_are_solved_do_not_grow_with_the_number_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One by one, fewer modes of each part are tried; nearly all of these models are known to be too small without a solution."""
+    solved, damped = [], []
+    undamped, complex_ = Nested.undamped, Nested._solved
+    monkeypatch.setattr(Nested, "undamped", lambda self, count: solved.append(1) or undamped(self, count))
+    monkeypatch.setattr(Nested, "_solved", lambda self, T: damped.append(1) or complex_(self, T))
+    for pieces in (6, 24):
+        full = system(pieces, 15 * pieces)
+        solved.clear()
+        damped.clear()
+        rom = fs.reduce(full, dict.fromkeys(full.parts, fs.CraigBampton(band=(0.0, 0.3), tol=TOL)))
+        assert rom.estimate is not None and rom.estimate.met
+        assert len(solved) <= 20 and len(damped) <= 8
+
+
+@pytest.mark.parametrize("ports", [False, True])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_model_that_meets_the_tolerance_is_passed_over(seed: int, ports: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    may_meet = LeavingOut.may_meet
+
+    def checked(self: LeavingOut, counts: np.ndarray) -> bool:
+        found = may_meet(self, counts)
+        omega = self.nested.undamped(counts)[0]
+        most = np.sqrt(self.most)
+        too_high = (np.pad(omega, (0, len(most)), constant_values=np.inf)[self.first:self.first + len(most)] > most).any()
+        asked.append((found, bool(too_high)))
+        assert found or too_high
+        return found
+
+    monkeypatch.setattr(LeavingOut, "may_meet", checked)
+    case = random_system(seed)
+    fs.reduce(case.system, dict.fromkeys(case.system.parts, fs.CraigBampton(band=case.band, tol=TOL)), contacts=case.belt,
+              ports=ports)
+    assert sum(found and too_high for found, too_high in asked) <= 0.1 * len(asked)  # and hardly one is solved in vain
+
+
+def test_lower_bounds_by_lanczos_are_those_of_lapack(monkeypatch: pytest.MonkeyPatch) -> None:
+    for full, top in ((system(12, 180), 0.3), (system(12, 180, fixed=False), 0.3), (plates(), 1000.0)):
+        space = JoinedSpace(full, {name: held_statics(part) for name, part in full.parts.items()}, None, top)
+        space.reach(top)
+        given = space.reference().nested
+        found = []
+        for least in (0, 10**6):
+            monkeypatch.setattr(nested_estimates, "LANCZOS", least)
+            found.append(replace(given).bounds)
+        few, every = found
+        assert len(few) < len(every) / 2 and every[len(few)] > 1.1 * top  # all up to the end of the band, by Lanczos
+        np.testing.assert_allclose(few, every[:len(few)], rtol=1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,7 @@ from test_coupling import cut, elastic
 
 import femsub as fs
 from femsub.modes.normal_modes import NormalModes, all_modes
+from femsub.reduction import parts as part_by_part
 from femsub.reduction.reduce import METHODS
 from femsub.studies import error_vs_time, joint_forces
 
@@ -187,3 +189,17 @@ def test_a_warning_points_to_the_line_that_called() -> None:
         with pytest.warns(fs.PortWarning) as told:
             call()
         assert {one.filename for one in told} == {__file__}
+
+
+def test_equal_parts_are_found_without_comparing_each_with_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared = []
+    equal = part_by_part._equal
+    monkeypatch.setattr(part_by_part, "_equal", lambda one, other: compared.append(1) or equal(one, other))
+    parts, joints, _ = cut(200, 20)
+    full = fs.couple(parts, joints)
+    fs.reduce(full, dict.fromkeys(parts, fs.CraigBampton(2)))
+    assert not compared
+    alike = {name: fs.chain(9, interface=[1, 9], fixed=False, name=name) for name in "abcd"}
+    twins = fs.couple(alike, [fs.Rigid((one, [8]), (other, [0])) for one, other in itertools.pairwise("abcd")])
+    rom = fs.reduce(twins, dict.fromkeys(alike, fs.CraigBampton(2)))
+    assert len(compared) == 3 and all(part.V is rom.parts["a"].V for part in rom.parts.values())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -11,12 +13,17 @@ from femsub.algebra.shared import FACTOR_BYTES, give_up_until, kept_bytes
 from femsub.checks import Array, Matrix
 from femsub.errors import NotEnoughMemoryError
 
-MODEL = 1.5  # empirical correction, since METIS finds better separators; within a factor of 1.7 on 14 models
+MODEL = 1.7  # empirical correction, since METIS finds better separators; within a factor of 1.7 on 14 models
+COUNT_BYTES = 1.25 * FACTOR_BYTES  # bytes per nonzero of the factor of an inertia count, with the room MUMPS takes for its work
+BLOCKS = 200  # columns of blocks in work while constraint modes are computed
+LOADED = 8e7  # bytes of the libraries that the first factorisation loads, and of their buffers
+LIBRARIES = "petsc4py.PETSc"
+SMALL_PART = 0.01  # share of the DOF up to which an interface that is held makes the factor no smaller
 BUFFERS = 3e8  # bytes that the BLAS libraries take for their own use when they are first called
 LARGE = 50_000  # DOF from which memory is checked
 
 
-def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int) -> None:
+def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int, held: Array | None = None) -> None:
     """Compare the memory that a reduction needs with what is available.
 
     Parameters
@@ -27,6 +34,8 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int)
         Static responses and modes that will be computed.
     interface : int
         Static shapes of the interface among the columns, for the message.
+    held : ndarray, optional
+        See `reduction_bytes`.
 
     Raises
     ------
@@ -35,14 +44,14 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int)
     """
     if not sp.issparse(K) or K.shape[0] < LARGE:
         return
-    parts = reduction_bytes(K, columns, modes)
-    largest = max(parts, key=lambda part: parts[part])
+    parts = reduction_bytes(K, columns, modes, held) | {"libraries": 0.0 if LIBRARIES in sys.modules else LOADED}
     advice = {
         "factorisation": "a coarser mesh, or linear elements",
         "matrices": "a coarser mesh",
-        "columns": "fewer interface DOF (a rigid or averaged interface)" if interface > modes else "fewer modes"}[largest]
+        "columns": "fewer interface DOF (a rigid or averaged interface)" if interface > modes else "fewer modes"}
+    largest = max(advice, key=lambda part: parts[part])
     told = ", ".join(f"{value / 1e9:.1f} for the {part}" for part, value in parts.items())
-    check_room(f"reducing {name!r}", sum(parts.values()), f"Use {advice}, or a larger machine", f" ({told})")
+    check_room(f"reducing {name!r}", sum(parts.values()), f"Use {advice[largest]}, or a larger machine", f" ({told})")
 
 
 def check_columns(name: str, size: int, columns: int) -> None:
@@ -95,12 +104,41 @@ def room_for_factor(A: Matrix) -> None:
                                    "smaller")
 
 
-def reduction_bytes(K: Matrix, columns: int, modes: int) -> dict[str, float]:
-    """Bytes beside the component itself: for its factor (or that of the inertia count), copies of the matrices, and columns."""
-    n = K.shape[0]
-    krylov = 2 * (2.5 * modes + 20)  # V and MV of block Lanczos, freed before V is assembled
-    return {"factorisation": FACTOR_BYTES * factor_nonzeros(K), "matrices": 6.0 * 12 * K.nnz,
-            "columns": 8.0 * n * max(krylov + columns + modes, 4 * columns + 3 * modes)}
+def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = None) -> dict[str, float]:
+    """Bytes beside the component itself, at the stage of its reduction that takes most.
+
+    These are the stages, with the columns of n numbers that each holds:
+
+    - constraint modes: blocks of loads and solutions;
+    - block Lanczos: V and MV;
+    - the inertia count: the first factor is gone, that of LDLᵀ is larger;
+    - static shapes: the responses, their orthogonal combinations, and V or a temporary;
+    - the projection: V, and small matrices.
+
+    Where memory is short, a factor that is kept for later is freed before the count.
+
+    Parameters
+    ----------
+    K : sparse, shape (n, n)
+    columns, modes : int
+        Static shapes and modes that are computed.
+    held : ndarray, optional
+        The interface DOF, if it is held while the modes are computed: as many of the columns are constraint modes.
+    """
+    n, constraint = K.shape[0], 0 if held is None else len(held)
+    static, size = max(columns - constraint, 0), columns + modes
+    inner = K
+    if held is not None and constraint > SMALL_PART * n:
+        rows = np.setdiff1d(np.arange(n), held)
+        inner = K[rows][:, rows]
+    nonzeros = factor_nonzeros(inner)
+    small = 9 * 8.0 * size**2  # M, D, K of the model, and their decompositions
+    stages = [(FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + max(BLOCKS, (6 * modes + 60) * (modes > 0)))),
+              (COUNT_BYTES * nonzeros * (modes > 0), 8.0 * n * (constraint + modes + 3 * static)),
+              (FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + 2 * modes + 3 * static) + small)]
+    factor, held_columns = max(stages, key=sum)
+    blocks = 12 * K.nnz if held is None else 30 * K.nnz  # K and M of the interior are copies
+    return {"factorisation": factor, "matrices": blocks, "columns": held_columns}
 
 
 def factor_nonzeros(A: Matrix) -> float:

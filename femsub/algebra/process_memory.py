@@ -25,10 +25,35 @@ def available() -> float | None:
     with suppress(OSError, KeyError, ValueError):
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
         found.append(1024.0 * int(lines["MemAvailable"].split()[0]))
-    with suppress(OSError, ValueError):  # a container's own limit
-        group = Path("/sys/fs/cgroup")
-        found.append(float((group / "memory.max").read_text()) - float((group / "memory.current").read_text()))
+    found += left_of_groups()
     return min(found, default=None)
+
+
+def left_of_groups(mounted: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")) -> list[float]:
+    """Bytes left of the limits of the control groups that this process is in: of containers, of a user's session, of a job.
+
+    Each group in the path counts, up to the root, in both versions of the interface. Pages of files that have not been used for
+    long are given back by the kernel before the limit matters.
+    """
+    groups = [mounted, mounted / "memory"]
+    with suppress(OSError, ValueError):
+        for line in own.read_text(encoding="utf-8").splitlines():
+            _, kinds, path = line.split(":", 2)
+            if not kinds or "memory" in kinds.split(","):
+                top = mounted if not kinds else mounted / "memory"
+                inner = top / path.lstrip("/")
+                groups += [inner, *(above for above in inner.parents if above.is_relative_to(top))]
+    found = []
+    for group in dict.fromkeys(groups):
+        for limit, used, spare in (("memory.max", "memory.current", "inactive_file"),
+                                   ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")):
+            with suppress(OSError, ValueError):  # 'max' is no limit
+                most = float((group / limit).read_text(encoding="ascii"))
+                left = most - float((group / used).read_text(encoding="ascii"))
+                found.append(left)
+                stat = dict(one.split() for one in (group / "memory.stat").read_text(encoding="ascii").splitlines())
+                found[-1] += min(float(stat.get(spare, 0.0)), max(most - left, 0.0))
+    return found
 
 
 def left_of_limit() -> float | None:

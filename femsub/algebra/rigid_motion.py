@@ -355,5 +355,6 @@ def size_of_products(A: Matrix, V: Matrix) -> Array:
     s = np.where(diagonal > 0, diagonal, np.maximum(size.sum(axis=0), size.sum(axis=1)))
     s = np.where(s > 0, s, 1.0) ** -0.5
     weight = np.maximum(size @ s, size.T @ s) / s
-    squares = V.power(2) if sp.issparse(V) else V**2
-    return np.sqrt(squares.T @ weight).reshape(-1, 1)
+    if sp.issparse(V):
+        return np.sqrt(V.power(2).T @ weight).reshape(-1, 1)
+    return np.sqrt(np.einsum("i,ij,ij->j", weight, V, V, optimize=False)).reshape(-1, 1)  # V² would take as much memory as V

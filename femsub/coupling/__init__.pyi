@@ -12,4 +12,5 @@ from .contacts.brake import brake_meshes as brake_meshes, check_held as check_he
 from .cutting import cut_chain as cut_chain
 from .dual import FORCE as FORCE
 from .joined import linked as linked, rows_of_parts as rows_of_parts, sprung as sprung, units_of_energy as units_of_energy
-from .joints import Rigid as Rigid
+from .joints import Rigid as Rigid, spatial as spatial
+from .rigid_links import rigid_rows as rigid_rows

@@ -15,6 +15,7 @@ from femsub.model import ReducedSubstructure, Substructure
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
 STIFF = 1e-10  # relative residual flexibility at a joint below which the joint is made exact
+SOFT = 1e4 * STIFF  # above it no combination of joint forces is near to being stiff
 RIGID = 1e-8  # ω² below this share of the shift is rigid motion
 SHIFT = 1e-4  # the shift, relative to a typical ω²
 INFINITE = 1e-14  # ω² is infinite if 1/(ω² + shift) is below this share of the largest
@@ -95,12 +96,23 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
     size = np.sqrt(AL.multiply(AL) @ unit**2)
     size = 1 / np.where(size > 0, size, 1.0)
     flexibility = product(F.T, product(K, F)).toarray() * np.outer(size, size)
+    if _is_soft(flexibility):  # λ as they are: each moves the parts of its joint alone
+        return _beside(L, F, sp.csr_array(sp.diags_array(size)), A, unit, owner)
     values, turn = np.linalg.eigh((flexibility + flexibility.T) / 2)
     turn = size[:, None] * turn
     stiff = values <= STIFF
     exact = eliminate(Equations(sp.csr_array(turn[:, stiff].T @ AL.toarray()), unit, np.zeros(len(unit), dtype=bool),
                                 owner[np.abs(turn[:, stiff]).argmax(axis=0)]), refuse)
     return _beside(sp.csr_array(L @ exact.L), F, sp.csr_array(turn[:, ~stiff]), A, exact.unit, owner)
+
+
+def _is_soft(flexibility: Array) -> bool:
+    """Whether all combinations of joint forces have clearly more than no residual flexibility."""
+    try:
+        np.linalg.cholesky((flexibility + flexibility.T) / 2 - SOFT * np.eye(len(flexibility)))
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _beyond(F: Matrix, own: Matrix, K: Matrix) -> Matrix:

@@ -37,13 +37,13 @@ def linked(joint: Joint, parts: Mapping[str, Substructure]) -> Link:
         link = instance("what a joint's link returns", joint.link(parts), Link)
     except (InputError, InputTypeError) as error:
         raise type(error)(f"{joint!r}: {error}") from None
-    for what, table, widths in (("equations", link.equations, {name: len(sub.interface_numbers) for name, sub in parts.items()}),
-                                ("motions", link.motions, {name: sub.size for name, sub in parts.items()})):
+    for what, table in (("equations", link.equations), ("motions", link.motions)):
         sizes = {matrix.shape[0] for matrix in table.values()}
         for part, matrix in table.items():
-            if matrix.shape[1] != widths[part] or len(sizes) > 1:
-                raise InputError(f"{joint!r}: its {what} of {part!r} must have {widths[part]} columns and as many rows as those "
-                                 f"of the other parts, but are {matrix.shape}")
+            width = len(parts[part].interface_numbers) if what == "equations" else parts[part].size
+            if matrix.shape[1] != width or len(sizes) > 1:
+                raise InputError(f"{joint!r}: its {what} of {part!r} must have {width} columns and as many rows as those of the "
+                                 f"other parts, but are {matrix.shape}")
     return link
 
 
@@ -76,19 +76,33 @@ def units_of_energy(parts: Mapping[str, Substructure]) -> Array:
     return units(M, K)[0]
 
 
-def on_all_parts(table: Mapping[str, Matrix], widths: Mapping[str, int]) -> Matrix:
-    """The matrices of a joint on some parts, in one for the coordinates of all parts, sparse, shape (m, Σ widths)."""
-    rows = next(iter(table.values())).shape[0]
-    return sp.csr_array(sp.hstack([sp.csr_array(table.get(name, (rows, width))) for name, width in widths.items()]))
+def on_all_parts(tables: Sequence[Mapping[str, Matrix]], widths: Mapping[str, int]) -> Matrix:
+    """The matrices of joints on some parts each, below each other for the coordinates of all parts: sparse, (m, Σ widths)."""
+    starts = dict(zip(widths, np.cumsum([0, *widths.values()])[:-1].tolist(), strict=True))
+    rows, columns, entries = ([np.zeros(0, dtype=kind)] for kind in (np.intp, np.intp, float))
+    count = 0
+    for table in tables:
+        for name, matrix in table.items():
+            block = sp.coo_array(matrix)
+            rows.append(block.row + count)
+            columns.append(block.col + starts[name])
+            entries.append(block.data)
+        count += _count(table)
+    places = np.concatenate(rows), np.concatenate(columns)
+    return sp.csr_array((np.concatenate(entries), places), shape=(count, sum(widths.values())))
 
 
 def conditions(parts: Mapping[str, Substructure], links: Sequence[Link]) -> tuple[Matrix, Array]:
     """C (m, Σ n_b) with C u_b = 0 of all joints below each other, for the interfaces of all parts; and the joint of each row."""
     widths = {name: len(part.interface_numbers) for name, part in parts.items()}
-    found = {number: on_all_parts(link.equations, widths) for number, link in enumerate(links) if link.equations}
-    owner = np.repeat(np.array([*found], dtype=int), np.array([C.shape[0] for C in found.values()], dtype=int))
-    none = sp.csr_array((0, sum(widths.values())))
-    return sp.csr_array(sp.vstack([none, *found.values()])), owner
+    found = {number: link.equations for number, link in enumerate(links) if link.equations}
+    owner = np.repeat(np.array([*found], dtype=int), np.array([_count(table) for table in found.values()], dtype=int))
+    return on_all_parts([*found.values()], widths), owner
+
+
+def _count(table: Mapping[str, Matrix]) -> int:
+    """How many equations or motions a joint has."""
+    return int(next(iter(table.values())).shape[0])
 
 
 def equations_of(parts: Mapping[str, Substructure], C: Matrix, owner: Array) -> Equations:
@@ -118,7 +132,7 @@ def joint_forces(parts: Mapping[str, Substructure], C: Matrix, unit: Array) -> t
 def springs_of(parts: Mapping[str, Substructure], links: Sequence[Link]) -> list[tuple[Matrix, Link]]:
     """R (s, N) of each joint with springs or dampers, on the coordinates of all parts: they act on the motion R q."""
     widths = {name: part.size for name, part in parts.items()}
-    return [(on_all_parts(link.motions, widths), link) for link in links if link.motions]
+    return [(on_all_parts([link.motions], widths), link) for link in links if link.motions]
 
 
 def sprung(parts: Mapping[str, Substructure], links: Sequence[Link]) -> Array:
@@ -144,12 +158,13 @@ def open_rows(parts: Mapping[str, Substructure], L: Matrix, open_: Mapping[str, 
 
 def unjoined(parts: Mapping[str, Substructure], links: Sequence[Link]) -> dict[str, Array]:
     """The places of each part's interface that no equation touches; of a set that has some of these all."""
+    left_of = {name: np.ones(len(part.interface_numbers), dtype=bool) for name, part in parts.items()}
+    for link in links:
+        for name, matrix in link.equations.items():
+            left_of[name][sp.csr_array(matrix).indices] = False
     chosen = {}
     for name, part in parts.items():
-        left = np.ones(len(part.interface_numbers), dtype=bool)
-        for link in links:
-            if name in link.equations:
-                left[sp.csr_array(link.equations[name]).indices] = False
+        left = left_of[name]
         for places in part.sets.values():  # a corner that two edges share stays open with the edge that is not joined
             if left[places].any():
                 left[places] = True

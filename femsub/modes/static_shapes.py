@@ -10,6 +10,7 @@ from femsub.modes.shift_invert import ShiftInvert
 DEPENDENT = 1e-13  # share of a static shape's energy below which its remainder beside the modes is rounding
 NOISE = 1e-13  # share of a static response's motion that may be rounding
 BALANCED = 1e-8  # of a load's rigid part, as energy at the lowest elastic ω²: reference of a load that inertia balances
+COLUMNS = 64  # columns that are processed at a time, where temporaries take memory
 
 
 def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
@@ -92,7 +93,12 @@ def lightest(handle: ShiftInvert) -> float:
 
 def _lost(handle: ShiftInvert, x: Array, stiffness: Array) -> float:
     """The relative error of the energies by rounding in the product with K."""
-    return float((EPS * np.einsum("ij,ij->j", abs(x), abs(handle.K) @ abs(x)) / stiffness).max())
+    size, found = abs(handle.K), 0.0
+    for start in range(0, x.shape[1], COLUMNS):  # all at once they would take three times the memory of x
+        part = slice(start, start + COLUMNS)
+        motion = abs(x[:, part])
+        found = max(found, float((EPS * np.einsum("ij,ij->j", motion, size @ motion) / stiffness[part]).max()))
+    return found
 
 
 def _again(handle: ShiftInvert, x: Array, stiffness: Array, noise: float, kept: Array) -> tuple[Array, Array]:
@@ -100,7 +106,7 @@ def _again(handle: ShiftInvert, x: Array, stiffness: Array, noise: float, kept: 
 
     Their energy is computed from K itself if that loses fewer digits than the first pass did (`noise`).
     """
-    x = x - kept @ (kept.T @ (handle.M @ x))
+    x -= kept @ (kept.T @ (handle.M @ x))
     gram, energy = x.T @ (handle.M @ x), x.T @ (handle.K @ x)
     if _lost(handle, x, stiffness) > noise:
         energy = np.diag(stiffness)

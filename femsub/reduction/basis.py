@@ -189,7 +189,7 @@ def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kin
     """
     handle, C, n_c, rows = statics.handle, statics.constraint, statics.constraint.shape[1], statics.part.rows
     forces = statics.forces if kept.forces is None else np.hstack([kept.forces, statics.forces])
-    loads, s = np.hstack([forces, *(w[rows] for w in ports.values())]), forces.shape[1]
+    loads, s = np.hstack([forces, *(w[rows] for w in ports.values())]) if ports else forces, forces.shape[1]
     rest = handle.elastic_solve(loads, kept.shapes)
     missing, held = np.einsum("ij,ij->j", rest, loads), kept.shapes[:, kept.rigid:].T @ loads
     whole = missing + np.einsum("ij,ij->j", held, held / kept.values[kept.rigid:, None])

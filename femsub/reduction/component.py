@@ -93,6 +93,11 @@ class Task:
         """Static shapes of the method, and responses to the ports: those that join the basis, and those that judge it."""
         return self.method.static_columns(self.sub) + self.extra.shape[1] + sum(w.shape[1] for w in self.ports.values())
 
+    @property
+    def held(self) -> Array | None:
+        """The interface DOF that the method holds while it computes modes."""
+        return self.sub.interface if self.method.held else None
+
     def turned(self, part: Partition) -> Task:
         """In the coordinates of the part, where these are others."""
         T = part.turn
@@ -127,7 +132,7 @@ def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], cont
             raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
                              f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")
     task = Task(sub, method, columns if method.judges_ports else {}, extra, pencil)
-    check_memory(sub.name, sub.K, task.columns, method.modes or 0, method.static_columns(sub))
+    check_memory(sub.name, sub.K, task.columns, method.modes or 0, method.static_columns(sub), task.held)
     return task
 
 
@@ -173,7 +178,8 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
 def damping(sub: Substructure, basis: Basis, D: Array) -> tuple[Array, RigidMotion | None, Array]:
     """VᵀDV without the rounding of rigid motion, this motion, and G: the rounding of D is up to EPS G Gᵀ."""
     V = basis.V
-    noise = np.hstack([np.abs(V).T @ sub.noise, size_of_products(sub.D, V)])
+    carried = np.abs(V).T @ sub.noise if sub.noise.shape[1] else np.zeros((V.shape[1], 0))  # |V| takes as much memory as V
+    noise = np.hstack([carried, size_of_products(sub.D, V)])
     if sub.pencil.symmetric[1]:
         D = (D + D.T) / 2
     q, motion = _known(sub, basis)

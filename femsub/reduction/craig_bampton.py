@@ -10,8 +10,9 @@ import scipy.sparse as sp
 
 from femsub.algebra import without
 from femsub.checks import EPS, Array
+from femsub.coupling import rigid_rows, spatial
 from femsub.errors import ConditionWarning, InputError, warn
-from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, motion_of, rounding_ratio, units
+from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, costs_nothing, motion_of, rounding_ratio, units
 from femsub.modes.shift_invert import rounding
 from femsub.reduction.basis import COLUMNS, Partition, Statics, square, zeros
 from femsub.reduction.method import Method
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 DIGITS = 1e-4  # relative rounding error of the condensed stiffness above which `reduce` warns
 CLEAR = 4e-15  # below this energy ratio a motion is certainly rigid (see `rounding_ratio`)
+STILL = 1e-9  # of its largest motion, up to which an interface is at rest in a rigid-body motion
 SOFT = 1e-4  # eigenvalues of the scaled condensed stiffness below this may be rounding, and are examined
 
 
@@ -62,17 +64,46 @@ class CraigBampton(Method):
     key, label, colour, marker = "craig-bampton", "Craig-Bampton", "#c44e00", "s"
     held = True
 
+    def part(self, sub: Substructure) -> Partition:
+        """The interior. Where the positions of the DOF show that the interface does not hold it, no factor is made."""
+        if loose := _loose_motions(sub):
+            raise _not_held(sub, loose)
+        return super().part(sub)
+
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """Constraint modes with their stiffness, and the port columns whose static responses join the basis."""
         sub, b = part.sub, part.sub.interface
         if handle.floating and len(b):
-            raise InputError(
-                f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
-                "modes remain. Craig-Bampton's constraint modes need a held component. Add interface DOF, or use CraigChang")
+            raise _not_held(sub, handle.rigid.shape[1])
         C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes))
         C[b, np.arange(len(b))] = 1.0
         condensed, rigid = condensed_stiffness(sub, _constraint_modes(handle, sub, C), C)
         return Statics(part, handle, C, condensed, extra[part.rows], "static port", rigid)
+
+
+def _not_held(sub: Substructure, count: int) -> InputError:
+    return InputError(f"the interface does not hold {sub.name!r}: with its {len(sub.interface)} DOF fixed, {count} rigid-body "
+                      "modes remain. Craig-Bampton's constraint modes need a held component. Add interface DOF, or use "
+                      "CraigChang")
+
+
+def _loose_motions(sub: Substructure) -> int:
+    """How many rigid-body motions leave the interface at rest and cost no energy, as far as positions of DOF tell; else 0."""
+    b, dofs = sub.interface, sub.dofs
+    if dofs is None or dofs.points is None or dofs.size != sub.size or not 0 < len(b) < sub.size:
+        return 0
+    try:
+        R = rigid_rows(dofs, spatial(dofs.points).mean(axis=0))
+    except InputError:  # a motion that is no displacement and no rotation
+        return 0
+    R = R[:, R.any(axis=0)]
+    Q, size, _ = np.linalg.svd(R / np.linalg.norm(R, axis=0), full_matrices=False)
+    Q = Q[:, size > STILL * size.max(initial=0.0)]
+    _, size, turn = np.linalg.svd(Q[b])
+    still = turn[np.count_nonzero(size > STILL * size.max(initial=0.0)):]
+    at_rest = Q @ still.T
+    at_rest[b] = 0.0
+    return len(still) if len(still) and costs_nothing(sub.K, at_rest).all() else 0
 
 
 def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) -> tuple[Array, Array]:

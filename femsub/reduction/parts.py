@@ -51,6 +51,7 @@ def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstr
                          "numbers of modes they have no effect. Leave them out")
     found: dict[str, ReducedSubstructure] = {}
     first: dict[str, str] = {}  # the part that a part is equal to, or its own name
+    seen: dict[tuple[object, ...], list[str]] = {}  # parts that are equal to no earlier one, by their marks
     for name, method in methods.items():
         part = system.parts[name]
         if isinstance(method, ReducedSubstructure):
@@ -59,13 +60,15 @@ def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstr
                 raise InputError(f"the part {name!r} has {full} DOF, but {method!r} was made of {len(method.V)}")
             found[name] = method
         else:
-            first[name] = next((one for one in first if first[one] == one and _equal(system.parts[one], part)
-                                and methods[one] == method), name)
+            alike = seen.setdefault(_marks(part), [])
+            first[name] = next((one for one in alike if methods[one] == method and _equal(system.parts[one], part)), name)
+            if first[name] == name:
+                alike.append(name)
     tasks = {name: checked(system.parts[name], methods[name], ports, None)  # type: ignore[arg-type]
              for name in first if first[name] == name}
     largest = sorted(tasks, key=lambda name: -tasks[name].sub.size)  # they begin
     beside = sum(tasks[name].sub.size for name in largest[:workers or 1])
-    needs = {name: sum(reduction_bytes(task.sub.K, task.columns, task.method.modes or FIRST).values())
+    needs = {name: sum(reduction_bytes(task.sub.K, task.columns, task.method.modes or FIRST, task.held).values())
              for name, task in tasks.items() if beside >= LARGE and sp.issparse(task.sub.K)}
     try:
         made = side_by_side(reduced, {name: (tasks[name].sub, tasks[name].method, ports) for name in largest}, workers, executor,
@@ -101,6 +104,11 @@ def _common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | 
                              f"not by {method} ({name!r}). Give numbers of modes to all parts, and ask fs.system_estimate what "
                              "their reductions cost the system")
     return goal
+
+
+def _marks(part: Substructure) -> tuple[object, ...]:
+    """What equal parts have in common, so that few pairs must be compared."""
+    return part.size, len(part.interface), *(float(A.diagonal().sum()) for A in (part.K, part.M))
 
 
 def _equal(one: Substructure, other: Substructure) -> bool:

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from femsub.algebra import RigidMotion, without
-from femsub.checks import EPS, Array
+from femsub.algebra import RigidMotion, negative_eigenvalues, without
+from femsub.checks import EPS, Array, Matrix
 from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
 from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve, units
 from femsub.modes.quadratic.search import search
@@ -27,8 +29,11 @@ if TYPE_CHECKING:
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
+Solution: TypeAlias = tuple[Array, Array, Array, Array, Array]  # of a damped model, see `Nested.damped`
 ACCEPTED = 1e-7  # residual of modes of these small matrices. Where parts are joined their ω² span up to 12 decades; ω is wrong
 # by much less
+NEAR = 0.6  # of `limit`: lower bounds are looked for up to there, which is beyond the band
+LANCZOS = 600  # coordinates from which on they are found by Lanczos
 MARGIN = 1.01  # safety factor on each estimate: with all modes the estimate is the error itself, and rounding could undercut it
 
 
@@ -44,7 +49,7 @@ class Nested:
     Of joined parts, `parts` are the numbers of elastic modes and of columns of Ξ of each part, in whose order Φ and Ξ stand.
     A `count` of modes is then one number for each part. ω and |λ| above `limit` are not looked for, where that saves time.
     `motion` is the rigid motion, in C and the rigid-body modes, where the component knows it. A band is to end below the `share`
-    of the cut-off.
+    of the cut-off. `known` is the result of `damped` for all modes, where it need not be computed.
     """
 
     M: Array
@@ -61,6 +66,7 @@ class Nested:
     limit: float = np.inf
     motion: RigidMotion | None = None
     share: float = SHARE
+    known: Solution | None = None
 
     @classmethod
     def whole(cls, sub: Substructure, pencil: Pencil | None) -> Nested:
@@ -160,17 +166,20 @@ class Nested:
         M, K = T.T @ self.M @ T, T.T @ self.K @ T
         return (M + M.T) / 2, (K + K.T) / 2
 
+    def model(self, count: Count) -> tuple[Array, Array, Array]:
+        """`basis`, M and K of the reduced model with `count` modes."""
+        T = self.basis(count)
+        if self.loads.shape[1]:
+            return T, *self.projected(T)
+        kept = np.append(np.arange(self._first), self._first + np.flatnonzero(self.held(count)))
+        return T, self.M[np.ix_(kept, kept)], self.K[np.ix_(kept, kept)]
+
     def undamped(self, count: Count) -> tuple[Array, Array]:
         """ω of the undamped reduced model with `count` modes, ascending and without rigid-body modes, and their rounding."""
         if not self.constraint:
             omega = np.sqrt(np.sort(self.values[self.held(count)]))
             return omega, np.zeros(len(omega))
-        if self.loads.shape[1]:
-            T = self.basis(count)
-            M, K = self.projected(T)
-        else:
-            kept = np.append(np.arange(self._first), self._first + np.flatnonzero(self.held(count)))
-            T, M, K = np.eye(self.constraint, len(kept)), self.M[np.ix_(kept, kept)], self.K[np.ix_(kept, kept)]
+        T, M, K = self.model(count)
         omega, shapes = self.lowest(M, K)
         q = T[:self.constraint] @ shapes
         solver = EPS * omega**3 / omega[:1] ** 2  # of 1/ω², each has the error of the largest
@@ -182,13 +191,17 @@ class Nested:
         Its first coordinates are C.
         """
         if np.isfinite(self.limit):
-            held = M[:, :self.constraint] @ self._rigid
-            with suppress(la.LinAlgError):  # rigid motion goes above the limit
-                inverse, shapes = la.eigh(M, K + (2 * self.limit) ** 2 * (held @ held.T), check_finite=False,
+            with suppress(la.LinAlgError):
+                inverse, shapes = la.eigh(*self.pencil_up_to_limit(M, K), check_finite=False,
                                           subset_by_value=(self.limit**-2, np.inf))
                 return inverse[::-1] ** -0.5, (shapes * inverse**-0.5)[:, ::-1]  # LAPACK has them of unit energy
         found = all_modes(K, M, ACCEPTED, self._carried(len(K)))
         return found.frequencies[found.rigid:], found.shapes[:, found.rigid:]
+
+    def pencil_up_to_limit(self, M: Array, K: Array) -> tuple[Array, Array]:
+        """M and K with rigid motion at twice the limit, so that K is positive definite. The first coordinates are C."""
+        held = M[:, :self.constraint] @ self._rigid
+        return M, K + (2 * self.limit) ** 2 * (held @ held.T)
 
     def _carried(self, size: int) -> RigidMotion | None:
         """The rigid motion in coordinates of which the first are C and the rigid-body modes."""
@@ -222,7 +235,7 @@ class Nested:
         return RigidMotion.of(Z, D, units(self.M[:kept, :kept]))
 
     @cached_property
-    def _largest(self) -> tuple[Array, Array]:
+    def largest(self) -> tuple[Array, Array]:
         """ω of the largest reduced model, and their rounding."""
         return self.undamped(self.most)
 
@@ -253,23 +266,11 @@ class Nested:
         q, r = ritz.shapes[:self.constraint], ritz.rigid
         if self.complete:
             return ritz.frequencies[r:]
-        # rows: substitute modes of each part at θ_c, scaled by stiffness; then at infinity
-        rows, flexibility = [np.zeros((0, q.shape[1]))], []
-        for group, top in zip(self._groups, self.tops, strict=True):
-            stiffness = self.K.diagonal()[group]
-            inertia = self.M.diagonal()[group]
-            coupling = self.M[:self.constraint, group].T @ q
-            static = coupling / np.sqrt(stiffness)[:, None]  # G₀ = staticᵀ static
-            if not np.isfinite(top):  # massless
-                continue
-            dynamic = coupling * (np.sqrt(inertia) / stiffness)[:, None]
-            values, vectors = np.linalg.eigh(static.T @ static - top * (dynamic.T @ dynamic))
-            positive = values > EPS * max(float(values[-1]), 0.0)
-            soft = np.sqrt(values[positive])[:, None] * vectors[:, positive].T
-            rows += [np.sqrt(top) * dynamic, soft]
-            flexibility += [np.full(len(dynamic), 1 / top), np.zeros(len(soft))]
-        L, below = np.vstack(rows), np.concatenate(flexibility)
-        a, b = len(ritz.eigenvalues), len(L)
+        S, below = self._substitutes
+        if (found := self._lowest_bounds(ritz.eigenvalues, r, q, S, below)) is not None:
+            return found
+        L = S @ q
+        a, b = len(ritz.eigenvalues), len(below)
         weight = np.concatenate([np.zeros(r), ritz.eigenvalues[r:] ** -0.5])
         mass = np.zeros((a + b,) * 2)
         mass[:a, :a], mass[:a, a:], mass[a:, :a] = np.eye(a), L.T, L
@@ -280,32 +281,91 @@ class Nested:
         inverse = inverse[inverse > 0]
         return inverse[:a - r] ** -0.5
 
+    @property
+    def _substitutes(self) -> tuple[Matrix, Array]:
+        """The substitute modes of `bounds`: their coupling with C, scaled by stiffness, sparse (s, n_c), and their 1/ω² (s,).
+
+        Those of each part at θ_c come first, then those at infinity. Ξ is orthogonal in M and K, so one column is one of each.
+        """
+        top = np.concatenate([np.full(group.stop - group.start, value)
+                              for group, value in zip(self._groups, self.tops, strict=True)])
+        mass, stiffness = self.M.diagonal()[self.rest], self.K.diagonal()[self.rest]
+        top = np.where(np.isfinite(top), top, 0.0)
+        dynamic = np.sqrt(top * mass) / stiffness
+        soft = np.where(top > 0, np.sqrt(np.maximum(1 - top * mass / stiffness, 0.0) / stiffness), 0.0)  # 0: massless
+        coupling, weight = sp.csr_array(self.M[self.rest, :self.constraint]), np.concatenate([dynamic, soft])
+        below = np.concatenate([np.divide(1.0, top, out=np.zeros(len(top)), where=top > 0), np.zeros(len(top))])
+        felt = weight > EPS * np.append(dynamic, dynamic + soft)
+        return sp.csr_array(sp.diags_array(weight[felt]) @ sp.vstack([coupling, coupling], format="csr")[felt]), below[felt]
+
+    def _lowest_bounds(self, values: Array, rigid: int, q: Array, S: Matrix, below: Array) -> Array | None:
+        """The `bounds` below NEAR times the limit by Lanczos; None where there is no limit, or LAPACK is to find all.
+
+        With substitute modes L = Sq at or above θ_c, the number below ω² = λ is that of the negative eigenvalues of
+        Ω² - λ - λ² Lᵀ(1 - λ/ω_s²)⁻¹L, less the rigid-body modes. The iteration must find as many.
+        """
+        limit = (NEAR * self.limit) ** 2
+        size = len(values) - rigid + len(below)
+        if size <= LANCZOS or not limit * below.max(initial=0.0) < 1:
+            return None
+        felt = q.T @ ((S.T @ (sp.diags_array(limit**2 / (1 - limit * below)) @ S)) @ q)
+        count = negative_eigenvalues(np.diag(values - limit) - (felt + felt.T) / 2) - rigid
+        if not 0 < count < size / 4:
+            return None
+        weight, free = values[rigid:] ** -0.5, S @ q[:, :rigid]
+        elastic = q[:, rigid:] * weight
+
+        def times(x: Array) -> Array:
+            x, y = x[:len(weight)], x[len(weight):]
+            return np.concatenate([weight**2 * x + elastic.T @ (S.T @ y), S @ (elastic @ x) + below * y - free @ (free.T @ y)])
+
+        with suppress(ArpackNoConvergence):
+            start = np.random.default_rng(0).standard_normal(size)
+            inverse = eigsh(LinearOperator((size, size), times, dtype=float), count, which="LA", v0=start,
+                            return_eigenvectors=False)
+            if inverse.min() * limit >= 1 - 1e-9:
+                return np.sort(inverse ** -0.5)
+        return None
+
     @cached_property
     def reference(self) -> tuple[Array, Array]:
         """λ of the model in all coordinates U with Im λ ≥ 0, without rigid-body ones, and the rounding error of each."""
-        return self._solved(np.eye(len(self.M)))[:2]
+        return self._solved(None)[:2]
 
-    def damped(self, count: Count) -> tuple[Array, Array, Array, Array, Array]:
+    def damped(self, count: Count) -> Solution:
         """λ (k,), rounding (k,), right and left shapes in U (R, k) and |yᴴP'(λ)x| of the reduced model, Im λ ≥ 0."""
-        return self._solved(self.basis(count))
+        return self._of_all_modes if np.array_equal(np.atleast_1d(count), self.most) else self._solved(self.basis(count))
 
-    def _solved(self, T: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """All of TᵀP(λ)T with Im λ ≥ 0 that are not rigid, in ascending |λ|."""
+    def knowing(self, other: Nested) -> Nested:
+        """The same with `damped` of the largest model, if `other` differs in Ξ alone and that model has no static shapes."""
+        if self.loads.shape[1] or self.limit != other.limit:
+            return self
+        values, bar, X, Y, slope = other._of_all_modes
+        X, Y = (np.pad(part, ((0, len(self.M) - len(part)), (0, 0))) for part in (X, Y))
+        return replace(self, known=(values, bar, X, Y, slope))
+
+    @cached_property
+    def _of_all_modes(self) -> Solution:
+        """`damped` of the largest model, which is asked for more than once."""
+        return self.known or self._solved(self.basis(self.most))
+
+    def _solved(self, T: Array | None) -> Solution:
+        """All of TᵀP(λ)T with Im λ ≥ 0 that are not rigid, in ascending |λ|, up to the limit; None stands for the identity."""
         assert self.D is not None
-        M, K = self.projected(T)
-        D = T.T @ self.D @ T
+        M, K, D = (self.M, self.K, self.D) if T is None else (*self.projected(T), T.T @ self.D @ T)
         pencil = Pencil(M, (D + D.T) / 2 if self.symmetric else D, K)
         pencil = pencil.carrying(self._carried(len(M)), pencil.noise)
         if np.isfinite(self.limit):
             found = search(pencil, region_of(pencil, None, (0.0, self.limit), None), False)
-            values, X, Y = found.values, found.X, found.Y
+            near = np.abs(found.values) <= self.limit
+            values, X, Y = found.values[near], found.X[:, near], found.Y[:, near]
         else:
             values, X, Y = solve(pencil)
         slope = np.abs(np.einsum("ij,ij->j", Y.conj(), (pencil.M @ X) * (2 * values) + pencil.D @ X))
         x, y, size = np.abs(X), np.abs(Y), np.abs(values)
         noise = EPS * np.einsum("ij,ij->j", y, (np.abs(M) @ x) * size**2 + (np.abs(D) @ x) * size)
         noise += EPS * _product(K, X, Y)  # energies, not entries: cancellation in soft motion is covered by `rounding`
-        X, Y = T @ X, T @ Y
+        X, Y = (X, Y) if T is None else (T @ X, T @ Y)
         noise += _product(self._rounding, X[:self.constraint], Y[:self.constraint])
         bar = np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0)
         keep = upper(values) & (values != 0)
@@ -357,7 +417,7 @@ class Nested:
 
         The component's ω lie between `bounds` and those of the largest model here, whatever the reduced model is.
         """
-        low, high = self.bounds, self._largest[0]
+        low, high = self.bounds, self.largest[0]
         known = min(len(omega), len(low), len(high))
         above = np.maximum(omega[:known], high[:known])
         inside = np.flatnonzero(~beyond(low[:known], band[1]) & ~beyond(band[0], above))
@@ -373,7 +433,7 @@ class Nested:
 
     def floor(self, band: tuple[float, float], damped: bool = True) -> float:
         """The largest relative error that rounding alone may have made in the band."""
-        omega, rounding = self._largest
+        omega, rounding = self.largest
         inside = in_band(omega, band)
         floor = float((rounding[inside] / omega[inside]).max(initial=4 * EPS))
         if self.D is None or not damped:

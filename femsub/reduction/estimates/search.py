@@ -24,6 +24,7 @@ from femsub.model import SHARE, Estimate, beyond
 from femsub.modes import lowest_modes
 from femsub.reduction.basis import Kept, Statics
 from femsub.reduction.estimates.found_modes import FoundModes, Span
+from femsub.reduction.estimates.leaving_out import LeavingOut
 from femsub.reduction.estimates.nested import Nested
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ class Space:
         for name, part in self.parts.items():
             span, turn = given.own[name][1], given.turns[name]
             own[name] = part.nested(part.residuals(span, [(value, turn @ x, left) for value, x, left in sides]))
-        return self.assembled(own).nested
+        return self.assembled(own).nested.knowing(given.nested)
 
     def further(self, reference: Nested, best: Estimate) -> None:
         """More modes of each part, since the best model does not meet the tolerance.
@@ -205,17 +206,19 @@ def fewest(reference: Nested, least: Array, best: Best) -> Best:
     number = len(least)
     if number > 1:
         best = _by_first_order(reference, least, best)
-    going = True
+    going, larger = True, None
     while going:
         going = False
         for at in range(number):
             low = least[at]
+            if number > 1 and low < best[0][at] and (larger is None or larger.counts is not best[0]):
+                larger = LeavingOut.of(reference, *best)
             trial = best[0][at] - 1 if number > 1 else (low + best[0][at]) // 2  # of many parts, one less is mostly too few
             while low < best[0][at]:
                 counts = best[0].copy()
                 counts[at] = trial
-                found = _judged(reference, counts, best[1])
-                if found.met:
+                found = _judged(reference, counts, best[1]) if larger is None or larger.may_meet(counts) else None
+                if found is not None and found.met:
                     best, going = (counts, found), number > 1
                 else:
                     low = trial + 1
