@@ -147,6 +147,15 @@ def test_a_mode_that_block_lanczos_hides_is_an_error(monkeypatch: pytest.MonkeyP
         fs.reduce(lattice(40, 30, held=True), fs.CraigBampton(12))
 
 
+def test_errors_that_only_refinement_needs_are_not_computed_of_a_large_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("femsub.modes.normal_modes.DENSE", 100)
+    monkeypatch.setattr("femsub.modes.normal_modes.scaled_errors", never)
+    assert fs.normal_modes(membrane(20), 5).evidence == "certified"
+
+
 SHAPES = {"slab": fs.block((1, 0.7, 0.05), (40, 30, 4), "hexahedron"), "cube": fs.block((1, 1, 1), (14, 14, 14), "hexahedron"),
           "bar": fs.block((1, 0.1, 0.1), (100, 5, 5), "hexahedron"), "ring": fs.annulus(0.05, 0.15, 0.02, (6, 60, 2)),
           "bulk": fs.block((1, 0.5, 0.25), (14, 7, 4)), "tetra": fs.block((1, 0.5, 0.2), (14, 8, 4), "tetra10")}
