@@ -76,6 +76,54 @@ def test_block_lanczos_says_when_it_has_not_converged(monkeypatch: pytest.Monkey
         block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-13)
 
 
+class Counted:
+    """M, with the number of columns that it was multiplied by."""
+
+    def __init__(self, M: sp.csr_array) -> None:
+        self.M, self.columns = M, 0
+
+    def __matmul__(self, x: np.ndarray) -> np.ndarray:
+        self.columns += x.shape[1]
+        return self.M @ x
+
+
+@pytest.mark.parametrize("count, block", [(30, 10), (100, 16)])
+def test_a_block_is_orthogonalised_in_one_pass(count: int, block: int) -> None:
+    sub = membrane(60)
+    factor, M = Factor(sub.K, "definite"), Counted(sub.M)
+    _, shapes = block_lanczos(factor, M, 0.0, count, tol=1e-9)
+    assert M.columns == 2 * factor.columns + block  # one product before the pass, one after it
+    assert np.abs(shapes.T @ (sub.M @ shapes) - np.eye(count)).max() < 1e-11
+
+
+def test_the_last_step_of_inverse_iteration_needs_no_solve() -> None:
+    sub = membrane(60)
+    values, shapes = block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-3)
+    residual = np.linalg.norm(sub.K @ shapes - sub.M @ shapes * values, axis=0) / values
+    assert residual.max() < 4e-4  # 7e-4 without that step
+
+
+def _turned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A dense K with these eigenvalues, and its eigenvectors."""
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((len(values), len(values))))[0]
+    return (turn * values) @ turn.T, turn
+
+
+def test_a_second_pass_follows_cancellation() -> None:
+    # (K - σM)⁻¹ makes 1e8 of what rounding leaves of the known shapes
+    exact = np.where(np.arange(400) < 3, 1e-8, 1.0 + np.arange(400))
+    K, turn = _turned(exact)
+    values, shapes = block_lanczos(factorise(K, "definite"), np.eye(400), 0.0, 8, tol=1e-9, known=turn[:, :3])
+    np.testing.assert_allclose(np.sort(values), exact[3:11], rtol=1e-12)
+    assert np.abs(turn[:, :3].T @ shapes).max() < 1e-9
+
+
+def test_modes_out_of_reach_of_rounding_are_an_error() -> None:
+    K = np.diag(np.where(np.arange(400) < 3, 1e-10, 1.0) * (1.0 + np.arange(400)))
+    with pytest.raises(NotConvergedError, match="3 of 5 modes converged"):
+        block_lanczos(factorise(K, "definite"), np.eye(400), 0.0, 5, tol=1e-9)
+
+
 @pytest.mark.parametrize("method", [fs.CraigBampton(12), fs.CraigChang(12)])
 def test_a_heavy_model_is_reduced_to_the_same(method: fs.CraigBampton | fs.CraigChang, every_model_is_heavy: list[int],
                                               monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,6 +148,15 @@ def test_a_mode_that_block_lanczos_hides_is_an_error(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("femsub.modes.block_lanczos.block_lanczos", blind)
     with pytest.raises(MissedModesError, match=r"modes were found below ω = .*, but the inertia of K - ω²M counts"):
         fs.reduce(lattice(40, 30, held=True), fs.CraigBampton(12))
+
+
+def test_errors_that_only_refinement_needs_are_not_computed_of_a_large_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("femsub.modes.normal_modes.DENSE", 100)
+    monkeypatch.setattr("femsub.modes.normal_modes.scaled_errors", never)
+    assert fs.normal_modes(membrane(20), 5).evidence == "certified"
 
 
 SHAPES = {"slab": fs.block((1, 0.7, 0.05), (40, 30, 4), "hexahedron"), "cube": fs.block((1, 1, 1), (14, 14, 14), "hexahedron"),

@@ -110,7 +110,7 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
     These are the stages, with the columns of n numbers that each holds:
 
     - constraint modes: blocks of loads and solutions;
-    - block Lanczos: V and MV;
+    - block Lanczos: V, and the modes;
     - the inertia count: the first factor is gone, that of LDLᵀ is larger;
     - static shapes: the responses, their orthogonal combinations, and V or a temporary;
     - the projection: V, and small matrices.
@@ -133,7 +133,7 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
         inner = K[rows][:, rows]
     nonzeros = factor_nonzeros(inner)
     small = 9 * 8.0 * size**2  # M, D, K of the model, and their decompositions
-    stages = [(FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + max(BLOCKS, (6 * modes + 60) * (modes > 0)))),
+    stages = [(FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + max(BLOCKS, (3.5 * modes + 100) * (modes > 0)))),
               (COUNT_BYTES * nonzeros * (modes > 0), 8.0 * n * (constraint + modes + 3 * static)),
               (FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + 2 * modes + 3 * static) + small)]
     factor, held_columns = max(stages, key=sum)

@@ -12,17 +12,21 @@ from femsub.algebra import Handle
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
 
-BLOCK = 10  # larger blocks make a column cheaper, but need a longer basis: more solves and more orthogonalisation
+BLOCK = 10  # a wider block makes a column cheaper, but needs more of them
+WIDE, MANY = 16, 100  # the block for so many modes and more, where orthogonalisation gains as well
 RESTARTS = 60
 ROWS = 50_000
+PASSES = 30  # of orthogonalisation of one block; two or three are usual
+LOST = 1e-13  # loss of orthogonality by cancellation up to which one pass is enough
 
 
 def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1,
                   known: Array | None = None) -> tuple[Array, Array]:
     """The eigenvalues of (K - λM)φ = 0 next above σ: A V = V T + Q R Eᵀ, A = (K - σM)⁻¹M, VᵀMV = I, V (n, m), λ = σ + 1/θ.
 
-    `factor` is that of K - σM, which is positive definite. A Ritz pair is accepted if ‖R Eᵀy‖ ≤ tol θ. Each block is
-    orthogonalised twice against all earlier ones. A restart keeps the wanted Ritz vectors and half of the others.
+    `factor` is that of K - σM, which is positive definite. A Ritz pair is accepted if ‖R Eᵀy‖ ≤ tol θ. T is block tridiagonal,
+    so a new block first loses its known parts in the last two blocks, and then rounding in one pass against all. A restart
+    keeps the wanted Ritz vectors and half of the others.
 
     Parameters
     ----------
@@ -30,7 +34,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     M : sparse, shape (n, n)
         Positive semidefinite.
     known : ndarray, shape (n, k), optional
-        M-orthonormal shapes to deflate.
+        M-orthonormal shapes to deflate. There must be far more other shapes than `count` and a block.
 
     Returns
     -------
@@ -46,67 +50,78 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     References
     ----------
     R. G. Grimes, J. G. Lewis, H. D. Simon, SIAM J. Matrix Anal. Appl. 15 (1994) 228 (block, shift and invert); K. Wu,
-    H. Simon, SIAM J. Matrix Anal. Appl. 22 (2000) 602 (thick restart).
+    H. Simon, SIAM J. Matrix Anal. Appl. 22 (2000) 602 (thick restart); B. N. Parlett, The Symmetric Eigenvalue Problem
+    (1998), sec. 6.9 (a second pass only after cancellation).
     """
     locked = np.zeros((factor.size, 0)) if known is None else known
-    inert = M @ locked
-    MX = _ritz_momenta(factor, M, count, tol, seed, locked, inert)
-    # z = Ax removes components in the null space of M, and θ = xᵀMz is accurate to rounding for small θ as well
-    X = factor.solve(MX)
-    X -= locked @ (inert.T @ X)
-    theta = np.einsum("ij,ij->j", MX, X)
-    return sigma + 1 / theta, X / np.sqrt(np.einsum("ij,ij->j", X, M @ X))
+    X = _ritz_vectors(factor, M, count, tol, seed, locked)
+    MX = M @ X
+    # Z = AX removes components in the null space of M, and zᵀ(K - σM)z = zᵀMx is accurate to rounding for small θ as well
+    Z = factor.solve(MX)
+    Z -= locked @ ((M @ locked).T @ Z)
+    square = np.einsum("ij,ij->j", Z, M @ Z)
+    return sigma + np.einsum("ij,ij->j", Z, MX) / square, Z / np.sqrt(square)
 
 
-def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array, inert: Array) -> Array:
-    """MX for the wanted Ritz vectors X, shape (n, count). All other memory is freed."""
-    n, rng = factor.size, np.random.default_rng(seed)
-    room = n - locked.shape[1]
-    b = min(BLOCK, room)
-    most = min(room, int(2.5 * count) + 2 * b)
-    V, MV = np.empty((n, most + b), order="F"), np.empty((n, most + b), order="F")
-    T = np.zeros((most + b, most + b))
+def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array) -> Array:
+    """The wanted Ritz vectors after a step of inverse iteration, shape (n, count). All other memory is freed."""
+    (n, known), rng = locked.shape, np.random.default_rng(seed)
+    room = n - known
+    b = min(WIDE if count >= MANY else BLOCK, room // 4)
+    most = min(room - b, int(2.5 * count) + 4 * b)
+    whole, T = np.zeros((n, known + most + b), order="F"), np.zeros((most + b, most + b))
+    whole[:, :known], V = locked, whole[:, known:]
 
-    def against(W: Array, size: int) -> tuple[Array, Array]:
-        """W orthogonalised in two passes against the basis and the locked shapes, and its coefficients in the basis."""
-        share = np.zeros((size, W.shape[1]))
-        for _ in range(2):
-            part = MV[:, :size].T @ W
-            W = W - V[:, :size] @ part - locked @ (inert.T @ W)
-            share += part
-        return W, share
+    def random(columns: int) -> Array:
+        return factor.solve(M @ rng.standard_normal((n, columns)))
 
-    def put(W: Array, at: int) -> Array:
-        """Append W made M-orthonormal, W = Q R; return R. Columns that are only rounding are replaced by random ones, R = 0."""
-        size, R = W.shape[1], np.eye(W.shape[1])
-        while True:
+    def put(W: Array, at: int) -> tuple[Array, Array, Array]:
+        """Append Q, W = VC + QR, M-orthonormal to V and in itself; return C, R and MQ.
+
+        Columns that are only rounding are replaced by random ones, with R = 0.
+        """
+        basis, size, clean = whole[:, :known + at], W.shape[1], False
+        C, R = np.zeros((known + at, size)), np.eye(size)
+        for _ in range(PASSES):
             MW = M @ W
             G = W.T @ MW
+            before = float(np.trace(G))
+            if not clean:
+                share = (MW.T @ basis).T
+                W, G, C = W - _product(basis, share), G - share.T @ share, C + share @ R
             values, Y = np.linalg.eigh((G + G.T) / 2)
             good = values > (size * EPS) ** 2 * max(float(values[-1]), float(np.finfo(float).tiny))
             root = np.sqrt(values[good])
             change, lost = Y[:, good] / root, size - int(good.sum())
             R = np.vstack([(root[:, None] * Y[:, good].T) @ R, np.zeros((lost, size))])
-            if not lost and values[0] > 0.5 * values[-1]:  # the change is only rounding: no new product MW
-                V[:, at:at + size], MV[:, at:at + size] = W @ change, MW @ change
-                return R
-            W = W @ change
+            if clean and not lost and values[0] > 0.5 * values[-1]:  # the change is only rounding: no new product MW
+                V[:, at:at + size] = W @ change
+                return C[known:], R, MW @ change
+            W, clean = W @ change, not lost and EPS**2 * before < LOST**2 * values[0]
             if lost:
-                W = np.hstack([W, against(factor.solve(M @ rng.standard_normal((n, lost))), at)[0]])
+                more = random(lost)
+                more -= W @ (W.T @ (M @ more))
+                W = np.hstack([W, more / np.linalg.norm(more, axis=0) * np.linalg.norm(W, axis=0).max(initial=1.0)])
+        raise NotConvergedError(f"a block of {size} columns could not be made orthogonal to the {known + at} before it. Ask for "
+                                "fewer modes, or check the matrices")
 
-    put(against(factor.solve(M @ rng.standard_normal((n, b))), 0)[0], 0)
-    m, restarts = 0, 0
+    _, _, MQ = put(random(b), 0)
+    first, m, restarts = 0, 0, 0
     while True:
-        W, share = against(factor.solve(MV[:, m:m + b]), m + b)
-        T[:m + b, m:m + b] = share
-        T[m:m + b, :m] = share[:m].T
-        m += b
+        new = slice(m, m + b)
+        W = factor.solve(MQ)
+        T[new, new] = MQ.T @ W  # what T has above it is R of the block before, or of the Ritz vectors kept; `first` is its row
+        W -= _product(V[:, first:m + b], T[first:m + b, new])
+        first, m = m, m + b
+        C, R, MQ = put(W, m)
+        T[:m, new] += C
+        T[new, :m] = T[:m, new].T
         theta, Y = np.linalg.eigh((T[:m, :m] + T[:m, :m].T) / 2)
         theta, Y = theta[::-1], np.array(Y[:, ::-1], order="F")  # BLAS cannot use a negative stride
-        R = put(W, m) if m < room else np.zeros((b, b))
-        residual = np.linalg.norm(R @ Y[m - b:, :count], axis=0)
-        if m >= count and (residual <= tol * np.abs(theta[:count])).all():
-            break
+        rest = R @ Y[m - b:]
+        residual = np.linalg.norm(rest[:, :count], axis=0)
+        if m >= count and (residual <= tol * np.abs(theta[:count])).all():  # AX = XΘ + QREᵀY: this step needs no solve
+            return _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
         if m + b > most:
             if restarts == RESTARTS:
                 good = int(np.count_nonzero(residual <= tol * np.abs(theta[:count])))
@@ -114,12 +129,17 @@ def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
                                         "fewer modes, or check the matrices")
             restarts += 1
             keep = min((2 * count + 3 * m) // 5, m - b)
-            for basis in (V, MV):  # in place: a second basis may not fit beside a large factor
-                for start in range(0, n, ROWS):
-                    rows = slice(start, start + ROWS)
-                    basis[rows, :keep] = basis[rows, :m] @ Y[:, :keep]
-                basis[:, keep:keep + b] = basis[:, m:m + b]
+            for start in range(0, n, ROWS):  # in place: a second basis may not fit beside a large factor
+                rows = slice(start, start + ROWS)
+                V[rows, :keep] = _product(V[rows, :m], Y[:, :keep])
+            V[:, keep:keep + b] = V[:, m:m + b]
             T[:] = 0.0
             T[np.arange(keep), np.arange(keep)] = theta[:keep]
-            m = keep
-    return MV[:, :m] @ Y[:, :count]
+            first, m, R = 0, keep, rest[:, :keep]
+        T[first:m, m:m + b] = R.T
+        T[m:m + b, first:m] = R
+
+
+def _product(V: Array, Y: Array) -> Array:
+    """VY (n, k) of a tall V, with contiguous columns: BLAS takes half as long for YᵀVᵀ."""
+    return (Y.T @ V.T).T

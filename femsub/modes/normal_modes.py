@@ -264,11 +264,13 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     shapes = np.hstack([handle.rigid, shapes])
     orthonormalise(shapes, handle.M)
     residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
-    scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
-    poor = (residual > accepted) | ((doubt > SHARP) & (doubt > BLURRED * rounding))
-    if poor[values > 0].any() and len(shapes) <= DENSE:
-        values, shapes = refined(handle.K, handle.M, values, shapes, np.flatnonzero((poor | (scaled > GOOD)) & (values > 0)))
-        residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
+    if len(shapes) <= DENSE:
+        scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
+        poor = (residual > accepted) | ((doubt > SHARP) & (doubt > BLURRED * rounding))
+        if poor[values > 0].any():
+            which = np.flatnonzero((poor | (scaled > GOOD)) & (values > 0))
+            values, shapes = refined(handle.K, handle.M, values, shapes, which)
+            residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
     if handle.carries:  # K may hold nothing of these coordinates but rounding
         residual[:handle.rigid.shape[1]] = 0.0
     beyond = residual / np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
