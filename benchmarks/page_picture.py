@@ -17,7 +17,7 @@ from benchmarks.pictures import NUMBERS
 from femsub.app.cli import main as femsub
 
 NAME = "report.png"
-SCENE = 'scene = "solid"\noutputs = ["critical-slope", "error-time", "eigenvalues", "page"]\n'
+SCENE = 'scene = "solid"\nunits = "SI"\noutputs = ["critical-slope", "error-time", "eigenvalues", "page"]\n'
 WIDTH = 1000
 ABOVE, BELOW = "#verdict", "#mode .note"  # what the picture begins and ends with
 

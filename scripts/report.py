@@ -84,7 +84,7 @@ STEPS = (
           "error-time"),
     scene("scripts/disc-transient.toml", "A disc in time", "10,800 DOF: what a simulated period costs, full and reduced.",
           "error-time"),
-    Step("page", "The page of a run", "Its verdict, and the least stable mode.",
+    Step("report", "The page of a run", "Its verdict, and the least stable mode.",
          (*ONE_THREAD, sys.executable, "-m", "benchmarks.page_picture", "--out", "{out}"), (), ("report.png",), table=False),
     script("bench", "Assembly, bases, sweeps", "Ratios against scikit-fem, SciPy, plain SLEPc and full PEPs, each in one run.",
            "--defaults", "--repeats", "1", quick=("--quick", "--repeats", "1", "--parts", "bases")),
