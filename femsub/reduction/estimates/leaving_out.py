@@ -63,7 +63,6 @@ class LeavingOut:
         except la.LinAlgError:
             return None
         S = T[:, nested.rest.start - nested.modes + np.count_nonzero(nested.held(counts)):]
-        S = T[:, nested.rest.start - nested.modes + np.count_nonzero(nested.held(counts)):]
         low, high = nested.bounds, nested.largest[0]
         known = min(len(low), len(high))
         inside = np.flatnonzero(~beyond(low[:known], goal.band[1]) & ~beyond(goal.band[0], high[:known]))
