@@ -110,7 +110,7 @@ def test_the_nearest_to_zero_are_told_apart_however_large_others_are() -> None:
     assert np.array_equal(nearest.eigenvalues, fs.complex_modes(pencil).eigenvalues[:1])
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_brake_like_pencil_by_count_and_by_band(seed: int) -> None:
     pencil = brake(300, seed)
     exact = reference(pencil)
@@ -344,6 +344,7 @@ def test_belts_on_many_dof_are_counted_whatever_rounding_they_leave_in_d(ask: di
     assert np.count_nonzero(np.abs(every) < found.counted[0]) == found.counted[1]
 
 
+@pytest.mark.slow
 def test_sweep_and_border_of_a_large_dense_model_are_those_of_the_sparse_one() -> None:
     sub = fs.damped(fs.chain(700, belt=501, interface=range(1, 700, 2)), rayleigh=(1e-5, 1e-3))
     rom, band = fs.reduce(sub, fs.CraigBampton(modes=5)), (0.0, 0.05)

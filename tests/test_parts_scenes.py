@@ -391,6 +391,7 @@ stiffness = 1.0
         assert len([axis for axis in result.drawings[name]().axes if axis.get_title().startswith("mode ")]) == 6
 
 
+@pytest.mark.slow
 def test_figures_of_parts_are_drawn(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     (tmp_path / "scene.toml").write_text(CHAIN.replace("parts = [2, 4]", "parts = [2]"), encoding="utf-8")

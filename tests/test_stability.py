@@ -69,7 +69,7 @@ def test_crossings_packed_near_the_top_of_the_spectrum() -> None:
     assert low.value < border.value and low.omega < 1.0
 
 
-@pytest.mark.parametrize("n", [400, 3000, 100_000])
+@pytest.mark.parametrize("n", [400, 3000, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_sparse_model_with_a_band(n: int) -> None:
     border = fs.critical_slope(fs.chain(n, belt=2), band=(0.0, 10 / n))
     # first order in d1: c = -d1 / (4 cos²(π/(2n + 1))), the next term is of the order of d1² ω²

@@ -55,6 +55,7 @@ def test_the_belt_s_work_is_what_is_dissipated_and_what_the_energy_gains(kind: s
     assert trapezoid(power, run.t) == pytest.approx(energy.work, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_two_integrators_agree_and_halving_the_tolerance_changes_nothing() -> None:
     model, window = paper("CC"), (1400.0, 1800.0)
 

@@ -28,6 +28,7 @@ def scene_file(folder: Path, text: str) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_the_chain_in_time_writes_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert main(["run", scene_file(tmp_path, CHAIN), "--out", str(out)]) == 0
