@@ -231,7 +231,7 @@ def test_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
                "--interfaces", "1", "--window", "200", "--earliest", "400", "--latest", "400", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and not done.stderr, done.stdout + done.stderr
-    names = {"attractors.csv", "attractors.json", "attractors.png", "trajectories.jsonl"}
+    names = {"attractors.csv", "attractors.json", "attractors.png", "numbers.json", "trajectories.jsonl"}
     assert {path.name for path in tmp_path.iterdir()} == names
     found = json.loads((tmp_path / "attractors.json").read_text())
     rows = {(row["method"], row["size"]): row for row in found["rows"]}

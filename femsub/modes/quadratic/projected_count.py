@@ -238,7 +238,7 @@ class Coupling:
                               [one, np.zeros((m, m))]])
         with one_thread(m < FEW):
             nu, right = la.eig(companion, check_finite=False)
-            left = la.inv(right, check_finite=False)[:, :m].conj().T  # LAPACK's own do not belong together where λ is multiple
+            left = np.linalg.inv(right)[:, :m].conj().T  # LAPACK's own do not belong together where λ is multiple
         self.nu = nu / unit
         x, z = right[m:], np.linalg.solve(P.T, left) * unit
         even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
