@@ -19,7 +19,7 @@ PICTURES = ROOT / "docs" / "pictures"
 DATA = json.loads((PICTURES / "data.json").read_text(encoding="utf-8"))
 RUNS = json.loads((ROOT / "docs" / "gallery" / "runs.json").read_text(encoding="utf-8"))
 #: pictures whose steps take longer than some minutes of a quiet machine, and that have not been drawn since there are data
-WAITING = {"scaling-chain.png", "scaling.png"}
+WAITING = {"scaling.png"}
 
 
 def test_every_picture_has_its_commit_and_its_numbers() -> None:
