@@ -247,8 +247,8 @@ def draw(rows: list[Row], fits: list[Row]) -> Any:
             most_cores = fit["cores"] == max(cores)
             style = {"color": colour, "marker": marker, "markersize": 5, "lw": 1.3, "linestyle": line,
                      "alpha": 1.0 if most_cores else 0.4, "zorder": 2 + most_cores}
-            times.errorbar(dof, middle, [middle - least, most - middle], capsize=2, **style)
-            memory.plot(dof, peak, **style)
+            times.errorbar(dof, middle, [middle - least, most - middle], capsize=2, **style)[0].set_label(fit["step"])
+            memory.plot(dof, peak, label=fit["step"], **style)
         times.set(xscale="log", yscale="log", title=kind)
         if lines:
             times.annotate("p of $n^p$ from $10^4$ on:\n" + "\n".join(lines), (0.04, 0.96), xycoords="axes fraction", va="top",
