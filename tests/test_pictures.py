@@ -18,13 +18,12 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 DATA = json.loads((PICTURES / "data.json").read_text(encoding="utf-8"))
 RUNS = json.loads((ROOT / "docs" / "gallery" / "runs.json").read_text(encoding="utf-8"))
-#: pictures whose steps take longer than some minutes of a quiet machine, and that have not been drawn since there are data
-WAITING = {"scaling.png"}
+
 
 
 def test_every_picture_has_its_commit_and_its_numbers() -> None:
     drawn = {path.relative_to(PICTURES).as_posix() for path in PICTURES.rglob("*.png")}
-    assert drawn == {*DATA, *WAITING, *(f"gallery/{name}.png" for name in RUNS)} and not WAITING & set(DATA)
+    assert drawn == {*DATA, *(f"gallery/{name}.png" for name in RUNS)}
     assert list(RUNS) == list(SCENES)
     for name, one in {**DATA, **RUNS}.items():
         assert re.fullmatch(r"[0-9a-f]{7,40}", one["commit"]), (name, one["commit"])  # none that was changed
