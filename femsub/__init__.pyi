@@ -36,6 +36,7 @@ from .io.component_files import read_component as read_component
 from .io.matrix_files import read_matrix as read_matrix
 from .io.mesh_files import read_mesh as read_mesh, write_mesh as write_mesh
 from .io.model_folder import write_matrices as write_matrices
+from .io.pieces import cut_to_files as cut_to_files
 from .model.affine import Affine as Affine
 from .model.contact import LinearContact as LinearContact
 from .model.dof_map import DofMap as DofMap
@@ -60,6 +61,8 @@ from .motion.signals import (
 )
 from .motion.transient import Transient as Transient, transient as transient
 from .reduction.estimates.joined import system_estimate as system_estimate
+from .reduction.frequency_bounds import FrequencyBounds as FrequencyBounds, frequency_bounds as frequency_bounds
+from .reduction.levels import Levels as Levels, reduce_by_levels as reduce_by_levels
 from .reduction.reduce import (
     ContactModes as ContactModes,
     CraigBampton as CraigBampton,

@@ -20,7 +20,6 @@ DATA = json.loads((PICTURES / "data.json").read_text(encoding="utf-8"))
 RUNS = json.loads((ROOT / "docs" / "gallery" / "runs.json").read_text(encoding="utf-8"))
 
 
-
 def test_every_picture_has_its_commit_and_its_numbers() -> None:
     drawn = {path.relative_to(PICTURES).as_posix() for path in PICTURES.rglob("*.png")}
     assert drawn == {*DATA, *(f"gallery/{name}.png" for name in RUNS)}

@@ -61,7 +61,7 @@ from .petsc import (
     quadratic_modes as quadratic_modes,
     symmetric_modes as symmetric_modes,
 )
-from .process_memory import available as available
+from .process_memory import available as available, most_memory as most_memory
 from .rigid_motion import (
     SAME as SAME,
     Carried as Carried,
@@ -80,4 +80,10 @@ from .rigid_motion import (
 from .subspace import orthonormal as orthonormal
 from .threads import FEW as FEW, WORK as WORK, libraries as libraries, one_thread as one_thread
 from .timing import Interruptible as Interruptible, phase as phase, timed as timed
-from .workers import check_workers as check_workers, side_by_side as side_by_side
+from .workers import (
+    check_workers as check_workers,
+    load as load,
+    only_one as only_one,
+    side_by_side as side_by_side,
+    store as store,
+)

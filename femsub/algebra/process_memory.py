@@ -1,4 +1,4 @@
-"""The memory of this process: how much is available, and how freed memory is returned to the system."""
+"""The memory of this process: how much is available, how much it took, and how freed memory is returned to the system."""
 
 from __future__ import annotations
 
@@ -27,6 +27,15 @@ def available() -> float | None:
         found.append(1024.0 * int(lines["MemAvailable"].split()[0]))
     found += left_of_groups()
     return min(found, default=None)
+
+
+def most_memory() -> float:
+    """The most bytes that this process has had in memory at any time; 0 where that is unknown."""
+    try:
+        from resource import RUSAGE_SELF, getrusage
+    except ImportError:
+        return 0.0
+    return 1024.0 * getrusage(RUSAGE_SELF).ru_maxrss
 
 
 def left_of_groups(mounted: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")) -> list[float]:

@@ -313,6 +313,21 @@ def task_folder(place: Path) -> Iterator[str]:
             yield folder
 
 
+@contextmanager
+def only_one(folder: Path) -> Iterator[None]:
+    """Hold a folder, in which one run at a time may write; an InputError if another one does."""
+    from fcntl import LOCK_EX, LOCK_NB, flock
+
+    with (folder / ALIVE).open("ab") as file:
+        try:
+            flock(file, LOCK_EX | LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"another run works in {folder}. Wait until it has ended, or name another folder") from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+
+
 def has_room(sent: int) -> bool:
     """Whether the folder in memory will do; a TMPDIR overrules it."""
     return not os.environ.get("TMPDIR") and MEMORY.is_dir() and os.access(MEMORY, os.W_OK | os.X_OK) and \
@@ -320,17 +335,32 @@ def has_room(sent: int) -> bool:
 
 
 class _Stored(pickle.Pickler):
-    """A pickle in a folder, and beside it each array in a file of its own."""
+    """A pickle in a folder, and beside it each array in a file of its own, named in it without the folder, which may be moved."""
 
     def __init__(self, folder: Path, file: BinaryIO) -> None:
         super().__init__(file, protocol=5)
-        self.paths = (folder / f"{number}.npy" for number in itertools.count())
+        self.folder, self.names = folder, (f"{number}.npy" for number in itertools.count())
+        self.known: dict[int, tuple[Array, str]] = {}
 
-    def reducer_override(self, value: Any) -> Any:
+    def persistent_id(self, value: Any) -> str | None:
         if type(value) is not np.ndarray or value.dtype.hasobject or not value.nbytes:
-            return NotImplemented
-        np.save(path := next(self.paths), value)
-        return mapped, (path,)
+            return None
+        if id(value) not in self.known:
+            self.known[id(value)] = value, next(self.names)  # the array as well: a new one may not get its id
+            np.save(self.folder / self.known[id(value)][1], value)
+        return self.known[id(value)][1]
+
+
+class _Loaded(pickle.Unpickler):
+    def __init__(self, folder: Path, file: BinaryIO) -> None:
+        super().__init__(file)
+        self.folder = folder
+        self.known: dict[str, Array] = {}
+
+    def persistent_load(self, name: str) -> Array:
+        if name not in self.known:  # what was one array stays one
+            self.known[name] = mapped(self.folder / name)
+        return self.known[name]
 
 
 def store(folder: Path, thing: Any) -> Path:
@@ -347,7 +377,8 @@ def store(folder: Path, thing: Any) -> Path:
 
 def load(folder: Path) -> Any:
     """The object of a folder by `store`, with its arrays `mapped`."""
-    return pickle.loads((folder / PICKLE).read_bytes())
+    with (folder / PICKLE).open("rb") as file:
+        return _Loaded(folder, file).load()
 
 
 def mapped(path: Path) -> Array:

@@ -152,9 +152,13 @@ def cut(model: Mesh | Substructure, build: Callable[..., Substructure] | None = 
 def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: Sequence[str] | None,
               arguments: Mapping[str, Any]) -> Cut:
     whole = build(mesh, **arguments)
-    if instance("what build returns", whole, Substructure).dofs is None:
+    if (dofs := instance("what build returns", whole, Substructure).dofs) is None:
         raise InputError("the component that build returns has no map of its DOF (dofs=), by which parts find theirs")
-    cells = _pieces(mesh, whole, into) if sets is None else mesh.cells_in(items("sets", sets, "names of groups of cells"), "sets")
+    if sets is None:
+        cells = _pieces(mesh, into, [dofs.nodes[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]
+                                     for w in whole.ports.values()])
+    else:
+        cells = mesh.cells_in(items("sets", sets, "names of groups of cells"), "sets")
     if empty := [name for name, chosen in cells.items() if not len(chosen)]:
         raise InputError(f"sets: the group {empty[0]!r} of the mesh {mesh.name!r} is empty; leave it out")
     own = {key: value for key, value in arguments.items() if key not in PLACES}
@@ -167,8 +171,25 @@ def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: S
     return replace(_joined(whole, rows, matrices), cells=cells, meshes=meshes)
 
 
-def _pieces(mesh: Mesh, whole: Substructure, into: int) -> dict[str, Array]:
-    """Cells that hang together by faces (of a plane mesh by edges), in so many pieces; those under a port in one."""
+def cut_mesh(mesh: Mesh, into: int, under: Sequence[Array]) -> dict[str, Mesh]:
+    """The mesh in so many pieces, each with the model's node numbers and the sets 'p1+p2' of nodes that some pieces share.
+
+    The nodes with the numbers of each of `under` are in one piece.
+    """
+    cells = _pieces(mesh, into, under)
+    member = np.zeros((len(mesh.points), len(cells)), dtype=bool)
+    for number, chosen in enumerate(cells.values()):
+        member[mesh.cells[chosen], number] = True
+    shared = _meetings(list(cells), member)[0]
+    if twice := set(mesh.sets) & set(shared):
+        raise InputError(f"the set {min(twice)!r} of {mesh.name!r} has the name of the nodes that these parts share: rename it")
+    whole = mesh.with_sets(**shared)
+    return {name: _piece(whole, chosen, name)[0] for name, chosen in cells.items()}
+
+
+def _pieces(mesh: Mesh, into: int, under: Sequence[Array]) -> dict[str, Array]:
+    """Cells that hang together by faces (of a plane mesh by edges), in so many pieces. Those at nodes of one `under` are in one.
+    """
     count = len(mesh.cells)
     if count == 1:
         raise InputError(f"the mesh {mesh.name!r} has one cell, and cells are not cut: mesh it finer")
@@ -183,12 +204,11 @@ def _pieces(mesh: Mesh, whole: Substructure, into: int) -> dict[str, Array]:
         cells = np.hstack([cells, len(numbers) + of_cell])
         numbers = np.concatenate([numbers, numbers.max() + 1 + np.arange(len(edges))])
     nodes = _incidence(cells, len(numbers))
-    assert whole.dofs is not None
     together = []
-    for w in whole.ports.values():
-        under = np.isin(numbers, whole.dofs.nodes[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))])
-        held = nodes @ under  # how many of its nodes each cell has
-        cell, node = sp.coo_array(nodes[:, under]).coords
+    for wanted in under:
+        beneath = np.isin(numbers, wanted)
+        held = nodes @ beneath  # how many of its nodes each cell has
+        cell, node = sp.coo_array(nodes[:, beneath]).coords
         order = np.lexsort((cell, -held[cell], node))
         together.append(np.unique(cell[order][np.flatnonzero(np.diff(node[order], prepend=-1))]))
     part = _partition(graph, into, together)

@@ -122,11 +122,12 @@ class Kept:
     estimate: Estimate | None = None
     forces: Array | None = None
     inside: bool = True
+    free_below: float = np.inf
 
     @property
     def cutoff(self) -> float:
-        """The frequency of the first mode that is left out; inf if none is known."""
-        return float(np.append(self.found.frequencies, np.inf)[self.found.rigid + self.elastic])
+        """The frequency of the first mode that is left out; `free_below` where that mode is not known."""
+        return float(np.append(self.found.frequencies, self.free_below)[self.found.rigid + self.elastic])
 
     @property
     def rigid(self) -> int:

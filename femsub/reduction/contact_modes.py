@@ -80,6 +80,7 @@ class ContactModes(FreeInterface):
     friction: bool = True
 
     key, label, colour, marker = "contact-modes", "Contact modes", "#c51b7d", "*"
+    takes_cutoff = False
     mode_kind = "real"
     judges_ports = False  # an error would be that of the system in contact
     offered = False

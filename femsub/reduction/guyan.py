@@ -50,6 +50,7 @@ class Guyan(CraigBampton):
     """
 
     key, label, colour, marker = "guyan", "Guyan", "#4d4d4d", "v"
+    takes_cutoff = False
     nested = False
 
     def __post_init__(self) -> None:

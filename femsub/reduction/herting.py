@@ -53,6 +53,7 @@ class Herting(CraigBampton):
     """
 
     key, label, colour, marker = "herting", "Herting", "#e69f00", "p"
+    takes_cutoff = False
     mode_kind = "free"
     unestimated = "its modes and its static shapes are those of two problems; use Rubin, which spans the same space"
 

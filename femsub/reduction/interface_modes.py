@@ -91,6 +91,7 @@ class InterfaceModes(Method):
     """
 
     key, label, colour, marker = "interface-modes", "Interface modes", "#117733", ">"
+    takes_cutoff = False
     held, mode_kind = True, KIND
     offered = False
 

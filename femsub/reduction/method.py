@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from femsub.checks import Array, whole_number
+import numpy as np
+
+from femsub.checks import Array, positive_number, whole_number
 from femsub.errors import InputError
+from femsub.modes import modes_below
 from femsub.reduction.basis import Basis, Kept, Partition, Statics
 from femsub.reduction.estimates.search import Goal, Space, chosen_in, lowest
 
@@ -30,6 +33,8 @@ class Method(ABC):
         Number of elastic modes that are kept.
     band : (lo, hi), with tol : float
         Instead of `modes`: the number follows from a band and a tolerance; see `reduce`.
+    cutoff : float
+        Instead of both: all modes below this frequency, in radians per unit of time. They are counted before they are computed.
 
     Notes
     -----
@@ -55,6 +60,7 @@ class Method(ABC):
     modes: int | None = None
     band: tuple[float, float] | None = None
     tol: float | None = None
+    cutoff: float | None = field(default=None, kw_only=True)
 
     key: ClassVar[str]
     label: ClassVar[str]
@@ -65,6 +71,7 @@ class Method(ABC):
     judges_ports: ClassVar[bool] = True  #: whether the model tells the error of its static responses to ports
     offered: ClassVar[bool] = True  #: whether studies and scenes offer it for components by its key
     nested: ClassVar[bool] = True  #: whether part and factor are the same for any number of modes (`Reductor`)
+    takes_cutoff: ClassVar[bool] = True  #: whether all modes below a frequency can be asked for
     unestimated: ClassVar[str] = ""  #: why no estimate can be had for a band and a tolerance, where that is so
 
     def __init_subclass__(cls) -> None:
@@ -83,6 +90,14 @@ class Method(ABC):
 
     def __post_init__(self) -> None:
         name = type(self).__name__
+        if self.cutoff is not None:
+            if not self.takes_cutoff:
+                raise InputError(f"{name} takes no cutoff; give modes=20")
+            if self.modes is not None or self.band is not None or self.tol is not None:
+                raise InputError(f"{name} takes one of modes=20, cutoff=2e4, and band=(lo, hi) with tol=1e-3, but several are "
+                                 "given")
+            object.__setattr__(self, "cutoff", positive_number("cutoff", self.cutoff))
+            return
         if (self.modes is None) == (self.band is None and self.tol is None):
             found = "nothing is given" if self.modes is None else f"modes={self.modes!r} and a band or tolerance are both given"
             raise InputError(f"{name} takes modes=20, or band=(lo, hi) with tol=1e-3, but {found}")
@@ -100,6 +115,7 @@ class Method(ABC):
     def __str__(self) -> str:
         """'Craig-Bampton with 4 modes'."""
         extent = f"{self.modes} modes" if self.band is None else f"tol {self.tol:g} up to {self.band[1]:.5g} rad/time"
+        extent = extent if self.cutoff is None else f"all modes below {self.cutoff:.5g} rad/time"
         return f"{self.label} with {extent}"
 
     def title(self, modes: int) -> str:
@@ -135,7 +151,14 @@ class Method(ABC):
         """C, CᵀKC and the forces F. F includes `extra` (n, s), the ports' columns whose static responses were requested."""
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """The modes of the part: a given number, or as many as band and tolerance require with the damping of `pencil`."""
+        """The modes of the part: a given number, all below the cut-off, or as many as band and tolerance require with the damping
+        of `pencil`.
+        """
+        if self.cutoff is not None:
+            handle = statics.handle
+            found = modes_below(handle.K, handle.M, self.cutoff, handle)
+            elastic = len(found.eigenvalues) - found.rigid
+            return Kept(found, elastic, free_below=found.counted[0] if elastic < handle.elastic else np.inf)
         if (goal := self.goal) is not None:
             return chosen_in(Space.of(statics, pencil, goal.band[1]), goal)
         assert self.modes is not None

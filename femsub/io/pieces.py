@@ -1,0 +1,132 @@
+"""`cut_to_files`: a mesh cut into files of pieces, each of which makes its component where it is needed."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, instance, mapping, path_of, whole_number
+from femsub.components import Mesh
+from femsub.coupling import PLACES, cut_mesh
+from femsub.errors import InputError, InputTypeError
+from femsub.io.mesh_files import read_mesh, write_mesh
+from femsub.model import Substructure
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A function without arguments: it reads its mesh and builds its component, with its own supports, interface and ports.
+
+    Attributes
+    ----------
+    path : Path
+        The mesh, in any format of `read_mesh`. Sets with a '+' in their name are those that other pieces share.
+    build : function
+        `solid`, `plate`, or a function of your own with their keywords.
+    arguments : mapping
+        For `build`, of the whole mesh.
+    content : str
+        A hash of the file, so that a run on other pieces of the same name does not take them for these.
+    """
+
+    path: Path
+    build: Callable[..., Substructure]
+    arguments: Mapping[str, Any]
+    content: str
+
+    @classmethod
+    def of(cls, path: Path, build: Callable[..., Substructure], arguments: Mapping[str, Any]) -> Piece:
+        return cls(path, build, arguments, hashlib.sha256(path.read_bytes()).hexdigest())
+
+    def __call__(self) -> Substructure:
+        mesh = read_mesh(self.path)
+        known = {key for key, chosen in (*mesh.sets.items(), *mesh.groups.items()) if len(chosen)}
+        shared = [key for key in mesh.sets if "+" in key]
+        own = {key: value for key, value in self.arguments.items() if key not in PLACES}
+        for key in PLACES:
+            given = self.arguments.get(key) or ()
+            if key == "ports":
+                own[key] = {port: value for port, value in dict(given).items() if place_of(value) in known}
+            elif isinstance(given, Mapping):
+                own[key] = {place: value for place, value in given.items() if place in known}
+            else:
+                own[key] = [place for place in ([given] if isinstance(given, str) else given) if place in known]
+        interface = own["interface"]
+        if isinstance(interface, Mapping):
+            raise InputTypeError("interface of pieces must be a list of sets: all motions of a set are joined")
+        own["interface"] = [*interface, *shared]
+        return self.build(mesh, name=self.path.stem, **own)
+
+
+def place_of(port: Any) -> Any:
+    """The set of a port: 'patch', or the first of ('patch', 'z')."""
+    return port if isinstance(port, str) else next(iter(port), None)
+
+
+def cut_to_files(folder: str | Path, mesh: Mesh, build: Callable[..., Substructure], *, into: int,
+                 **arguments: Any) -> dict[str, Piece]:
+    """Cut a mesh between its cells into pieces, and write each to a file, folder/p1.vtu and so on; see `cut`.
+
+    No matrix is made here. Each value of the result is a function that reads its piece and builds the component:
+    `reduce_by_levels` calls it in a worker.
+
+    A mesh that no process can hold is written piece by piece by a program of yours, with `write_mesh`. The nodes of a piece have
+    their numbers in the whole mesh (`Mesh.numbers`). Its sets 'p1+p2' are the nodes that these and no other pieces share. The
+    function of a piece is then ``Piece.of(path, build, arguments)`` of `femsub.io.pieces`.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Created if it does not exist.
+    mesh : Mesh
+    build : function
+        `solid`, `plate`, or a function of your own with their keywords. It must give the DOF a map.
+    into : int, 2 or more
+        The number of pieces. The set or group of a port is in one of them.
+    **arguments
+        For `build`, with `supports`, `interface` and `ports` for the whole mesh.
+
+    Returns
+    -------
+    dict of str to Piece
+
+    Raises
+    ------
+    InputError, InputTypeError
+        More pieces than cells; a support, interface or port that the mesh does not have; a folder that cannot be written.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh, steel = fs.block((2.0, 0.1, 0.1), (20, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0)
+    >>> parts = fs.cut_to_files("bar", mesh, fs.solid, into=2, material=steel, supports=["left"])
+    >>> parts["p1"]().sets.keys() == parts["p2"]().sets.keys() == {"p1+p2"}
+    True
+    """
+    instance("mesh", mesh, Mesh, "see read_mesh, block")
+    if not callable(build):
+        raise InputTypeError(f"build must be the function that makes the component of a mesh, as fs.solid, not {build!r:.60}")
+    whole_number("into, the number of parts,", into, 2)
+    under = []
+    for port, value in mapping("ports", arguments.get("ports") or {}, "names and sets").items():
+        under.append(mesh.numbers[_nodes(mesh, place_of(value), f"port {port!r}")])
+    for what in ("supports", "interface"):
+        given = arguments.get(what) or ()
+        for place in [given] if isinstance(given, str) else given:
+            _nodes(mesh, place, what)
+    target = path_of("folder", folder).absolute()
+    return {name: Piece.of(write_mesh(target / f"{name}.vtu", piece), build, arguments)
+            for name, piece in cut_mesh(mesh, into, under).items()}
+
+
+def _nodes(mesh: Mesh, place: Any, what: str) -> Array:
+    if place in mesh.sets:
+        return mesh.nodes(place)
+    if place in mesh.groups:
+        return np.unique(mesh.cells[mesh.groups[place]])
+    raise InputError(f"{what}: the mesh {mesh.name!r} has no set {place!r}; it has {', '.join(map(repr, mesh.sets)) or 'none'}")

@@ -1,0 +1,397 @@
+"""`reduce_by_levels`: parts made, reduced and freed one by one in workers, then joined and reduced pair by pair.
+
+No process holds more than one part, or two reduced ones. Each result is a folder of its own, so that a run that was killed goes
+on with what is done.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import pickle
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from femsub.algebra import check_workers, load, most_memory, only_one, side_by_side, store
+from femsub.checks import Array, choice, instance, mapping, path_of, whole_number, word
+from femsub.coupling import Rigid, System, couple, rows_of_parts
+from femsub.errors import InputError, InputTypeError
+from femsub.model import ReducedSubstructure, Substructure
+from femsub.reduction.basis import Partition
+from femsub.reduction.component import reduced
+from femsub.reduction.craig_bampton import CraigBampton
+from femsub.reduction.frequency_bounds import FrequencyBounds, Truncation, enclosed, lowest_of
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+log = logging.getLogger(__name__)
+
+Recipe: TypeAlias = Callable[[], Substructure]
+UNFINISHED = ".unfinished"  # ending of a folder that is being written
+MODEL, TASK = "model", "task"  # in the folder of a task
+ADVICE = "Call reduce_by_levels again with the same arguments: it goes on with what is done"
+FORM = 1  # of the folders; those of another form are made anew
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one worker has done: a part reduced, or two of them joined and reduced.
+
+    Attributes
+    ----------
+    name : str
+    level : int
+        0 for a part; 1 and more for two that were joined.
+    below : tuple of str
+        The two that were joined; empty for a part.
+    parts : tuple of str
+        All parts within.
+    sets : mapping of str to int
+        The open interface: its named sets, each with its number of DOF.
+    size, reduced_to, modes : int
+        Coordinates before and after the reduction, and the fixed-interface modes among them.
+    cutoff : float
+        No mode that was left out lies below this frequency, in radians per unit of time.
+    seconds : float
+        From the beginning of the task to its files.
+    memory : float
+        Bytes: the most that the worker's process had taken by then.
+    bytes : float
+        The size of its files, which the next level reads.
+    key : str
+        A hash of all that the result depends on.
+    """
+
+    name: str
+    level: int
+    below: tuple[str, ...]
+    parts: tuple[str, ...]
+    sets: Mapping[str, int]
+    size: int
+    reduced_to: int
+    modes: int
+    cutoff: float
+    seconds: float = 0.0
+    memory: float = 0.0
+    bytes: float = 0.0
+    key: str = ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Levels:
+    """A model of many parts, each of which was in memory only while it was reduced. `reduce_by_levels` makes it.
+
+    Attributes
+    ----------
+    model : System
+        Of the last two that were joined. Its ports are those of the parts, as 'p7.belt'. Its interface are the sets that one part
+        alone has.
+    tasks : mapping of str to Task
+        What was done, level by level.
+    recipes : mapping of str to callable
+        The parts, as they were given.
+    folder : Path
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh, steel = fs.block((4.0, 0.1, 0.1), (40, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0)
+    >>> parts = fs.cut_to_files("bar", mesh, fs.solid, into=4, material=steel, supports=["left"])
+    >>> bar = fs.reduce_by_levels(parts, fs.CraigBampton(cutoff=2e4), "bar/reduced")
+    >>> [(task.level, task.size > task.reduced_to) for task in bar.tasks.values()]
+    [(0, True), (0, True), (0, True), (0, True), (1, True), (1, True), (2, False)]
+    """
+
+    model: System
+    tasks: Mapping[str, Task]
+    recipes: Mapping[str, Recipe]
+    folder: Path
+
+    def __repr__(self) -> str:
+        sizes = [task.size for task in self.tasks.values() if not task.below]
+        return (f"Levels: {len(sizes)} parts of {sum(sizes)} DOF in all, joined in {self.levels} levels to {self.model.size} "
+                f"coordinates; the most memory of a process {self.memory / 1e9:.2g} GB")
+
+    @property
+    def levels(self) -> int:
+        return max(task.level for task in self.tasks.values())
+
+    @property
+    def memory(self) -> float:
+        """Bytes: the most that a process took, be it a worker or the one that joined the last two."""
+        return max(task.memory for task in self.tasks.values())
+
+    def bounds(self, count: int) -> FrequencyBounds:
+        """`frequency_bounds` of the whole, of which no full model exists: all steps of reduction count."""
+        modes = lowest_of(self.model, whole_number("count", count, least=1))
+        steps: dict[int, float] = {}
+        truncations = []
+        for task, q in self._descended(modes.shapes[:, modes.rigid:]):
+            steps[task.level] = min(steps.get(task.level, np.inf), task.cutoff)
+            truncations.append(Truncation.of(load(self.folder / task.name)[MODEL], q))
+        return enclosed(modes, self.model.size, truncations, list(steps.values()), count)
+
+    def expand(self, x: Array, names: Sequence[str] | None = None) -> Iterator[tuple[str, Array]]:
+        """The displacements of one part after the other, (name, u), from coordinates x of the model, shape (n,) or (n, k).
+
+        Each part is made and factorised again, since its shapes are not kept. `names` are the parts wanted; default all.
+        """
+        for name in names or ():
+            choice("part", name, self.recipes)
+        x = np.asarray(x)
+        if x.ndim == 0 or x.shape[0] != self.model.size:
+            raise InputError(f"x must have {self.model.size} rows, one per coordinate, but its shape is {x.shape}")
+        for task, q in self._descended(x.reshape(len(x), -1)):
+            if not task.below and (names is None or task.name in names):
+                u = _displacements(self.recipes[task.name](), load(self.folder / task.name)["beside"], q)
+                yield task.name, u.reshape(-1, *x.shape[1:])
+
+    def _descended(self, x: Array) -> Iterator[tuple[Task, Array]]:
+        """Each task below the last with its own coordinates in the motions x (n, k) of the model."""
+        waiting = [(name, self.model.L[rows] @ x) for name, rows in
+                   zip(self.model.parts, rows_of_parts(self.model.parts), strict=True)]
+        while waiting:
+            name, q = waiting.pop()
+            task = self.tasks[name]
+            yield task, q
+            if task.below:
+                down = load(self.folder / name)["down"]
+                waiting += [(below, down[below] @ q) for below in task.below]
+
+
+def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: str | Path, *, workers: int | None = None,
+                     executor: Executor | None = None) -> Levels:
+    """Reduce a model that no process can hold: each part in a worker, then pair by pair, as `couple` and `reduce` would.
+
+    Level 0 reduces each part to its interface and its fixed-interface modes. Each further level joins two and two of what is
+    there:
+
+        (M, K)_ab = Lᵀ diag(M_a, M_b) L, Lᵀ diag(K_a, K_b) L;   what a and b alone share is interior now: V = [[I, 0], [Ψ, Φ]].
+
+    So each joint is reduced where it closes, with all else held, and the interface as a whole never stands in one matrix. The
+    last two are joined to the model. This is automated multi-level substructuring with parts in place of a matrix's ordering.
+
+    Interface sets of the same name are joined, DOF by DOF where they meet. A set must be all that the same parts share, as the
+    sets 'p1+p2' of `cut_to_files` are. A set that one part alone has stays open.
+
+    Parameters
+    ----------
+    parts : mapping of str to callable
+        For each part a function without arguments that makes its `Substructure`, or a `functools.partial` of one. Pickle must
+        take it. `cut_to_files` makes these from a mesh. A part is made in its worker, and again by ``expand``.
+    method : CraigBampton
+        The same at all levels. ``CraigBampton(cutoff=...)`` keeps all modes below a frequency in radians per unit of time: take
+        some 5 to 10 times the highest of interest.
+    folder : str or Path
+        For the result of each step. What is there of an earlier run with the same parts and method is taken; the rest is made.
+        The processes of an executor must see it. It is read by pickle: name no folder of somebody you do not trust.
+    workers, executor
+        As of `reduce`.
+
+    Returns
+    -------
+    Levels
+        ``.model``, ``.bounds(count)`` of its frequencies, ``.expand(x)``, and what each step took.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Parts that share no set with the others, another method, what is no Substructure, a folder in which another run works.
+    WorkerError
+        A worker process died or ran out of memory. The same call goes on from there.
+
+    Notes
+    -----
+    A joint of n_b DOF makes dense matrices of some 2 n_b rows, so that parts in a row or with small joints are what this is for.
+
+    References
+    ----------
+    J. K. Bennighof, R. B. Lehoucq, SIAM J. Sci. Comput. 25 (2004) 2084.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh, steel = fs.block((4.0, 0.1, 0.1), (40, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0)
+    >>> parts = fs.cut_to_files("bar", mesh, fs.solid, into=4, material=steel, supports=["left"])
+    >>> bar = fs.reduce_by_levels(parts, fs.CraigBampton(cutoff=2e4), "bar/reduced")
+    >>> bar.levels, bar.bounds(4).evidence
+    (2, 'certified')
+    """
+    for name, recipe in mapping("parts", parts, "names and functions, as {'p1': partial(build, 'p1.vtu')}").items():
+        if not word("the name of a part", name) or re.search(r"[./\\~\s]", name):
+            raise InputError(f"the name of a part is that of a folder, without '.', '/', '~' and spaces, but one is {name!r}")
+        if not callable(recipe):
+            raise InputTypeError(f"the part {name!r} must be a function without arguments that makes a Substructure, not "
+                                 f"{type(recipe).__name__}. A Substructure that is there is reduced by reduce")
+    if len(parts) < 2:
+        raise InputError(f"parts must be two or more, but there are {len(parts)}; reduce takes one")
+    if type(instance("method", method, CraigBampton)) is not CraigBampton or method.band is not None:
+        raise InputError("parts are joined level by level by CraigBampton(cutoff=...) or CraigBampton(modes=...), not by "
+                         f"{method}")
+    check_workers(workers, executor)
+    target = path_of("folder", folder).absolute()
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the folder {folder} cannot be made: {error.strerror or error}") from None
+    with only_one(target):
+        for left in target.glob(f"*{UNFINISHED}"):
+            shutil.rmtree(left)
+        return _levels(dict(parts), method, target, partial(_done, target, workers=workers, executor=executor))
+
+
+def _levels(parts: dict[str, Recipe], method: CraigBampton, folder: Path, done: Callable[..., dict[str, Task]]) -> Levels:
+    tasks: dict[str, Task] = done(_reduced_part, {name: (_key(recipe, method), recipe, method) for name, recipe in parts.items()},
+                                  what="part")
+    there, level = list(tasks.values()), 0
+    while len(there) > 2:
+        level += 1
+        made = done(_reduced_pair, {f"{one.parts[0]}~{other.parts[0]}~{level}": (
+            _key(one.key, other.key, method), (one, other), _staying((one, other), there), level, method)
+            for one, other in _pairs(there)}, what="pair")
+        tasks |= made
+        joined = {name for task in made.values() for name in task.below}
+        there = [*made.values(), *(task for task in there if task.name not in joined)]
+    _pairs(there)
+    start = time.perf_counter()
+    system = _joined(folder, "model", there, _staying(there, there))
+    last = Task(system.name, level + 1, tuple(task.name for task in there), tuple(name for task in there for name in task.parts),
+                _lengths(system), system.size, system.size, 0, system.cutoff, time.perf_counter() - start, most_memory())
+    return Levels(system, tasks | {system.name: last}, parts, folder)
+
+
+def _key(*what: object) -> str:
+    """A hash of what a result depends on."""
+    try:
+        return hashlib.sha256(pickle.dumps((FORM, *what), protocol=5)).hexdigest()
+    except Exception as error:
+        raise InputError(f"a part's function cannot be sent to a worker, since pickle refuses it: {error}. Define it at the top "
+                         "level of a module") from None
+
+
+def _done(folder: Path, call: Callable[..., Task], jobs: Mapping[str, tuple[Any, ...]], what: str, workers: int | None,
+          executor: Executor | None) -> dict[str, Task]:
+    """The tasks of one level: those that an earlier run has done, and the others by workers. A job begins with its key."""
+    found = {name: task for name, (key, *_) in jobs.items() if (task := _earlier(folder, name)) is not None and task.key == key}
+    if found:
+        log.info("%d of %d %ss are there from an earlier run", len(found), len(jobs), what)
+    left = {name: (folder, name, *job) for name, job in jobs.items() if name not in found}
+    if left:
+        found |= side_by_side(call, left, workers, executor, what=what, advice=ADVICE)
+    return {name: found[name] for name in jobs}
+
+
+def _earlier(folder: Path, name: str) -> Task | None:
+    """What an earlier run tells of a task, or None."""
+    try:
+        found = load(folder / name / TASK)
+    except (OSError, EOFError, ValueError, pickle.UnpicklingError, AttributeError, ImportError, TypeError):
+        return None
+    return found if isinstance(found, Task) else None
+
+
+def _pairs(tasks: Sequence[Task]) -> list[tuple[Task, Task]]:
+    """Which are joined next: those that share most, and of these the smaller ones; each is in one pair at most."""
+    found = []
+    for one, other in combinations(tasks, 2):
+        if shared := sum(count for key, count in one.sets.items() if key in other.sets):
+            found.append((-shared, len(one.parts) + len(other.parts), one, other))
+    met = {task.name for *_, one, other in found for task in (one, other)}
+    if lost := [task for task in tasks if task.name not in met]:
+        raise InputError(f"{lost[0].parts[0]!r} shares no interface set with the other parts. Sets of the same name are joined, "
+                         f"and those of {lost[0].parts[0]!r} are {', '.join(map(repr, lost[0].sets)) or 'none'}")
+    pairs: list[tuple[Task, Task]] = []
+    taken: set[str] = set()
+    for *_, one, other in sorted(found, key=lambda entry: entry[:2]):
+        if not taken & {one.name, other.name}:
+            pairs.append((one, other))
+            taken |= {one.name, other.name}
+    return pairs
+
+
+def _staying(pair: Sequence[Task], there: Sequence[Task]) -> tuple[str, ...]:
+    """The sets of two that stay open when they are joined: those that a third one of all that are there has, or one alone."""
+    one, other = pair
+    third = {key for task in there if task not in pair for key in task.sets}
+    return tuple(key for key in dict.fromkeys((*one.sets, *other.sets))
+                 if key in third or (key in one.sets) != (key in other.sets))
+
+
+def _joined(folder: Path, name: str, pair: Sequence[Task], staying: Sequence[str]) -> System:
+    """Two reduced ones joined at the sets that both have. The `staying` sets are the interface, under their own names."""
+    models = {task.name: load(folder / task.name)[MODEL] for task in pair}
+    one, other = pair
+    joints = [Rigid((one.name, key), (other.name, key), name=key) for key in one.sets if key in other.sets]
+    kept = [(task.name, key) for task in pair for key in task.sets if key in staying]
+    system = couple(models, joints, name, interface=kept)
+    sets = {key: system.sets[f"{owner}.{key}"] for owner, key in reversed(kept)}
+    ports = {key if task.below else f"{task.name}.{key}": system.ports[f"{task.name}.{key}"]
+             for task in pair for key in models[task.name].ports}
+    return system._with(sets=sets, ports=ports)
+
+
+def _lengths(sub: Substructure) -> dict[str, int]:
+    return {key: len(places) for key, places in sub.sets.items()}
+
+
+def _reduced_part(folder: Path, name: str, key: str, recipe: Recipe, method: CraigBampton) -> Task:
+    """In a worker: the part is made, reduced, written without its shapes, and freed."""
+    start = time.perf_counter()
+    part = instance(f"what the function of the part {name!r} returns", recipe(), Substructure)
+    if not part.sets:
+        raise InputError(f"the part {name!r} has no named interface sets, by which parts are joined, as "
+                         "interface={'p1+p2': [0, 1]}")
+    model = reduced(part, method, ports=True)
+    beside = np.array(model.kinds) != "constraint"
+    task = Task(name, 0, (), (name,), _lengths(part), part.size, model.size, model.modes, model.cutoff, key=key)
+    return _written(folder, task, start, model, beside=model.V[part.interior][:, beside])
+
+
+def _reduced_pair(folder: Path, name: str, key: str, pair: tuple[Task, Task], staying: Sequence[str], level: int,
+                  method: CraigBampton) -> Task:
+    """In a worker: two are read, joined, reduced and written."""
+    start = time.perf_counter()
+    system = _joined(folder, name, pair, staying)
+    few = method if method.modes is None else CraigBampton(min(method.modes, len(system.interior)))
+    model = reduced(system, few, ports=True)
+    down = {task.name: system.L[rows] @ model.V for task, rows in zip(pair, rows_of_parts(system.parts), strict=True)}
+    task = Task(name, level, tuple(task.name for task in pair), tuple(one for task in pair for one in task.parts),
+                _lengths(system), system.size, model.size, model.modes, model.cutoff, key=key)
+    return _written(folder, task, start, model, down=down)
+
+
+def _written(folder: Path, task: Task, start: float, model: ReducedSubstructure, **beside: object) -> Task:
+    """The task with what it took. Its folder has the model, with V at the interface only; all of it is there, or nothing."""
+    own = model.full_interface
+    dofs = None if model.full_dofs is None else model.full_dofs.kept(own)
+    light = replace(model, V=model.V[own], full_interface=np.arange(len(own)), full_dofs=dofs, name=task.name)
+    new, target = folder / f"{task.name}{UNFINISHED}", folder / task.name
+    shutil.rmtree(new, ignore_errors=True)
+    store(new, {MODEL: light, **beside})
+    task = replace(task, seconds=time.perf_counter() - start, memory=most_memory(),
+                   bytes=float(sum(path.stat().st_size for path in new.iterdir())))
+    store(new / TASK, task)
+    shutil.rmtree(target, ignore_errors=True)
+    new.rename(target)
+    return task
+
+
+def _displacements(part: Substructure, beside: Array, q: Array) -> Array:
+    """u of a part from its reduced coordinates q (r, k): constraint modes by a solve, the other shapes as they were kept."""
+    n_b = len(part.interface)
+    u = np.zeros((part.size, q.shape[1]))
+    u[part.interface] = q[:n_b]
+    if len(part.interior):
+        loads = part.K[part.interior][:, part.interface] @ q[:n_b]
+        u[part.interior] = Partition.of(part, True).factored().factor.solve(-loads) + beside @ q[n_b:]
+    return u

@@ -1,0 +1,136 @@
+"""Bounds of frequencies from reduced matrices alone hold for full models of many kinds, and are sharp enough to be of use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from femsub.coupling.joints import Joint, Link
+from femsub.reduction.frequency_bounds import Truncation
+
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")  # belts on the inside are meant
+STEEL = fs.Material(2.1e11, 0.3, 7850.0)
+
+
+def holds(bounds: fs.FrequencyBounds, full: np.ndarray) -> bool:
+    """Within the rounding of the frequencies themselves."""
+    return bool((bounds.lower <= full * (1 + 1e-9)).all() and (full <= bounds.upper * (1 + 1e-9)).all())
+
+
+@pytest.mark.parametrize("modes", [2, 5, 20])
+def test_of_one_part(modes: int) -> None:
+    bounds = fs.frequency_bounds(fs.reduce(fs.chain(100, belt=30), fs.CraigBampton(modes), ports=True), min(modes, 5))
+    full = fs.chain_frequencies(100)[:len(bounds.upper)]
+    assert holds(bounds, full) and bounds.evidence == "certified"
+    assert (bounds.error <= 20 * (1 - full / bounds.upper)).all()  # no bound says everything, one far too large says nothing
+
+
+def random_parts(seed: int) -> fs.System:
+    """A chain of random masses and springs in two to four parts, of which each may have a belt on its inside."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(20, 60))
+    chosen = sorted(rng.choice(np.arange(1, n + 1), size=2, replace=False).tolist())
+    masses, springs = rng.lognormal(0, 1, n), rng.lognormal(0, 1.5, n)
+    sub = fs.chain(n, belt=int(rng.integers(1, n)), masses=masses, springs=springs, interface=chosen, damping=0.0)
+    return fs.couple(*fs.cut(sub, into=int(rng.integers(2, 5))))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_of_random_chains_in_parts(seed: int) -> None:
+    system = random_parts(seed)
+    method = [fs.CraigBampton, fs.Hurty][seed % 2]
+    small = fs.reduce(system, {name: method(1 + seed % 3) for name, part in system.parts.items() if len(part.interior) > 4},
+                      ports=seed % 3 == 0)
+    count = min(3, small.size - 1)
+    assert holds(fs.frequency_bounds(small, count), fs.normal_modes(system, count).frequencies)
+
+
+@pytest.mark.parametrize("supports", [["left"], []], ids=["held", "floating"])
+def test_of_a_solid_in_parts(supports: list[str]) -> None:
+    """With more modes the bound falls as the error does, and no rigid motion spoils it."""
+    mesh = fs.block((1.0, 0.1, 0.1), (12, 1, 2), "hexahedron")
+    system = fs.couple(*fs.cut(mesh, fs.solid, into=3, material=STEEL, supports=supports))
+    full = fs.normal_modes(system, 6)
+    errors = []
+    for cutoff in (6e4, 2.4e5):
+        bounds = fs.frequency_bounds(fs.reduce(system, dict.fromkeys(system.parts, fs.CraigBampton(cutoff=cutoff))), 6)
+        assert bounds.rigid == full.rigid == (0 if supports else 6) and bounds.evidence == "certified"
+        assert holds(bounds, full.frequencies[full.rigid:])
+        errors.append(bounds.error.max())
+    assert errors[1] < 0.2 * errors[0] and errors[1] < 2e-3
+
+
+def test_a_part_without_anything_left_out_adds_nothing() -> None:
+    left, right = fs.chain(12, interface=[12], damping=0.0), fs.chain(15, interface=[1], fixed=False, damping=0.0)
+    joints = [fs.Rigid(("left", [11]), ("right", [0]))]
+    system = fs.couple({"left": left, "right": fs.reduce(right, fs.CraigBampton(14))}, joints)
+    bounds = fs.frequency_bounds(system, 4)
+    assert bounds.error.max() < 1e-12 and bounds.evidence == "certified"
+
+
+class Inside(Joint):
+    """A spring from the ground to the last coordinate of the part 'a'."""
+
+    def link(self, parts: Mapping[str, fs.Substructure]) -> Link:
+        return Link(motions={"a": np.eye(parts["a"].size)[-1:]}, stiffness=np.eye(1), damping=np.zeros((1, 1)), grounded=True)
+
+
+def test_springs_on_interfaces_are_allowed_and_others_are_not() -> None:
+    part = fs.chain(20, belt=10, interface=[20], damping=0.0)
+    other = fs.chain(20, interface=[1], fixed=False, damping=0.0)
+    small = {"a": fs.reduce(part, fs.CraigBampton(4)), "b": fs.reduce(other, fs.CraigBampton(4))}
+    at_ends = [fs.Spring(("a", [19]), ("b", [0]), stiffness=0.3)]
+    bounds = fs.frequency_bounds(fs.couple(small, at_ends), 4)
+    assert holds(bounds, fs.normal_modes(fs.couple({"a": part, "b": other}, at_ends), 4).frequencies)
+    with pytest.raises(fs.InputError, match="acts on the inside of the reduced part 'a'"):
+        fs.frequency_bounds(fs.couple(small, [*at_ends, Inside()]), 2)
+
+
+def test_a_mode_that_is_missing_shows() -> None:
+    """Were a low mode left out, the cut-off would be that mode's: the bound says so."""
+    full = fs.chain(60, damping=0.0)
+    rom = fs.reduce(full, fs.CraigBampton(8))
+    lost = np.array([kind != "fixed-interface" or at != 1 for at, kind in enumerate(rom.kinds)])  # all but the lowest of them
+    poor = replace(rom, M=rom.M[np.ix_(lost, lost)], K=rom.K[np.ix_(lost, lost)], D=rom.D[np.ix_(lost, lost)], V=rom.V[:, lost],
+                   ports={}, kinds=tuple(np.array(rom.kinds)[lost]), cutoff=0.026, rigid_motion=None, noise=None)
+    bounds = fs.frequency_bounds(poor, 2)
+    assert rom.cutoff > 0.026 and holds(bounds, fs.chain_frequencies(60)[:2]) and bounds.evidence == "not checked"
+
+
+def test_what_has_no_bound_is_refused() -> None:
+    with pytest.raises(fs.InputError, match=r"coordinates of the kind 'free'.*CraigBampton and Hurty"):
+        fs.frequency_bounds(fs.reduce(fs.chain(20), fs.CraigChang(4)), 2)
+    with pytest.raises(fs.InputError, match="count=50 frequencies were asked for, but 'chain' has 5"):
+        fs.frequency_bounds(fs.reduce(fs.chain(20), fs.CraigBampton(4)), 50)
+    with pytest.raises(fs.InputTypeError, match="model must be"):
+        fs.frequency_bounds(3, 2)  # type: ignore[arg-type]
+
+
+def test_inertia_that_modes_represent_is_not_counted() -> None:
+    """With all fixed-interface modes, all that is left of the inertia of the inside is that of the interface's own DOF."""
+    rom = fs.reduce(fs.chain(30, interface=[30], damping=0.0), fs.CraigBampton(28))
+    left = Truncation.of(replace(rom, cutoff=2.0), np.eye(rom.size)).inertia
+    assert 1.0 <= left[0, 0] <= 1.1 and not left[1:, 1:].any()  # m30 = 1, and the one mode left out
+
+
+def test_all_modes_below_a_frequency() -> None:
+    """They are counted, and the cut-off is the frequency that was asked for."""
+    sub = fs.chain(50, damping=0.0)
+    inside = np.sqrt(np.linalg.eigvalsh(sub.K.toarray()[1:, 1:]))
+    for method in (fs.CraigBampton, fs.Hurty):
+        rom = fs.reduce(sub, method(cutoff=0.5))
+        assert rom.modes == np.count_nonzero(inside < 0.5) and 0.5 <= rom.cutoff < 0.5001
+    free = fs.reduce(sub, fs.CraigChang(cutoff=0.5))
+    assert free.modes == np.count_nonzero(fs.chain_frequencies(50) < 0.5) and 0.5 <= free.cutoff < 0.5001
+    assert fs.reduce(sub, fs.CraigBampton(cutoff=1e-3)).modes == 0
+    assert fs.reduce(sub, fs.CraigBampton(cutoff=5.0)).cutoff == np.inf  # all of them
+    assert str(fs.Rubin(cutoff=0.5)) == "Rubin with all modes below 0.5 rad/time"
+    for made, message in (
+            (lambda: fs.CraigBampton(4, cutoff=2.0), "several are given"), (lambda: fs.Guyan(cutoff=2.0), "no cutoff"),
+            (lambda: fs.Herting(cutoff=2.0), "no cutoff"), (lambda: fs.Rubin(cutoff=-1.0), "cutoff must be positive")):
+        with pytest.raises(fs.InputError, match=message):
+            made()
