@@ -54,7 +54,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--dof", type=float, default=4e6)
     parser.add_argument("--parts", type=int, default=32)
-    parser.add_argument("--section", type=int, nargs=2, default=(19, 9), help="elements across and up")
+    parser.add_argument("--section", type=int, nargs=2, default=(13, 7), help="elements across and up")
     parser.add_argument("--cutoff", type=float, default=4e4, help="rad/s, of the modes of the parts")
     parser.add_argument("--count", type=int, default=20, help="frequencies")
     parser.add_argument("--workers", type=int, default=2)
@@ -79,20 +79,19 @@ def main() -> int:
         seconds = sum(task.seconds for task in tasks)
         levels.append([level, len(tasks), size, left, modes, seconds, longest, memory / 1e9, files / 1e6])
     print(table(["level", "tasks", "DOF of the largest", "reduced to", "modes", "seconds, all", "the longest", "GB of a process",
-                 "MB of its files"], [[f"{value:.4g}" for value in row] for row in levels]))
+                 "MB of its files"], levels, ["d", "d", ",d", ",d", "d", ".1f", ".1f", ".2f", ".1f"]))
     bounds = whole.bounds(given.count)
     print(bounds)
-    rows = zip(bounds.upper, bounds.lower, bounds.error, strict=True)
     print(table(["ω (rad/s)", "not below", "error at most"],
-                [[f"{hi:.8g}", f"{lo:.8g}", f"{error:.1e}"] for hi, lo, error in rows]))
+                list(zip(bounds.upper, bounds.lower, bounds.error, strict=True)), [".8g", ".8g", ".1e"]))
     port = next(iter(whole.model.ports))
     begin = time.perf_counter()
     border = fs.critical_slope(whole.model, port=port, band=(0.0, float(bounds.upper[-1])))
     print(f"{border!r}, {time.perf_counter() - begin:.1f} s")
     sizes = [simulated(whole.tasks, workers) for workers in SIZES]
     print(table(["workers", "seconds", "times as fast", "busy", "MB sent"], [
-        [str(row.workers), f"{row.seconds:.1f}", f"{sizes[0].seconds / row.seconds:.1f}", f"{row.busy:.0%}",
-         f"{row.sent / 1e6:.0f}"] for row in sizes]))
+        [row.workers, row.seconds, sizes[0].seconds / row.seconds, row.busy, row.sent / 1e6] for row in sizes],
+        ["d", ".1f", ".1f", ".0%", ".0f"]))
     found = {
         "dof": sum(task.size for task in whole.tasks.values() if not task.below), "seconds": reduced - written,
         "memory": whole.memory, "levels": levels, "upper": bounds.upper.tolist(), "lower": bounds.lower.tolist(),

@@ -108,11 +108,11 @@ def chain_parts(count: int, folder: str = "") -> dict[str, partial[fs.Substructu
 
 def test_parts_need_no_mesh_and_an_open_end_stays_open(tmp_path: Path) -> None:
     levels = fs.reduce_by_levels(chain_parts(4), fs.CraigBampton(modes=4), tmp_path)
-    assert list(levels.model.sets) == ["end"] and len(levels.model.interface) == 1
+    assert list(levels.model.sets) == ["p4.end"] and len(levels.model.interface) == 1
     bounds, full = levels.bounds(3), fs.chain_frequencies(37)[:3]
     assert (bounds.lower <= full).all() and (full <= bounds.upper * (1 + 1e-9)).all() and bounds.error.max() < 0.05
     more = fs.chain(3, interface=[1], fixed=False)
-    further = fs.couple({"all": levels.model, "more": more}, [fs.Rigid(("all", "end"), ("more", [0]))])
+    further = fs.couple({"all": levels.model, "more": more}, [fs.Rigid(("all", "p4.end"), ("more", [0]))])
     assert fs.normal_modes(further, 1).frequencies[0] < bounds.upper[0]
 
 
@@ -261,3 +261,19 @@ def test_a_cluster_is_simulated_as_one_counts_by_hand() -> None:
     assert two.seconds == 8.0 and two.busy == 14 / 16  # a d, b c; then ab and cd side by side at 5, and all
     assert simulated(tasks, 4, network=1e9, latency=0.5).seconds == 7.0 + 2 * 0.5  # b's result to a's worker, cd's to that of ab
     assert simulated(tasks, 4).sent == 1e9  # of c and d, one was where both were joined
+
+
+def test_a_port_is_in_one_piece_and_an_open_set_may_lie_across_pieces(tmp_path: Path) -> None:
+    """The set of the port ends where the next piece begins, which has some of its nodes, but not the port."""
+    mesh = fs.block((2.0, 0.1, 0.1), (8, 1, 1), "hexahedron").with_sets(
+        patch=lambda x: (x[:, 0] >= 0.74) & (x[:, 0] <= 1.01) & (x[:, 2] > 0.09), top=lambda x: x[:, 2] > 0.09)
+    arguments = {"material": STEEL, "supports": ["left"], "interface": ["top"], "ports": {"belt": ("patch", "x")}}
+    parts = fs.cut_to_files(tmp_path, mesh, fs.solid, into=4, **arguments)
+    with_port = [name for name, one in parts.items() if one().ports]
+    assert len(with_port) == 1
+    levels, full = fs.reduce_by_levels(parts, fs.CraigBampton(cutoff=1e5), tmp_path / "reduced"), fs.solid(mesh, **arguments)
+    assert list(levels.model.ports) == [f"{with_port[0]}.belt"]
+    assert len(levels.model.interface) == len(full.interface) and set(levels.model.sets) == {f"p{at}.top" for at in range(1, 5)}
+    static = [float(w @ np.linalg.solve(K, w)) for K, w in (
+        (full.K.toarray(), full.ports["belt"]), (np.asarray(levels.model.K), levels.model.ports[f"{with_port[0]}.belt"]))]
+    assert static[1] == pytest.approx(static[0], rel=1e-8)

@@ -46,7 +46,7 @@ class Piece:
     def __call__(self) -> Substructure:
         mesh = read_mesh(self.path)
         known = {key for key, chosen in (*mesh.sets.items(), *mesh.groups.items()) if len(chosen)}
-        shared = [key for key in mesh.sets if "+" in key]
+        shared = [key for key in mesh.sets if "+" in key and key in known]
         own = {key: value for key, value in self.arguments.items() if key not in PLACES}
         for key in PLACES:
             given = self.arguments.get(key) or ()
@@ -119,9 +119,13 @@ def cut_to_files(folder: str | Path, mesh: Mesh, build: Callable[..., Substructu
         given = arguments.get(what) or ()
         for place in [given] if isinstance(given, str) else given:
             _nodes(mesh, place, what)
-    target = path_of("folder", folder).absolute()
-    return {name: Piece.of(write_mesh(target / f"{name}.vtu", piece), build, arguments)
-            for name, piece in cut_mesh(mesh, into, under).items()}
+    target, pieces = path_of("folder", folder).absolute(), cut_mesh(mesh, into, under)
+    ports = dict(arguments.get("ports") or {})
+    owner = {port: next(name for name, piece in pieces.items() if np.isin(nodes, piece.numbers).all())
+             for port, nodes in zip(ports, under, strict=True)}  # another piece may touch the port
+    return {name: Piece.of(write_mesh(target / f"{name}.vtu", piece), build,
+                           arguments | {"ports": {port: value for port, value in ports.items() if owner[port] == name}})
+            for name, piece in pieces.items()}
 
 
 def _nodes(mesh: Mesh, place: Any, what: str) -> Array:

@@ -39,6 +39,7 @@ log = logging.getLogger(__name__)
 Recipe: TypeAlias = Callable[[], Substructure]
 UNFINISHED = ".unfinished"  # ending of a folder that is being written
 MODEL, TASK = "model", "task"  # in the folder of a task
+JOINED = "+"  # in the names of sets that parts share, as 'p1+p2'
 ADVICE = "Call reduce_by_levels again with the same arguments: it goes on with what is done"
 FORM = 1  # of the folders; those of another form are made anew
 
@@ -94,8 +95,8 @@ class Levels:
     Attributes
     ----------
     model : System
-        Of the last two that were joined. Its ports are those of the parts, as 'p7.belt'. Its interface are the sets that one part
-        alone has.
+        Of the last two that were joined. Its ports are those of the parts, as 'p7.belt'. Its interface are their sets without a
+        '+', as 'p7.end'.
     tasks : mapping of str to Task
         What was done, level by level.
     recipes : mapping of str to callable
@@ -181,8 +182,8 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
     So each joint is reduced where it closes, with all else held, and the interface as a whole never stands in one matrix. The
     last two are joined to the model. This is automated multi-level substructuring with parts in place of a matrix's ordering.
 
-    Interface sets of the same name are joined, DOF by DOF where they meet. A set must be all that the same parts share, as the
-    sets 'p1+p2' of `cut_to_files` are. A set that one part alone has stays open.
+    Interface sets with a '+' in their name, as 'p1+p2', are joined with those of the same name, DOF by DOF where they meet. Such
+    a set is all that these parts, and no others, share. All other sets stay open.
 
     Parameters
     ----------
@@ -257,14 +258,14 @@ def _levels(parts: dict[str, Recipe], method: CraigBampton, folder: Path, done: 
     while len(there) > 2:
         level += 1
         made = done(_reduced_pair, {f"{one.parts[0]}~{other.parts[0]}~{level}": (
-            _key(one.key, other.key, method), (one, other), _staying((one, other), there), level, method)
+            _key(one.key, other.key, method), (one, other), _closing((one, other), there), level, method)
             for one, other in _pairs(there)}, what="pair")
         tasks |= made
         joined = {name for task in made.values() for name in task.below}
         there = [*made.values(), *(task for task in there if task.name not in joined)]
     _pairs(there)
     start = time.perf_counter()
-    system = _joined(folder, "model", there, _staying(there, there))
+    system = _joined(folder, "model", there, _closing(there, there))
     last = Task(system.name, level + 1, tuple(task.name for task in there), tuple(name for task in there for name in task.parts),
                 _lengths(system), system.size, system.size, 0, system.cutoff, time.perf_counter() - start, most_memory())
     return Levels(system, tasks | {system.name: last}, parts, folder)
@@ -304,12 +305,13 @@ def _pairs(tasks: Sequence[Task]) -> list[tuple[Task, Task]]:
     """Which are joined next: those that share most, and of these the smaller ones; each is in one pair at most."""
     found = []
     for one, other in combinations(tasks, 2):
-        if shared := sum(count for key, count in one.sets.items() if key in other.sets):
+        if shared := sum(one.sets[key] for key in _shared(one, other)):
             found.append((-shared, len(one.parts) + len(other.parts), one, other))
     met = {task.name for *_, one, other in found for task in (one, other)}
     if lost := [task for task in tasks if task.name not in met]:
-        raise InputError(f"{lost[0].parts[0]!r} shares no interface set with the other parts. Sets of the same name are joined, "
-                         f"and those of {lost[0].parts[0]!r} are {', '.join(map(repr, lost[0].sets)) or 'none'}")
+        raise InputError(f"{lost[0].parts[0]!r} shares no interface set with the other parts. Those that are joined have one "
+                         f"name, as 'p1+p2', and those of {lost[0].parts[0]!r} are "
+                         f"{', '.join(map(repr, lost[0].sets)) or 'none'}")
     pairs: list[tuple[Task, Task]] = []
     taken: set[str] = set()
     for *_, one, other in sorted(found, key=lambda entry: entry[:2]):
@@ -319,25 +321,32 @@ def _pairs(tasks: Sequence[Task]) -> list[tuple[Task, Task]]:
     return pairs
 
 
-def _staying(pair: Sequence[Task], there: Sequence[Task]) -> tuple[str, ...]:
-    """The sets of two that stay open when they are joined: those that a third one of all that are there has, or one alone."""
-    one, other = pair
-    third = {key for task in there if task not in pair for key in task.sets}
-    return tuple(key for key in dict.fromkeys((*one.sets, *other.sets))
-                 if key in third or (key in one.sets) != (key in other.sets))
+def _shared(one: Task, other: Task) -> list[str]:
+    """The sets at which two are joined."""
+    return [key for key in one.sets if JOINED in key and key in other.sets]
 
 
-def _joined(folder: Path, name: str, pair: Sequence[Task], staying: Sequence[str]) -> System:
-    """Two reduced ones joined at the sets that both have. The `staying` sets are the interface, under their own names."""
+def _closing(pair: Sequence[Task], there: Sequence[Task]) -> tuple[str, ...]:
+    """The sets of two that become interior when they are joined: those that none of the others that are there has."""
+    others = {key for task in there if task not in pair for key in task.sets}
+    return tuple(key for key in _shared(*pair) if key not in others)
+
+
+def _joined(folder: Path, name: str, pair: Sequence[Task], closing: Sequence[str]) -> System:
+    """Two reduced ones joined at the sets that both have. All but the `closing` sets are the interface, under their own names."""
     models = {task.name: load(folder / task.name)[MODEL] for task in pair}
     one, other = pair
-    joints = [Rigid((one.name, key), (other.name, key), name=key) for key in one.sets if key in other.sets]
-    kept = [(task.name, key) for task in pair for key in task.sets if key in staying]
-    system = couple(models, joints, name, interface=kept)
-    sets = {key: system.sets[f"{owner}.{key}"] for owner, key in reversed(kept)}
-    ports = {key if task.below else f"{task.name}.{key}": system.ports[f"{task.name}.{key}"]
-             for task in pair for key in models[task.name].ports}
+    joints = [Rigid((one.name, key), (other.name, key), name=key) for key in _shared(one, other)]
+    kept = [(task, key) for task in pair for key in task.sets if key not in closing]
+    system = couple(models, joints, name, interface=[(task.name, key) for task, key in kept])
+    sets = {key if JOINED in key else _named(task, key): system.sets[f"{task.name}.{key}"] for task, key in reversed(kept)}
+    ports = {_named(task, key): system.ports[f"{task.name}.{key}"] for task in pair for key in models[task.name].ports}
     return system._with(sets=sets, ports=ports)
+
+
+def _named(task: Task, key: str) -> str:
+    """'p7.belt' for 'belt' of the part p7; what was joined has such names already."""
+    return key if task.below else f"{task.name}.{key}"
 
 
 def _lengths(sub: Substructure) -> dict[str, int]:
@@ -357,11 +366,11 @@ def _reduced_part(folder: Path, name: str, key: str, recipe: Recipe, method: Cra
     return _written(folder, task, start, model, beside=model.V[part.interior][:, beside])
 
 
-def _reduced_pair(folder: Path, name: str, key: str, pair: tuple[Task, Task], staying: Sequence[str], level: int,
+def _reduced_pair(folder: Path, name: str, key: str, pair: tuple[Task, Task], closing: Sequence[str], level: int,
                   method: CraigBampton) -> Task:
     """In a worker: two are read, joined, reduced and written."""
     start = time.perf_counter()
-    system = _joined(folder, name, pair, staying)
+    system = _joined(folder, name, pair, closing)
     few = method if method.modes is None else CraigBampton(min(method.modes, len(system.interior)))
     model = reduced(system, few, ports=True)
     down = {task.name: system.L[rows] @ model.V for task, rows in zip(pair, rows_of_parts(system.parts), strict=True)}
