@@ -2,12 +2,13 @@
 """Ratios on solid components: assembly against scikit-fem, HCB bases against SciPy and plain SLEPc, reduced CEA against PEP.
 
     python scripts/bench.py [--parts assembly bases cea] [--component slab|bulk] [--defaults] [--repeats N]
-                            [--out DIR] [--quick]
+                            [--modes N] [--cells X Y Z] [--only METHOD ...] [--out DIR] [--quick]
 
 assembly  K and M against scikit-fem's `linear_elasticity` and a vector mass form (with its Basis), at the same points.
 bases     All constraint modes and 40 fixed-interface modes, with the reduced M and K, by `reduce` (which certifies its
-          modes besides), by SciPy (one SuperLU factor in `eigsh(sigma=0)` and for all constraint modes at once; with the
-          options for symmetric matrices, and where --defaults asks for it also with those that `splu` has by itself), and by
+          modes besides), by SciPy with MKL's Pardiso (the extra `pardiso`) and with SuperLU (one factor in `eigsh(sigma=0)` and
+          for all constraint modes at once; SuperLU with the options for symmetric matrices, and where --defaults asks for it
+          also with those that `splu` has by itself), and by
           SLEPc as it comes (one factor in Krylov-Schur and in a KSP that solves column by column). Only `reduce` counts
           the modes by a second factorisation; ratios are given with it and without it.
 cea       One sweep over 100 slopes on a reduced component against 100 quadratic problems (PEP) on the full one, of which 3
@@ -27,6 +28,7 @@ import statistics
 import sys
 import tempfile
 from concurrent.futures.process import BrokenProcessPool
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +48,7 @@ SIZES: dict[bool, Row] = {  # by --quick: bricks, nodes of the interface, modes
     True: {"assembly": {"hexahedron20": (3, 2, 2)}, "slab": (8, 6, 2), "bulk": (4, 3, 2), "interface": 6, "modes": 6,
            "cea": (8, 4, 1), "band": 4, "kept": (4, 8, 16)}}
 SOLVED = [0, 50, 99]  # slopes at which the full model is solved
-TIMES = {"assembly": 5.0, "SciPy": 6.0, "SLEPc": 1.5, "cea": 300.0}  # what is asked: so many times faster,
+TIMES = {"assembly": 5.0, "SciPy": 6.0, "SciPy, MKL Pardiso": 3.0, "SLEPc": 1.5, "cea": 300.0}  # so many times faster is asked,
 MEMORY = 0.5  # such a share of SciPy's memory,
 ENTRIES, SAME = 1e-12, 1e-8  # and such an agreement of the entries and of the bases
 
@@ -132,11 +134,13 @@ def assembly(bench: Bench, sizes: Row) -> None:
             bench.agrees(f"{where}, entries of K and M differ by", theirs["error"], ENTRIES)
 
 
-def bases(bench: Bench, sizes: Row, component: str, defaults: bool) -> None:
+def bases(bench: Bench, sizes: Row, component: str, defaults: bool, only: list[str] | None) -> None:
     left_out = set() if defaults else {"SciPy, defaults"}
     if not fresh(has_cholmod):
         left_out.add("SLEPc, CHOLMOD")
-    methods = [name for name in tasks.METHODS if name not in left_out]
+    if find_spec("pypardiso") is None:
+        left_out.add("SciPy, MKL Pardiso")
+    methods = [name for name in tasks.METHODS if name not in left_out and (only is None or name in ("femsub", *only))]
     runs = bench.alternating(f"bases of the {component}", {
         name: (tasks.bases, name, component, sizes) for name in methods})
     done = [run for found in runs.values() for run in found if run]
@@ -148,7 +152,7 @@ def bases(bench: Bench, sizes: Row, component: str, defaults: bool) -> None:
     for name, row in rows.items():
         if name == "femsub" or "times" not in row:
             continue
-        limit = TIMES[name.split(",")[0]]
+        limit = TIMES.get(name) or TIMES[name.split(",")[0]]
         bench.faster(f"{where}, against {name}:", row, limit)
         same = [theirs["seconds"] / (ours["seconds"] - ours["phases"].get(tasks.COUNT, 0.0))
                 for theirs, ours in zip(runs[name], runs["femsub"], strict=True) if theirs and ours]
@@ -226,6 +230,9 @@ def main() -> int:
     parser.add_argument("--component", choices=list(tasks.COMPONENTS), default="slab",
                         help="of the part bases: slab of linear, bulk of quadratic hexahedra (default slab; bulk takes long)")
     parser.add_argument("--defaults", action="store_true", help="bases: SciPy's own choice of ordering, too (slow)")
+    parser.add_argument("--modes", type=int, help="bases: fixed-interface modes (default 40)")
+    parser.add_argument("--cells", type=int, nargs=3, metavar=("X", "Y", "Z"), help="bases: cells of the component")
+    parser.add_argument("--only", nargs="+", choices=list(tasks.METHODS), help="bases: femsub and these alone")
     parser.add_argument("--repeats", type=int, default=3, metavar="N", help="runs of each measurement (default 3)")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="DIR", help="output folder (default out/bench)")
     parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that all works, times mean nothing")
@@ -239,13 +246,14 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that measures stays behind
     # Debian's PETSc starts OpenMPI, see femsub/algebra/petsc.py; here slepc4py is loaded without it.
     os.environ |= {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
-    computer, sizes = fresh(machine), SIZES[asked.quick]
+    computer, sizes = fresh(machine), dict(SIZES[asked.quick])
+    sizes |= {key: value for key, value in (("modes", asked.modes), (asked.component, asked.cells)) if value is not None}
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(asked.repeats, asked.quick, Path(folder))
         if "assembly" in asked.parts:
             assembly(bench, sizes)
         if "bases" in asked.parts:
-            bases(bench, sizes, asked.component, asked.defaults)
+            bases(bench, sizes, asked.component, asked.defaults, asked.only)
         if "cea" in asked.parts:
             cea(bench, sizes)
     report.progress_done()
