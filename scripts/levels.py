@@ -8,7 +8,6 @@ the rail loses its stability under a belt. Then it tells what clusters of 4 to 2
 goes on where it was, if DIR is the same.
 
 --dask       The workers are those of dask.distributed, each with a limit of memory (--gigabytes), beyond which dask ends it.
-coarser      The border once more with the lower half of each part's modes; the difference is what the border's digits are worth.
 
 A cluster is simulated from the measured seconds: each task begins when the tasks below it are done and a worker is free, the
 longest first. What it reads goes over a network of 1 GB/s, with 1 ms for each file.
@@ -26,8 +25,11 @@ from typing import TYPE_CHECKING, Any
 
 import femsub as fs
 from benchmarks.cluster import simulated
+from benchmarks.pictures import save
 from benchmarks.processes import peak_mb
 from benchmarks.rail import rail
+from femsub.app.figure_style import draw
+from femsub.studies.charts import Chart, Panel, Series
 from femsub.studies.tables import table
 
 if TYPE_CHECKING:
@@ -68,36 +70,63 @@ def main() -> int:
     with workers_of(given) as where:
         whole = fs.reduce_by_levels(parts, fs.CraigBampton(cutoff=given.cutoff), given.out / "reduced", **where)
     reduced = time.perf_counter()
-    print(whole)
-    print(f"{written - start:.1f} s to write the meshes, {reduced - written:.1f} s to reduce; this process took "
-          f"{peak_mb() / 1e3:.2g} GB")
-    levels = []
-    for level in range(whole.levels):
-        tasks = [task for task in whole.tasks.values() if task.level == level]
-        size, left, modes, longest, memory, files = (
-            max(getattr(task, key) for task in tasks) for key in ("size", "reduced_to", "modes", "seconds", "memory", "bytes"))
-        seconds = sum(task.seconds for task in tasks)
-        levels.append([level, len(tasks), size, left, modes, seconds, longest, memory / 1e9, files / 1e6])
-    print(table(["level", "tasks", "DOF of the largest", "reduced to", "modes", "seconds, all", "the longest", "GB of a process",
-                 "MB of its files"], levels, ["d", "d", ",d", ",d", "d", ".1f", ".1f", ".2f", ".1f"]))
-    bounds = whole.bounds(given.count)
-    print(bounds)
-    print(table(["ω (rad/s)", "not below", "error at most"],
-                list(zip(bounds.upper, bounds.lower, bounds.error, strict=True)), [".8g", ".8g", ".1e"]))
-    port = next(iter(whole.model.ports))
+    bounds, (port,) = whole.bounds(given.count), whole.model.ports
     begin = time.perf_counter()
     border = fs.critical_slope(whole.model, port=port, band=(0.0, float(bounds.upper[-1])))
-    print(f"{border!r}, {time.perf_counter() - begin:.1f} s")
-    sizes = [simulated(whole.tasks, workers) for workers in SIZES]
-    print(table(["workers", "seconds", "times as fast", "busy", "MB sent"], [
-        [row.workers, row.seconds, sizes[0].seconds / row.seconds, row.busy, row.sent / 1e6] for row in sizes],
-        ["d", ".1f", ".1f", ".0%", ".0f"]))
-    found = {
-        "dof": sum(task.size for task in whole.tasks.values() if not task.below), "seconds": reduced - written,
-        "memory": whole.memory, "levels": levels, "upper": bounds.upper.tolist(), "lower": bounds.lower.tolist(),
-        "border": border.value, "cluster": [[row.workers, row.seconds, row.busy, row.sent] for row in sizes]}
+    found = {"dof": sum(task.size for task in whole.tasks.values() if not task.below), "parts": given.parts,
+             "section": given.section, "cutoff": given.cutoff, "workers": given.workers, "dask": given.dask,
+             "seconds": {"meshes": written - start, "reduce": reduced - written, "border": time.perf_counter() - begin},
+             "memory": {"of a worker": whole.memory, "of this process": 1e6 * peak_mb()}, "border": border.value,
+             "omega": border.omega, "evidence": {"frequencies": bounds.evidence, "border": border.evidence},
+             "levels": [level_of(whole, level) for level in range(whole.levels)],
+             "frequencies": [dict(zip(("upper", "lower", "error"), row, strict=True))
+                             for row in zip(bounds.upper.tolist(), bounds.lower.tolist(), bounds.error.tolist(), strict=True)],
+             "clusters": [vars(simulated(whole.tasks, workers)) for workers in SIZES]}
+    for line in text(repr(whole), repr(bounds), found):
+        print(line)
     (given.out / "levels.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
+    save(given.out / "levels.png", lambda: draw(chart(found)))
     return 0
+
+
+def level_of(whole: fs.Levels, level: int) -> dict[str, Any]:
+    tasks = [task for task in whole.tasks.values() if task.level == level]
+    kinds = "size", "reduced_to", "modes", "seconds", "memory", "bytes"
+    most = {key: max(getattr(task, key) for task in tasks) for key in kinds}
+    return {"level": level, "tasks": len(tasks), "all": sum(task.seconds for task in tasks), **most}
+
+
+def text(whole: str, bounds: str, found: dict[str, Any]) -> Iterator[str]:
+    """What is printed."""
+    seconds, clusters = found["seconds"], found["clusters"]
+    yield whole
+    yield (f"{seconds['meshes']:.1f} s to write the meshes, {seconds['reduce']:.1f} s to reduce; "
+           f"this process took {found['memory']['of this process'] / 1e9:.2g} GB")
+    yield table(["level", "tasks", "DOF of the largest", "reduced to", "modes", "seconds, all", "the longest", "GB of a process",
+                 "MB of its files"],
+                [[row["level"], row["tasks"], row["size"], row["reduced_to"], row["modes"], row["all"], row["seconds"],
+                  row["memory"] / 1e9, row["bytes"] / 1e6] for row in found["levels"]],
+                ["d", "d", ",d", ",d", "d", ".1f", ".1f", ".2f", ".1f"])
+    yield bounds
+    yield table(["ω (rad/s)", "not below", "error at most"], [list(row.values()) for row in found["frequencies"]],
+                [".8g", ".8g", ".1e"])
+    yield (f"stable down to a slope of {found['border']:.6g} at {found['omega']:.6g} rad/s ({found['evidence']['border']}), "
+           f"{seconds['border']:.1f} s")
+    yield table(["workers", "seconds", "times as fast", "busy", "MB sent"],
+                [[row["workers"], row["seconds"], clusters[0]["seconds"] / row["seconds"], row["busy"], row["sent"] / 1e6]
+                 for row in clusters], ["d", ".1f", ".1f", ".0%", ".0f"])
+
+
+def chart(found: dict[str, Any]) -> Chart:
+    """What clusters would take, and how far the frequencies may be off."""
+    clusters, rows = found["clusters"], found["frequencies"]
+    x, y = ([row[key] for row in clusters] for key in ("workers", "seconds"))
+    ideal = Series("the same work, evenly divided", x, [y[0] / workers for workers in x], line="dash", marker="", colour="grey")
+    return Chart("levels", f"{found['dof']:,} DOF in {found['parts']} parts, level by level", [
+        Panel([Series("simulated from measured tasks", x, y, line="solid", marker="o", colour="black"), ideal], "workers  [-]",
+              "seconds  [s]", "clusters", logs="xy"),
+        Panel([Series("proved", [row["upper"] for row in rows], [row["error"] for row in rows], model="craig-bampton")],
+              "ω  [rad/s]", "error of ω at most  [-]", "frequencies", logs="y")], across=2, columns=3)
 
 
 if __name__ == "__main__":
