@@ -17,6 +17,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -64,6 +66,9 @@ def main() -> int:
     parser.add_argument("--gigabytes", type=float, default=6.0, help="of memory for each worker of dask")
     parser.add_argument("--out", type=Path, default=Path("levels"))
     given = parser.parse_args()
+    if sys.stderr.isatty():
+        logging.basicConfig(level=logging.INFO, format="%(message)s")
+        logging.getLogger("distributed").setLevel(logging.WARNING)
     start = time.perf_counter()
     parts = rail(given.out / "meshes", given.dof, given.parts, tuple(given.section))
     written = time.perf_counter()

@@ -54,8 +54,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     (1998), sec. 6.9 (a second pass only after cancellation).
     """
     locked = np.zeros((factor.size, 0)) if known is None else known
-    X = _ritz_vectors(factor, M, count, tol, seed, locked)
-    MX = M @ X
+    MX = M @ _ritz_vectors(factor, M, count, tol, seed, locked)
     # Z = AX removes components in the null space of M, and zᵀ(K - σM)z = zᵀMx is accurate to rounding for small θ as well
     Z = factor.solve(MX)
     Z -= locked @ ((M @ locked).T @ Z)

@@ -45,6 +45,7 @@ LOST = 0.1  # relative change of ω² by rounding in K above which there is a wa
 BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn until no mode lies at it
 GAP = 1e-6  # relative gap of neighbouring ω² below which they are a cluster: no inertia is counted inside it
 DENSE = 3000  # DOF up to which LAPACK is used if a large part of all modes is wanted
+COLUMNS = 64  # modes whose residuals are computed at a time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -398,11 +399,16 @@ def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Arr
 
 
 def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: float = EPS) -> tuple[Array, Array]:
-    """The relative residuals and `NormalModes.rounding`, (k,) each."""
-    residual = np.linalg.norm(K @ shapes - (M @ shapes) * values, axis=0)
-    size = abs(shapes)
-    doubt = abs(K) @ size + (abs(M) @ size) * abs(values)
-    scale, weight = np.linalg.norm(doubt, axis=0), unit * np.einsum("ij,ij->j", size, doubt)
+    """The relative residuals and `NormalModes.rounding`, (k,) each; some modes at a time, since each takes six columns."""
+    residual, scale, weight = np.zeros((3, shapes.shape[1]))
+    sizes = abs(K), abs(M)
+    for start in range(0, shapes.shape[1], COLUMNS):
+        part = slice(start, start + COLUMNS)
+        x, value = shapes[:, part], values[part]
+        residual[part] = np.linalg.norm(K @ x - (M @ x) * value, axis=0)
+        size = abs(x)
+        doubt = sizes[0] @ size + (sizes[1] @ size) * abs(value)
+        scale[part], weight[part] = np.linalg.norm(doubt, axis=0), unit * np.einsum("ij,ij->j", size, doubt)
     return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
 

@@ -44,7 +44,7 @@ ADVICE = "Call reduce_by_levels again with the same arguments: it goes on with w
 FORM = 1  # of the folders; those of another form are made anew
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Task:
     """What one worker has done: a part reduced, or two of them joined and reduced.
 
@@ -86,6 +86,10 @@ class Task:
     memory: float = 0.0
     bytes: float = 0.0
     key: str = ""
+
+    def __repr__(self) -> str:
+        return (f"Task {self.name!r}: {self.size} coordinates to {self.reduced_to}, cut-off {self.cutoff:.4g} rad/time, "
+                f"{self.seconds:.3g} s, {self.memory / 1e9:.2g} GB")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
