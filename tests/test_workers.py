@@ -671,3 +671,12 @@ def test_executors_of_others(tmp_path: Path, package: str, before: list[str], bo
     assert done.returncode == 0 and "the same" in done.stdout, done.stderr
 
 
+
+
+def test_what_is_stored_may_be_moved_and_what_was_one_array_stays_one(tmp_path: Path) -> None:
+    one = np.arange(6.0)
+    workers.store(tmp_path / "there", {"a": one, "b": [one], "part": one[:2], "none": np.zeros(0)}).rename(tmp_path / "here")
+    found = workers.load(tmp_path / "here")
+    assert found["a"] is found["b"][0] and (found["a"] == one).all() and (found["part"] == one[:2]).all() and not len(found["none"])
+    found["a"][0] = 7.0  # a copy of the page, not of the file
+    assert workers.load(tmp_path / "here")["a"][0] == 0.0
