@@ -1,4 +1,4 @@
-"""A steel rail on sleepers, in pieces: each is written to a file without that the whole is ever there."""
+"""A steel rail on sleepers that lie ever farther apart, in pieces: each is written to a file, and the whole is never there."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from femsub.io.pieces import Piece
 
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 SIDE = 0.01  # m, of an element
-SLEEPERS = 0.6  # m apart
+APART = 0.4, 0.8  # m between sleepers, at the begin and at the end; so the lowest frequencies lie apart, too
 WIDE = 0.05  # m, of a sleeper
-HERE = 0.3  # m from the begin of its piece, the middle of the belt's patch: between two sleepers
+PATCH = 0.025  # m, half of that on which a belt rubs, in the middle of the last span
 ARGUMENTS = {"material": STEEL, "supports": ["sleepers"], "ports": {"belt": ("patch", "x")}, "rayleigh": (0.0, 2e-7)}
 
 
@@ -21,6 +21,13 @@ def cells_of(dof: float, parts: int, section: tuple[int, int]) -> list[int]:
     """Layers of elements of each part of a rail with about so many DOF, before the supports."""
     layers = round(dof / (3 * (section[0] + 1) * (section[1] + 1)))
     return [layers * (at + 1) // parts - layers * at // parts for at in range(parts)]
+
+
+def sleepers(length: float) -> np.ndarray:
+    """Their middles, from 0 to the end."""
+    count = max(2, round(2 * length / sum(APART)))
+    places = np.append(0.0, np.cumsum(np.linspace(*APART, count)))
+    return places * (length / places[-1])
 
 
 def piece(at: int, layers: list[int], section: tuple[int, int]) -> fs.Mesh:
@@ -32,10 +39,12 @@ def piece(at: int, layers: list[int], section: tuple[int, int]) -> fs.Mesh:
     x, _, z = points.T
     ends = {f"p{other}+p{other + 1}": chosen for other, chosen in ((at, nodes[:face]), (at + 1, nodes[-face:]))
             if 0 < other < len(layers)}
-    under = np.abs((x + SLEEPERS / 2) % SLEEPERS - SLEEPERS / 2) <= WIDE / 2 + 1e-9
+    places = sleepers(sum(layers) * SIDE)
+    under = np.abs(x[:, None] - places).min(axis=1) <= WIDE / 2 + 1e-9
     sets = {**ends, "sleepers": nodes[(z <= 1e-9) & under]}
-    if at == len(layers) // 2:
-        sets["patch"] = nodes[(z >= section[1] * SIDE - 1e-9) & (np.abs(x - first * SIDE - HERE) <= 2.5 * SIDE)]
+    patch = nodes[(z >= section[1] * SIDE - 1e-9) & (np.abs(x - places[-2:].mean()) <= PATCH + 1e-9)]
+    if len(patch):
+        sets["patch"] = patch
     return fs.Mesh(points, mesh.cells, mesh.kind, sets, numbers=first * face + 1 + nodes, name=f"p{at + 1}")
 
 

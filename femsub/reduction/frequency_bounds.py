@@ -25,7 +25,8 @@ from femsub.modes import NormalModes, ShiftInvert, lowest_modes
 from femsub.reduction.craig_bampton import CraigBampton
 
 HELD = ("constraint", "rigid", CraigBampton.mode_kind, "static port")  # kinds of coordinates of models with a held interface
-BESIDE = 20  # more modes of the reduced model than are asked for: what lies above them bounds what they may be mixed with
+ALL = 3000  # coordinates up to which all modes of the reduced model are taken; of a larger one some more than are asked for:
+BESIDE = 20  # what lies above them bounds what they may be mixed with
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,9 +122,9 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
 
 
 def lowest_of(model: Substructure, count: int) -> NormalModes:
-    """The modes of a reduced model for the bounds of `count` frequencies: so many and some more, as far as there are any."""
+    """The modes of a reduced model for the bounds of `count` frequencies: all of them, or some more than that."""
     handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
-    modes = lowest_modes(handle, min(2 * count + BESIDE, handle.elastic))
+    modes = lowest_modes(handle, handle.elastic if model.size <= ALL else min(2 * count + BESIDE, handle.elastic))
     if len(modes.eigenvalues) - modes.rigid < count:
         raise InputError(f"count={count} frequencies were asked for, but {model.name!r} has "
                          f"{len(modes.eigenvalues) - modes.rigid}")
@@ -166,6 +167,8 @@ def enclosed(modes: NormalModes, size: int, truncations: Sequence[Truncation], s
     """
     omega = modes.frequencies[modes.rigid:]
     theta, sigma = omega**-2.0, float(sum(step**-2.0 for step in steps))
+    import scipy.linalg as la
+
     G = sum((one.inertia / one.cutoff**2 for one in truncations), np.zeros((len(omega),) * 2)) / np.outer(omega, omega)
     G = (G + G.T) / 2
     used, above = len(omega), sigma
@@ -174,7 +177,8 @@ def enclosed(modes: NormalModes, size: int, truncations: Sequence[Truncation], s
     worst = theta + sigma
     for i in np.flatnonzero(theta[:min(used, count + 1)] > above):
         mixed = np.diag(theta[:used]) + G[:used, :used] / (theta[i] - above)
-        worst[i] = min(worst[i], float(np.linalg.eigvalsh(mixed)[-1 - i]))
+        place = [used - 1 - i] * 2
+        worst[i] = min(worst[i], float(la.eigvalsh(mixed, subset_by_index=place, check_finite=False)[0]))
     lower = np.minimum(worst**-0.5, omega)
     beyond = float(lower[count]) if len(lower) > count else np.inf if modes.rigid + len(omega) == size and not sigma else 0.0
     proved = int(np.count_nonzero(omega[:count] < beyond))
