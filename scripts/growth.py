@@ -4,8 +4,8 @@
     python scripts/growth.py [--over dof interface parts contacts] [--quick] [--out DIR]
 
 Each row is one analysis over one number n, all else equal. `p` is the slope over the last three sizes beyond 0.05 s.
-Models: plates, a plate in strips, and for contacts a plate of which each rubs at one node. One thread of BLAS. The seconds are those
-of the processor, so that other programs disturb little.
+Models: plates, a plate in strips, and for contacts a plate of which each rubs at one node. One thread of BLAS. The seconds are
+those of the processor, so that other programs disturb little.
 """
 
 from __future__ import annotations

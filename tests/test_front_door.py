@@ -56,6 +56,8 @@ RESULTS = {
     "CriticalValue",
     "Cut",
     "Estimate",
+    "FrequencyBounds",
+    "Levels",
     "LimitCycle",
     "NormalModes",
     "ReducedSubstructure",
@@ -120,6 +122,12 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     def cut(model: Any, into: Any, sets: Any) -> fs.Cut:  # what a caller's own build raises is the caller's
         return fs.cut(model, fs.plate, into=into, sets=sets, E=1.0, nu=0.3, rho=1.0, thickness=0.1)
 
+    def pieces(folder: Any, mesh: Any, build: Any, into: Any, supports: Any, interface: Any, ports: Any) -> Any:
+        return fs.cut_to_files(folder, mesh, build, into=into, material=fs.Material(1.0, 0.3, 1.0), supports=supports,
+                               interface=interface, ports=ports)
+
+    row = fs.block((6.0, 1.0, 1.0), (6, 1, 1), "hexahedron")
+    recipes = pieces(folder / "pieces", row, fs.solid, 2, ["left"], None, None)
     coupled.__signature__ = inspect.signature(fs.Spring)  # type: ignore[attr-defined]
     return {
         "Affine": (fs.Affine, {"M": np.eye(2), "D": None, "K": [(1.0, np.eye(2)), ("mu", [[0.0, 1.0], [0.0, 0.0]])]}),
@@ -140,18 +148,19 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                                "interface": [("a", [3])]}),
         "cut": (cut, {"model": flat, "into": 2, "sets": None}),
         "Belt": (fs.Belt, {"port": "belt", "force": 1.0, "speed": 0.2, "law": fs.StribeckArctan(), "slope": None}),
-        "CraigBampton": (fs.CraigBampton, {"modes": 3, "band": None, "tol": None}),
-        "CraigBampton(tol)": (fs.CraigBampton, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2}),
-        "CraigChang": (fs.CraigChang, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2}),
+        "CraigBampton": (fs.CraigBampton, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "CraigBampton(tol)": (fs.CraigBampton, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2, "cutoff": None}),
+        "CraigBampton(cutoff)": (fs.CraigBampton, {"modes": None, "cutoff": 1.0}),
+        "CraigChang": (fs.CraigChang, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2, "cutoff": None}),
         "DofMap": (fs.DofMap, {"nodes": [1, 1], "components": [0, 1], "labels": ("ux", "uy"), "points": None}),
-        "DualCraigBampton": (fs.DualCraigBampton, {"modes": 3, "band": None, "tol": None}),
-        "ContactModes": (fs.ContactModes, {"modes": 3, "band": None, "tol": None, "contacts": sliding, "parameter": "mu",
-                                           "friction": True}),
-        "Guyan": (fs.Guyan, {"modes": 0, "band": None, "tol": None}),
-        "Herting": (fs.Herting, {"modes": 3, "band": None, "tol": None}),
-        "Hurty": (fs.Hurty, {"modes": 3, "band": None, "tol": None}),
-        "InterfaceModes": (fs.InterfaceModes, {"modes": 3, "band": None, "tol": None}),
-        "MacNeal": (fs.MacNeal, {"modes": 3, "band": None, "tol": None}),
+        "DualCraigBampton": (fs.DualCraigBampton, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "ContactModes": (fs.ContactModes, {"modes": 3, "band": None, "tol": None, "cutoff": None, "contacts": sliding,
+                                           "parameter": "mu", "friction": True}),
+        "Guyan": (fs.Guyan, {"modes": 0, "band": None, "tol": None, "cutoff": None}),
+        "Herting": (fs.Herting, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "Hurty": (fs.Hurty, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "InterfaceModes": (fs.InterfaceModes, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "MacNeal": (fs.MacNeal, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
         "Material": (fs.Material, {"E": 1.0, "nu": 0.3, "rho": 1.0}),
         "Mesh": (
             fs.Mesh,
@@ -166,7 +175,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "name": "m",
             },
         ),
-        "Rubin": (fs.Rubin, {"modes": 3, "band": None, "tol": None}),
+        "Rubin": (fs.Rubin, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
         "Pencil": (fs.Pencil, dict(matrices)),
         "State": (fs.State, {"displacement": np.zeros(6), "velocity": np.zeros(6)}),
         "StribeckArctan": (fs.StribeckArctan, {"eps": 1e-3, "coulomb": 0.3, "drop": 0.2, "decay": 2.0}),
@@ -231,10 +240,13 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             {"model": sub, "contacts": slope, "parameter": "slope", "between": (-0.1, 0.0), "band": (0.0, 3.0),
              "solver": "auto"},
         ),
+        "cut_to_files": (pieces, {"folder": folder / "cut", "mesh": row, "build": fs.solid, "into": 2, "supports": ["left"],
+                                  "interface": ["right"], "ports": {"belt": ("right", "y")}}),
         "damped": (fs.damped, {"sub": sub, "rayleigh": (0.1, 0.1), "ratios": None, "modal": None, "dashpots": {0: 0.1}}),
         "damped(modal)": (fs.damped, {"sub": sub, "modal": 0.01}),
         "damped(ratios)": (fs.damped, {"sub": sub, "ratios": ((0.5, 0.01), (1.0, 0.01))}),
         "displacements": (fs.displacements, {"mesh": mesh, "dofs": brick.dofs, "u": np.zeros(brick.size)}),
+        "frequency_bounds": (fs.frequency_bounds, {"model": fs.reduce(sub, fs.CraigBampton(3), ports=True), "count": 1}),
         "growth_rate": (fs.growth_rate, {"t": t, "signal": y, "between": (0.0, 10.0), "below": None}),
         "harmonic_balance": (
             fs.harmonic_balance,
@@ -276,6 +288,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "reduce": (fs.reduce, {"sub": sub, "method": fs.CraigBampton(2), "ports": False, "contacts": None}),
         "reduce(parts)": (fs.reduce, {"sub": pair, "method": dict.fromkeys(parts, fs.CraigBampton(2)), "ports": False,
                                       "workers": None, "executor": None}),
+        "reduce_by_levels": (fs.reduce_by_levels, {"parts": recipes, "method": fs.CraigBampton(2), "folder": folder / "levels",
+                                                   "workers": 1, "executor": None}),
         "refine": (
             fs.refine,
             {"full": sub, "modes": modes, "rom": rom, "contacts": slope, "which": None, "tol": 1e-8, "steps": 20},
@@ -387,8 +401,8 @@ NAMES = sorted(
         and not (isinstance(getattr(fs, name), type) and issubclass(getattr(fs, name), BaseException))
     }
     - RESULTS
-    | {"CraigBampton(tol)", "complex_modes(band)", "damped(modal)", "damped(ratios)", "normal_modes(band)", "reduce(parts)",
-       "transient(alpha)"}
+    | {"CraigBampton(cutoff)", "CraigBampton(tol)", "complex_modes(band)", "damped(modal)", "damped(ratios)",
+       "normal_modes(band)", "reduce(parts)", "transient(alpha)"}
 )
 
 

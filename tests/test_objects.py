@@ -8,6 +8,7 @@ import inspect
 import pickle
 import subprocess
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -37,6 +38,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "DofMap": lambda: fs.DofMap([3, 3, 5], [0, 1, 0], points=np.eye(3)),
     "DualCraigBampton": lambda: fs.DualCraigBampton(modes=3),
     "Estimate": lambda: made("ReducedSubstructure").estimate,
+    "FrequencyBounds": lambda: fs.frequency_bounds(made("ReducedSubstructure"), count=1),
     "FrictionContact": lambda: fs.FrictionContact("pad.face", "disc.track", {"pad": made("Mesh"), "disc": made("Mesh")}, 1e9, 0.4,
                                                   direction=(1.0, 0.0, 0.0), speed=2.0),
     "Guyan": lambda: fs.Guyan(),
@@ -44,6 +46,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Hurty": lambda: fs.Hurty(modes=3),
     "InterfaceModes": lambda: fs.InterfaceModes(modes=3),
     "Kinematic": lambda: fs.Kinematic(("hub", [0, 1]), ("disc", "bore")),
+    "Levels": lambda: levels(),
     "LimitCycle": lambda: cycle(),
     "LinearContact": lambda: fs.LinearContact(("belt",), stiffness=[[0.5]]),
     "MacNeal": lambda: fs.MacNeal(modes=3),
@@ -79,6 +82,13 @@ def quietly(make: Callable[[], Any]) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.FemsubWarning)
         return make()
+
+
+def levels() -> fs.Levels:
+    with tempfile.TemporaryDirectory() as folder:
+        parts = fs.cut_to_files(folder, fs.block((6.0, 1.0, 1.0), (6, 1, 1), "hexahedron"), fs.solid, into=2,
+                                material=fs.Material(1.0, 0.3, 1.0), supports=["left"])
+        return fs.reduce_by_levels(parts, fs.CraigBampton(2), Path(folder) / "reduced", workers=1)
 
 
 def rotor() -> fs.Rotor:

@@ -14,7 +14,8 @@ from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.components import two_mode, two_mode_critical, ziegler, ziegler_critical
 from femsub.modes import match
-from femsub.studies.charts_flutter import flutter_chart
+from femsub.reduction import METHODS
+from femsub.studies.charts_flutter import OTHERS, flutter_chart
 
 EYE = np.eye(2)
 
@@ -258,6 +259,20 @@ def test_many_branches_are_grey_and_models_solved_here_and_there_have_circles() 
     assert hi > tracked.eigenvalues.real.max() and lo == pytest.approx(-hi)  # what decays fast is left out
     lowest = tracked.eigenvalues.real.min()
     assert lowest < lo and f"values go down to {lowest:.4g}" in figure.axes[1].get_title()
+
+
+def test_a_meeting_has_a_mark_that_no_model_has() -> None:
+    model = two_mode()
+    solved = [(mu, fs.complex_modes(model.at(mu=mu)).eigenvalues) for mu in (0.5, 1.0)]
+    chart = flutter_chart("a", {"reduced": fs.track(model, None, "mu", np.linspace(0.0, 1.0, 12))}, {}, "mu", "two modes",
+                          {"full": solved})
+    page = (Path(fs.__file__).parent / "app" / "page.html").read_text(encoding="utf-8")
+    for panel in chart.panels:
+        marks = {one.name: one.look.marker for one in panel.series if one.look.marker}
+        meeting = marks.pop("coalescence or splitting")
+        assert {"full, stable", "full, unstable", "begins to grow"} <= set(marks)
+        assert meeting not in {*marks.values(), *(method.marker for method in METHODS.values()), *(mark for _, mark in OTHERS)}
+        assert f' {meeting}: "' in page  # else a page draws a circle
 
 
 @pytest.mark.parametrize("points", [5, 8, 40])

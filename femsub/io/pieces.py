@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, instance, mapping, path_of, whole_number
+from femsub.checks import Array, instance, items, mapping, path_of, whole_number, word
 from femsub.components import Mesh
 from femsub.coupling import PLACES, cut_mesh
 from femsub.errors import InputError, InputTypeError
@@ -49,9 +49,9 @@ class Piece:
         shared = [key for key in mesh.sets if "+" in key and key in known]
         own = {key: value for key, value in self.arguments.items() if key not in PLACES}
         for key in PLACES:
-            given = self.arguments.get(key) or ()
+            given = () if self.arguments.get(key) is None else self.arguments[key]
             if key == "ports":
-                own[key] = {port: value for port, value in dict(given).items() if place_of(value) in known}
+                own[key] = {port: value for port, value in dict(given).items() if place_of(port, value) in known}
             elif isinstance(given, Mapping):
                 own[key] = {place: value for place, value in given.items() if place in known}
             else:
@@ -63,9 +63,9 @@ class Piece:
         return self.build(mesh, name=self.path.stem, **own)
 
 
-def place_of(port: Any) -> Any:
+def place_of(name: str, port: Any) -> Any:
     """The set of a port: 'patch', or the first of ('patch', 'z')."""
-    return port if isinstance(port, str) else next(iter(port), None)
+    return port if isinstance(port, str) else next(iter(items(f"port {name!r}", port, "a set and a direction")), None)
 
 
 def cut_to_files(folder: str | Path, mesh: Mesh, build: Callable[..., Substructure], *, into: int,
@@ -112,15 +112,14 @@ def cut_to_files(folder: str | Path, mesh: Mesh, build: Callable[..., Substructu
     if not callable(build):
         raise InputTypeError(f"build must be the function that makes the component of a mesh, as fs.solid, not {build!r:.60}")
     whole_number("into, the number of parts,", into, 2)
-    under = []
-    for port, value in mapping("ports", arguments.get("ports") or {}, "names and sets").items():
-        under.append(mesh.numbers[_nodes(mesh, place_of(value), f"port {port!r}")])
+    ports = {} if (given := arguments.get("ports")) is None else mapping("ports", given, "names and sets")
+    under = [mesh.numbers[_nodes(mesh, place_of(port, value), f"port {port!r}")] for port, value in ports.items()]
     for what in ("supports", "interface"):
-        given = arguments.get(what) or ()
-        for place in [given] if isinstance(given, str) else given:
+        given = () if arguments.get(what) is None else arguments[what]
+        given = [given] if isinstance(given, str) else list(given) if isinstance(given, Mapping) else given
+        for place in items(what, given, "names of sets"):
             _nodes(mesh, place, what)
     target, pieces = path_of("folder", folder).absolute(), cut_mesh(mesh, into, under)
-    ports = dict(arguments.get("ports") or {})
     owner = {port: next(name for name, piece in pieces.items() if np.isin(nodes, piece.numbers).all())
              for port, nodes in zip(ports, under, strict=True)}  # another piece may touch the port
     return {name: Piece.of(write_mesh(target / f"{name}.vtu", piece), build,
@@ -129,7 +128,7 @@ def cut_to_files(folder: str | Path, mesh: Mesh, build: Callable[..., Substructu
 
 
 def _nodes(mesh: Mesh, place: Any, what: str) -> Array:
-    if place in mesh.sets:
+    if word(f"{what}: the name of a set", place) in mesh.sets:
         return mesh.nodes(place)
     if place in mesh.groups:
         return np.unique(mesh.cells[mesh.groups[place]])

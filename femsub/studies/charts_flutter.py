@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#bcbd22", "#7f7f7f")
 OTHERS = (("#c44e00", "s"), ("#0067a5", "^"), ("#333333", "D"), ("#6a3d9a", "v"))  # of models that are no reduction
+MEETS = "d"  # no model's mark
 MARKS = 31  # values marked of each model beside the first
 STABLE, UNSTABLE = "#4d4d4d", "#c0392b"
 ROOM = 0.06  # of the range of Re λ and Im λ, left around the curves
@@ -59,9 +60,9 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
     """Im λ above, Re λ below. The first model has a line for each branch, wide and red where it grows.
 
     The others have marks, filled where a mode grows. Triangles stand at the losses and regains of each branch of the first, a
-    vertical line at each of `critical`. `tracks` and `critical` have the models by their names, reduced ones by the keys of their
-    methods. `points` are models that were solved at some values only; they have circles. More branches than there are colours
-    are grey. Re λ is then drawn about the axis, and the panel says what it leaves out.
+    narrow diamond where two of them meet, a vertical line at each of `critical`. `tracks` and `critical` have the models by their
+    names, reduced ones by the keys of their methods. `points` are models that were solved at some values only; they have circles.
+    More branches than there are colours are grey. Re λ is then drawn about the axis, and the panel says what it leaves out.
     """
     first, *others = tracks.items()
     many = first[1].eigenvalues.shape[1] > len(COLOURS)
@@ -115,7 +116,7 @@ def _joined(*pairs: dict[str, list[Series]]) -> dict[str, list[Series]]:
 
 
 def _branches(model: str, item: Tracked, many: bool, known: Sequence[Crossing]) -> dict[str, list[Series]]:
-    """Each branch in a colour of its own, or grey if there are many; wide and red where it grows; a circle where two meet."""
+    """Each branch in a colour of its own, or grey if there are many; wide and red where it grows; a diamond where two meet."""
     lines: list[dict[str, list[Series]]] = []
     wide: list[dict[str, list[Series]]] = []
     crossed: list[Passage] = []
@@ -138,7 +139,7 @@ def _branches(model: str, item: Tracked, many: bool, known: Sequence[Crossing]) 
                                         ("ceases to grow", "v", [one for one in crossed if not one.lost])) if these]
     if met := [one for one in item.meetings if one.kind in ("coalescence", "splitting")]:
         ends.append(_pair(np.array([one.eigenvalue for one in met]), [one.value for one in met], "coalescence or splitting",
-                          {"kind": [one.kind for one in met]}, marker="o", size=6.0, hollow=True))
+                          {"kind": [one.kind for one in met]}, marker=MEETS, size=10.0, hollow=True))
     return _joined(*(lines + wide if many else wide + lines), *ends)
 
 
