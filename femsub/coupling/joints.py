@@ -5,14 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, items, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
-from femsub.model import DofMap, Substructure
+
+if TYPE_CHECKING:
+    from femsub.model import DofMap, Substructure
 
 GROUND = "ground"
 End: TypeAlias = Any  # ("disc", "left"), ("disc", [0, 1, 2]), or "ground"

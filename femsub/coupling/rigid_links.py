@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,7 +12,9 @@ import scipy.sparse as sp
 from femsub.checks import Array, real_array
 from femsub.coupling.joints import End, Joint, Link, Site, site, spatial, stacked, title
 from femsub.errors import InputError
-from femsub.model import DofMap, Substructure
+
+if TYPE_CHECKING:
+    from femsub.model import DofMap, Substructure
 
 LOST = 1e-9  # of a motion of unit size that may be missing before it counts as not determined
 TRANSLATIONS = {"ux": 0, "uy": 1, "uz": 2, "w": 2}

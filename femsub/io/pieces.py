@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from femsub.components import Mesh
 from femsub.coupling import PLACES, cut_mesh
 from femsub.errors import InputError, InputTypeError
 from femsub.io.mesh_files import read_mesh, write_mesh
-from femsub.model import Substructure
+
+if TYPE_CHECKING:
+    from femsub.model import Substructure
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,15 @@ column in a block of 10 costs a quarter of that, while 1.6 times as many columns
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from femsub.algebra import Handle
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
+
+if TYPE_CHECKING:
+    from femsub.algebra import Handle
 
 BLOCK = 10  # a wider block makes a column cheaper, but needs more of them
 WIDE, MANY = 16, 100  # the block for so many modes and more, where orthogonalisation gains as well

@@ -21,7 +21,6 @@ from femsub.algebra import ComplexFactor
 from femsub.checks import NOT_CHECKED, Array, Matrix, Tally
 from femsub.errors import SingularMatrixError
 from femsub.model import in_band
-from femsub.modes import ComplexModes
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.stability.crossings import Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
@@ -30,6 +29,7 @@ from femsub.stability.question import CriticalValue, Question, fastest
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
+    from femsub.modes import ComplexModes
     from femsub.stability.parameter import PencilOver
 
 #: Of the range: where the full pencil is solved. A loss may well be at a simple fraction, and would be hard to count there.

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from femsub.checks import Array
-from femsub.coupling import System
 from femsub.model import in_band
-from femsub.modes import NormalModes
+
+if TYPE_CHECKING:
+    from femsub.coupling import System
+    from femsub.modes import NormalModes
 
 SAME = 0.1  # a mode of the reduced system is a counterpart (perhaps of a cluster) from this fraction of the largest share on
 NEAR = 0.5  # largest relative distance in ω of a counterpart

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from femsub import Affine, CriticalValue, Tracked, critical_value, track
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.errors import InputError
-from femsub.stability import Crossing
 from femsub.studies import Table, Verdict, column, flutter_chart, span
+
+if TYPE_CHECKING:
+    from femsub.stability import Crossing
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
 TOLD = 5  # open intervals that are listed
