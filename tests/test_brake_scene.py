@@ -44,6 +44,17 @@ def run(folder: Path, text: str, *words: str) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
+def test_unstable_modes_are_counted_where_a_comparison_counts_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a full model beyond 2,000 DOF the study measures seconds without a count: the run once told 'not checked'."""
+    monkeypatch.setattr("femsub.studies.error_vs_time.QUADRATIC", 0)
+    text = SMALL.replace("modes = [20, 30]", "modes = [20]")
+    found = run(tmp_path, f'{text}outputs = ["unstable", "error-time"]\nfigures = false\n')
+    assert found["completeness"] == "certified" and found["verdict"]["answer"] == "yes"
+    assert not any("Completeness" in line for line in found["verdict"]["unchecked"])
+    assert any("at μ = 0.5" in line for line in found["verdict"]["decides"] if "Completeness" in line)
+
+
 def test_the_meshes_are_those_that_gmsh_makes() -> None:
     pytest.importorskip("meshio")
     for name, mesh in brake_meshes(0.025).items():

@@ -29,9 +29,9 @@ class Remark:
     unchecked: Sequence[str] = ()
 
     @classmethod
-    def of_completeness(cls, evidence: str) -> Remark:
+    def of_completeness(cls, evidence: str, where: str = "") -> Remark:
         """Whether all eigenvalues of the full model in the band were found."""
-        said = [f"Completeness of the full model's eigenvalues in the band: {evidence}."]
+        said = [f"Completeness of the full model's eigenvalues in the band{where}: {evidence}."]
         return cls(unchecked=said) if evidence == NOT_CHECKED else cls(said)
 
 

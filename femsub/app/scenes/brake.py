@@ -36,7 +36,7 @@ from femsub.app.keys import key
 from femsub.app.scene import Picture, Progress, Result, Scene, Shown, run_outputs
 from femsub.app.scenes.joined_parts import by_kind
 from femsub.app.scenes.outputs import DRAWN, least_stable, motion_files, page_mode, vtu
-from femsub.checks import Array
+from femsub.checks import NOT_CHECKED, Array
 from femsub.coupling import brake_meshes, check_held, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
 from femsub.reduction import METHODS
@@ -220,6 +220,15 @@ class Brake:
         return {mu: complex_modes(self.system, self.contacts(mu), band=self.band) for mu in self.scene.full}
 
     @cached_property
+    def counted(self) -> ComplexModes:
+        """Those at the last μ with evidence: a comparison, which measures seconds, leaves the count of a large model out."""
+        modes = self.exact[self.scene.full[-1]]
+        if modes.evidence != NOT_CHECKED:
+            return modes
+        self.tell(f"count of the full model's modes at μ = {self.scene.full[-1]:g}")
+        return complex_modes(self.system, self.contacts(self.scene.full[-1]), band=self.band)
+
+    @cached_property
     def best(self) -> Substructure:
         """The largest model of contact modes of the full system."""
         if (row := self.best_row) is not None:
@@ -266,7 +275,7 @@ def run(scene: BrakeScene, progress: Progress) -> Result:
 def _unstable(brake: Brake) -> Result:
     """The table of unstable modes of the full model at the last μ, their figure and their files."""
     scene, system, mu = brake.scene, brake.system, brake.scene.full[-1]
-    modes = brake.exact[mu]
+    modes = brake.counted
     chosen = modes.unstable
     chosen = chosen[np.argsort(modes.eigenvalues[chosen].imag)]
     shares = _energy_shares(system, modes.shapes[:, chosen])
@@ -277,7 +286,7 @@ def _unstable(brake: Brake) -> Result:
             f"{modes.evidence}")
     paged = _mode_file(brake, modes, mu)
     data = {"unstable": rows, "completeness": modes.evidence}
-    complete = Remark.of_completeness(modes.evidence)
+    complete = Remark.of_completeness(modes.evidence, f" at μ = {mu:g}")
     if not rows:
         return Result(data, [f"{head}. All modes decay; give a larger μ, or less damping", complete, Remark(
             ["The full model has no unstable mode in the band."])], paged)
