@@ -16,6 +16,7 @@ from femsub.checks import Array, Matrix, path_of, word
 from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
 from femsub.io.damage import THROWN, check_extent, check_indices, check_room
+from femsub.io.dmig import PUNCHES, labelled_dmig
 from femsub.io.matlab import read_matlab
 from femsub.io.matrix_market import read_market
 from femsub.io.op4 import read_op4
@@ -23,8 +24,8 @@ from femsub.io.op4 import read_op4
 NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
 HEAD = 4096  # bytes at a file's beginning that tell whether it is text of a matrix
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
-ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB) and .op4 (Nastran); text of "
-           "Matrix Market, Abaqus and CalculiX may have any ending")
+ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4 and .pch (Nastran); text "
+           "of Matrix Market, Abaqus and CalculiX may have any ending")
 #: a line of Abaqus' or CalculiX' matrices: places, then the entry
 _LINE = re.compile(rb"\s*(\d+[\s,]+\d+[\s,]+){1,2}[+-]?[\d.]+([eEdD]?[+-]?\d+)?\s*")
 
@@ -37,9 +38,9 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     path : str or Path
         .mtx (Matrix Market, or what Abaqus writes with `*MATRIX OUTPUT`: it uses the same ending), .sti and .mas (CalculiX,
         SOLVER=MATRIXSTORAGE); text of these with any other ending; .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed),
-        .op4 (Nastran, needs pyyeti).
+        .op4 (Nastran, needs pyyeti), .pch and other decks with DMIG cards (Nastran).
     variable : str, optional
-        The name of the matrix, if a .mat, .npz or .op4 file holds several.
+        The name of the matrix, if a .mat, .npz, .op4 or .pch file holds several.
 
     Returns
     -------
@@ -51,7 +52,7 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     -----
     Each reader's docstring lists what it reads, what it refuses and what it cannot detect:
     `femsub.io.matrix_market.read_market` (Matrix Market), `femsub.io.abaqus_calculix.read_text_matrix` (Abaqus, CalculiX),
-    `femsub.io.matlab.read_matlab`, `femsub.io.op4.read_op4`. For files of NumPy and SciPy:
+    `femsub.io.matlab.read_matlab`, `femsub.io.op4.read_op4`, `femsub.io.dmig.read_dmig`. For files of NumPy and SciPy:
 
     ===================  =======================================================================================
     .npy, .npz read      real, integer, complex and logical arrays; all formats of `scipy.sparse.save_npz`;
@@ -84,6 +85,11 @@ def read_labelled(path: str | Path, variable: str | None = None, usual: str = ""
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
         path = path.with_name(name)
+    if path.suffix.lower() in PUNCHES and path.is_file():
+        punched = guarded(path, labelled_dmig)
+        matrices = {name: item.matrix for name, item in punched.items()}
+        found_in: TextMatrix = punched[_chosen(path, matrices, wanted, usual)]
+        return found_in
     found = _content(path, [wanted])
     return found if isinstance(found, TextMatrix) else TextMatrix(found[_chosen(path, found, wanted, usual)], None)
 
@@ -111,8 +117,8 @@ def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matr
         named = [name for name in names if name is not None]
         if named:
             raise InputError(f"{path} holds one matrix without a name. Leave {named[0]!r} out")
-        return TextMatrix(_guarded(path, read_market), None) if market else read_text_matrix(path)
-    found = _guarded(path, readers[ending])
+        return TextMatrix(guarded(path, read_market), None) if market else read_text_matrix(path)
+    found = guarded(path, readers[ending])
     if isinstance(found, Mapping):
         return {name: _as_csr(value) for name, value in found.items()}
     return TextMatrix(_as_csr(found), None)
@@ -136,14 +142,15 @@ def _chosen(path: Path, found: Mapping[str, Any], wanted: str | None, usual: str
                                                          "; it may be cut short or hold something else"))
 
 
-def _guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
+def guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
+    """What a reader returns; whatever it throws at a damaged file as an InputError."""
     try:
         return reader(path)
     except FemsubError:
         raise
     except THROWN as error:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-        raise InputError(f"{path} cannot be read as a matrix ({reason:.160}); it may be cut short or damaged, write it again")\
+        raise InputError(f"{path} cannot be read ({reason:.160}); it may be cut short or damaged, write it again")\
             from None
 
 
@@ -204,7 +211,7 @@ def read_arrays(path: Path, content: BinaryIO | None, most: int) -> dict[str, Ar
         with np.load(content or place, allow_pickle=False) as file:
             return {name: file[name] for name in kinds}
 
-    found: dict[str, Array] = _guarded(path, read)
+    found: dict[str, Array] = guarded(path, read)
     return found
 
 
