@@ -34,10 +34,10 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     Parameters
     ----------
     M, K, D : str or Path
-        Files as for `read_matrix`. If a .mat, .npz or .op4 file holds several matrices, the one called M, K or D is taken, or
-        the one named after a colon: 'model.mat:Kff'. M alone may be a folder of `write_matrices`: the model is restored
-        exactly, a reduced model as a reduced one. M alone may also be a file of an external superelement of Nastran, with its
-        other files beside it: 'part.op4', 'part.asm', 'part.pch'.
+        Files as for `read_matrix`. If a .mat, .npz, .op4, .pch or .full file holds several matrices, the one called M, K or D
+        is taken, or the one named after a colon: 'model.mat:Kff'. M alone may be a folder of `write_matrices`: the model is
+        restored exactly, a reduced model as a reduced one. M alone may also be a .full file of Ansys, or a file of an external
+        superelement of Nastran, with its other files beside it: 'part.op4', 'part.asm', 'part.pch'.
     dofs : DofMap, str or Path, optional
         The map, or its file: CalculiX' .dof ('12.3' a line) or text with 'node,component[,x,y,z]' a line. Abaqus' files of
         FORMAT=MATRIX INPUT contain it.
@@ -91,6 +91,8 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
             raise InputError(f"{M} is a superelement, whose files have D, interface and DOF map: give M, ports, name and cutoff")
         limit = None if cutoff is None else positive_number("cutoff", cutoff)
         return _with_ports(guarded(path_of("M", M), lambda path: read_superelement(path, name, limit)), ports or {})
+    if K is None and path_of("M", M).suffix.lower() == ".full":
+        K = M
     if K is None:
         if dofs is not None or ports is not None or not (isinstance(interface, Sized) and len(interface) == 0):
             raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, give it alone: it contains "

@@ -1,4 +1,4 @@
-"""`read_matrix`: a matrix from the files of MATLAB, SciPy, Nastran, Abaqus, CalculiX and Matrix Market."""
+"""`read_matrix`: a matrix from the files of MATLAB, SciPy, Nastran, Ansys, Abaqus, CalculiX and Matrix Market."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, path_of, word
 from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
+from femsub.io.ansys import read_full
 from femsub.io.damage import THROWN, check_extent, check_indices, check_room
 from femsub.io.dmig import PUNCHES, labelled_dmig
 from femsub.io.matlab import read_matlab
@@ -24,23 +25,25 @@ from femsub.io.op4 import read_op4
 NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
 HEAD = 4096  # bytes at a file's beginning that tell whether it is text of a matrix
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
-ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4 and .pch (Nastran); text "
-           "of Matrix Market, Abaqus and CalculiX may have any ending")
+ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4 and .pch (Nastran), .full "
+           "(Ansys); text of Matrix Market, Abaqus and CalculiX may have any ending")
+#: readers of files of several matrices with the node and direction of each row
+LABELLED: dict[str, Callable[[Path], dict[str, TextMatrix]]] = {".full": read_full, **dict.fromkeys(PUNCHES, labelled_dmig)}
 #: a line of Abaqus' or CalculiX' matrices: places, then the entry
 _LINE = re.compile(rb"\s*(\d+[\s,]+\d+[\s,]+){1,2}[+-]?[\d.]+([eEdD]?[+-]?\d+)?\s*")
 
 
 def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
-    """Read a matrix from a file of MATLAB, SciPy, Nastran, Abaqus, CalculiX or Matrix Market.
+    """Read a matrix from a file of MATLAB, SciPy, Nastran, Ansys, Abaqus, CalculiX or Matrix Market.
 
     Parameters
     ----------
     path : str or Path
         .mtx (Matrix Market, or what Abaqus writes with `*MATRIX OUTPUT`: it uses the same ending), .sti and .mas (CalculiX,
         SOLVER=MATRIXSTORAGE); text of these with any other ending; .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed),
-        .op4 (Nastran, needs pyyeti), .pch and other decks with DMIG cards (Nastran).
+        .op4 (Nastran, needs pyyeti), .pch and other decks with DMIG cards (Nastran), .full (Ansys, needs ansys-mapdl-reader).
     variable : str, optional
-        The name of the matrix, if a .mat, .npz, .op4 or .pch file holds several.
+        The name of the matrix, if a .mat, .npz, .op4, .pch or .full file holds several.
 
     Returns
     -------
@@ -52,7 +55,8 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     -----
     Each reader's docstring lists what it reads, what it refuses and what it cannot detect:
     `femsub.io.matrix_market.read_market` (Matrix Market), `femsub.io.abaqus_calculix.read_text_matrix` (Abaqus, CalculiX),
-    `femsub.io.matlab.read_matlab`, `femsub.io.op4.read_op4`, `femsub.io.dmig.read_dmig`. For files of NumPy and SciPy:
+    `femsub.io.matlab.read_matlab`, `femsub.io.op4.read_op4`, `femsub.io.dmig.read_dmig`,
+    `femsub.io.ansys.read_full`. For files of NumPy and SciPy:
 
     ===================  =======================================================================================
     .npy, .npz read      real, integer, complex and logical arrays; all formats of `scipy.sparse.save_npz`;
@@ -67,7 +71,7 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     InputError
         No such file, an unknown suffix, a file that is cut short or not what its suffix says, several matrices and none named.
     MissingPackageError
-        .op4 without pyyeti, MATLAB 7.3 without h5py.
+        .op4 without pyyeti, .full without ansys-mapdl-reader, MATLAB 7.3 without h5py.
 
     Examples
     --------
@@ -85,11 +89,10 @@ def read_labelled(path: str | Path, variable: str | None = None, usual: str = ""
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
         path = path.with_name(name)
-    if path.suffix.lower() in PUNCHES and path.is_file():
-        punched = guarded(path, labelled_dmig)
-        matrices = {name: item.matrix for name, item in punched.items()}
-        found_in: TextMatrix = punched[_chosen(path, matrices, wanted, usual)]
-        return found_in
+    reader = LABELLED.get(path.suffix.lower())
+    if reader and path.is_file():
+        several: dict[str, TextMatrix] = guarded(path, reader)
+        return several[_chosen(path, {name: item.matrix for name, item in several.items()}, wanted, usual)]
     found = _content(path, [wanted])
     return found if isinstance(found, TextMatrix) else TextMatrix(found[_chosen(path, found, wanted, usual)], None)
 
