@@ -25,6 +25,7 @@ VALIDITY = "validity.json"
 LARGEST_ID = 99_999_999  # what eight columns hold
 MOST_NODES = 255  # of a user element of CalculiX
 MOST_PARTS, PER_PART = 999, 100_000  # numbers of superelements, and of the scalar points of each
+PER_PART_COMPACT = 1_000  # CalculiX' memory and time grow with the highest number of a node
 PACKED = 3  # modal coordinates at a node of CalculiX, which has three DOF or six
 #: what EXTSEOUT writes into OP4 and in this order; matrices that a model does not have are a zero
 EXTSEOUT = ("kaa", "maa", "baa", "k4xx", "pa", "gpxx", "gdxx", "rvax", "va", "mug1", "mug1o", "mes1", "mes1o", "mee1", "mee1o",
@@ -64,7 +65,7 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     nastran      NAME.op4, NAME.asm, NAME.pch, as of EXTSEOUT         SEBULK, EXTOP4
     dmig         NAME.pch with KAAX, MAAX, BAAX, MUG1T; 10 digits     K2GG = KAAX, M2GG = MAAX
     abaqus       NAME.inp with `*MATRIX INPUT`, K.mtx, M.mtx, D.mtx   `*INCLUDE`
-    calculix     NAME.inp with `*MATRIX ASSEMBLE`, K.mtx, M.mtx       `*INCLUDE`; from version 2.18
+    calculix     NAME.inp with `*MATRIX ASSEMBLE`, K.mtx, M.mtx       `*INCLUDE`; from version 2.21
     exudyn       NAME.npz                                             `ObjectFFRFreducedOrderInterface`
     ===========  ==================================================  =========================================
 
@@ -96,7 +97,7 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     target = path_of("folder", folder)
     choice("program", program, PROGRAMS)
     whole_number("number", number, 1, MOST_PARTS)
-    places = _places(instance("model", model, Substructure), number, PACKED if program == "calculix" else 1)
+    places = _places(instance("model", model, Substructure), number, program == "calculix")
     name = "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in model.name)[:40] or "part"
     makers: dict[str, Callable[[], dict[str, Writer]]] = {
         "nastran": partial(_nastran, model, places, name), "dmig": partial(_dmig, model, places, name),
@@ -133,8 +134,9 @@ class Places:
         return [int(node) for node, direction in self.labels[self.order] if not direction]
 
 
-def _places(model: Substructure, number: int, per_node: int) -> Places:
+def _places(model: Substructure, number: int, calculix: bool) -> Places:
     """Where each coordinate stands in the other program."""
+    per_node, per_part = (PACKED, PER_PART_COMPACT) if calculix else (1, PER_PART)
     if len(model.interface) != len(model.interface_numbers):
         raise InputError(f"the interface motions of {model.name!r} are no coordinates of the reduced model, and another "
                          "program can join nothing else. Use fs.CraigBampton, or another method that keeps them")
@@ -154,7 +156,7 @@ def _places(model: Substructure, number: int, per_node: int) -> Places:
         if (labels[:, 1] > 0).any() and labels[labels[:, 1] > 0, 0].min() < 1:
             raise InputError(f"node {labels[labels[:, 1] > 0, 0].min()} of {model.name!r}: other programs count nodes from 1")
     free = np.flatnonzero(labels[:, 1] == 0)
-    labels[free, 0] = max(number * PER_PART, int(labels[:, 0].max())) + 1 + np.arange(len(free)) // per_node
+    labels[free, 0] = max(number * per_part, int(labels[:, 0].max())) + 1 + np.arange(len(free)) // per_node
     if per_node > 1:
         labels[free, 1] = np.arange(len(free)) % per_node + 1
     if labels[:, 0].max() > LARGEST_ID:
@@ -334,6 +336,8 @@ def _matrix_input(model: Substructure, places: Places, name: str, calculix: bool
               *(f"{node}, " + ", ".join(f"{value:.16g}" for value in places.points.get(node, zero)) for node in nodes.tolist())]
     if calculix:
         lines.append(f"*MATRIX ASSEMBLE, NAME=P{places.number}, STIFFNESS FILE=K.mtx, MASS FILE=M.mtx")
+        lines += ["** no element has it, but a dynamic step asks for a density", f"*MATERIAL, NAME=P{places.number}", "*DENSITY",
+                  "1."]
         most = 6 if labels[:, 1].max() > 3 else 3
         used = {(node, direction) for node, direction in labels.tolist()}
         idle = [(node, direction) for node in nodes.tolist() for direction in range(1, most + 1) if (node, direction) not in used]
@@ -345,7 +349,10 @@ def _matrix_input(model: Substructure, places: Places, name: str, calculix: bool
                   for key in matrices]
         lines.append("*MATRIX ASSEMBLE, " + ", ".join(f"{names[key]}=FEMSUB_{key}" for key in matrices))
     files: dict[str, Writer] = {f"{name}.inp": partial(_write_lines, lines=lines)}
-    files |= {f"{key}.mtx": partial(_write_triplets, matrix=np.tril(matrix) if full[key] else matrix, labels=labels)
+    # CalculiX takes the places of M's entries from K; each row has its diagonal, as these programs write it
+    pattern = np.any([matrix != 0 for matrix in matrices.values()], axis=0) | np.eye(model.size, dtype=bool)
+    keep = {key: np.tril(pattern) if symmetric else pattern for key, symmetric in full.items()}
+    files |= {f"{key}.mtx": partial(_write_triplets, matrix=matrix, keep=keep[key], labels=labels)
               for key, matrix in matrices.items()}
     if isinstance(model, ReducedSubstructure):
         files["recovery.mtx"] = partial(write_single, part=model.V[:, places.order], name="recovery.mtx")
@@ -354,8 +361,7 @@ def _matrix_input(model: Substructure, places: Places, name: str, calculix: bool
     return files
 
 
-def _write_triplets(file: BinaryIO, matrix: Array, labels: Array) -> None:
-    keep = (matrix != 0) | np.eye(len(matrix), dtype=bool)  # each row has its diagonal, as these programs write it
+def _write_triplets(file: BinaryIO, matrix: Array, keep: Array, labels: Array) -> None:
     i, j = np.nonzero(keep)
     table = zip(labels[i].tolist(), labels[j].tolist(), matrix[i, j].tolist(), strict=True)
     _write_lines(file, [f"{row[0]},{row[1]},{column[0]},{column[1]},{value:.16e}" for row, column, value in table])
