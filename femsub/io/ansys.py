@@ -68,6 +68,9 @@ def _read(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
             raise InputError(f"{path} was not read within {SECONDS} s; it may be damaged") from None
         if done.returncode or not target.is_file():
             last = (done.stderr.strip().splitlines() or [""])[-1]
+            if last.startswith("ModuleNotFoundError"):
+                raise MissingPackageError(f"Ansys' .full files need PyAnsys' reader and all it needs ({last}): "
+                                          f"{installed_by('ansys-mapdl-reader')}")
             reason = last if done.returncode > 0 and last else f"its reader stopped with status {done.returncode}"
             raise InputError(f"{path} cannot be read ({reason:.160}); it may be cut short or damaged, write it again")
         with np.load(target) as found:

@@ -17,7 +17,7 @@ from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
 from femsub.io.ansys import read_full
 from femsub.io.damage import THROWN, check_extent, check_indices, check_room
-from femsub.io.dmig import PUNCHES, labelled_dmig
+from femsub.io.dmig import PUNCHES, is_dmig, labelled_dmig
 from femsub.io.matlab import read_matlab
 from femsub.io.matrix_market import read_market
 from femsub.io.op4 import read_op4
@@ -27,6 +27,7 @@ HEAD = 4096  # bytes at a file's beginning that tell whether it is text of a mat
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
 ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4 and .pch (Nastran), .full "
            "(Ansys); text of Matrix Market, Abaqus and CalculiX may have any ending")
+KNOWN = (".mtx", ".npz", ".npy", ".mat", ".op4", *TEXT)
 #: readers of files of several matrices with the node and direction of each row
 LABELLED: dict[str, Callable[[Path], dict[str, TextMatrix]]] = {".full": read_full, **dict.fromkeys(PUNCHES, labelled_dmig)}
 #: a line of Abaqus' or CalculiX' matrices: places, then the entry
@@ -89,7 +90,8 @@ def read_labelled(path: str | Path, variable: str | None = None, usual: str = ""
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
         path = path.with_name(name)
-    reader = LABELLED.get(path.suffix.lower())
+    ending = path.suffix.lower()
+    reader = LABELLED.get(ending) or (labelled_dmig if ending not in KNOWN and path.is_file() and is_dmig(path) else None)
     if reader and path.is_file():
         several: dict[str, TextMatrix] = guarded(path, reader)
         return several[_chosen(path, {name: item.matrix for name, item in several.items()}, wanted, usual)]

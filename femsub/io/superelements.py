@@ -16,7 +16,7 @@ from femsub.algebra import RigidMotion
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS
-from femsub.io.damage import check_end
+from femsub.io.damage import check_end, check_room
 from femsub.io.dmig import dmig_of, quadruples, real, whole
 from femsub.io.nastran import entries_of
 from femsub.io.nastran_systems import NAMES, Systems
@@ -28,7 +28,7 @@ BOUNDARY = "boundary"  # the name of the set of all boundary DOF
 ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
 FREE = 1e-6  # of sqrt(k_ii k_jj): coupling of modal coordinates and boundary in K that fixed-interface modes do not have
 RIGID = 1e-10  # of Σ |k_ij| |z_j|: forces that Nastran's rounding leaves in rigid motion; a softer support counts as none
-MOST = 10_000_000  # scalar points that one THRU may name
+MOST = 3_000_000  # points that the lists of a file may name
 
 
 def read_superelement(path: Path, name: str | None, cutoff: float | None) -> ReducedSubstructure:
@@ -83,6 +83,7 @@ class _Deck:
     path: Path
     cards: list[tuple[str, list[str]]] = field(default_factory=list)
     supers: set[str] = field(default_factory=set)
+    named: int = 0  # points in lists so far
 
     def add(self, file: Path) -> None:
         check_end(file)
@@ -102,7 +103,8 @@ class _Deck:
             start = whole(self.path, card, words[0], 1)
             if words[1:2] and words[1].upper() == "THRU":
                 stop = whole(self.path, card, "".join(words[2:3]), start)
-                if stop - start > MOST:
+                self.named += stop - start
+                if self.named > MOST:
                     raise InputError(f"{self.path}: {card} names the points {start} to {stop}, which are too many")
                 found += range(start, stop + 1)
                 words = words[3:]
@@ -250,6 +252,7 @@ def _from_dmig(deck: _Deck) -> _Raw:
     known = [item for item in (K, M, B) if item is not None and item.square]
     rows = sorted({(int(grid), int(direction)) for item in known for grid, direction in item.rows})
     place = {row: at for at, row in enumerate(rows)}
+    check_room(deck.path, 8 * 10 * len(rows) ** 2)  # the matrices, as they are and turned
 
     def spread(item: Any) -> Array:
         at = [place[int(grid), int(direction)] for grid, direction in item.rows]
@@ -271,6 +274,7 @@ def _from_dmig(deck: _Deck) -> _Raw:
 
 
 def _dense(path: Path, matrix: Matrix) -> Array:
+    check_room(path, 8 * matrix.shape[0] * matrix.shape[1])
     dense = matrix.toarray() if sp.issparse(matrix) else np.asarray(matrix)
     if np.iscomplexobj(dense):
         raise InputError(f"{path}: a matrix of the superelement is complex; only real ones are read")
