@@ -62,7 +62,6 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     ============================  =====================  ==============================================
     Gmsh physical groups          all                    those of the highest dimension
     \\*NSET, \\*ELSET               all                    \\*ELSET
-    groups of universal files     all                    those of the highest dimension
     Nastran property 7            property-7             property-7
     VTU, VTK of `write_mesh`      point data set:NAME    cell data group:NAME
     ============================  =====================  ==============================================
