@@ -20,8 +20,6 @@ from femsub.io.nastran import entries_of
 
 SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; the columns of NUMBERED have numbers only
 _REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([EDed][+-]?\d+|[+-]\d+)?")
-PUNCHES = (".pch", ".bdf", ".nas", ".dmig")
-HEAD = 1 << 20  # bytes at a file's beginning that tell whether it has DMIG cards, whatever it is called
 
 
 @dataclass(frozen=True)
@@ -157,12 +155,6 @@ def _assembled(path: Path, name: str, entries: _Entries) -> Dmig:
         matrix = matrix + sp.triu(matrix, 1).T + sp.tril(matrix, -1).T
     return Dmig(sp.csr_array(matrix), np.stack([rows // 10, rows % 10], axis=1), np.stack([columns // 10, columns % 10], axis=1),
                 entries.form in (SQUARE, SYMMETRIC))
-
-
-def is_dmig(path: Path) -> bool:
-    """Whether a file of any ending begins with Nastran's cards, DMIG among them."""
-    with open(path, "rb") as file:
-        return re.search(rb"(?mi)^[ \t]*DMIG[\s*,]", file.read(HEAD)) is not None
 
 
 def labelled_dmig(path: Path) -> dict[str, TextMatrix]:

@@ -15,21 +15,19 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, path_of, word
 from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
-from femsub.io.ansys import read_full
 from femsub.io.damage import THROWN, check_extent, check_indices, check_room
-from femsub.io.dmig import PUNCHES, is_dmig, labelled_dmig
 from femsub.io.matlab import read_matlab
 from femsub.io.matrix_market import read_market
 from femsub.io.op4 import read_op4
 
 NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
 HEAD = 4096  # bytes at a file's beginning that tell whether it is text of a matrix
+DECK = 1 << 20  # bytes that tell whether it has cards of Nastran
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
 ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4 and .pch (Nastran), .full "
            "(Ansys); text of Matrix Market, Abaqus and CalculiX may have any ending")
 KNOWN = (".mtx", ".npz", ".npy", ".mat", ".op4", *TEXT)
-#: readers of files of several matrices with the node and direction of each row
-LABELLED: dict[str, Callable[[Path], dict[str, TextMatrix]]] = {".full": read_full, **dict.fromkeys(PUNCHES, labelled_dmig)}
+PUNCHES = (".pch", ".bdf", ".nas", ".dmig")  # decks of Nastran; others are known by their DMIG cards
 #: a line of Abaqus' or CalculiX' matrices: places, then the entry
 _LINE = re.compile(rb"\s*(\d+[\s,]+\d+[\s,]+){1,2}[+-]?[\d.]+([eEdD]?[+-]?\d+)?\s*")
 
@@ -90,13 +88,30 @@ def read_labelled(path: str | Path, variable: str | None = None, usual: str = ""
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
         path = path.with_name(name)
-    ending = path.suffix.lower()
-    reader = LABELLED.get(ending) or (labelled_dmig if ending not in KNOWN and path.is_file() and is_dmig(path) else None)
-    if reader and path.is_file():
+    reader = _labelled(path)
+    if reader is not None:
         several: dict[str, TextMatrix] = guarded(path, reader)
         return several[_chosen(path, {name: item.matrix for name, item in several.items()}, wanted, usual)]
     found = _content(path, [wanted])
     return found if isinstance(found, TextMatrix) else TextMatrix(found[_chosen(path, found, wanted, usual)], None)
+
+
+def _labelled(path: Path) -> Callable[[Path], dict[str, TextMatrix]] | None:
+    """The reader of a file of several matrices with node and direction of each row: of Ansys, or of Nastran's DMIG cards."""
+    ending = path.suffix.lower()
+    if ending in KNOWN or not path.is_file():
+        return None
+    if ending == ".full":
+        from femsub.io.ansys import read_full
+
+        return read_full
+    with open(path, "rb") as file:
+        head = file.read(DECK)
+    if ending not in PUNCHES and not re.search(rb"(?mi)^[ \t]*DMIG[\s*,]", head):
+        return None
+    from femsub.io.dmig import labelled_dmig
+
+    return labelled_dmig
 
 
 def read_together(path: Path, names: Iterable[str | None]) -> list[Matrix]:

@@ -301,7 +301,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     missing = sorted({grid for grid, _ in boundary} - cd.keys())
     if missing:
         raise InputError(f"{path}: there is no GRID card of {len(missing)} boundary grids, first {missing[0]}; {path.stem}.pch "
-                         f"or {path.stem}.asm should list them")
+                         f"or {path.stem}.asm should list them. read_component('FILE:M', 'FILE:K') reads the matrices alone")
     place = dict(zip(systems.numbers.tolist(), systems.points(), strict=True)) if cd else {}
     turn, labels = _turned(boundary, systems, cd, place)
     T = la.block_diag(turn, np.eye(len(order) - nb))
