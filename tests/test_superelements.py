@@ -89,11 +89,15 @@ def test_what_a_superelement_knows() -> None:
     assert part.full_dofs.name(24) == "ux@own at node 4"
 
 
-def test_a_cut_off_is_asked_for() -> None:
+def test_a_cut_off_is_asked_for(tmp_path: Path) -> None:
     pytest.importorskip("pyyeti.nastran.op4")
     with pytest.warns(fs.FemsubWarning, match="up to which frequency"):
         part = fs.read_component(DATA / "inboard.op4")
     assert part.cutoff == pytest.approx(1310.65, abs=0.01)
+    (tmp_path / "static.pch").write_text("".join(line for line in (HEADS + CARDS).splitlines(True) if " 11 " not in line
+                                                 and ",11," not in line) + "EXTRN,1,123,2,1\n")
+    with pytest.warns(fs.FemsubWarning, match="counts as a full model"):
+        assert fs.read_component(tmp_path / "static.pch").cutoff == np.inf
 
 
 def test_dmig_with_grids_is_a_superelement(tmp_path: Path) -> None:

@@ -314,12 +314,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     scale = np.sqrt(np.abs(np.outer(K.diagonal()[nb:], K.diagonal()[:nb])))
     kind = "free" if (np.abs(K[nb:, :nb]) > FREE * scale).any() else "fixed-interface"
     if cutoff is None:
-        highest = float(np.sqrt(max(la.eigvalsh(K[nb:, nb:], M[nb:, nb:])[-1], 0.0))) if kept else 0.0
-        if not kept:
-            highest = float(np.inf)
-        cutoff = highest or np.inf
-        warn(f"{path} does not tell up to which frequency modes were kept. The cut-off of {name!r} is that of its highest modal "
-             f"coordinate, {cutoff:.5g} rad/time; residual vectors among them make it too high. Give cutoff=")
+        cutoff = _highest(path, name, K[nb:, nb:], M[nb:, nb:])
     nodes = [grid for grid, _ in boundary + extra]
     where = np.array([place.get(grid, [np.nan] * 3) for grid in nodes])
     dofs = _map(nodes[:nb], labels, where[:nb])
@@ -330,6 +325,18 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
         full_dofs=_map(nodes, labels + names, where if np.isfinite(where).all() else None), interface_dofs=dofs,
         rigid_motion=_rigid(M, D, K, dofs),
         sets={BOUNDARY: np.arange(nb)} | {str(grid): np.flatnonzero(dofs.nodes == grid) for grid in dict.fromkeys(nodes[:nb])})
+
+
+def _highest(path: Path, name: str, K: Array, M: Array) -> float:
+    """The highest frequency of the modal coordinates, which stands for the cut-off, with a warning."""
+    k, m = K.diagonal(), M.diagonal()
+    highest = float(np.sqrt((k[m > 0] / m[m > 0]).max(initial=0.0)))
+    if highest:
+        warn(f"{path} does not tell up to which frequency modes were kept. The cut-off of {name!r} is that of its highest modal "
+             f"coordinate, {highest:.5g} rad/time; residual vectors among them make it too high. Give cutoff=")
+        return highest
+    warn(f"{path} has no modal coordinates, so that {name!r} counts as a full model. If it was condensed, give cutoff=")
+    return np.inf
 
 
 def _map(nodes: list[int], labels: list[str], where: Array | None) -> DofMap:
