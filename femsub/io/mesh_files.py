@@ -30,7 +30,7 @@ _TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": BODIES, "medit:ref":
 #: suffix: meshio's writer, and whether it takes data at the nodes
 _WRITERS = {".vtu": ("vtu", True), ".vtk": ("vtk", True), ".msh": ("gmsh", True), ".inp": ("abaqus", False)}
 _OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": read_nastran,
-        ".node": read_tetgen, ".ele": read_tetgen, ".unv": read_universal, ".uff": read_universal}  # not meshio's
+        ".node": read_tetgen, ".ele": read_tetgen}  # readers that are not meshio's
 HEAD = 1 << 20  # bytes at a file's beginning that tell whose it is
 #: lines of Nastran's decks, and of Abaqus' and CalculiX', whatever the file is called
 _NASTRAN = re.compile(rb"(?mi)^(CEND\b|[ \t]*BEGIN[ \t]+BULK\b|[ \t]*INCLUDE[ \t]+['\"]|GRID\*?[ \t,]+\d)")
