@@ -20,9 +20,14 @@ def read_matrix(path: Path) -> Any:
     return fs.read_matrix(path)
 
 
-def read_component(path: Path) -> Any:
+def read_superelement(path: Path) -> Any:
+    """A punch file, or the folder of an external superelement of Nastran."""
+    return read_component(path / "arm.asm" if path.is_dir() else path, cutoff=1e4)
+
+
+def read_component(path: Path, **more: Any) -> Any:
     """All that a model folder tells."""
-    model = fs.read_component(path)
+    model = fs.read_component(path, **more)
     content = {"type": type(model).__name__, "M": model.M, "D": model.D, "K": model.K, "interface": model.interface,
                "ports": dict(model.ports), "name": model.name}
     reduced = isinstance(model, fs.ReducedSubstructure)
@@ -122,6 +127,21 @@ def honest_text(path: Path) -> Any:
         return None
 
 
+DMIG = (b"DMIG", b"DMIG*", b"KAAX", b"MAAX", b"GRID*", b"SPOINT", b"THRU", b"QSET1", b"DTI", b"TUG1", b"EXTRN", b"SECONCT",
+        b"BEGIN SUPER", b"ENDDATA", b"CORD2R", b"INCLUDE", b"$", b"*", b"MUG1T")
+
+
+def read_dmig(path: Path) -> Any:
+    return fs.read_matrix(path, "KAAX")
+
+
+def entries_of_dmig(data: bytes) -> list[tuple[int, int]]:
+    """Places and values of entries of K."""
+    start, stop = data.index(b"DMIG    KAAX"), data.index(b"DMIG    MAAX")
+    found = re.finditer(rb"(?<=[ ])[\d.+-]+D?[+-]?\d*(?=\s)", data[:stop])
+    return [word.span() for word in found if word.start() > start + 72]
+
+
 def model() -> fs.Substructure:
     """24 DOF with unsymmetric D, two ports, names and places of its DOF."""
     n, rng = 24, np.random.default_rng(3)
@@ -182,6 +202,19 @@ def subjects(folder: Path) -> list[Subject]:
                 group[name] = values
     except ImportError:
         pass
+    arm = fs.solid(fs.block((1.0, 0.1, 0.1), (3, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"],
+                   name="arm")
+    super_ = fs.reduce(arm, fs.CraigBampton(modes=3))
+    reader = "fuzz_matrices:read_superelement"
+    cards: dict[str, Any] = {"vocabulary": DMIG, "strict": frozenset({"word"}), "words": entries_of_dmig}
+    fs.write_superelement(folder / "m", super_, "dmig")
+    made.append(Subject("dmig", folder / "m" / "arm.pch", reader, **cards))
+    made.append(Subject("dmig-matrix", folder / "m" / "arm.pch", "fuzz_matrices:read_dmig", **cards))
+    if any(subject.name == "op4" for subject in made):
+        fs.write_superelement(folder / "n", super_, "nastran")
+        (folder / "n" / "validity.json").unlink()
+        made.append(Subject("superelement", folder / "n", reader, vocabulary=DMIG, strict=frozenset(),
+                            text_file=lambda name: name.endswith((".asm", ".pch"))))
     rom = fs.reduce(part, fs.CraigBampton(modes=5), ports=True)
     for form in ("mtx", "npz", "mat"):
         for name, whole in (("model", part), ("reduced", rom)):

@@ -106,4 +106,10 @@ def subjects(folder: Path) -> list[Subject]:
     pair = add("tetgen", "pair", text_file=lambda name: True)
     pair.mkdir()
     meshio.write(pair / "m.node", meshio.Mesh(tetra.points, [("tetra", tetra.cells)]), file_format="tetgen")
+    nodes = "".join("".join(f"{value:10d}" for value in (at + 1, 1, 1, 11)) + "\n"
+                    + "".join(f"{value:25.16E}" for value in place) + "\n" for at, place in enumerate(bricks.points))
+    elements = "".join("".join(f"{value:10d}" for value in (at + 1, 115, 1, 1, 7, 8)) + "\n"
+                       + "".join(f"{value + 1:10d}" for value in cell) + "\n" for at, cell in enumerate(bricks.cells))
+    add("unv", "m.unv", vocabulary=(b"2411", b"2412", b"2467", b"2420", b"15", b"-1", b"115", b"118")).write_text(
+        f"    -1\n  2411\n{nodes}    -1\n    -1\n  2412\n{elements}    -1\n")
     return made

@@ -280,6 +280,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "ports": None,
                 "name": None,
                 "massless": False,
+                "cutoff": None,
             },
         ),
         "read_matrix": (fs.read_matrix, {"path": folder / "model" / "M.mtx", "variable": None}),
@@ -371,6 +372,10 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             {"model": sub, "contacts": belt, "time": (0.0, 5.0), "step": 0.1, "tol": None, "method": "alpha"},
         ),
         "write_matrices": (fs.write_matrices, {"folder": folder / "new", "model": rom, "format": "mtx"}),
+        "write_superelement": (
+            fs.write_superelement,
+            {"folder": folder / "super", "model": sub, "program": "dmig", "full": None, "number": 101},
+        ),
         "write_mesh": (
             fs.write_mesh,
             {"path": folder / "again.vtu", "mesh": mesh, "shapes": {"a": np.zeros((len(mesh.points), 3))}},

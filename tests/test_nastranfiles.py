@@ -151,7 +151,7 @@ def test_angles_of_shells_and_vectors_of_bars_are_no_nodes(tmp_path: Path) -> No
 
 @pytest.mark.parametrize(("old", "new", "text"), [
     ("GRID,7,,", "INCLUDE 'none.bdf'\nGRID,7,,", "includes 'none.bdf', which is not a file beside it"),
-    ("GRID,7,,", "GRDSET,,3\nGRID,7,,", "gives nodes in the coordinate system 3 (field CP), but it has no CORD1R, CORD1C"),
+    ("GRID,7,,", "GRDSET,,3\nGRID,7,,", "in the coordinate system 3 (fields CP and CD), but it has no CORD1R, CORD1C"),
     ("GRID,7,,", "CORD2R,3,3,,,,,,1.\n,1.\nGRID,7,3,", "the coordinate system 3 is defined by itself"),
     ("GRID,7,,", "CORD2R,3,,,,,,,1.\n,,,2.\nGRID,7,3,", "the three points of the coordinate system 3 lie on a line"),
     ("GRID,7,,", "CORD1S,3,17,27,99\nGRID,7,3,", "the coordinate system 3 names node 99, which the file does not give"),

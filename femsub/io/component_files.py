@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sized
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, mapping, path_of
+from femsub.checks import Array, Matrix, mapping, path_of, positive_number
 from femsub.errors import InputError, InputTypeError
 from femsub.io.abaqus_calculix import DIRECTIONS, HELD, dof_map, read_dofs
-from femsub.io.matrix_files import read_labelled
+from femsub.io.matrix_files import guarded, read_labelled
 from femsub.io.model_folder import read_model
-from femsub.model import DofMap, Substructure
+from femsub.io.superelements import ENDINGS, read_superelement
+from femsub.model import DofMap, ReducedSubstructure, Substructure
 
 #: Words in the names of files, and of matrices in them, that tell what they hold; 'sti' and 'mas' are CalculiX'.
 NAMES = {"M": {"m", "mas", "mass", "masse", "maa", "mff", "mgg"}, "K": {"k", "sti", "stiff", "stiffness", "kaa", "kff", "kgg"}}
@@ -23,17 +25,19 @@ NAMES = {"M": {"m", "mas", "mass", "masse", "maa", "mff", "mgg"}, "K": {"k", "st
 
 def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | None = None, *,
                    dofs: DofMap | str | Path | None = None, interface: Iterable[Any] = (),
-                   ports: Mapping[str, Any] | None = None, name: str | None = None, massless: bool = False) -> Substructure:
-    """Read a component from the matrix files of another program, or a model that `write_matrices` wrote.
+                   ports: Mapping[str, Any] | None = None, name: str | None = None, massless: bool = False,
+                   cutoff: float | None = None) -> Substructure:
+    """Read a component from the files of another program, a superelement, or a model that `write_matrices` wrote.
 
     The component is M ü + D u̇ + K u = Σ w_p f_p with M, K, D of shape (n, n).
 
     Parameters
     ----------
     M, K, D : str or Path
-        Files as for `read_matrix`. If a .mat, .npz or .op4 file holds several matrices, the one called M, K or D is taken, or
-        the one named after a colon: 'model.mat:Kff'. M alone may be a folder of `write_matrices`: the model is restored
-        exactly, a reduced model as a reduced one.
+        Files as for `read_matrix`. If a .mat, .npz, .op4, .pch or .full file holds several matrices, the one called M, K or D
+        is taken, or the one named after a colon: 'model.mat:Kff'. M alone may be a folder of `write_matrices`: the model is
+        restored exactly, a reduced model as a reduced one. M alone may also be a .full file of Ansys, or a file of an external
+        superelement of Nastran, with its other files beside it: 'part.op4', 'part.asm', 'part.pch'.
     dofs : DofMap, str or Path, optional
         The map, or its file: CalculiX' .dof ('12.3' a line) or text with 'node,component[,x,y,z]' a line. Abaqus' files of
         FORMAT=MATRIX INPUT contain it.
@@ -46,22 +50,31 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         Default: the name of K's file.
     massless : bool
         Whether M may lack DOF of K, as Abaqus' files do for DOF without mass. Otherwise the file counts as cut short.
+    cutoff : float, optional
+        Of a superelement, in rad per unit of time: up to which frequency its author kept modes. Its files do not tell it.
 
     Returns
     -------
     Substructure
-        DOF that an Abaqus boundary condition holds (1e36 on the diagonal of K) are removed; the others keep their names.
+        DOF that an Abaqus boundary condition holds (1e36 on the diagonal of K) are removed; the others keep their names. A
+        superelement is a `ReducedSubstructure`. Its interface has the set 'boundary' and a set for each boundary grid, named by
+        its number. Its motions are along the basic axes ('ux', ..., 'rz'), whatever frames the grids have.
 
     Notes
     -----
     What each kind of file may contain, what is refused, and what no reader can detect is listed at `read_matrix`; for a folder
-    at `femsub.io.model_folder.read_model`.
+    at `femsub.io.model_folder.read_model`, for superelements at `femsub.io.superelements.read_superelement`.
 
     Raises
     ------
     InputError
         A file that cannot be read, is cut short or belongs to another model, a DOF that does not exist, matrices that are
         not a component (see `Substructure`). The message names the file.
+
+    Warns
+    -----
+    FemsubWarning
+        A superelement without `cutoff`, or with structural damping.
 
     Examples
     --------
@@ -71,6 +84,15 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     Substructure 'K': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
     ports = None if ports is None else mapping("ports", ports, "names and columns")
+    if cutoff is not None and (K is not None or not _superelement(path_of("M", M))):
+        raise InputError("cutoff is for superelements, read_component('part.op4', cutoff=...)")
+    if K is None and _superelement(path_of("M", M)):
+        if D is not None or dofs is not None or not (isinstance(interface, Sized) and len(interface) == 0):
+            raise InputError(f"{M} is a superelement, whose files have D, interface and DOF map: give M, ports, name and cutoff")
+        limit = None if cutoff is None else positive_number("cutoff", cutoff)
+        return _with_ports(guarded(path_of("M", M), lambda path: read_superelement(path, name, limit)), ports or {})
+    if K is None and path_of("M", M).suffix.lower() == ".full":
+        K = M
     if K is None:
         if dofs is not None or ports is not None or not (isinstance(interface, Sized) and len(interface) == 0):
             raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, give it alone: it contains "
@@ -99,6 +121,17 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     except (InputError, InputTypeError) as error:
         listed = ", ".join(f"{key} is {path}" for key, path in paths.items())
         raise type(error)(f"{error} ({listed})") from None
+
+
+def _superelement(path: Path) -> bool:
+    return path.suffix.lower() in ENDINGS and not path.is_dir()
+
+
+def _with_ports(part: ReducedSubstructure, ports: Mapping[str, Any]) -> ReducedSubstructure:
+    """Ports w = Vᵀ w_full on the motions that the superelement recovers."""
+    size = len(part.V)
+    columns = {port: part.V.T @ _column(port, value, size, part.full_dofs) for port, value in ports.items()}
+    return replace(part, ports=columns) if ports else part
 
 
 def _kind(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""`read_matrix`: a matrix from the files of MATLAB, SciPy, Nastran, Abaqus, CalculiX and Matrix Market."""
+"""`read_matrix`: a matrix from the files of MATLAB, SciPy, Nastran, Ansys, Abaqus, CalculiX and Matrix Market."""
 
 from __future__ import annotations
 
@@ -22,24 +22,27 @@ from femsub.io.op4 import read_op4
 
 NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
 HEAD = 4096  # bytes at a file's beginning that tell whether it is text of a matrix
+DECK = 1 << 20  # bytes that tell whether it has cards of Nastran
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
-ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB) and .op4 (Nastran); text of "
-           "Matrix Market, Abaqus and CalculiX may have any ending")
+ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4 and .pch (Nastran), .full "
+           "(Ansys); text of Matrix Market, Abaqus and CalculiX may have any ending")
+KNOWN = (".mtx", ".npz", ".npy", ".mat", ".op4", *TEXT)
+PUNCHES = (".pch", ".bdf", ".nas", ".dmig")  # decks of Nastran; others are known by their DMIG cards
 #: a line of Abaqus' or CalculiX' matrices: places, then the entry
 _LINE = re.compile(rb"\s*(\d+[\s,]+\d+[\s,]+){1,2}[+-]?[\d.]+([eEdD]?[+-]?\d+)?\s*")
 
 
 def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
-    """Read a matrix from a file of MATLAB, SciPy, Nastran, Abaqus, CalculiX or Matrix Market.
+    """Read a matrix from a file of MATLAB, SciPy, Nastran, Ansys, Abaqus, CalculiX or Matrix Market.
 
     Parameters
     ----------
     path : str or Path
         .mtx (Matrix Market, or what Abaqus writes with `*MATRIX OUTPUT`: it uses the same ending), .sti and .mas (CalculiX,
         SOLVER=MATRIXSTORAGE); text of these with any other ending; .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed),
-        .op4 (Nastran, needs pyyeti).
+        .op4 (Nastran, needs pyyeti), .pch and other decks with DMIG cards (Nastran), .full (Ansys, needs ansys-mapdl-reader).
     variable : str, optional
-        The name of the matrix, if a .mat, .npz or .op4 file holds several.
+        The name of the matrix, if a .mat, .npz, .op4, .pch or .full file holds several.
 
     Returns
     -------
@@ -51,7 +54,8 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     -----
     Each reader's docstring lists what it reads, what it refuses and what it cannot detect:
     `femsub.io.matrix_market.read_market` (Matrix Market), `femsub.io.abaqus_calculix.read_text_matrix` (Abaqus, CalculiX),
-    `femsub.io.matlab.read_matlab`, `femsub.io.op4.read_op4`. For files of NumPy and SciPy:
+    `femsub.io.matlab.read_matlab`, `femsub.io.op4.read_op4`, `femsub.io.dmig.read_dmig`,
+    `femsub.io.ansys.read_full`. For files of NumPy and SciPy:
 
     ===================  =======================================================================================
     .npy, .npz read      real, integer, complex and logical arrays; all formats of `scipy.sparse.save_npz`;
@@ -66,7 +70,7 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     InputError
         No such file, an unknown suffix, a file that is cut short or not what its suffix says, several matrices and none named.
     MissingPackageError
-        .op4 without pyyeti, MATLAB 7.3 without h5py.
+        .op4 without pyyeti, .full without ansys-mapdl-reader, MATLAB 7.3 without h5py.
 
     Examples
     --------
@@ -84,8 +88,30 @@ def read_labelled(path: str | Path, variable: str | None = None, usual: str = ""
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
         path = path.with_name(name)
+    reader = _labelled(path)
+    if reader is not None:
+        several: dict[str, TextMatrix] = guarded(path, reader)
+        return several[_chosen(path, {name: item.matrix for name, item in several.items()}, wanted, usual)]
     found = _content(path, [wanted])
     return found if isinstance(found, TextMatrix) else TextMatrix(found[_chosen(path, found, wanted, usual)], None)
+
+
+def _labelled(path: Path) -> Callable[[Path], dict[str, TextMatrix]] | None:
+    """The reader of a file of several matrices with node and direction of each row: of Ansys, or of Nastran's DMIG cards."""
+    ending = path.suffix.lower()
+    if ending in KNOWN or not path.is_file():
+        return None
+    if ending == ".full":
+        from femsub.io.ansys import read_full
+
+        return read_full
+    with open(path, "rb") as file:
+        head = file.read(DECK)
+    if ending not in PUNCHES and not re.search(rb"(?mi)^[ \t]*DMIG[\s*,]", head):
+        return None
+    from femsub.io.dmig import labelled_dmig
+
+    return labelled_dmig
 
 
 def read_together(path: Path, names: Iterable[str | None]) -> list[Matrix]:
@@ -111,8 +137,8 @@ def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matr
         named = [name for name in names if name is not None]
         if named:
             raise InputError(f"{path} holds one matrix without a name. Leave {named[0]!r} out")
-        return TextMatrix(_guarded(path, read_market), None) if market else read_text_matrix(path)
-    found = _guarded(path, readers[ending])
+        return TextMatrix(guarded(path, read_market), None) if market else read_text_matrix(path)
+    found = guarded(path, readers[ending])
     if isinstance(found, Mapping):
         return {name: _as_csr(value) for name, value in found.items()}
     return TextMatrix(_as_csr(found), None)
@@ -136,14 +162,15 @@ def _chosen(path: Path, found: Mapping[str, Any], wanted: str | None, usual: str
                                                          "; it may be cut short or hold something else"))
 
 
-def _guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
+def guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
+    """What a reader returns; whatever it throws at a damaged file as an InputError."""
     try:
         return reader(path)
     except FemsubError:
         raise
     except THROWN as error:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-        raise InputError(f"{path} cannot be read as a matrix ({reason:.160}); it may be cut short or damaged, write it again")\
+        raise InputError(f"{path} cannot be read ({reason:.160}); it may be cut short or damaged, write it again")\
             from None
 
 
@@ -204,7 +231,7 @@ def read_arrays(path: Path, content: BinaryIO | None, most: int) -> dict[str, Ar
         with np.load(content or place, allow_pickle=False) as file:
             return {name: file[name] for name in kinds}
 
-    found: dict[str, Array] = _guarded(path, read)
+    found: dict[str, Array] = guarded(path, read)
     return found
 
 

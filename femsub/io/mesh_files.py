@@ -22,6 +22,7 @@ from femsub.io.gmsh import BODIES, is_gmsh, read_gmsh
 from femsub.io.inp import read_inp
 from femsub.io.mesh_text import including
 from femsub.io.nastran import read_nastran
+from femsub.io.universal import is_universal, read_universal
 
 _SET, _GROUP, _NUMBER = "set:", "group:", "number"  # names of sets, groups and node numbers in femsub's files
 #: cell data that number the groups, and the names of unnamed groups, for each dimension
@@ -49,10 +50,11 @@ class _Block(NamedTuple):
 def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = None, includes: str | Path | None = None) -> Mesh:
     """Read a mesh file: the cells of the highest dimension with their named sets, checked (see `mesh_checks.checked`).
 
-    Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh and TetGen have their own readers; meshio reads all other formats. Decks of
-    Abaqus, CalculiX and Nastran may have any name: their content tells which they are. Tables
-    of what each reads, refuses and cannot detect are in `femsub.io.inp.read_inp`, `femsub.io.nastran.read_nastran`,
-    `femsub.io.gmsh.read_gmsh`, `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension only define
+    Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh, TetGen and universal files (.unv, .uff) have their own readers; meshio
+    reads all other formats. Decks and universal files may have any name: their content tells which they are. Tables of what
+    each reads, refuses and cannot detect are in `femsub.io.inp.read_inp`, `femsub.io.nastran.read_nastran`,
+    `femsub.io.gmsh.read_gmsh`, `femsub.io.universal.read_universal`, `femsub.io.foreign_meshes.read_tetgen` and
+    `read_foreign`. Cells of lower dimension only define
     sets. Coordinates are not converted; they are in the file's unit of length.
 
     ============================  =====================  ==============================================
@@ -80,7 +82,7 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     Returns
     -------
     Mesh
-        `numbers` are the file's node numbers for .inp, .bdf and femsub's VTU; else they count from 1 in the file's order.
+        `numbers` are the file's node numbers for .inp, .bdf, .unv and femsub's VTU; else they count from 1 in the file's order.
         `repairs` lists repairs and anything unusual.
 
     Raises
@@ -165,6 +167,8 @@ def _reader(path: Path) -> Callable[[Path], tuple[Any, list[str]]]:
             return read_nastran
         if _KEYWORD.search(head):
             return read_inp
+        if is_universal(head):
+            return read_universal
         if suffix not in _OWN and not (suffix == ".dat" and _TECPLOT.search(head)):
             raise InputError(f"{path}: neither the ending {suffix!r} nor the content is that of a mesh file that femsub reads")
     return _OWN.get(suffix, read_foreign)

@@ -101,11 +101,11 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
         target = f"model.{format}"
         about["files"] = {key: f"{target}:{key}" for key in parts}
         writers[target] = (partial(_write_matlab, model=model, parts=parts) if format == "mat" else
-                           partial(_write_op4, op4=op4_module(), parts=parts))
+                           partial(write_op4, op4=op4_module(), parts=parts))
     else:
         about["files"] = {key: f"{key}.{'npy' if format == 'npz' and not sp.issparse(part) else format}"
                           for key, part in parts.items()}
-        writers |= {file: partial(_write_single, part=parts[key], name=file) for key, file in about["files"].items()}
+        writers |= {file: partial(write_single, part=parts[key], name=file) for key, file in about["files"].items()}
     if dofs is not None:
         about["dofs"] = "dofs.csv"
         writers["dofs.csv"] = partial(write_dofs, dofs=dofs)
@@ -118,7 +118,7 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     return {**files, INDEX: write_index}
 
 
-def _write_single(file: BinaryIO, part: Matrix, name: str) -> None:
+def write_single(file: BinaryIO, part: Matrix, name: str) -> None:
     if name.endswith(".npz"):
         sp.save_npz(file, part)
     elif name.endswith(".npy"):
@@ -137,7 +137,7 @@ def _write_matlab(file: BinaryIO, model: Substructure, parts: Mapping[str, Matri
             do_compression=False, oned_as="column")
 
 
-def _write_op4(file: BinaryIO, op4: Any, parts: Mapping[str, Matrix]) -> None:
+def write_op4(file: BinaryIO, op4: Any, parts: Mapping[str, Matrix]) -> None:
     with tempfile.TemporaryDirectory() as folder:  # pyyeti needs a file name, and closes the file
         path = Path(folder) / "model.op4"
         op4.write(str(path), dict(parts))

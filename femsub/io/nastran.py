@@ -88,13 +88,45 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     return mesh, [*notes, *copies, *(f"{count} {name} skipped" for name, count in sorted(skipped.items()))]
 
 
-def _bulk(path: Path) -> tuple[str, list[str]]:
-    """The cards between BEGIN BULK and ENDDATA (if they are there), without comments; and notes."""
+def entries_of(path: Path) -> list[tuple[str, list[str]]]:
+    """Every card of a file and of those it includes: its name in capitals, and its fields behind the name, blanks as ''.
+
+    What stands before BEGIN BULK or behind ENDDATA is left out. BEGIN SUPER comes as a card of its own, with its number.
+    """
+    found: list[tuple[str, list[str]]] = []
+    for line in _text(path).split("\n"):
+        if line.isspace() or not line:
+            continue
+        begin = re.match(r"\s*(BEGIN\s+(?:SUPER|BULK)|ENDDATA)\b\W*(\w*)", line, flags=re.IGNORECASE)
+        if begin and begin[1].upper() == "ENDDATA":
+            break
+        if begin:
+            name = begin[1].upper().replace("\t", " ")
+            found = [] if name.endswith("BULK") else [*found, ("BEGIN SUPER", [begin[2]])]
+            continue
+        head, data, _ = _fields(line)
+        if head and head[0] != "+" and (head[0] != "*" or head[1:2] == "("):
+            found.append((head.rstrip("*"), data))
+        elif found:
+            found[-1][1].extend(data)
+        else:
+            raise InputError(f"{path} begins with a continuation: {line.strip()!r:.60}")
+    return found
+
+
+def _text(path: Path) -> str:
+    """A file with those it includes, without comments."""
     include = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\n$]*)[^\n]*\n?"""
     text = Deck(path).whole(include, lambda name: re.sub(r"\s*\n\s*", "", name.strip().strip("'\"")))
     text = re.sub(r"\$.*", "", text).expandtabs(8).encode("ascii", "replace").decode()
     if "//" in text or "#" in text:
         text = re.sub(r"^(?://|#).*", "", text, flags=re.MULTILINE)
+    return text
+
+
+def _bulk(path: Path) -> tuple[str, list[str]]:
+    """The cards between BEGIN BULK and ENDDATA (if they are there), without comments; and notes."""
+    text = _text(path)
     marks = list(re.finditer(r"^[ \t]*(BEGIN[ \t]+(?:BULK|SUPER)\b[^\n]*|ENDDATA\b)", text, flags=re.MULTILINE | re.IGNORECASE))
     ends = [mark.start() for mark in marks if mark[1].upper() == "ENDDATA"]
     if not ends:
@@ -147,7 +179,7 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
 def _fields(line: str) -> tuple[str, list[str], str]:
     """The first field in capitals, four wide or eight small ones of data, and the last field of a line."""
     if "," not in line:
-        head = line[:8].strip().upper()
+        head = re.sub(r" +\*$", "*", line[:8].strip().upper())  # 'GRID   *'
         width = 16 if "*" in head else 8
         return head, [line[start:start + width].strip() for start in range(8, 72, width)], line[72:80]
     words = [word.strip() for word in line.split(",")]

@@ -50,6 +50,23 @@ class Systems:
             found[chosen] = self.basic(int(system), self.places[chosen])
         return found
 
+    def axes(self, system: int, point: Array) -> Array:
+        """Unit vectors of a system at a point of the basic one, (3, 3), as rows: along r, θ, z or r, θ, φ where it is curved."""
+        if system == 0:
+            return np.eye(3)
+        shape, origin, axes = self._frame(system)
+        if shape == "R":
+            return axes
+        x, y, z = axes @ (point - origin)
+        across = float(np.hypot(x, y))
+        c, s = (x / across, y / across) if across > 1e-9 * abs(z) else (1.0, 0.0)
+        turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        if shape == "S":
+            r = float(np.hypot(across, z)) or 1.0
+            turned = np.array([[c * across / r, s * across / r, z / r], [c * z / r, s * z / r, -across / r], turned[1]])
+        found: Array = turned @ axes
+        return found
+
     def _frame(self, system: int) -> tuple[str, Array, Array]:
         """Shape, origin and unit vectors (3, 3), as rows."""
         if system in self.frames:
@@ -65,7 +82,7 @@ class Systems:
             shape, nodes = self.by_nodes[system]
             a, b, c = (self._node(system, int(node)) for node in nodes)
         else:
-            raise InputError(f"{self.path} gives nodes in the coordinate system {system} (field CP), but it has no "
+            raise InputError(f"{self.path} gives nodes in the coordinate system {system} (fields CP and CD), but it has no "
                              f"{', '.join(NAMES)} with this number")
         z, across = b - a, np.cross(b - a, c - a)
         if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(z) * np.linalg.norm(c - a):

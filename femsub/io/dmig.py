@@ -1,0 +1,162 @@
+"""Nastran's DMIG cards, matrices in the text of punch files and decks: the place of each entry is a grid and a direction."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix
+from femsub.errors import InputError
+from femsub.io.abaqus_calculix import TextMatrix
+from femsub.io.damage import check_end
+from femsub.io.nastran import entries_of
+
+SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; the columns of NUMBERED have numbers only
+_REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([EDed][+-]?\d+|[+-]\d+)?")
+
+
+@dataclass(frozen=True)
+class Dmig:
+    """A matrix of DMIG cards: `rows` (n, 2) and `columns` (m, 2) are (grid, direction), ascending; SPOINTs have direction 0.
+
+    The rows of a `square` one are its columns.
+    """
+
+    matrix: Matrix
+    rows: Array
+    columns: Array
+    square: bool
+
+
+@dataclass
+class _Entries:
+    form: int
+    is_complex: bool
+    width: int
+    places: list[tuple[int, int, int, int]] = field(default_factory=list)
+    values: list[complex] = field(default_factory=list)
+
+
+def real(path: Path, what: str, text: str) -> float:
+    """A number of Nastran: 1.5, 1.5E-3, 1.5D-3 and 1.5-3 alike; '' is 0."""
+    if not text:
+        return 0.0
+    if not _REAL.fullmatch(text):
+        raise InputError(f"{path}: {text!r:.30} in {what} is not a number")
+    value = float(re.sub(r"(?<=[\d.])(?=[+-]\d)", "e", text.replace("D", "E").replace("d", "e")))
+    if not math.isfinite(value):
+        raise InputError(f"{path}: {text!r:.30} in {what} is beyond all numbers")
+    return value
+
+
+def whole(path: Path, what: str, text: str, least: int = 0) -> int:
+    """A whole number of Nastran, not below `least`; '' is 0."""
+    if not re.fullmatch(r"\d{1,15}", text or "0") or int(text or "0") < least:
+        raise InputError(f"{path}: {text!r:.30} in {what} is not a whole number from {least}")
+    return int(text or "0")
+
+
+def quadruples(fields: list[str], size: int = 4) -> Iterator[list[str]]:
+    """Fields by so many, without those that are all blank."""
+    for start in range(0, len(fields), size):
+        some = fields[start:start + size]
+        if any(some):
+            yield some + [""] * (size - len(some))
+
+
+def read_dmig(path: Path) -> dict[str, Dmig]:
+    """Name (lower case) to matrix, from the DMIG cards of a file.
+
+    ===================  =======================================================================================
+    it reads             square, symmetric and rectangular matrices, real and complex; fields of 8 and 16 columns
+                         and free ones; INCLUDE (files beside this one)
+    it refuses           words that are no numbers, an entry twice, both entries of a pair of a symmetric matrix,
+                         columns without the head of their matrix, a matrix twice, amplitude and phase, a last
+                         line without its end
+    it cannot know       whether lines or digits are missing: the format counts nothing
+    ===================  =======================================================================================
+
+    Raises
+    ------
+    InputError
+        See the table.
+    """
+    check_end(path)
+    return dmig_of(path, entries_of(path))
+
+
+def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
+    """`read_dmig` of cards that were read already."""
+    found: dict[str, _Entries] = {}
+    for card, fields in cards:
+        if card != "DMIG":
+            continue
+        name = fields[0].lower()
+        what = f"DMIG {fields[0]}"
+        if not re.fullmatch(r"[a-z]\w{0,7}", name):
+            raise InputError(f"{path}: {fields[0]!r:.30} is no name of a DMIG matrix")
+        if fields[1] == "0":
+            if name in found:
+                raise InputError(f"{path} has two heads of the matrix {fields[0]}: it may hold two runs")
+            form, kind = (whole(path, what, text) for text in fields[2:4])
+            if form not in (SQUARE, 2, SYMMETRIC, NUMBERED) or kind not in (1, 2, 3, 4):
+                raise InputError(f"{path}: {what} has the form {form} and the type {kind}; forms are 1, 2, 6, 9, types 1 to 4")
+            if fields[5:6] == ["1"]:
+                raise InputError(f"{path}: {what} has amplitude and phase; only real and imaginary parts are read")
+            found[name] = _Entries(form, kind > 2, whole(path, what, "".join(fields[7:8])))
+        elif name not in found:
+            raise InputError(f"{path}: {what} has a column, but no head (DMIG NAME 0 ...) before it")
+        else:
+            _column(path, what, fields, found[name])
+    return {name: _assembled(path, name, entries) for name, entries in found.items()}
+
+
+def _column(path: Path, what: str, fields: list[str], entries: _Entries) -> None:
+    at = whole(path, what, fields[1], 1), whole(path, what, fields[2])
+    if entries.form == NUMBERED and entries.width and at[0] > entries.width:
+        raise InputError(f"{path}: {what} announces {entries.width} columns, but has column {at[0]}")
+    for row, direction, one, other in quadruples(fields[4:]):
+        entries.places.append((whole(path, what, row, 1), whole(path, what, direction), *at))
+        imaginary = real(path, what, other) if entries.is_complex else 0.0
+        entries.values.append(complex(real(path, what, one), imaginary))
+
+
+def _assembled(path: Path, name: str, entries: _Entries) -> Dmig:
+    if not entries.values:
+        raise InputError(f"{path}: DMIG {name.upper()} has no entries; the file may be cut short")
+    places = np.array(entries.places, dtype=np.int64)
+    if max(places[:, 1].max(), 0 if entries.form == NUMBERED else places[:, 3].max()) > 6:
+        raise InputError(f"{path}: DMIG {name.upper()} has a direction beyond 6")
+    keys = places[:, 0::2] * 10 + places[:, 1::2]
+    if entries.form in (SQUARE, SYMMETRIC):
+        rows = columns = np.unique(keys)
+    else:
+        rows, columns = np.unique(keys[:, 0]), np.unique(keys[:, 1])
+        if entries.form == NUMBERED and entries.width:
+            if entries.width > 10_000_000 + 100 * len(keys):
+                raise InputError(f"{path}: DMIG {name.upper()} announces {entries.width} columns, but has {len(keys)} entries")
+            columns = np.arange(1, entries.width + 1) * 10
+    i, j = np.searchsorted(rows, keys[:, 0]), np.searchsorted(columns, keys[:, 1])
+    values: Array = np.array(entries.values) if entries.is_complex else np.array(entries.values).real
+    matrix: Any = sp.coo_array((values, (i, j)), shape=(len(rows), len(columns)))
+    mirrored = entries.form == SYMMETRIC
+    pairs = np.sort(np.stack([i, j]), axis=0) if mirrored else np.stack([i, j])
+    if np.unique(pairs, axis=1).shape[1] < len(values):
+        raise InputError(f"{path}: DMIG {name.upper()} has an entry twice" + (", or both of a pair, although it is symmetric"
+                                                                              if mirrored else ""))
+    if mirrored:
+        matrix = matrix + sp.triu(matrix, 1).T + sp.tril(matrix, -1).T
+    return Dmig(sp.csr_array(matrix), np.stack([rows // 10, rows % 10], axis=1), np.stack([columns // 10, columns % 10], axis=1),
+                entries.form in (SQUARE, SYMMETRIC))
+
+
+def labelled_dmig(path: Path) -> dict[str, TextMatrix]:
+    """The matrices of `read_dmig`; a square one with the grid and direction of its rows."""
+    return {name: TextMatrix(item.matrix, item.rows if item.square else None) for name, item in read_dmig(path).items()}

@@ -1,0 +1,401 @@
+"""Nastran's external superelements: matrices in OP4 or DMIG, and the grids, frames and order of their DOF in .asm and .pch."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from femsub.algebra import RigidMotion
+from femsub.checks import Array, Matrix
+from femsub.errors import InputError, warn
+from femsub.io.abaqus_calculix import DIRECTIONS
+from femsub.io.damage import check_end, check_room
+from femsub.io.dmig import dmig_of, quadruples, real, whole
+from femsub.io.nastran import entries_of
+from femsub.io.nastran_systems import NAMES, Systems
+from femsub.io.op4 import read_op4
+from femsub.model import DofMap, ReducedSubstructure, Substructure
+
+ENDINGS = (".op4", ".asm", ".pch", ".bdf", ".nas", ".dat")
+BOUNDARY = "boundary"  # the name of the set of all boundary DOF
+ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
+FREE = 1e-6  # of sqrt(k_ii k_jj): coupling of modal coordinates and boundary in K that fixed-interface modes do not have
+RIGID = 1e-10  # of Σ |k_ij| |z_j|: forces that Nastran's rounding leaves in rigid motion; a softer support counts as none
+MOST = 3_000_000  # points that the lists of a file may name
+
+
+def read_superelement(path: Path, name: str | None, cutoff: float | None) -> ReducedSubstructure:
+    """An external superelement of Nastran (EXTSEOUT) from any one of its files, which stand beside each other.
+
+    ===================  =======================================================================================
+    it reads             .op4 (EXTSEOUT MATOP4, KAA or KXX, MAA or MXX, BAA, MUG1) with .asm or .pch; DMIG cards
+                         (EXTSEOUT DMIGPCH, K2GG, M2GG) with .pch, .asm or their own deck; EXTRN, SECONCT, GRID,
+                         CORD1x, CORD2x, SPOINT, QSET, QSET1, DTI TUG1
+    it turns             the motions of a boundary grid in a frame of its own (CD) into those along the basic axes
+    it refuses           an order of DOF that does not fit the matrices, grids that are missing, several
+                         superelements in a file, whatever `read_op4` and `read_dmig` refuse
+    it cannot know       up to which frequency modes were kept; units; the frame of recovered grids that the files
+                         do not list (their motions are called 'ux@own', ...)
+    ===================  =======================================================================================
+
+    Raises
+    ------
+    InputError
+        See the table.
+    MissingPackageError
+        .op4 without pyyeti.
+    """
+    files = _beside(path)
+    deck = _Deck(path)
+    for ending in (".asm", ".pch"):
+        if ending in files and path.suffix.lower() in (".op4", ".asm", ".pch"):
+            deck.add(files[ending])
+    if path.suffix.lower() not in (".op4", ".asm", ".pch"):
+        deck.add(path)
+    if not deck.cards:
+        raise InputError(f"{path} has neither {path.stem}.asm nor {path.stem}.pch beside it, which tell the DOF of a "
+                         f"superelement. Copy them there, or read its matrices alone, "
+                         f"read_component('{path.name}:maa', '{path.name}:kaa')")
+    raw = _from_dmig(deck) if any(card == "DMIG" for card, _ in deck.cards) else _from_op4(deck, files.get(".op4"))
+    return _assembled(deck, raw, path.stem if name is None else name, cutoff)
+
+
+def _beside(path: Path) -> dict[str, Path]:
+    """The files of the same name in this folder, by their endings in small letters; the file itself where there are several."""
+    if not path.is_file():
+        raise InputError(f"there is no file {path}")
+    found = {other.suffix.lower(): other for other in sorted(path.parent.iterdir())
+             if other.stem == path.stem and other.suffix.lower() in ENDINGS and other.is_file()}
+    return found | {path.suffix.lower(): path}
+
+
+@dataclass
+class _Deck:
+    """The cards of a superelement's files."""
+
+    path: Path
+    cards: list[tuple[str, list[str]]] = field(default_factory=list)
+    supers: set[str] = field(default_factory=set)
+    named: int = 0  # points in lists so far
+
+    def add(self, file: Path) -> None:
+        check_end(file)
+        cards = entries_of(file)
+        self.supers |= {number for card, (number, *_) in cards if card == "BEGIN SUPER"}
+        if len(self.supers) > 1:
+            raise InputError(f"{file} holds the superelements {', '.join(sorted(self.supers))}: write a file for each")
+        self.cards += cards
+
+    def of(self, *names: str) -> Iterable[tuple[str, list[str]]]:
+        return ((card, fields) for card, fields in self.cards if card in names)
+
+    def listed(self, card: str, fields: list[str]) -> list[int]:
+        """Whole numbers, also as 'from THRU to'."""
+        words, found = [word for word in fields if word], list[int]()
+        while words:
+            start = whole(self.path, card, words[0], 1)
+            if words[1:2] and words[1].upper() == "THRU":
+                stop = whole(self.path, card, "".join(words[2:3]), start)
+                self.named += stop - start
+                if self.named > MOST:
+                    raise InputError(f"{self.path}: {card} names the points {start} to {stop}, which are too many")
+                found += range(start, stop + 1)
+                words = words[3:]
+            else:
+                found.append(start)
+                words = words[1:]
+        return found
+
+    def order(self) -> list[tuple[int, int]]:
+        """(grid, direction) of the rows, as EXTRN tells them, else the grids of SECONCT with six directions each."""
+        found: list[tuple[int, int]] = []
+        for card, fields in self.of("EXTRN"):
+            for grid, directions in quadruples(fields, 2):
+                found += _directions(self.path, whole(self.path, card, grid, 1), directions)
+        if found:
+            return found
+        scalar = self.scalar()
+        for card, fields in self.of("SECONCT"):
+            words = [word for word in fields[8:] if word]
+            while words:
+                span = 6 if [word.upper() for word in words[1:2]] == ["THRU"] else 2
+                for number in self.listed(card, words[:span // 2]):
+                    found += [(number, 0)] if number in scalar else [(number, direction) for direction in range(1, 7)]
+                words = words[span:]
+        if not found:
+            raise InputError(f"{self.path}: neither EXTRN nor SECONCT tells the order of the DOF. Copy {self.path.stem}.pch "
+                             "beside it, which EXTSEOUT writes with EXTBULK")
+        return found
+
+    def scalar(self) -> set[int]:
+        return {number for card, fields in self.of("SPOINT") for number in self.listed(card, fields)}
+
+    def modal(self) -> set[int]:
+        """Scalar points, and grids of the q-set."""
+        found = self.scalar()
+        for card, fields in self.of("QSET1"):
+            found |= set(self.listed(card, fields[1:]))
+        for card, fields in self.of("QSET"):
+            found |= {whole(self.path, card, grid, 1) for grid, _ in quadruples(fields, 2)}
+        return found
+
+    def systems(self) -> tuple[Systems, dict[int, int]]:
+        """The coordinate systems with all grids, and the system of each grid's motions (CD)."""
+        grids: dict[int, tuple[int, list[float], int]] = {}
+        for card, fields in self.of("GRID"):
+            fields = fields + [""] * 6
+            grid = whole(self.path, card, fields[0], 1)
+            what = f"GRID {grid}"
+            grids[grid] = whole(self.path, what, fields[1]), [real(self.path, what, text) for text in fields[2:5]], \
+                whole(self.path, what, fields[5])
+        by_nodes, by_points = {}, {}
+        for card, fields in self.of(*NAMES):
+            fields = fields + [""] * 11
+            for start in (0, 4) if card[4] == "1" and any(fields[4:8]) else (0,):
+                number = whole(self.path, card, fields[start], 1)
+                if card[4] == "1":
+                    nodes = [whole(self.path, f"{card} {number}", text, 1) for text in fields[start + 1:start + 4]]
+                    by_nodes[number] = card[-1], np.array(nodes)
+                else:
+                    places = [real(self.path, f"{card} {number}", text) for text in fields[2:11]]
+                    by_points[number] = card[-1], whole(self.path, card, fields[1]), np.reshape(places, (3, 3))
+        numbers = np.array(list(grids), dtype=np.int64)
+        where = np.array([place for _, place, _ in grids.values()]).reshape(-1, 3)
+        system = np.array([system for system, _, _ in grids.values()], dtype=np.int64)
+        return Systems(self.path, numbers, system, where, by_nodes, by_points), {grid: cd for grid, (_, _, cd) in grids.items()}
+
+    def recovered(self) -> list[tuple[int, int, int]]:
+        """(grid, count of directions, first row of MUG1 from 1), as DTI TUG1 tells them."""
+        found: list[tuple[int, int, int]] = []
+        for card, fields in self.of("DTI"):
+            if fields[:2] == ["TUG1", "2"]:
+                for kind, grid, count, row in quadruples([word for word in fields[2:] if word and word != "ENDREC"]):
+                    if kind == "1":
+                        grid_, count_, row_ = (whole(self.path, f"{card} TUG1", text, 1) for text in (grid, count, row))
+                        found.append((grid_, count_, row_))
+        return found
+
+
+def _directions(path: Path, grid: int, text: str) -> list[tuple[int, int]]:
+    if not re.fullmatch(r"0?|[1-6]{1,6}", text) or len(set(text)) < len(text):
+        raise InputError(f"{path}: {text!r:.30} are no directions of the grid {grid}; they are 0 of a scalar point, or of 1 to 6")
+    return [(grid, int(digit)) for digit in sorted(text or "0")]
+
+
+@dataclass(frozen=True)
+class _Raw:
+    """Matrices as the files have them, (grid, direction) of their rows, and motions that the superelement recovers."""
+
+    M: Array
+    K: Array
+    D: Array | None
+    rows: list[tuple[int, int]]
+    recovery: Array  # (m, n)
+    recovered: list[tuple[int, int]]
+
+
+def _pair(path: Path, matrices: Mapping[str, Matrix]) -> str:
+    """What follows K and M in the names of the superelement's matrices, as 'aa' in KAA and MAA."""
+    def square(name: str) -> int:
+        shape = matrices[name].shape if name in matrices else (0, 1)
+        return int(shape[0]) if shape[0] == shape[1] else 0
+
+    ends = [name[1:] for name in matrices if name[0] == "k" and square(name) == square(f"m{name[1:]}") > 0]
+    ends = [end for end in ends if square(f"k{end}") > 1] or ends
+    if len(ends) != 1:
+        listed = ", ".join(f"{name} {item.shape[0]} x {item.shape[1]}" for name, item in matrices.items()) or "nothing"
+        raise InputError(f"{path} should hold one pair of stiffness and mass, as KAA and MAA, but holds {listed}. Name them: "
+                         f"read_component('{path.name}:m...', '{path.name}:k...')")
+    return ends[0]
+
+
+def _structural(path: Path, matrices: Mapping[str, Matrix], names: Iterable[str], size: int) -> None:
+    if any(name in matrices and matrices[name].shape == (size, size) and sp.coo_array(matrices[name]).nnz for name in names):
+        warn(f"{path} has structural damping (K4), which no real D can hold: it is left out")
+
+
+def _from_op4(deck: _Deck, file: Path | None) -> _Raw:
+    if file is None:
+        raise InputError(f"{deck.path} has no DMIG cards, and there is no {deck.path.stem}.op4 beside it with the "
+                         "matrices")
+    found = read_op4(file)
+    end, rows = _pair(file, found), deck.order()
+    K, M = (_dense(file, found[f"{letter}{end}"]) for letter in "km")
+    if len(rows) != len(K):
+        raise InputError(f"{file}: K{end.upper()} has {len(K)} rows, but the cards beside it name {len(rows)} DOF. They belong "
+                         "to different runs, or the .pch with EXTRN is missing")
+    damping = [found[name] for name in (f"b{end}", f"b{end}1") if name in found and found[name].shape == K.shape]
+    _structural(file, found, (f"k4{end}", f"k4{end}1", "k4xx"), len(K))
+    tug, recovery, names = deck.recovered(), np.zeros((0, len(K))), list[tuple[int, int]]()
+    table = found.get("mug1")
+    if tug and table is not None and table.shape[1] == len(K):
+        at = [(grid, direction, row - 1 + direction) for grid, count, row in tug for direction in range(min(count, 6))]
+        if max(row for _, _, row in at) >= table.shape[0]:
+            raise InputError(f"{file}: MUG1 has {table.shape[0]} rows, but DTI TUG1 names row {max(row for _, _, row in at) + 1}")
+        recovery = _dense(file, table)[[row for _, _, row in at]]
+        names = [(grid, direction + 1) for grid, direction, _ in at]
+    return _Raw(M, K, _dense(file, damping[0]) if damping else None, rows, recovery, names)
+
+
+def _from_dmig(deck: _Deck) -> _Raw:
+    found = dmig_of(deck.path, deck.cards)
+    end = _pair(deck.path, {name: item.matrix for name, item in found.items()})
+    K, M, B = (found.get(f"{letter}{end}") for letter in "kmb")
+    assert K is not None and M is not None
+    known = [item for item in (K, M, B) if item is not None and item.square]
+    rows = sorted({(int(grid), int(direction)) for item in known for grid, direction in item.rows})
+    place = {row: at for at, row in enumerate(rows)}
+    check_room(deck.path, 8 * 10 * len(rows) ** 2)  # the matrices, as they are and turned
+
+    def spread(item: Any) -> Array:
+        at = [place[int(grid), int(direction)] for grid, direction in item.rows]
+        whole = np.zeros((len(rows), len(rows)))
+        whole[np.ix_(at, at)] = _dense(deck.path, item.matrix)
+        return whole
+
+    _structural(deck.path, {name: item.matrix for name, item in found.items()}, (f"k4{end}",), len(rows))
+    recovery, names, table = np.zeros((0, len(rows))), list[tuple[int, int]](), found.get("mug1t")
+    if table is not None and {(int(grid), int(direction)) for grid, direction in table.rows} <= place.keys():
+        at = [place[int(grid), int(direction)] for grid, direction in table.rows]
+        columns = {int(column): number for number, column in enumerate(table.columns[:, 0])}
+        listed = [(grid, direction + 1, columns[row + direction]) for grid, count, row in deck.recovered()
+                  for direction in range(min(count, 6)) if row + direction in columns]
+        recovery = np.zeros((len(listed), len(rows)))
+        recovery[:, at] = _dense(deck.path, table.matrix).T[[column for _, _, column in listed]]
+        names = [(grid, direction) for grid, direction, _ in listed]
+    return _Raw(spread(M), spread(K), spread(B) if B is not None and B.square else None, rows, recovery, names)
+
+
+def _dense(path: Path, matrix: Matrix) -> Array:
+    check_room(path, 8 * matrix.shape[0] * matrix.shape[1])
+    dense = matrix.toarray() if sp.issparse(matrix) else np.asarray(matrix)
+    if np.iscomplexobj(dense):
+        raise InputError(f"{path}: a matrix of the superelement is complex; only real ones are read")
+    if not np.isfinite(dense).all():
+        raise InputError(f"{path}: a matrix of the superelement holds a NaN or Inf")
+    return np.asarray(dense, dtype=float)
+
+
+def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> ReducedSubstructure:
+    path = deck.path
+    if len(set(raw.rows)) < len(raw.rows):
+        raise InputError(f"{path}: a DOF stands twice in the order of the superelement's DOF")
+    checked = Substructure(raw.M, raw.K, raw.D)
+    points = deck.modal()
+    modal = np.array([grid in points or direction == 0 for grid, direction in raw.rows])
+    used = (raw.K != 0).any(axis=0) | (raw.M != 0).any(axis=0)
+    order = np.concatenate([np.flatnonzero(~modal), np.flatnonzero(modal & used)])
+    boundary = [raw.rows[row] for row in np.flatnonzero(~modal)]
+    if not boundary:
+        raise InputError(f"{path}: the superelement has no boundary grids, only scalar points")
+    nb, square = len(boundary), np.ix_(order, order)
+    K, M, D = checked.K[square], checked.M[square], None if raw.D is None else checked.D[square]
+    systems, cd = deck.systems()
+    missing = sorted({grid for grid, _ in boundary} - cd.keys())
+    if missing:
+        raise InputError(f"{path}: there is no GRID card of {len(missing)} boundary grids, first {missing[0]}; {path.stem}.pch "
+                         f"or {path.stem}.asm should list them. read_component('FILE:M', 'FILE:K') reads the matrices alone")
+    place = dict(zip(systems.numbers.tolist(), systems.points(), strict=True)) if cd else {}
+    turn, labels = _turned(boundary, systems, cd, place)
+    T = la.block_diag(turn, np.eye(len(order) - nb))
+    K, M = ((A + A.T) / 2 for A in (T.T @ K @ T, T.T @ M @ T))
+    extra, recovery = _extra(raw, order, set(boundary), T)
+    back, names = _turned(extra, systems, cd, place)
+    V = np.vstack([np.eye(nb, len(order)), back.T @ recovery])
+    kept = len(order) - nb
+    D = None if D is None else T.T @ D @ T
+    scale = np.sqrt(np.abs(np.outer(K.diagonal()[nb:], K.diagonal()[:nb])))
+    kind = "free" if (np.abs(K[nb:, :nb]) > FREE * scale).any() else "fixed-interface"
+    if cutoff is None:
+        cutoff = _highest(path, name, K[nb:, nb:], M[nb:, nb:])
+    nodes = [grid for grid, _ in boundary + extra]
+    where = np.array([place.get(grid, [np.nan] * 3) for grid in nodes])
+    dofs = _map(nodes[:nb], labels, where[:nb])
+    number = f" {next(iter(deck.supers))}" if deck.supers else ""
+    return ReducedSubstructure(
+        M, K, D, {}, name, V=V, kinds=("constraint",) * nb + (kind,) * kept, modes=kept,
+        method=f"Nastran superelement{number} with {kept} modes", cutoff=cutoff, full_interface=np.arange(nb),
+        full_dofs=_map(nodes, labels + names, where if np.isfinite(where).all() else None), interface_dofs=dofs,
+        rigid_motion=_rigid(M, D, K, dofs),
+        sets={BOUNDARY: np.arange(nb)} | {str(grid): np.flatnonzero(dofs.nodes == grid) for grid in dict.fromkeys(nodes[:nb])})
+
+
+def _highest(path: Path, name: str, K: Array, M: Array) -> float:
+    """The highest frequency of the modal coordinates, which stands for the cut-off, with a warning."""
+    k, m = K.diagonal(), M.diagonal()
+    highest = float(np.sqrt((k[m > 0] / m[m > 0]).max(initial=0.0)))
+    if highest:
+        warn(f"{path} does not tell up to which frequency modes were kept. The cut-off of {name!r} is that of its highest modal "
+             f"coordinate, {highest:.5g} rad/time; residual vectors among them make it too high. Give cutoff=")
+        return highest
+    warn(f"{path} has no modal coordinates, so that {name!r} counts as a full model. If it was condensed, give cutoff=")
+    return np.inf
+
+
+def _map(nodes: list[int], labels: list[str], where: Array | None) -> DofMap:
+    known = tuple(dict.fromkeys((*DIRECTIONS, *labels)))
+    return DofMap(nodes, [known.index(label) for label in labels], known, where)
+
+
+def _rigid(M: Array, D: Array | None, K: Array, dofs: DofMap) -> RigidMotion | None:
+    """The six rigid motions, whose shapes at the boundary grids follow from their places; None where K resists one of them.
+
+    Nastran's K has lost some digits, so that its rigid motions do not show in K alone.
+    """
+    if len(dofs.labels) > len(DIRECTIONS) or dofs.points is None:
+        return None
+    x, y, z = (dofs.points - dofs.points.mean(axis=0)).T
+    zero, one, count = np.zeros(dofs.size), np.ones(dofs.size), dofs.components
+    table = np.array([[one, zero, zero, zero, z, -y], [zero, one, zero, -z, zero, x], [zero, zero, one, y, -x, zero],
+                      *(np.eye(6)[k][:, None] * one for k in range(3, 6))])
+    Z = np.zeros((len(K), 6))
+    Z[:dofs.size] = table[count, :, np.arange(dofs.size)]
+    unit = np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))
+    weighted = Z * unit[:, None]
+    held = np.abs(K @ Z) > RIGID * np.maximum(np.abs(K) @ np.abs(Z), np.finfo(float).tiny).max(axis=0)
+    if held.any() or np.linalg.matrix_rank(weighted / np.linalg.norm(weighted, axis=0).clip(np.finfo(float).tiny)) < 6:
+        return None
+    return RigidMotion.of(Z, np.zeros_like(K) if D is None else D, unit)
+
+
+def _extra(raw: _Raw, order: Array, boundary: set[tuple[int, int]], T: Array) -> tuple[list[tuple[int, int]], Array]:
+    """Recovered motions that are no boundary DOF, each once, and not those that nothing moves."""
+    moved = (raw.recovery != 0).any(axis=1)
+    seen, kept = set(boundary), list[int]()
+    alive = {(grid, (direction - 1) // 3) for at, (grid, direction) in enumerate(raw.recovered) if moved[at]}
+    for at, (grid, direction) in enumerate(raw.recovered):
+        if (grid, direction) not in seen and (grid, (direction - 1) // 3) in alive:
+            seen.add((grid, direction))
+            kept.append(at)
+    rows = np.array(kept, dtype=np.intp)
+    return [raw.recovered[at] for at in kept], raw.recovery[np.ix_(rows, order)] @ T
+
+
+def _turned(dofs: list[tuple[int, int]], systems: Systems, cd: Mapping[int, int], place: Mapping[int, Array]
+            ) -> tuple[Array, list[str]]:
+    """T, (n, n), with u = T u_basic for motions u in the frames of their grids; and what the motions are called then.
+
+    Three motions of a grid are turned together. Motions in a frame that is turned, of which one or two are missing, keep their
+    directions: they are called 'ux@10' after their frame, or 'ux@own' where the frame is not known.
+    """
+    T, labels = np.eye(len(dofs)), [""] * len(dofs)
+    blocks: dict[tuple[int, bool], dict[int, int]] = {}
+    for at, (grid, direction) in enumerate(dofs):
+        blocks.setdefault((grid, direction > 3), {})[(direction - 1) % 3] = at
+    for (grid, turning), rows in blocks.items():
+        axes = systems.axes(cd[grid], place[grid]) if grid in cd else None
+        basic = axes is not None and np.abs(axes - np.eye(3)).max() <= ALIGNED
+        ready = basic or (axes is not None and len(rows) == 3)
+        for axis, at in rows.items():
+            labels[at] = DIRECTIONS[axis + 3 * turning] + ("" if ready else f"@{cd.get(grid, 'own')}")
+        if ready and not basic:
+            at_rows = np.array([rows[axis] for axis in range(3)])
+            T[np.ix_(at_rows, at_rows)] = axes
+    return T, labels

@@ -1,0 +1,316 @@
+"""Superelements in and out: Nastran's OP4 with .asm and .pch, DMIG; Abaqus, CalculiX, Exudyn."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import femsub as fs
+
+DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
+DATA = Path(__file__).parent.parent / "meshes" / "nastran"
+CARDS = """GRID,1,,0.,0.,0.,7
+GRID,2,,1.,0.,0.
+CORD2C,7,0,0.,0.,0.,0.,0.,1.
+,0.,1.,0.
+SPOINT,11,THRU,12
+EXTRN,1,123,2,1,11,0,12,0
+"""
+HEADS = """DMIG    KAAX           0       6       2       0
+DMIG*   KAAX                           1               1
+*                      1               1 2.000000000D+00
+*                      2               1-1.000000000D+00
+DMIG*   KAAX                           1               2
+*                      1               2 3.000000000D+00
+DMIG*   KAAX                           1               3
+*                      1               3 4.000000000D+00
+DMIG*   KAAX                           2               1
+*                      2               1 1.000000000D+00
+DMIG*   KAAX                          11               0
+*                     11               0 9.000000000D+00
+DMIG    MAAX           0       6       2       0
+DMIG,MAAX,1,1,,1,1,1.5
+DMIG,MAAX,1,2,,1,2,1.5
+DMIG,MAAX,1,3,,1,3,1.5
+DMIG,MAAX,2,1,,2,1,.5
+DMIG,MAAX,11,0,,11,0,1.
+"""
+
+
+def read(path: Path, **more: Any) -> fs.ReducedSubstructure:
+    part = fs.read_component(path, cutoff=300.0, **more)
+    assert isinstance(part, fs.ReducedSubstructure)
+    return part
+
+
+def written(folder: Path, text: str, name: str = "part.pch") -> Path:
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def test_two_superelements_of_nastran_have_the_frequencies_of_its_own_assembly() -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+    parts = {"in": read(DATA / "inboard.asm"), "out": read(DATA / "outboard.op4")}
+    system = fs.couple(parts, [fs.Rigid(("in", "boundary"), ("out", "boundary"))])
+    found = fs.normal_modes(system, count=48)
+    theirs = np.sqrt(np.loadtxt(DATA / "eigenvalues.txt")[6:])
+    assert found.rigid == 6
+    assert np.abs(found.frequencies[6:] / theirs - 1).max() < 5e-8  # they have nine digits
+    grids = fs.couple(parts, [fs.Rigid(("in", grid), ("out", grid)) for grid in ("3", "11", "19", "27")])
+    assert np.abs(fs.normal_modes(grids, count=48).frequencies - found.frequencies).max() < 1e-8 * theirs[-1]
+
+
+def test_what_a_superelement_knows() -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+    part = read(DATA / "inboard.pch", ports={"belt": "11:uy"}, name="wing")
+    assert (part.size, len(part.V), part.modes, part.name, part.cutoff) == (32, 36, 8, "wing", 300.0)
+    assert list(part.sets) == ["boundary", "3", "11", "19", "27"]
+    assert part.interface.tolist() == list(range(24)) and set(part.kinds) == {"constraint", "fixed-interface"}
+    assert part.interface_dofs is not None and part.full_dofs is not None
+    assert part.interface_dofs.points is not None
+    assert part.interface_dofs.points[6].tolist() == [600.0, 300.0, 300.0]
+    # grid 11 has a frame of its own: rigid motion along the basic axes strains nothing
+    x = np.zeros(32)
+    x[[at for at in range(24) if part.interface_dofs.components[at] == 1]] = 1.0
+    assert np.abs(part.K @ x).max() < 1e-12 * np.abs(part.K).max()
+    assert x @ part.M @ x == pytest.approx(1.7551, abs=1e-4)
+    assert part.ports["belt"][:24].tolist() == [float(at == 7) for at in range(24)]
+    # grids 4 and 16 are recovered; a rigid motion moves them as well, whatever their frames
+    assert np.hypot.reduce((part.V @ x)[24:27]) == pytest.approx(1.0, abs=1e-7)  # MUG1 has single precision
+    assert part.full_dofs.name(24) == "ux@own at node 4"
+
+
+def test_a_cut_off_is_asked_for(tmp_path: Path) -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+    with pytest.warns(fs.FemsubWarning, match="up to which frequency"):
+        part = fs.read_component(DATA / "inboard.op4")
+    assert part.cutoff == pytest.approx(1310.65, abs=0.01)
+    (tmp_path / "static.pch").write_text("".join(line for line in (HEADS + CARDS).splitlines(True) if " 11 " not in line
+                                                 and ",11," not in line) + "EXTRN,1,123,2,1\n")
+    with pytest.warns(fs.FemsubWarning, match="counts as a full model"):
+        assert fs.read_component(tmp_path / "static.pch").cutoff == np.inf
+
+
+def test_dmig_with_grids_is_a_superelement(tmp_path: Path) -> None:
+    part = read(written(tmp_path, HEADS + CARDS))
+    assert part.size == 5 and len(part.interface) == 4  # the scalar point 12 has neither mass nor stiffness
+    dofs = part.interface_dofs
+    assert dofs is not None and [dofs.name(at) for at in range(4)] == [f"{way} at node 1" for way in ("ux", "uy", "uz")] + [
+        "ux at node 2"]
+    # a grid on the axis of its cylindrical frame, whose r is along y: K_rr = 2 stands along y, K_θθ = 3 along -x
+    assert np.allclose(part.K[:4, :4], [[3, 0, 0, 0], [0, 2, 0, -1], [0, 0, 4, 0], [0, -1, 0, 1]])
+    assert (part.K[4, 4], part.M[4, 4]) == (9.0, 1.0)
+    bare = fs.read_matrix(tmp_path / "part.pch", "KAAX")
+    assert bare.shape == (5, 5) and bare[0, 3] == bare[3, 0] == -1.0
+    assert fs.read_matrix(written(tmp_path, HEADS, "job.dat"), "maax").shape == (5, 5)
+    named = fs.read_component(f"{tmp_path}/part.pch:MAAX", f"{tmp_path}/part.pch:KAAX", interface=["2.1"])
+    assert named.size == 5 and named.interface.tolist() == [3]
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (("EXTRN,1,123,2,1", "EXTRN,1,123,2,9"), None),  # DMIG tells its own order
+    (("GRID,2", "$"), "no GRID card of 1 boundary"), (("CORD2C,7,0", "CORD2C,8,0"), "coordinate system 7"),
+    (("3.000000000D+00", "3.0000x0000D+00"), "not a number"), (("3.000000000D+00", "3.00000000D+999"), "beyond all numbers"),
+    (("DMIG    MAAX           0", "DMIG    MAAY           0"), "no head"),
+    (("SPOINT,11,THRU,12", "SPOINT,11,THRU,99999999"), "too many"),
+    (("SPOINT,11,THRU,12", "SPOINT,1,THRU,2500000\nSPOINT,1,THRU,2500000"), "too many"),
+    (("       0       6       2", "       0       5       2"), "form 5"),
+    (("KAAX                          11", "KAAX                            "), "not a whole number"),
+    (("*                      2               1-1.0", "*                      1               1-1.0"), "twice"),
+    ((".5\n", ".5\nDMIG,MAAX,2,1,,2,1,.5\n"), "twice"),
+    (("GRID,1,", "BEGIN SUPER 3\nBEGIN SUPER 4\nGRID,1,"), "superelements 3, 4"),
+    (("DMIG    KAAX", "+\nDMIG    KAAX"), "begins with a continuation"), (("EXTRN,1,123", "EXTRN,1,1 3"), None)])
+def test_faults_of_dmig_are_told(tmp_path: Path, change: tuple[str, str], message: str | None) -> None:
+    text = HEADS + CARDS
+    assert change[0] in text
+    path = written(tmp_path, text.replace(*change))
+    if message is None:
+        assert read(path).size == 5
+    else:
+        with pytest.raises(fs.InputError, match=message):
+            read(path)
+
+
+def test_files_that_do_not_belong_together(tmp_path: Path) -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+    shutil.copy(DATA / "inboard.op4", tmp_path / "part.op4")
+    with pytest.raises(fs.InputError, match=r"neither part\.asm nor part\.pch"):
+        fs.read_component(tmp_path / "part.op4")
+    shutil.copy(DATA / "outboard.pch", tmp_path / "part.pch")
+    with pytest.raises(fs.InputError, match="32 rows, but the cards beside it name 46 DOF"):
+        fs.read_component(tmp_path / "part.op4")
+    (tmp_path / "part.op4").unlink()
+    with pytest.raises(fs.InputError, match=r"no part\.op4 beside it"):
+        fs.read_component(tmp_path / "part.pch")
+    with pytest.raises(fs.InputError, match="cutoff is for superelements"):
+        fs.read_component(tmp_path, cutoff=1.0)
+    with pytest.raises(fs.InputError, match="is a superelement"):
+        fs.read_component(tmp_path / "part.pch", interface=[1])
+
+
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("pyyeti.nastran.op4", "pyyeti.nastran", "pyyeti"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(fs.MissingPackageError, match="pip install pyyeti"):
+        fs.read_component(DATA / "inboard.asm")
+
+
+@pytest.mark.slow
+def test_a_full_file_of_ansys_has_the_frequencies_of_pyansys(tmp_path: Path) -> None:
+    """The beam in the reader's examples, and the frequencies of its examples.py. A cut file ends no process of ours."""
+    if find_spec("ansys") is None or (found := find_spec("ansys.mapdl.reader")) is None or found.origin is None:
+        pytest.skip("ansys-mapdl-reader is not installed")
+    file = Path(found.origin).parent / "examples" / "file.full"
+    try:
+        beam = fs.read_component(file, interface=["200:*"])
+    except fs.MissingPackageError as error:
+        pytest.skip(str(error))
+    assert (beam.size, len(beam.interface)) == (900, 3)  # 963 with those that are held
+    known = [1283.20036921, 1283.20036921, 5781.97486169, 6919.39887714]
+    assert fs.normal_modes(beam, count=4).frequencies / (2 * np.pi) == pytest.approx(known, rel=1e-11)
+    (tmp_path / "cut.full").write_bytes(file.read_bytes()[:600_000])
+    with pytest.raises(fs.InputError, match="its reader stopped"):
+        fs.read_component(tmp_path / "cut.full")
+
+
+def test_a_full_file_needs_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.io.ansys.find_spec", lambda name: None)
+    (tmp_path / "a.full").write_bytes(b"")
+    with pytest.raises(fs.MissingPackageError, match="pip install ansys-mapdl-reader"):
+        fs.read_matrix(tmp_path / "a.full", "K")
+
+
+@pytest.fixture(scope="module")
+def arm() -> tuple[fs.Substructure, fs.ReducedSubstructure]:
+    mesh = fs.block((1.0, 0.1, 0.1), (6, 1, 1), "hexahedron")
+    part = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), interface=["left", "right"], name="arm")
+    return part, fs.reduce(part, fs.CraigBampton(modes=7))
+
+
+def frequencies(model: fs.Substructure) -> Any:
+    return fs.normal_modes(model, count=12).frequencies
+
+
+@pytest.mark.parametrize("program", ["nastran", "dmig"])
+def test_what_is_written_for_nastran_is_read_back(arm: Any, tmp_path: Path, program: str) -> None:
+    if program == "nastran":
+        pytest.importorskip("pyyeti.nastran.op4")
+    rom = arm[1].with_damping(1e-6 * arm[1].K)
+    fs.write_superelement(tmp_path, rom, program, number=7)
+    found = read(tmp_path / "arm.pch")
+    digits = 1e-15 if program == "nastran" else 1e-10  # of DMIG, ten
+    for ours, theirs in ((rom.M, found.M), (rom.K, found.K), (rom.D, found.D)):
+        assert np.abs(ours - theirs).max() <= digits * np.abs(ours).max()
+    assert rom.full_dofs is not None and found.full_dofs is not None
+    place = {(node, kind): at for at, (node, kind) in enumerate(zip(rom.full_dofs.nodes, rom.full_dofs.components, strict=True))}
+    rows = [place[node, DIRECTIONS.index(found.full_dofs.labels[kind][:2])]
+            for node, kind in zip(found.full_dofs.nodes, found.full_dofs.components, strict=True)]
+    assert sorted(rows) == list(range(84))
+    assert np.abs(rom.V[rows] - found.V).max() <= digits * np.abs(rom.V).max()
+    assert found.interface_dofs is not None and rom.interface_dofs is not None
+    assert np.abs(found.interface_dofs.points - rom.interface_dofs.points).max() < 1e-10
+    assert "superelement" in found.method and ("7 " in found.method) == (program == "nastran" or found.modes == 7)
+    if program == "nastran":
+        assert np.abs(frequencies(found)[6:] / frequencies(rom)[6:] - 1).max() < 1e-12
+        with pytest.raises(fs.InputError, match="damping"):
+            fs.write_superelement(tmp_path / "c", rom, "calculix")
+
+
+def test_pynastran_reads_what_is_written(arm: Any, tmp_path: Path) -> None:
+    bdf, op4 = pytest.importorskip("pyNastran.bdf.bdf"), pytest.importorskip("pyNastran.op4.op4")
+    pytest.importorskip("pyyeti.nastran.op4")
+    for program in ("nastran", "dmig"):
+        fs.write_superelement(tmp_path / program, arm[1], program)
+    deck = bdf.read_bdf(tmp_path / "dmig" / "arm.pch", punch=True, xref=False, debug=None)
+    found = {name: deck.dmig[name].get_matrix(is_sparse=False, apply_symmetry=True)[0] for name in ("KAAX", "MAAX", "MUG1T")}
+    whole = op4.read_op4(str(tmp_path / "nastran" / "arm.op4"), matrix_names=["KAA", "MAA"], debug=None)
+    for ours, dmig, name in ((arm[1].K, found["KAAX"], "KAA"), (arm[1].M, found["MAAX"], "MAA")):
+        assert np.abs(ours - dmig).max() < 1e-10 * np.abs(ours).max()
+        stored = whole[name]
+        assert np.array_equal(ours, stored.data if hasattr(stored, "form") else stored[1])
+    bdf.read_bdf(tmp_path / "nastran" / "arm.asm", punch=True, xref=False, debug=None)
+
+
+def test_matrices_for_abaqus_and_calculix(arm: Any, tmp_path: Path) -> None:
+    rom = arm[1]
+    for program in ("abaqus", "calculix"):
+        fs.write_superelement(tmp_path / program, rom, program)
+        back = fs.read_component(tmp_path / program / "M.mtx", tmp_path / program / "K.mtx")
+        assert np.array_equal(back.K.toarray(), rom.K) and np.array_equal(back.M.toarray(), rom.M)
+        assert back.dofs is not None and back.dofs.name(23) == "uz at node 28"
+        assert np.array_equal(fs.read_matrix(tmp_path / program / "recovery.mtx"), rom.V)
+    deck = (tmp_path / "abaqus" / "arm.inp").read_text()
+    assert "*MATRIX INPUT, NAME=FEMSUB_K, INPUT=K.mtx\n" in deck and deck.endswith("STIFFNESS=FEMSUB_K, MASS=FEMSUB_M\n")
+    assert "cut-off 25688.1 rad" in deck
+    deck = (tmp_path / "calculix" / "arm.inp").read_text()
+    assert deck.endswith("*BOUNDARY\n101003, 2, 2\n101003, 3, 3\n")  # seven modal coordinates, three at a node
+
+
+def test_how_far_it_may_be_trusted_stands_beside_it(tmp_path: Path) -> None:
+    rom = fs.reduce(fs.chain(10), fs.CraigBampton(band=(0.0, 0.8), tol=1e-2))
+    fs.write_superelement(tmp_path, rom, "dmig")
+    about = json.loads((tmp_path / "validity.json").read_text())
+    assert about["cutoff"] == rom.cutoff and rom.estimate is not None and about["estimate"] == rom.estimate.record()
+    assert about["coordinates"][0] == {"node": 10100001, "direction": 0, "kind": "constraint"}
+    assert "SPOINT  10100001    THRU" in (tmp_path / "chain.pch").read_text()
+
+
+def test_what_no_program_takes_is_refused(arm: Any, tmp_path: Path) -> None:
+    craig_chang = fs.reduce(fs.chain(10), fs.CraigChang(modes=3))
+    for model, program, more, message in (
+            (arm[1], "ansys", {}, "unknown program"), (craig_chang, "dmig", {}, "no coordinates"),
+            (arm[1], "exudyn", {}, "the full one"), (arm[1], "dmig", {"number": 1000}, "at most 999"),
+            (arm[1], "exudyn", {"full": fs.chain(10)}, "the full one")):
+        with pytest.raises(fs.InputError, match=message):
+            fs.write_superelement(tmp_path, model, program, **more)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_exudyn_has_the_frequencies_of_the_reduced_model(tmp_path: Path, held: bool) -> None:
+    """Free, and clamped at one end with its frame at rest."""
+    exu, fem = pytest.importorskip("exudyn"), pytest.importorskip("exudyn.FEM")
+    mesh = fs.block((1.0, 0.1, 0.1), (6, 1, 1), "hexahedron")
+    part = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), interface=["right"], supports=["left"] if held else [], name="arm")
+    rom = fs.reduce(part, fs.CraigBampton(modes=7))
+    fs.write_superelement(tmp_path, rom, "exudyn", full=part)
+    body, mbs = fem.ObjectFFRFreducedOrderInterface(), exu.SystemContainer().AddSystem()
+    body.LoadFromFile(str(tmp_path / "arm.npz"))
+    node = body.AddObjectFFRFreducedOrder(mbs)["nRigidBody"]
+    if held:
+        items = exu.itemInterface
+        for coordinate in (0, 1, 2, 4, 5, 6):  # the Euler parameters have a constraint of their own
+            ground = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
+            marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=coordinate))
+            mbs.AddObject(items.CoordinateConstraint(markerNumbers=[ground, marker]))
+    mbs.Assemble()
+    theirs = np.sqrt(np.sort(mbs.ComputeODE2Eigenvalues()[0]))
+    rigid = 0 if held else 6
+    ours = fs.normal_modes(rom, count=rom.size - rigid).frequencies
+    assert len(theirs) == len(ours) and np.abs(theirs[rigid:] / ours[rigid:] - 1).max() < 1e-9
+    assert body.totalMass == pytest.approx(78.5 if not held else body.totalMass)
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+def test_calculix_solves_a_superelement(arm: Any, tmp_path: Path) -> None:
+    """Clamped at its left end; CalculiX takes superelements from version 2.21."""
+    rom = arm[1]
+    fs.write_superelement(tmp_path, rom, "calculix")
+    (tmp_path / "job.inp").write_text("*INCLUDE, INPUT=arm.inp\n*BOUNDARY\n" + "".join(f"{node}, 1, 3\n" for node in (1, 2, 3, 4))
+                                      + "*STEP\n*FREQUENCY\n6\n*NODE PRINT, NSET=P101\nU\n*END STEP\n")
+    done = subprocess.run(["ccx", "job"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    if "MATRIXASSEMBLE" in done.stdout:
+        pytest.skip("CalculiX older than 2.21")
+    lines = (tmp_path / "job.dat").read_text().split("MODE NO")[1].split("P A R T I C I P A T I O N")[0].splitlines()
+    theirs = [float(words[2]) for words in map(str.split, lines) if len(words) == 5 and words[0].isdigit()]
+    free = np.setdiff1d(np.arange(rom.size), rom.interface[rom.sets["left"]])
+    ours = np.sqrt(scipy.linalg.eigh(rom.K[np.ix_(free, free)], rom.M[np.ix_(free, free)], eigvals_only=True))
+    assert len(theirs) == 6 and np.abs(theirs / ours[:6] - 1).max() < 1e-5
