@@ -126,7 +126,7 @@ class Audit:
         if np.isnan(self.trusted):
             return "Which frequencies may be trusted is not known without the full model" + (
                 "." if np.isnan(self.cutoff) else f". None above the cut-off, {self.cutoff:.6g} rad/time.")
-        how = "by the full model's own" if self.full_size else "by a bound from the small matrices, if the stated cut-off is right"
+        how = "by the full model's own" if self.full_size else "by a bound from the small matrices, if the inside has fixed-interface modes and the cut-off is right"
         right = int(np.count_nonzero(self.omega <= self.trusted))
         if not right:
             return f"No elastic frequency is within {TRUSTED:.0%}, {how}."
@@ -372,7 +372,7 @@ def _bounds(model: Model) -> FrequencyBounds | str:
 
 def _within_bounds(model: Model, seen: Compared) -> Sequence[Finding]:
     """The full model's frequencies lie within the bounds from the small matrices alone, if it is the same model."""
-    if not len(seen.omega) or not np.isfinite(model.cutoff):
+    if not len(seen.omega) or not np.isfinite(model.cutoff) or not model.kinds:
         return []
     bounds = _bounds(model)
     if not isinstance(bounds, FrequencyBounds) or bounds.rigid != seen.rigid:

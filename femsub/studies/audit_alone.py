@@ -189,22 +189,18 @@ def _modal(model: Model) -> Iterator[Finding]:
     """Modes are orthonormal in M, orthogonal in K, and share no stiffness with constraint modes."""
     at = model.modal
     if not len(at):
-        if not model.kinds and model.basis != "held" and model.size > len(model.B):
-            yield Finding("modes orthonormal", UNKNOWN, "which coordinates are modes is not stated",
+        if not model.kinds and model.size > len(model.B):
+            yield Finding("modes orthonormal", UNKNOWN, "which coordinates are modes is not stated, and they do not look like it",
                           todo="State the kinds of the coordinates, or the interface")
         return
     M, K = (A[np.ix_(at, at)] for A in (model.M, model.K))
     mixed, length = max(off_diagonal(M), off_diagonal(K)), float(np.abs(M.diagonal() - 1).max())
     stated = bool(model.kinds)
-    if mixed > 0.1 and not stated:
-        yield Finding("modes orthonormal", UNKNOWN, "the coordinates beside the interface are no normal modes", mixed, ORTHONORMAL,
-                      "If they should be: orthonormalise them, ΦᵀMΦ = I and ΦᵀKΦ = Ω²")
-    else:
-        off = max(mixed, length if stated else 0.0)
-        yield Finding.of("modes orthonormal", off, ORTHONORMAL, "ΦᵀMΦ is not I, or ΦᵀKΦ is not diagonal: "
-                         + (f"the masses of modes differ from 1 by up to {length:.2g}" if length > mixed else
-                            f"modes share up to {mixed:.2g} of their energy"),
-                         "Normalise the modes to mass 1, the matrices with them; modes that are not orthogonal have not converged")
+    why = f"the masses of modes differ from 1 by up to {length:.2g}" if stated and length > mixed else \
+        f"modes share up to {mixed:.2g} of their energy"
+    yield Finding.of("modes orthonormal", max(mixed, length if stated else 0.0), ORTHONORMAL, "ΦᵀMΦ is not I, or ΦᵀKΦ is not "
+                     f"diagonal: {why}", "Normalise the modes to mass 1, the matrices with them; modes that are not orthogonal have "
+                     "not converged")
     if model.basis == "held" and len(at) < model.size:
         others = np.setdiff1d(np.arange(model.size), at)
         yield Finding.of("modes and interface share no stiffness", coupling(model.K, others, at), ORTHONORMAL,

@@ -25,6 +25,7 @@ SPANNED = 1e-4  # of the static response in the energy norm: the difference of e
 NEAR = 1e-4  # relative distance of frequencies that are one cluster
 AT = 1e-6  # relative distance to the cut-off within which nothing is counted
 MOST = 60  # frequencies that are compared
+BELOW, STATE = "modes below the cut-off", "State the kinds of the coordinates, or the interface"
 ROUNDING = 256 * EPS  # of sums in products with the full matrices
 
 
@@ -78,7 +79,7 @@ def compared(model: Model, full: Full) -> Compared:
         modes, tally, first = _modes(model, full)
         found += modes
     except FemsubError as error:
-        found.append(Finding("modes below the cut-off", UNKNOWN, f"they could not be counted: {error}"))
+        found.append(Finding(BELOW, UNKNOWN, f"they could not be counted: {error}"))
     omega, rigid = np.zeros((0, 2)), 0
     try:
         omega, rigid = _frequencies(model, full, first)
@@ -278,66 +279,79 @@ def _rigid(model: Model, full: Full) -> Iterator[Finding]:
 
 def _modes(model: Model, full: Full) -> tuple[list[Finding], Tally, float]:
     """The modes below the cut-off, counted by the inertia of K - ω²M of the full model; whether those kept have converged."""
-    what = "modes below the cut-off"
     if not model.basis:
-        return [Finding(what, UNKNOWN, "which modes the model keeps is not stated", todo="State the kinds of the coordinates, or the "
-                        "interface")], Tally(0), np.nan
-    held = model.basis == "held"
-    own = model.held_frequencies if held else model.free_frequencies
+        return [Finding(BELOW, UNKNOWN, "which modes the model keeps is not stated", todo=STATE)], Tally(0), np.nan
+    held, cut = model.basis == "held", model.cutoff
+    if np.isinf(cut) and model.size == full.sub.size:
+        return [Finding(BELOW, GOOD, "nothing is left out")], Tally(model.size, full.sub.size), np.inf
+    own = _kept(model)
     handle = full.handle(model.basis)
-    n, rigid = handle.K.shape[0], handle.rigid.shape[1]
-    cut = model.cutoff
-    if held and "static port" in model.kinds:
-        own = np.sort(model.modal_frequencies)
-    if not held and "free" in model.kinds and len(model.modal):
-        own = np.sort(model.modal_frequencies)
+    if not handle.K.shape[0]:
+        return [Finding(BELOW, GOOD, "all DOF are interface")], Tally(0, 0), np.inf
+    rigid = handle.rigid.shape[1]
+    keep = len(own) if held else rigid + int(np.count_nonzero(own[rigid:] < cut)) if np.isfinite(cut) else len(model.modal)
+    modes = lowest_modes(handle, max(0, min(keep - rigid + 1, MOST, handle.elastic)))
+    apart = _apart(own[0 if held else rigid:], modes.frequencies[rigid:])
+    if not model.kinds and np.count_nonzero(apart <= CONVERGED) < len(apart) / 2:
+        return [Finding(BELOW, UNKNOWN, "the coordinates beside the interface are not stated to be modes, and most of them are "
+                        "none of the full model", todo=STATE)], Tally(0), np.nan
+    first = _first_missing(own, modes.frequencies)
     if np.isfinite(cut):
-        edge = cut * (1 - AT)
-        counted = modes_under(handle.K, handle.M, edge**2) if n else 0
-        listed_here = int(np.count_nonzero(own < edge)) if held else int(np.count_nonzero(own[rigid:] < edge)) + rigid
-        missing = counted - listed_here
-        said = f"the full model has {counted} modes below the stated cut-off {cut:.6g} rad/time, the reduced one {listed_here}"
-        found = [Finding.of(what, float(abs(missing)), 0.0, said, "Keep all modes below the cut-off, or state a lower one"
-                            if missing > 0 else "A mode is listed twice, or is none of the full model")]
-        tally = Tally(listed_here, counted)
+        counted = modes_under(handle.K, handle.M, (cut * (1 - AT)) ** 2)
+        mine = int(np.count_nonzero(own[0 if held else rigid:] < cut * (1 - AT))) + (0 if held else rigid)
+        found, tally = [_below(counted, mine, cut)], Tally(mine, counted)
     else:
-        found, tally, counted = [], Tally(0), 0
-    keep = len(own) if held else rigid + (len(model.modal) - model.kinds.count("rigid") if len(model.modal) else 0)
-    if not keep and not np.isnan(cut):
-        return found, tally, cut
-    most = min(keep - rigid * (not held) + 1, MOST, max(handle.elastic, 0))
-    modes = lowest_modes(handle, most)
-    true = modes.frequencies
-    found += _converged(own, true, counted if np.isfinite(cut) else keep, rigid, held)
-    first = _first_missing(own, true, modes.rigid)
-    if not np.isfinite(cut):
-        if np.isnan(cut) or model.V is None or model.size < full.sub.size:
-            complete = np.isinf(cut)
-            found.insert(0, Finding(what, FAULT if complete and first < np.inf else GOOD, f"the first one that is left out is at "
-                                    f"{first:.6g} rad/time" if first < np.inf else "", todo="The model says that it is complete: "
-                                    "state this cut-off" if complete and first < np.inf else ""))
-        tally = Tally(int(np.count_nonzero(own < first)), int(np.count_nonzero(true < first)) if modes.evidence != "not checked"
-                      else None)
-    if held and full.statics is not None and len(model.modal):
+        found = [_unstated(first, np.isinf(cut))]
+        tally = Tally(int(np.count_nonzero(own < first)), _counted(handle, first))
+    if len(apart):
+        worst = int(apart.argmax())
+        found.append(Finding.of("modes converged", float(apart[worst]), CONVERGED, f"mode {worst + 1} of the reduced model is none "
+                                f"of the full model: ω² is off by {apart[worst]:.1e}", "Compute it again with a tighter tolerance; "
+                                "or the model is reduced from other matrices, or its coordinates are no modes: state their kinds"))
+    if held:
         found += _coupling(model, full, modes)
     return found, tally, min(first, cut) if np.isfinite(cut) else first
 
 
-def _converged(own: Array, true: Array, below: int, rigid: int, held: bool) -> list[Finding]:
-    """ω² of each mode against that of the nearest one of the full model."""
-    mine, there = own[0 if held else rigid:], true[rigid:]
-    reach = there[-1] if len(there) else 0.0
-    some = mine[mine <= reach * (1 + AT)]
-    if not len(some) or not len(there):
-        return []
-    apart = np.abs(some[:, None] ** 2 / there[None, :] ** 2 - 1).min(axis=1)
-    worst = int(apart.argmax())
-    return [Finding.of("modes converged", float(apart[worst]), CONVERGED, f"mode {worst + 1} of the reduced model, ω = "
-                       f"{some[worst]:.7g}, is none of the full model: ω² is off by {apart[worst]:.1e}",
-                       "Compute it again with a tighter tolerance; or the model is reduced from other matrices")]
+def _kept(model: Model) -> Array:
+    """ω of the modes that the model keeps, ascending: of a free basis with its rigid motions, and what else follows them."""
+    if model.basis != "held":
+        return np.sort(model.modal_frequencies) if len(model.modal) else model.free_frequencies
+    if "static port" in model.kinds or (len(model.modal) and not len(model.B)):
+        return np.sort(model.modal_frequencies)
+    return model.held_frequencies
 
 
-def _first_missing(own: Array, true: Array, rigid: int) -> float:
+def _below(counted: int, mine: int, cut: float) -> Finding:
+    return Finding.of(BELOW, float(abs(counted - mine)), 0.0, f"the full model has {counted} modes below the stated cut-off "
+                      f"{cut:.6g} rad/time, the reduced one {mine}", "Keep all modes below the cut-off, or state a lower one"
+                      if counted > mine else "A mode is listed twice, or is none of the full model")
+
+
+def _unstated(first: float, complete: bool) -> Finding:
+    """Where no cut-off is stated, or the model says that nothing is left out."""
+    if np.isinf(first):
+        return Finding(BELOW, GOOD)
+    if complete:
+        return Finding(BELOW, FAULT, f"the model says that no mode is left out, but one at {first:.6g} rad/time is",
+                       todo="State this cut-off")
+    return Finding(BELOW, GOOD, f"none is stated; the first mode that is left out is at {first:.6g} rad/time")
+
+
+def _counted(handle: ShiftInvert, first: float) -> int | None:
+    """The modes of the full model below the first one that is missing, by their inertia; None if all of those known are there."""
+    return None if np.isinf(first) else modes_under(handle.K, handle.M, (first * (1 - AT)) ** 2)
+
+
+def _apart(mine: Array, there: Array) -> Array:
+    """How far ω² of each mode is from that of the nearest one of the full model, as far as these are known."""
+    some = mine[mine <= there.max(initial=0.0) * (1 + AT)]
+    if not len(some):
+        return some
+    return np.abs(some[:, None] ** 2 / there[None, :] ** 2 - 1).min(axis=1)
+
+
+def _first_missing(own: Array, true: Array) -> float:
     """The lowest frequency of the full model that the reduced one has not got, as often as it stands there."""
     left = list(own)
     for value in true:

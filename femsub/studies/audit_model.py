@@ -21,7 +21,7 @@ HELD_KIND, FREE_KINDS = "fixed-interface", ("free", "free and inertia relief")
 PHYSICAL = ("constraint", "interface")  # kinds of coordinates beside which free modes are not alone
 SPREAD = "interface mode"  # a kind that no single frequency is the cut-off of
 DEPENDENT = 1e-9  # relative singular value of the interface rows below which a motion of the interface is none
-FORM = 1e-4  # relative coupling in K between interface and inside up to which the inside has fixed-interface modes
+FORM = 1e-4  # relative coupling in M and K up to which coordinates beside the interface are taken for fixed-interface modes
 
 
 @dataclass(frozen=True)
@@ -140,9 +140,11 @@ class Model:
             return "free" if set(self.kinds) & set(FREE_KINDS) else ""
         if self.places is None or not len(self.places):
             return ""
-        N = self.parted[2]
-        return "held" if coupling(self.K, self.places, np.flatnonzero(N.any(axis=1))) <= FORM else "free" if len(
-            self.massless) else ""
+        inside = np.setdiff1d(np.arange(self.size), self.places)
+        M, K = (A[np.ix_(inside, inside)] for A in (self.M, self.K))
+        if max(coupling(self.K, self.places, inside), off_diagonal(M), off_diagonal(K)) <= FORM:
+            return "held"
+        return "free" if len(self.massless) else ""
 
     @cached_property
     def modal(self) -> Array:
