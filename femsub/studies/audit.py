@@ -11,12 +11,11 @@ import numpy as np
 from femsub.checks import Array, Tally, choice, finite_number, instance, mapping, positive_number, real_array, whole_numbers
 from femsub.errors import FemsubError, InputError, InputTypeError
 from femsub.model import DofMap, Pencil, ReducedSubstructure, Substructure
-from femsub.modes import motion_of, rounding_of
-from femsub.reduction import FrequencyBounds, Guyan, frequency_bounds, reduce
-from femsub.studies.audit_alone import SYSTEMS, alone, digits, numbers, sizes
-from femsub.studies.audit_full import Compared, Full, compared
+from femsub.reduction.frequency_bounds import FrequencyBounds, frequency_bounds
+from femsub.studies.audit_alone import SYSTEMS, alone, numbers, sizes
+from femsub.studies.audit_full import Compared, Full, compared, digits, motion_in
 from femsub.studies.audit_model import FAULT, GOOD, UNKNOWN, Finding, Model, array
-from femsub.studies.charts import Chart, Panel, Series
+from femsub.studies.charts import Chart, Level, Panel, Series
 from femsub.studies.tables import Table, column, fitted
 from femsub.studies.verdicts import Verdict
 
@@ -83,8 +82,9 @@ class Audit:
 
     @property
     def error(self) -> Array:
-        """How far each frequency may be too high, relative, shape (k,): 1 - lower/omega."""
-        return np.abs(1 - self.lower / self.omega)
+        """How far each frequency is off, or may be off, relative to the full model's, shape (k,): |omega/lower - 1|."""
+        safe = np.where(self.lower == 0, np.nan, self.lower)
+        return np.where(self.lower == 0, np.inf, np.abs(self.omega / safe - 1))
 
     @property
     def trusted(self) -> float:
@@ -118,8 +118,8 @@ class Audit:
             headline = f"{count - len(self.unknown)} checks of {self.name} ({self.size} DOF), {against}, found no fault" + (
                 f"; {len(self.unknown)} could not be decided." if self.unknown else ".")
         decides = [f"{one.what}: {one.said}. {one.todo}." for one in self.faults]
-        unknown = [f"{one.what}: {one.said}." + (f" {one.todo}." if one.todo else "") for one in self.unknown]
-        return Verdict([*decides, self._trust()], unknown, "no" if self.faults else "yes" if self.full_size else "in part", headline,
+        unknown = [f"Not known: {one.what}: {one.said}." + (f" {one.todo}." if one.todo else "") for one in self.unknown]
+        return Verdict([*decides, self._trust(), *unknown], (), "no" if self.faults else "yes" if self.full_size else "in part", headline,
                        "Is the reduced model what it should be?")
 
     def _trust(self) -> str:
@@ -139,8 +139,8 @@ class Audit:
         rows = [{"check": one.what, "verdict": one.verdict, "figure": one.figure, "limit": one.limit, "said": one.said,
                  "todo": one.todo} for one in self.findings]
         values = [{"mode": at + 1, "omega": float(one), "full": None if np.isnan(low) else float(low),
-                   "error": None if np.isnan(low) else float(abs(1 - low / one))}
-                  for at, (one, low) in enumerate(zip(self.omega, self.lower, strict=True))]
+                   "error": None if np.isnan(low) or np.isinf(error) else float(error)}
+                  for at, (one, low, error) in enumerate(zip(self.omega, self.lower, self.error, strict=True))]
         head = "full model" if self.full_size else "not below"
         return (Table("checks", rows, [column("check", "check", "s"), column("verdict", "verdict", "s",
                                                                             cell=lambda row: WORDS[row["verdict"]]),
@@ -154,16 +154,16 @@ class Audit:
         known = ~np.isnan(self.lower)
         name = "error" if self.full_size else "bound of the error"
         series = [Series(name, self.omega[known].tolist(), np.maximum(self.error[known], 1e-16).tolist())]
-        return Chart("frequencies", f"{self.name}: {name} of frequencies", [Panel(series, "ω  [rad/time]", name, logs="y", rounding=True)])
+        levels = [Level(self.cutoff, "first mode left out")] if np.isfinite(self.cutoff) else []
+        return Chart("frequencies", f"{self.name}: {name} of frequencies",
+                     [Panel(series, "ω  [rad/time]", name, logs="y", levels=levels, rounding=True)])
 
     @property
     def text(self) -> str:
         """One page: the verdict, what decides it, all checks, the frequencies, and what cannot be known."""
         said = self.answer
-        parts = [said.text, "\n".join(f"- {line}" for line in said.decides), *(table.text() for table in self.tables)]
-        if said.unchecked:
-            parts.append("\n".join(["Not known:", *(f"- {line}" for line in said.unchecked)]))
-        return fitted("\n\n".join(filter(None, parts)))
+        return fitted("\n\n".join([said.text, *filter(None, (one.text() for one in self.tables)),
+                                   "\n".join(f"- {line}" for line in said.decides)]))
 
     def record(self) -> dict[str, Any]:
         """Everything as numbers, texts and lists, for JSON."""
@@ -236,13 +236,13 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
         basic += _same_size(model, full)
     if any(one.verdict == FAULT for one in basic):
         return Audit(model.name, len(model.M), 0 if full is None else full.size, tuple(basic))
-    found = [*basic, digits(model, {key: rounding_of(A, np.zeros((len(A), 0))) for key, A in (("K", model.K), ("M", model.M))})]
+    found = [*basic, digits(model)]
     if full is not None and not full.pencil.symmetric[1]:
         model = replace(model, gyroscopic=True)
     found += [one for one in alone(model, full is not None, False if full is None else _active(full)) if one.what]
     sound = not any(one.verdict == FAULT for one in found)
     if full is not None:
-        seen = compared(model, _full(full, rows))
+        seen = compared(model, Full.of(full, rows))
         found += seen.findings
         found += _within_bounds(model, seen) if sound else []
         return Audit(model.name, model.size, full.size, tuple(found), seen.omega[:, 0], seen.omega[:, 1], seen.first_missing,
@@ -284,9 +284,8 @@ def _of_model(reduced: Substructure | Pencil) -> dict[str, Any]:
         return own
     own |= {"places": reduced.interface if len(reduced.interface) else None, "dofs": reduced.interface_dofs}
     if isinstance(reduced, ReducedSubstructure):
-        motion = motion_of(reduced.rigid_motion)
         own |= {"V": np.asarray(reduced.V), "kinds": tuple(reduced.kinds), "rows": reduced.full_interface,
-                "cutoff": reduced.cutoff, "motion": None if motion is None else motion.shapes}
+                "cutoff": reduced.cutoff, "motion": motion_in(reduced)}
     return own
 
 
@@ -329,18 +328,6 @@ def _same_size(model: Model, full: Substructure) -> list[Finding]:
         return [Finding(what, FAULT, f"the interface names DOF {model.rows.max()}, but the full model has {full.size}", todo=todo)]
     return [Finding(what, FAULT, f"the reduced model has {model.size} coordinates, the full one {full.size} DOF", todo=todo)] \
         if model.size > full.size else []
-
-
-def _full(full: Substructure, rows: Array) -> Full:
-    """The full model with its constraint modes, or why it has none."""
-    if not len(rows):
-        return Full(full, rows, None, "no interface is known")
-    sub = Substructure(full.M, full.K, full.D, rows.tolist(), name=full.name) if not np.array_equal(rows, full.interface) else full
-    try:
-        rom = reduce(sub, Guyan())
-    except FemsubError as error:
-        return Full(full, rows, None, str(error))
-    return Full(full, rows, (rom.V, rom.K, rom.M))
 
 
 def _active(full: Substructure) -> bool | None:

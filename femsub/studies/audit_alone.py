@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 SYMMETRY = 1e-9  # as that of `Substructure`
 NEGATIVE = 1e-9  # eigenvalue of a matrix with diagonal 1 that counts as rounding
 SINGULAR = 1e-10  # the same for a motion that has neither mass nor stiffness
-DIGITS = 1e-8  # relative rounding of entries: fewer than nine digits
 ORTHONORMAL = 1e-6  # as good as other programs' eigensolvers
 FREE = 1e-9  # energy of a motion over that of its single DOF up to which it strains nothing
 SOFT = 1e-4  # and up to which it may be a soft mount, or a spring that nobody meant
@@ -175,14 +174,6 @@ def _damping(model: Model, active: bool | None) -> Iterator[Finding]:
     yield Finding.of("D takes energy out", float(-values[0]) if values[0] < 0 else 0.0, NEGATIVE,
                      f"D has a negative eigenvalue, mostly in coordinate {at}: it feeds energy in",
                      "Look at its sign. Friction with a falling characteristic belongs to a contact, not to D")
-
-
-def digits(model: Model, rounding: dict[str, float]) -> Finding:
-    """Whether the entries have as many digits as they need; `rounding` by matrix."""
-    worst = max(rounding, key=lambda key: rounding[key])
-    return Finding.of("digits", rounding[worst], DIGITS, f"the entries of {worst} end after about "
-                      f"{1 - np.log10(8 * rounding[worst]):.0f} digits", "Write them with all digits (17): low modes and rigid "
-                      "motion are small differences of large entries")
 
 
 def _modal(model: Model) -> Iterator[Finding]:
@@ -380,7 +371,7 @@ def factor(ratio: float) -> str:
     for value, why in known.items():
         for one in (value, 1 / value):
             if ratio > 0 and abs(ratio / one - 1) < 2e-3:
-                return f", by a factor of {ratio:.4g}: {why}?"
+                return f", by a factor of {ratio:.4g} (as {why})"
     return f", by a factor of {ratio:.6g}" if ratio > 0 else ""
 
 

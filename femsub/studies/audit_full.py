@@ -10,7 +10,7 @@ import numpy as np
 
 from femsub.checks import EPS, Array, Matrix, Tally
 from femsub.errors import FemsubError
-from femsub.modes import ShiftInvert, lowest_modes, modes_under
+from femsub.modes import ShiftInvert, lowest_modes, modes_under, motion_of, rounding_of
 from femsub.studies.audit_alone import FREE, ORTHONORMAL, STATED, factor, strain
 from femsub.studies.audit_model import FAULT, GOOD, UNKNOWN, Finding, Model, listed, units, within
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 SAME = 1e-6  # relative difference of matrices that are one
 CONVERGED = 1e-6  # relative difference of ω² of a mode that has converged
 COUPLED = 1e-4  # of the coupling of modes to the interface, which is only as good as the shapes of other programs
+DIGITS = 1e-8  # relative rounding of entries: fewer than nine digits
 SPANNED = 1e-4  # of the static response in the energy norm: the difference of energies has half the digits
 NEAR = 1e-4  # relative distance of frequencies that are one cluster
 AT = 1e-6  # relative distance to the cut-off within which nothing is counted
@@ -33,13 +34,32 @@ ROUNDING = 256 * EPS  # of sums in products with the full matrices
 class Full:
     """The full model, with the interface that the reduced one has.
 
-    `C` (n, n_b) are its constraint modes with K_c = CᵀKC and M_c = CᵀMC, None where the interface does not hold the inside.
+    `statics` are its constraint modes C (n, n_b), CᵀKC and CᵀMC; None where the interface does not hold the inside, or is not
+    known. `why` says which.
     """
 
     sub: Substructure
     rows: Array
     statics: tuple[Array, Array, Array] | None
     why: str = ""
+
+    @classmethod
+    def of(cls, sub: Substructure, rows: Array) -> Full:
+        """The full model with the interface `rows`."""
+        if not len(rows):
+            return cls(sub, rows, None, "no interface is known")
+        C = np.eye(sub.size)[:, rows]
+        inside = np.setdiff1d(np.arange(sub.size), rows)
+        try:
+            handle = ShiftInvert(sub.K, sub.M, inside) if len(inside) else None
+            if handle is not None and handle.rigid.shape[1]:
+                return cls(sub, rows, None, "the interface does not hold the inside of the full model")
+            if handle is not None:
+                C[inside] = -handle.elastic_solve((sub.K @ C)[inside], np.zeros((len(inside), 0)))
+        except FemsubError as error:
+            return cls(sub, rows, None, str(error))
+        K, M = (C.T @ (A @ C) for A in (sub.K, sub.M))
+        return cls(sub, rows, (C, (K + K.T) / 2, (M + M.T) / 2))
 
     @property
     def inside(self) -> Array:
@@ -394,11 +414,11 @@ def _coupling(model: Model, full: Full, modes: NormalModes) -> list[Finding]:
 
 
 def _frequencies(model: Model, full: Full, first: float) -> tuple[Array, int]:
-    """Elastic frequencies (k, 2) of the reduced and of the full model, interface free, up to the first mode that is missing."""
+    """Elastic frequencies (k, 2) of the reduced and of the full model, interface free, up to the cut-off that is stated, or found."""
     handle = full.handle("free")
     rigid = handle.rigid.shape[1]
     own = model.free_frequencies[rigid:]
-    reach = float(min(first, model.cutoff)) if not np.isnan(min(first, model.cutoff)) else np.inf
+    reach = model.cutoff if np.isfinite(model.cutoff) else first if first < np.inf else np.inf
     most = min(MOST, handle.elastic, max(1, int(np.count_nonzero(own <= reach))), len(own))
     if most <= 0:
         return np.zeros((0, 2)), rigid
@@ -417,7 +437,16 @@ def _ritz(model: Model, omega: Array) -> Iterator[Finding]:
                      "M, K or both are of another model, or in other units")
 
 
-def of_full(sub: Substructure, rows: Array, statics: tuple[Array, Array, Array] | str) -> Full:
-    """The full model with its statics, or why it has none."""
-    return Full(sub, rows, None, statics) if isinstance(statics, str) else Full(sub, rows, statics)
+def motion_in(model: Substructure) -> Array | None:
+    """The rigid motion that a reduced model carries (r, k), if it carries one."""
+    motion = motion_of(model.rigid_motion)
+    return None if motion is None else motion.shapes
 
+
+def digits(model: Model) -> Finding:
+    """Whether the entries have as many digits as they need."""
+    rounding = {key: rounding_of(A, np.zeros((len(A), 0))) for key, A in (("K", model.K), ("M", model.M))}
+    worst = max(rounding, key=lambda key: rounding[key])
+    return Finding.of("digits", rounding[worst], DIGITS, f"the entries of {worst} end after about "
+                      f"{1 - np.log10(8 * rounding[worst]):.0f} digits", "Write them with all digits (17): low modes and rigid "
+                      "motion are small differences of large entries")
