@@ -134,8 +134,8 @@ damping = 10.0
         "here without and with damping.", "stability-maps"),
     "audit": Shown(
         "frequencies", "Errors of the frequencies of a reduced beam, small below the mode that is missing and large above",
-        "From a beam's model of twelve coordinates one mode is missing, and its matrices look well. The count of the full model's modes "
-        "tells it, and up to where the frequencies may be trusted all the same.", "audit"),
+        "From a beam's model of twelve coordinates one mode is missing, and its matrices look well. The count of the full "
+        "model's modes tells it, and up to where the frequencies may be trusted all the same.", "audit"),
 }
 
 

@@ -13,9 +13,11 @@ MODEL = "model.json"  # of a folder of write_matrices
 #: options that are keys of the scene, with what stands for their value and what they are
 LISTS = {"interface": "coordinates of the reduced model that are interface DOF, as 0,1,2",
          "full-interface": "the same as DOF of the full model, in the same order; with a map also as 12:uz,13:*"}
-FILES = {"V": "the basis, with a row for each DOF of the full model", "dofs": "the DOF map of the interface, node,component,x,y,z a line",
+FILES = {"V": "the basis, with a row for each DOF of the full model",
+         "dofs": "the DOF map of the interface, node,component,x,y,z a line",
          "full-dofs": "the DOF map of the full model"}
-NUMBERS = {"cutoff": "the frequency below which all modes are said to be kept [rad/time]", "mass": "the mass that the part should have"}
+NUMBERS = {"cutoff": "the frequency below which all modes are said to be kept [rad/time]",
+           "mass": "the mass that the part should have"}
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -34,7 +36,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def keys(options: argparse.Namespace) -> dict[str, Any]:
     """The keys of the scene, those that were given."""
-    found = {"scene": "audit", **_named(options.files, "model", ""), **_named(options.full, "full", "full_")}
+    found: dict[str, Any] = {"scene": "audit", **_named(options.files, "model", ""), **_named(options.full, "full", "full_")}
     for name in [*FILES, *NUMBERS, "floating", "units"]:
         if (value := getattr(options, name.replace("-", "_"))) is not None:
             found[name.replace("-", "_")] = value

@@ -11,7 +11,6 @@ from femsub.checks import Array
 from femsub.studies.audit_model import (
     FAULT,
     GOOD,
-    HELD_KIND,
     UNKNOWN,
     Finding,
     Model,
@@ -32,6 +31,7 @@ ORTHONORMAL = 1e-6  # as good as other programs' eigensolvers
 FREE = 1e-9  # energy of a motion over that of its single DOF up to which it strains nothing
 SOFT = 1e-4  # and up to which it may be a soft mount, or a spring that nobody meant
 INERTIA = 1e-6  # of the mass matrix of a rigid body
+FLOOR = 1e-9  # of the largest rate of damping: below, a diagonal entry of D is rounding
 STATED = 0.01  # of a mass that is stated
 TWICE = 1e-9
 #: plausible solids: mass over the cube of the interface's extent [kg/m³], and the largest wave speed [m/s]
@@ -152,28 +152,31 @@ def _share(A: Array, x: Array) -> float:
 
 def _damping(model: Model, active: bool | None) -> Iterator[Finding]:
     assert model.D is not None
-    D, M, K = model.D, model.M, model.K
+    D = model.D
     skew = float(np.linalg.norm(D - D.T) / (2 * np.linalg.norm(D)))
     if skew > SYMMETRY and model.gyroscopic:
         yield Finding("D symmetric", GOOD, f"the part turns: {skew:.1e} of D is gyroscopic", skew)
     else:
-        yield Finding.of("D symmetric", skew, SYMMETRY, f"a share of {skew:.1e} of D is skew, though the part is not said to turn",
+        yield Finding.of("D symmetric", skew, SYMMETRY, f"a share of {skew:.1e} of D is skew, and the part is not said to turn",
                          "If it turns, state it (gyroscopic); else an entry is lost, or a triangle is")
-    rates = [d / a for A in (M, K) for d, a in zip(D.diagonal(), A.diagonal(), strict=True) if a > 0]
-    floor = sum((max(0.0, max((d / a for d, a in zip(D.diagonal(), A.diagonal(), strict=True) if a > 0), default=0.0))
-                 * A.diagonal() for A in (M, K)), np.zeros(model.size)) if rates else np.zeros(model.size)
-    size = np.sqrt(np.maximum(D.diagonal(), 0.0) + 1e-9 * floor)
+    size = np.sqrt(np.maximum(D.diagonal(), 0.0) + FLOOR * sum(_largest(D, A) * A.diagonal() for A in (model.M, model.K)))
     size = np.where(size > 0, size, max(float(size.max()), float(np.sqrt(np.abs(D).max()))))
     values, vectors = np.linalg.eigh((D + D.T) / 2 / np.outer(size, size))
     at = int(np.abs(vectors[:, 0]).argmax())
     if (model.gyroscopic or active is not False) and values[0] < -NEGATIVE:
         if not active:  # the full model's own does the same otherwise
-            yield Finding("D takes energy out", UNKNOWN, "its symmetric part feeds energy in, as friction on a part that turns may "
-                          "do", float(-values[0]), NEGATIVE, "Look at D of the full model")
+            yield Finding("D takes energy out", UNKNOWN, "its symmetric part feeds energy in, as friction on a part that turns "
+                          "may do", float(-values[0]), NEGATIVE, "Look at D of the full model")
         return
     yield Finding.of("D takes energy out", float(-values[0]) if values[0] < 0 else 0.0, NEGATIVE,
                      f"D has a negative eigenvalue, mostly in coordinate {at}: it feeds energy in",
                      "Look at its sign. Friction with a falling characteristic belongs to a contact, not to D")
+
+
+def _largest(D: Array, A: Array) -> float:
+    """The largest d_ii / a_ii that is positive, or 0."""
+    there = A.diagonal() > 0
+    return float((D.diagonal()[there] / A.diagonal()[there]).max(initial=0.0))
 
 
 def _modal(model: Model) -> Iterator[Finding]:
@@ -190,8 +193,8 @@ def _modal(model: Model) -> Iterator[Finding]:
     why = f"the masses of modes differ from 1 by up to {length:.2g}" if stated and length > mixed else \
         f"modes share up to {mixed:.2g} of their energy"
     yield Finding.of("modes orthonormal", max(mixed, length if stated else 0.0), ORTHONORMAL, "ΦᵀMΦ is not I, or ΦᵀKΦ is not "
-                     f"diagonal: {why}", "Normalise the modes to mass 1, the matrices with them; modes that are not orthogonal have "
-                     "not converged")
+                     f"diagonal: {why}", "Normalise the modes to mass 1, the matrices with them; modes that are not orthogonal "
+                     "have not converged")
     if model.basis == "held" and len(at) < model.size:
         others = np.setdiff1d(np.arange(model.size), at)
         yield Finding.of("modes and interface share no stiffness", coupling(model.K, others, at), ORTHONORMAL,
@@ -254,8 +257,8 @@ def rigid(model: Model) -> Iterator[Finding]:
                          "elastic energy", "K has been changed, or grounded by a spring, since it was reduced")
     if model.dofs is None or model.static is None or not len(model.B):
         if model.motion is None or not model.motion.shape[1]:
-            yield Finding(what, UNKNOWN, "nothing tells where the interface DOF are and how they move", todo="Give the DOF map of "
-                          "the interface, with points (dofs), or the full model")
+            yield Finding(what, UNKNOWN, "nothing tells where the interface DOF are and how they move", todo="Give the DOF map "
+                          "of the interface, with points (dofs), or the full model")
         return
     U, X = model.parted[0], model.static
     R, whole = motions(model.dofs)
@@ -279,7 +282,7 @@ def rigid(model: Model) -> Iterator[Finding]:
         yield Finding(what, FAULT, f"the part floats, but {R.shape[1] - count} of {R.shape[1]} rigid motions have an elastic "
                       "energy", float(energy.max()), FREE, _why_strained(energy))
     elif free > count and whole:
-        yield Finding(what, FAULT, f"K has {free} motions without energy, but only {count} of them are rigid motion by the DOF map",
+        yield Finding(what, FAULT, f"K has {free} motions without energy, but by the DOF map only {count} are rigid motion",
                       float(energy.max()), FREE, _why_strained(energy))
     elif soft.any():
         yield Finding(what, UNKNOWN, f"{int(soft.sum())} rigid motions have very little energy: a soft mount, or a spring that "

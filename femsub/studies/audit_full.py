@@ -11,7 +11,7 @@ import numpy as np
 from femsub.checks import EPS, Array, Matrix, Tally
 from femsub.errors import FemsubError
 from femsub.modes import ShiftInvert, lowest_modes, modes_under, motion_of, rounding_of
-from femsub.studies.audit_alone import FREE, ORTHONORMAL, STATED, factor, strain
+from femsub.studies.audit_alone import FREE, STATED, factor, strain
 from femsub.studies.audit_model import FAULT, GOOD, UNKNOWN, Finding, Model, listed, units, within
 
 if TYPE_CHECKING:
@@ -186,17 +186,22 @@ def _statics(model: Model, full: Full) -> Iterator[Finding]:
     if full.statics is None:
         yield Finding(what, UNKNOWN, full.why)
         return
-    if len(model.B) != len(full.rows) or (model.places is not None and model.static is None):
-        yield Finding(what, UNKNOWN if not len(model.B) else FAULT, "the reduced model's interface is not known"
-                      if not len(model.B) else f"the reduced model has {len(model.B)} interface DOF, the full one {len(full.rows)}"
-                      if len(model.B) != len(full.rows) else "the inside of the reduced model has no firm hold at the interface",
-                      todo="State the interface of the reduced model, and that of the full one, in the same order")
-        return
     C, K_c, M_c = full.statics
-    if model.places is None and model.V is not None:
+    if not len(model.B):
+        yield Finding(what, UNKNOWN, "the reduced model's interface is not known", todo="State it, in the full one's order")
+        return
+    if len(model.B) != len(full.rows):
+        yield Finding(what, FAULT, f"the reduced model has {len(model.B)} interface DOF, the full one {len(full.rows)}",
+                      todo="State both interfaces, in the same order")
+        return
+    if model.places is None:
         yield _spanned(what, model, full, C @ model.parted[0])
         return
     U, X = model.parted[0], model.static
+    if X is None:
+        yield Finding(what, FAULT, "the inside of the reduced model has no firm hold at the interface",
+                      todo="A coordinate has no stiffness, or K is not that of this model")
+        return
     own_K, own_M = X.T @ model.K @ X, X.T @ model.M @ X
     K, M = U.T @ K_c @ U, U.T @ M_c @ U
     bare = full.sub.K.diagonal()[full.rows]
@@ -217,7 +222,7 @@ def _statics(model: Model, full: Full) -> Iterator[Finding]:
 
 
 def _spanned(what: str, model: Model, full: Full, C: Array) -> Finding:
-    """How much of the energy of the constraint modes C (n, k) V leaves out, with inertia at the lowest frequency: √ of its share."""
+    """How much of the constraint modes C (n, k) V leaves out, in the energy norm; inertia gives rigid motion an energy as well."""
     assert model.V is not None
     V, omega = model.V, model.free_frequencies
     A = full.sub.K + full.sub.M * float(omega[omega > 1e-4 * omega.max(initial=0.0)].min(initial=np.inf)) ** 2
@@ -246,10 +251,8 @@ def _guess(own: Array, there: Array) -> str:
         signs = np.sign(own * there)
         turned = np.flatnonzero((signs < 0).sum(axis=0) > (signs > 0).sum(axis=0))
         return f"The sign of interface DOF {listed(turned) or 'some'} is turned"
-    mine, its = own.diagonal(), there.diagonal()
-    order = np.argsort(mine)[np.argsort(np.argsort(its))]
-    moved = np.flatnonzero(order != np.arange(len(order)))
-    if len(moved) and np.allclose(mine[order], its, rtol=SAME):
+    moved = np.flatnonzero(np.abs(own - there).diagonal() > SAME * unit.diagonal())
+    if len(moved) > 1 and np.allclose(np.sort(own.diagonal()[moved]), np.sort(there.diagonal()[moved]), rtol=SAME):
         return f"Interface DOF {listed(moved)} are in another order"
     if _scale_of(own, there):
         return "Bring both models to one system of units"
@@ -325,9 +328,10 @@ def _modes(model: Model, full: Full) -> tuple[list[Finding], Tally, float]:
         tally = Tally(int(np.count_nonzero(own < first)), _counted(handle, first))
     if len(apart):
         worst = int(apart.argmax())
-        found.append(Finding.of("modes converged", float(apart[worst]), CONVERGED, f"mode {worst + 1} of the reduced model is none "
-                                f"of the full model: ω² is off by {apart[worst]:.1e}", "Compute it again with a tighter tolerance; "
-                                "or the model is reduced from other matrices, or its coordinates are no modes: state their kinds"))
+        found.append(Finding.of(
+            "modes converged", float(apart[worst]), CONVERGED, f"mode {worst + 1} of the reduced model is none of the full model: "
+            f"ω² is off by {apart[worst]:.1e}", "Compute it again with a tighter tolerance; or the model is reduced from other "
+            "matrices, or its coordinates are no modes: state their kinds"))
     if held:
         found += _coupling(model, full, modes)
     return found, tally, min(first, cut) if np.isfinite(cut) else first
@@ -408,13 +412,13 @@ def _coupling(model: Model, full: Full, modes: NormalModes) -> list[Finding]:
             gap = float(np.abs(p @ p.T - q @ q.T).max(initial=0.0)) / max(float((q * q).sum(axis=1).max(initial=0.0)), COUPLED)
             worst, where = max((worst, where), (gap, float(frequencies[start])))
         start = end
-    return [Finding.of("coupling of modes and interface (M_bi)", worst, COUPLED, f"what the modes near ω = {where:.6g} take part in "
+    return [Finding.of("coupling of modes and interface (M_bi)", worst, COUPLED, f"the part of the modes near ω = {where:.6g} in "
                        "motions of the interface is not the full model's", "The block M_bi is lost, transposed or scaled, or its "
                        "columns are in another order than the modes")]
 
 
 def _frequencies(model: Model, full: Full, first: float) -> tuple[Array, int]:
-    """Elastic frequencies (k, 2) of the reduced and of the full model, interface free, up to the cut-off that is stated, or found."""
+    """Elastic frequencies (k, 2) of the reduced and of the full model, interface free, up to the cut-off, stated or found."""
     handle = full.handle("free")
     rigid = handle.rigid.shape[1]
     own = model.free_frequencies[rigid:]
@@ -432,8 +436,8 @@ def _ritz(model: Model, omega: Array) -> Iterator[Finding]:
         return
     below = 1 - (omega[:, 0] / omega[:, 1])
     worst = int(below.argmax())
-    yield Finding.of("frequencies not below the full model's", max(float(below[worst]), 0.0), SAME, f"elastic mode {worst + 1} has ω "
-                     f"= {omega[worst, 0]:.6g}, but {omega[worst, 1]:.6g} in the full model: no projection lowers a frequency",
+    yield Finding.of("frequencies not below the full model's", max(float(below[worst]), 0.0), SAME, f"elastic mode {worst + 1} "
+                     f"has ω = {omega[worst, 0]:.6g}, but {omega[worst, 1]:.6g} in the full model: no projection lowers a frequency",
                      "M, K or both are of another model, or in other units")
 
 

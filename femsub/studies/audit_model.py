@@ -115,7 +115,8 @@ class Model:
         unit = units(inner)
         if np.linalg.eigvalsh(inner * np.outer(unit, unit)).min() <= 1e-13:
             return None
-        return P - N @ (unit[:, None] * la.solve(inner * np.outer(unit, unit), unit[:, None] * (N.T @ self.K @ P), assume_a="pos"))
+        inner = inner * np.outer(unit, unit)
+        return P - N @ (unit[:, None] * la.solve(inner, unit[:, None] * (N.T @ self.K @ P), assume_a="pos"))
 
     @cached_property
     def massless(self) -> Array:

@@ -27,8 +27,8 @@ class AuditScene(Scene):
     Without files the model is an example: a steel beam of which one mode is missing.
     """
 
-    model: str = key("", "the model.json of a folder of write_matrices with the reduced model", example="small/model.json", file=True,
-                     otherwise="the model comes from its matrices")
+    model: str = key("", "the model.json of a folder of write_matrices with the reduced model", file=True,
+                     example="small/model.json", otherwise="the model comes from its matrices")
     M: str = key("", "the file of the reduced mass matrix, relative to the scene file", example="M.mtx", file=True,
                  otherwise="that of model, or the example")
     K: str = key("", "the file of the reduced stiffness matrix", required_with="M", example="K.mtx", file=True,
@@ -36,10 +36,10 @@ class AuditScene(Scene):
     D: str = key("", "the file of the reduced damping matrix", otherwise="no damping", example="D.mtx", file=True)
     V: str = key("", "the file of the basis, with a row for each DOF of the full model", otherwise="not known", example="V.mtx",
                  file=True)
-    interface: list[int] = key([], "the coordinates of the reduced model that are interface DOF, from 0", least=0, distinct=True,
-                               otherwise="not known", example=[0, 1, 2])
-    dofs: str = key("", "the file of their DOF map, 'node,component,x,y,z' a line", otherwise="not known", example="interface.csv",
-                    file=True)
+    interface: list[int] = key([], "the coordinates of the reduced model that are interface DOF, from 0", least=0,
+                               distinct=True, otherwise="not known", example=[0, 1, 2])
+    dofs: str = key("", "the file of their DOF map, 'node,component,x,y,z' a line", otherwise="not known", file=True,
+                    example="interface.csv")
     kinds: list[str] = key([], "the kind of each coordinate, such as 'constraint' and 'fixed-interface'", otherwise="not stated",
                            example=["constraint", "fixed-interface"])
     full: str = key("", "the model.json of a folder of write_matrices with the full model", example="full/model.json", file=True,
@@ -49,8 +49,9 @@ class AuditScene(Scene):
                       otherwise="not known")
     full_D: str = key("", "the file of the full damping matrix", otherwise="no damping", example="full-D.mtx", file=True)
     full_dofs: str = key("", "the file of the full model's DOF map", otherwise="none", example="full-K.dof", file=True)
-    full_interface: list[int | str] = key([], "the interface as DOF of the full model, in the order of the reduced one: from 0, or by "
-                                          "the map as '12:uz' or '12:*'", least=0, otherwise="not known", example=["12:*"])
+    full_interface: list[int | str] = key([], "the interface as DOF of the full model, in the order of the reduced one: from "
+                                          "0, or by the map as '12:uz' or '12:*'", least=0, example=["12:*"],
+                                          otherwise="not known")
     cutoff: float = key(0.0, "the frequency below which all modes are said to be kept", unit="rad/time", least=0,
                         otherwise="what the model states")
     mass: float = key(0.0, "the mass that the part should have", unit="mass", least=0, otherwise="not stated")
