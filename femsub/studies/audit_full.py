@@ -222,7 +222,7 @@ def _statics(model: Model, full: Full) -> Iterator[Finding]:
 
 
 def _spanned(what: str, model: Model, full: Full, C: Array) -> Finding:
-    """How much of the constraint modes C (n, k) V leaves out, in the energy norm; inertia gives rigid motion an energy as well."""
+    """How much of the constraint modes C (n, k) V leaves out, in the energy norm; inertia gives rigid motion an energy too."""
     assert model.V is not None
     V, omega = model.V, model.free_frequencies
     A = full.sub.K + full.sub.M * float(omega[omega > 1e-4 * omega.max(initial=0.0)].min(initial=np.inf)) ** 2
@@ -329,7 +329,7 @@ def _modes(model: Model, full: Full) -> tuple[list[Finding], Tally, float]:
     if len(apart):
         worst = int(apart.argmax())
         found.append(Finding.of(
-            "modes converged", float(apart[worst]), CONVERGED, f"mode {worst + 1} of the reduced model is none of the full model: "
+            "modes converged", float(apart[worst]), CONVERGED, f"mode {worst + 1} of the reduced model is none of the full one: "
             f"ω² is off by {apart[worst]:.1e}", "Compute it again with a tighter tolerance; or the model is reduced from other "
             "matrices, or its coordinates are no modes: state their kinds"))
     if held:
@@ -436,7 +436,7 @@ def _ritz(model: Model, omega: Array) -> Iterator[Finding]:
         return
     below = 1 - (omega[:, 0] / omega[:, 1])
     worst = int(below.argmax())
-    yield Finding.of("frequencies not below the full model's", max(float(below[worst]), 0.0), SAME, f"elastic mode {worst + 1} "
+    yield Finding.of("frequencies not below the full model's", max(float(below[worst]), 0.0), SAME, f"mode {worst + 1} "
                      f"has ω = {omega[worst, 0]:.6g}, but {omega[worst, 1]:.6g} in the full model: no projection lowers a frequency",
                      "M, K or both are of another model, or in other units")
 
