@@ -437,7 +437,7 @@ def _ritz(model: Model, omega: Array) -> Iterator[Finding]:
     below = 1 - (omega[:, 0] / omega[:, 1])
     worst = int(below.argmax())
     yield Finding.of("frequencies not below the full model's", max(float(below[worst]), 0.0), SAME, f"mode {worst + 1} "
-                     f"has ω = {omega[worst, 0]:.6g}, but {omega[worst, 1]:.6g} in the full model: no projection lowers a frequency",
+                     f"has ω = {omega[worst, 0]:.6g}, but {omega[worst, 1]:.6g} in the full model; no projection lowers it",
                      "M, K or both are of another model, or in other units")
 
 
