@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import Array, Tally, choice, finite_number, instance, mapping, positive_number, real_array, whole_numbers
 from femsub.errors import FemsubError, InputError, InputTypeError
 from femsub.model import DofMap, Pencil, ReducedSubstructure, Substructure
-from femsub.reduction.frequency_bounds import FrequencyBounds, frequency_bounds
+from femsub.reduction.frequency_bounds import frequency_bounds
 from femsub.studies.audit_alone import SYSTEMS, alone, numbers, sizes
 from femsub.studies.audit_full import Compared, Full, compared, digits, motion_in
 from femsub.studies.audit_model import FAULT, GOOD, UNKNOWN, Finding, Model, array
 from femsub.studies.charts import Chart, Level, Panel, Series
 from femsub.studies.tables import Table, column, fitted
 from femsub.studies.verdicts import Verdict
+
+if TYPE_CHECKING:
+    from femsub.reduction import FrequencyBounds
 
 ENTRIES = ("M", "K", "D", "V", "kinds", "interface", "full_interface", "dofs", "cutoff", "name")
 TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
@@ -252,7 +255,7 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
     found.append(Finding("modes below the cut-off", UNKNOWN, "whether one is missing cannot be known from the small matrices",
                          todo="Give the full M and K"))
     bounds = _bounds(model) if sound else "the faults come first"
-    if isinstance(bounds, FrequencyBounds):
+    if not isinstance(bounds, str):
         return Audit(model.name, model.size, 0, tuple(found), bounds.upper, bounds.lower, model.cutoff)
     found.append(Finding("frequencies", UNKNOWN, bounds, todo="Give the full M and K"))
     rigid = 0 if model.motion is None else model.motion.shape[1]
@@ -365,7 +368,7 @@ def _within_bounds(model: Model, seen: Compared) -> Sequence[Finding]:
     if not len(seen.omega) or not np.isfinite(model.cutoff) or not model.kinds:
         return []
     bounds = _bounds(model)
-    if not isinstance(bounds, FrequencyBounds) or bounds.rigid != seen.rigid:
+    if isinstance(bounds, str) or bounds.rigid != seen.rigid:
         return []
     k = min(len(bounds.lower), len(seen.omega))
     below = 1 - seen.omega[:k, 1] / bounds.lower[:k]

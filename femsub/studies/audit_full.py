@@ -145,7 +145,7 @@ def _projections(model: Model, full: Full) -> Iterator[Finding]:
                              "MacNeal's M leaves mass out. It adds none: V, or M, is of another model")
             continue
         apart = within(mine - whole, scale, rounding)
-        i, j = np.unravel_index(int(apart.argmax()), apart.shape)
+        i, j = _first_of(apart)
         yield Finding.of(name, float(apart[i, j]), SAME, f"{key}[{i}, {j}] is {mine[i, j]:.6g}, but Vᵀ{key}V gives "
                          f"{whole[i, j]:.6g}{_scale_of(mine, whole)}", _advice(apart, key))
 
@@ -237,8 +237,14 @@ def _spanned(what: str, model: Model, full: Full, C: Array) -> Finding:
                       "interface: constraint modes, or residual attachment modes")
 
 
+def _first_of(apart: Array) -> tuple[int, int]:
+    """The first entry that is as large as any, but for rounding."""
+    i, j = np.unravel_index(int(np.argmax(apart >= (1 - SAME) * apart.max())), apart.shape)
+    return int(i), int(j)
+
+
 def _place(apart: Array, what: str, own: Array, there: Array) -> str:
-    i, j = np.unravel_index(int(apart.argmax()), apart.shape)
+    i, j = _first_of(apart)
     return f"{what} between interface DOF {i} and {j} is {own[i, j]:.6g}, but {there[i, j]:.6g} in the full model" \
         + _scale_of(own, there)
 
