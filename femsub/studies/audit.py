@@ -147,8 +147,7 @@ class Audit:
                    "error": None if np.isnan(low) or np.isinf(error) else float(error)}
                   for at, (one, low, error) in enumerate(zip(self.omega, self.lower, self.error, strict=True))]
         head = "full model" if self.full_size else "not below"
-        return (Table("checks", rows, [column("check", "check", "s"), column("verdict", "verdict", "s",
-                                                                            cell=lambda row: WORDS[row["verdict"]]),
+        return (Table("checks", rows, [column("check", "check", "s"), column("verdict", "verdict", "s", cell=_word),
                                        column("figure", "figure", ".1e"), column("limit", "limit", ".0e")], "Checks"),
                 Table("frequencies", values, ["mode", "omega", column("full", head, ".6g"), "error"] if values else (),
                       "Elastic frequencies, interface free", most=LOWEST))
@@ -180,6 +179,11 @@ class Audit:
                             "said": one.said, "todo": one.todo} for one in self.findings],
                 "omega": self.omega.tolist(), "full" if self.full_size else "lower": [plain(one) for one in self.lower],
                 "cutoff": plain(self.cutoff), "trusted": plain(self.trusted), "evidence": self.evidence}
+
+
+def _word(row: Mapping[str, Any]) -> str:
+    """A fault in capitals."""
+    return WORDS[row["verdict"]]
 
 
 def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure | None = None, *, mass: float | None = None,
