@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 ENTRIES = ("M", "K", "D", "V", "kinds", "interface", "full_interface", "dofs", "cutoff", "name")
 TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
+HIGHEST = 1e100  # cut-off
 DENSE = 1500  # DOF up to which the eigenvalues of D are computed
 BOUNDED = 1e-6  # relative rounding of a frequency beside its bound
 LOWEST = 10  # frequencies that are bounded without the full model
@@ -155,7 +156,7 @@ class Audit:
     @property
     def chart(self) -> Chart:
         """Errors of the frequencies, or their bounds, up to the cut-off."""
-        known = ~np.isnan(self.lower)
+        known = np.isfinite(self.error)
         name = "error" if self.full_size else "bound of the error"
         series = [Series(name, self.omega[known].tolist(), np.maximum(self.error[known], 1e-16).tolist())]
         levels = [Level(self.cutoff, "first mode left out")] if np.isfinite(self.cutoff) else []
@@ -275,7 +276,7 @@ def _model(reduced: Any, mass: Any, cutoff: Any, floating: Any, gyroscopic: Any,
             raise InputTypeError(f"{name} must be True or False, not {value!r}")
     stated: dict[str, Any] = {
         "mass": None if mass is None else positive_number("mass", mass), "floating": floating, "gyroscopic": bool(gyroscopic),
-        "units": choice("units", units, SYSTEMS) if units else ""}
+        "units": "" if isinstance(units, str) and not units else choice("units", units, SYSTEMS)}
     if isinstance(reduced, Mapping):
         own = _of_mapping(mapping("reduced", reduced, "names and matrices, as {'M': M, 'K': K}"))
     elif isinstance(reduced, (Substructure, Pencil)):
@@ -284,6 +285,8 @@ def _model(reduced: Any, mass: Any, cutoff: Any, floating: Any, gyroscopic: Any,
         raise InputTypeError(f"reduced must be a Substructure, a Pencil or a mapping with M and K, not {type(reduced).__name__}")
     if cutoff is not None:
         own["cutoff"] = positive_number("cutoff", cutoff)
+    if HIGHEST < own.get("cutoff", 0.0) < np.inf:
+        raise InputError(f"cutoff must be below {HIGHEST:g}, so that its square is finite; it is {own['cutoff']:g}")
     return Model(**own, **stated)
 
 
