@@ -368,6 +368,8 @@ def test_it_is_told_in_one_page_and_written_as_numbers() -> None:
     (lambda: fs.audit({"M": np.eye(2)}), fs.InputError, "reduced needs M and K, but has M"),
     (lambda: fs.audit({"M": np.eye(2), "K": np.eye(2), "k": 1}), fs.InputError, "reduced has an entry 'k'; known are M, K"),
     (lambda: fs.audit({"M": np.eye(2), "K": np.ones(2)}), fs.InputError, "K must be a matrix"),
+    (lambda: fs.audit({"M": np.eye(2), "K": np.eye(2), "kinds": 3}), fs.InputTypeError, "kinds must be"),
+    (lambda: fs.audit({"M": np.eye(2), "K": np.eye(2), "cutoff": 0.0}), fs.InputError, "cutoff must be positive"),
     (lambda: fs.audit(np.eye(2)), fs.InputTypeError, "reduced must be a Substructure, a Pencil or a mapping"),
     (lambda: fs.audit(full(), {"M": 1}), fs.InputTypeError, "full must be a Substructure"),
     (lambda: fs.audit(full(), units="inch"), fs.InputError, "unknown units 'inch'"),
@@ -376,6 +378,19 @@ def test_it_is_told_in_one_page_and_written_as_numbers() -> None:
 def test_bad_input_is_named(call: Callable[[], object], error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words):
         call()
+
+
+ODD = [{"M": 0 * np.eye(3), "K": np.eye(3)}, {"M": np.eye(3), "K": 0 * np.eye(3)}, {"M": -np.eye(3), "K": -np.eye(3)},
+       {"M": [[1.0]], "K": [[2.0]]}, {"M": np.eye(3), "K": np.eye(3), "V": np.zeros((5, 3)), "full_interface": [0, 1]},
+       {"M": 1e-90 * np.eye(3), "K": 1e90 * np.eye(3), "interface": [2], "cutoff": 1.0}, {"M": np.ones((2, 3)), "K": np.eye(3)}]
+
+
+@pytest.mark.parametrize("at", range(len(ODD)))
+def test_odd_matrices_are_answered(at: int) -> None:
+    small = fs.Substructure(np.eye(5), 2 * np.eye(5) - np.eye(5, k=1) - np.eye(5, k=-1), interface=[0])
+    for whole in (None, small):
+        found = fs.audit(ODD[at], whole, floating=True, units="SI", mass=2.0)
+        assert found.text and found.chart and json.dumps(found.record(), allow_nan=False)
 
 
 def test_a_pencil_and_a_full_model_can_be_audited() -> None:

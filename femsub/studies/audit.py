@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, Tally, choice, finite_number, instance, mapping, positive_number, real_array, whole_numbers
+from femsub.checks import (
+    Array,
+    Tally,
+    choice,
+    instance,
+    items,
+    mapping,
+    positive_number,
+    real_array,
+    whole_numbers,
+    word,
+)
 from femsub.errors import FemsubError, InputError, InputTypeError
 from femsub.model import DofMap, Pencil, ReducedSubstructure, Substructure
 from femsub.reduction.frequency_bounds import frequency_bounds
@@ -317,11 +328,11 @@ def _of_mapping(given: Mapping[str, Any]) -> dict[str, Any]:
         if given.get(key) is not None:
             own[name] = whole_numbers(key, given[key]).astype(np.intp)
     if given.get("kinds") is not None:
-        own["kinds"] = tuple(str(kind) for kind in given["kinds"])
+        own["kinds"] = tuple(word("kinds", kind) for kind in items("kinds", given["kinds"], "words"))
     if given.get("dofs") is not None:
         own["dofs"] = instance("dofs", given["dofs"], DofMap)
     if given.get("cutoff") is not None:
-        own["cutoff"] = np.inf if given["cutoff"] == np.inf else finite_number("cutoff", given["cutoff"])
+        own["cutoff"] = np.inf if given["cutoff"] == np.inf else positive_number("cutoff", given["cutoff"])
     return own
 
 

@@ -48,7 +48,8 @@ class Full:
         """The full model with the interface `rows`."""
         if not len(rows):
             return cls(sub, rows, None, "no interface is known")
-        C = np.eye(sub.size)[:, rows]
+        C = np.zeros((sub.size, len(rows)))
+        C[rows, np.arange(len(rows))] = 1.0
         inside = np.setdiff1d(np.arange(sub.size), rows)
         try:
             handle = ShiftInvert(sub.K, sub.M, inside) if len(inside) else None
