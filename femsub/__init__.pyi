@@ -81,6 +81,7 @@ from .stability.critical_value import critical_slope as critical_slope, critical
 from .stability.question import CriticalValue as CriticalValue
 from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track
+from .studies.audit import Audit as Audit, audit as audit
 from .studies.error_vs_time import study as study
 from .studies.results import Study as Study
 from .studies.self_excitation import SelfExcitation as SelfExcitation, self_excitation as self_excitation

@@ -51,6 +51,7 @@ NONSENSE: dict[str, Any] = {
     "lambda": lambda: None,
 }
 RESULTS = {
+    "Audit",
     "Branch",
     "ComplexModes",
     "CriticalValue",
@@ -246,6 +247,9 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "damped(modal)": (fs.damped, {"sub": sub, "modal": 0.01}),
         "damped(ratios)": (fs.damped, {"sub": sub, "ratios": ((0.5, 0.01), (1.0, 0.01))}),
         "displacements": (fs.displacements, {"mesh": mesh, "dofs": brick.dofs, "u": np.zeros(brick.size)}),
+        "audit": (fs.audit, {"reduced": fs.reduce(sub, fs.CraigBampton(3), ports=True), "full": sub, "mass": 1.0, "cutoff": 1.0,
+                             "floating": True,
+                             "gyroscopic": True, "units": "SI"}),
         "frequency_bounds": (fs.frequency_bounds, {"model": fs.reduce(sub, fs.CraigBampton(3), ports=True), "count": 1}),
         "growth_rate": (fs.growth_rate, {"t": t, "signal": y, "between": (0.0, 10.0), "below": None}),
         "harmonic_balance": (

@@ -27,6 +27,7 @@ BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=0.02))
 MAKE: dict[str, Callable[[], Any]] = {
     "Affine": lambda: fs.Affine(np.eye(2), [("speed", [[0, 1], [-1, 0]])], [(1.0, np.eye(2)), ("mu", [[0, 1], [0, 0]])]),
     "Averaged": lambda: fs.Averaged(("hub", [0, 1]), ("disc", "bore"), weights=(1.0, 2.0)),
+    "Audit": lambda: fs.audit(made("ReducedSubstructure"), full()),
     "Belt": lambda: BELT,
     "Branch": lambda: fs.branch(full(), BELT, start=cycle(), points=4),
     "ComplexModes": lambda: fs.complex_modes(full(), BELT),

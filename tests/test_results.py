@@ -51,6 +51,7 @@ SMALL = {
               'K = [{file = "model.mat:K", factor = "1 + p**2"}, {file = "M.npz", factor = "-p / q"}]\n'
               'fixed = {name = "q", value = 40.0}\n',
     "ziegler": 'damping = [0.0, 0.1]\npoints = 11\n',
+    "audit": 'M = "M.npz"\nK = "model.mat:K"\ninterface = [0]\nfull_M = "M.npz"\nfull_K = "model.mat:K"\nfull_interface = [0]\n',
 }
 CHAIN = 'belts = [2]\nsizes = [3, 5]\noutputs = ["critical-slope", "size-sweep"]\nfigures = false\n'
 SHORT = {"solid": SMALL["solid"] + 'outputs = ["modes"]\n', "matrices": SMALL["matrices"] + 'outputs = ["eigenvalues"]\n'}
@@ -61,7 +62,7 @@ CLOCK = {"date", "sha256", "sentence", "seconds", "seconds_per_period", "speedup
 def scene_file(folder: Path, name: str, text: str | None = None) -> str:
     """A scene file with the files it names."""
     folder.mkdir(exist_ok=True)
-    if name in ("matrices", "own-parts", "affine"):
+    if name in ("matrices", "own-parts", "affine", "audit"):
         chain = fs.chain(20, belt=2)
         scipy.sparse.save_npz(folder / "M.npz", scipy.sparse.csc_matrix(chain.M))
         scipy.io.savemat(folder / "model.mat", {"K": scipy.sparse.csc_matrix(chain.K), "other": np.eye(2)})
@@ -103,7 +104,7 @@ def without_folders(inputs: Any) -> Any:
         return [without_folders(one) for one in inputs]
     if not isinstance(inputs, dict):
         return inputs
-    files = ("mesh", "M", "K", "file")
+    files = ("mesh", "M", "K", "file", "full_M", "full_K")
     return {key: Path(value).name if key in files and isinstance(value, str) else without_folders(value)
             for key, value in inputs.items()}
 

@@ -134,7 +134,7 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert [line.split()[0] for line in lines] == ["chain", "matrices", "beam", "plate", "solid", "chain-parts", "plate-parts",
                                                    "solid-parts", "own-parts", "brake", "chain-transient",
                                                    "solid-transient", "chain-limit-cycle", "plate-limit-cycle", "two-mode",
-                                                   "affine", "ziegler"]
+                                                   "affine", "ziegler", "audit"]
 
 
 @pytest.mark.parametrize(("text", "words"), [

@@ -9,13 +9,15 @@ import os
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from femsub import __version__
-from femsub.app.scene import SCENES, load
+from femsub.app.audit_command import add_arguments, keys
+from femsub.app.scene import SCENES, Result, Scene, built, load
 from femsub.checks import installed_by, package
 from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError
 
@@ -44,12 +46,12 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--trust", metavar="PATH", action="append", default=[],
                      help="a Python scene that the file names, or a folder from which its meshes include files: both are refused "
                      "if they are not beside what names them")
-    run.add_argument("--no-figures", action="store_true", help="draw nothing")
-    loud = run.add_mutually_exclusive_group()
-    loud.add_argument("-q", "--quiet", action="store_true", help="print warnings and errors only")
-    loud.add_argument("-v", "--verbose", action="count", default=0,
-                      help="print every table, and tell on stderr what is factorised, solved and counted; -vv: each "
-                      "factorisation and count")
+    _loudness(run)
+    checked = commands.add_parser("audit", help="check a reduced model from files, by itself or against the full one")
+    add_arguments(checked)
+    checked.add_argument("--out", metavar="DIR", help="write results.json, CSV files and a figure there"
+                         ).complete = FOLDERS  # type: ignore[attr-defined]
+    _loudness(checked)
     _scene_argument(commands.add_parser("keys", help="list every key of a scene: type, unit, default, meaning"), SCENE_NAME)
     _scene_argument(commands.add_parser("new", help="print a scene file with every key: femsub new beam > my.toml"), SCENE_NAME)
     _scene_argument(commands.add_parser("schema", help="print the JSON schema of scene files, for editors"),
@@ -59,6 +61,15 @@ def _parser() -> argparse.ArgumentParser:
     completion.add_argument("shell", choices=("bash", "zsh", "tcsh"))
     commands.add_parser("doctor", help="what is installed, what it runs on, and what is wrong with it")
     return parser
+
+
+def _loudness(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--no-figures", action="store_true", help="draw nothing")
+    loud = command.add_mutually_exclusive_group()
+    loud.add_argument("-q", "--quiet", action="store_true", help="print warnings and errors only")
+    loud.add_argument("-v", "--verbose", action="count", default=0,
+                      help="print every table, and tell on stderr what is factorised, solved and counted; -vv: each "
+                      "factorisation and count")
 
 
 def _scene_argument(command: argparse.ArgumentParser, told: str, files: bool = False, optional: bool = False) -> None:
@@ -71,12 +82,14 @@ def _scene_argument(command: argparse.ArgumentParser, told: str, files: bool = F
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line; 0 if all went well, 2 with one line on stderr where the input was wrong, 1 else.
 
-    `doctor` ends with 1 if something is wrong.
+    `doctor` ends with 1 if something is wrong, and `audit` if there is a fault.
     """
     options = _parser().parse_args(arguments)
     try:
         if options.command == "run":
-            return _run(options)
+            return _run(options, partial(load, options.scene, options.trust), options.trust)
+        if options.command == "audit":
+            return _run(options, lambda: built(keys(options)))
         if options.command == "doctor":
             return _doctor()
         _say(_printed(options))
@@ -162,10 +175,11 @@ def _told(verbose: int) -> Iterator[None]:
         log.setLevel(before)
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace, loaded: Callable[[], tuple[Scene, Callable[..., Result]]],
+         trusted: Sequence[str] = ()) -> int:
     with warnings.catch_warnings(record=True) as caught, _told(options.verbose):
         warnings.simplefilter("always", FemsubWarning)
-        scene, run = load(options.scene, options.trust)
+        scene, run = loaded()
         # Imported late: a scene that is misspelt should not wait for numpy.
         from femsub.app.record import Record
         from femsub.app.report import output_folder, progress, progress_done
@@ -179,7 +193,7 @@ def _run(options: argparse.Namespace) -> int:
                 loud = logging.getLogger("femsub.app").info if options.verbose else progress
                 tell = (lambda _: None) if options.quiet else loud
                 record = None if folder is None else Record(scene, folder)
-                with including(*options.trust):  # meshes may include files from these folders, too
+                with including(*trusted):  # meshes may include files from these folders, too
                     result = record.run(run, tell) if record else run(scene, tell)
                 written = []
                 if record is not None:
@@ -199,7 +213,8 @@ def _run(options: argparse.Namespace) -> int:
         _fail(f"{output} failed: {reason}", 1)
     if not result.data.get("complete", True):
         return _fail("interrupted; the results are what there was by then, marked as incomplete", INTERRUPTED)
-    return 1 if "failed" in result.data else 0
+    wrong = options.command == "audit" and result.data["audit"]["verdict"] == "fault"
+    return 1 if wrong or "failed" in result.data else 0
 
 
 def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:

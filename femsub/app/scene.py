@@ -55,6 +55,7 @@ SCENES = {
     "two-mode": ("two_mode", "two modes coupled by friction (Hoffmann): critical friction, flutter diagram"),
     "affine": ("affine", "your own matrices with factors of named parameters: critical value, flutter diagram"),
     "ziegler": ("ziegler", "Ziegler's pendulum under a follower load: what damping destabilises, flutter diagram"),
+    "audit": ("audit", "anybody's reduced model from files: what is right, wrong, and cannot be known"),
 }
 OWN = ".py"  #: ending of a file with a scene of your own
 MOST_REPEATS = 1000
@@ -317,6 +318,11 @@ def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Sce
     except OSError as error:
         raise InputError(f"{source} cannot be read: {error.strerror or error}") from None
     return _build(table, path.parent, path, trusted)
+
+
+def built(table: Mapping[str, Any]) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
+    """A scene from its keys, as in a scene file; it names its files as seen from here."""
+    return _build(table, Path("."))
 
 
 def _build(table: Mapping[str, Any], folder: Path, source: Path | None = None, trusted: Sequence[str] = ()) \

@@ -4,6 +4,7 @@ from .normal_modes import (
     count_deferred as count_deferred,
     lowest_modes as lowest_modes,
     modes_below as modes_below,
+    modes_under as modes_under,
 )
 from .quadratic.complex_modes import ComplexModes as ComplexModes, with_bars as with_bars
 from .quadratic.cost import Budget as Budget
@@ -28,6 +29,7 @@ from .quadratic.multiplicity import assigned as assigned, clusters as clusters, 
 from .quadratic.port_function import PortFunction as PortFunction, port_responses as port_responses
 from .quadratic.region import Region as Region, region_of as region_of
 from .quadratic.singular_mass import REGULAR as REGULAR
+from .rounding import rounding_of as rounding_of
 from .shift_invert import (
     RIGID as RIGID,
     ShiftInvert as ShiftInvert,

@@ -1,3 +1,4 @@
 from .contact_modes import ContactModes as ContactModes
+from .frequency_bounds import FrequencyBounds as FrequencyBounds
 from .reduce import METHODS as METHODS, PORT_LIMIT as PORT_LIMIT, Method as Method
 from .reductor import Reductor as Reductor

@@ -11,8 +11,7 @@ from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.outputs import run_component
-from femsub.io import FORMATS
-from femsub.io.model_folder import matrix_files
+from femsub.io import FORMATS, matrix_files
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,396 @@
+"""`audit`: anybody's reduced model, checked by itself or against the full one: what is right, wrong, and cannot be known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from femsub.checks import (
+    Array,
+    Tally,
+    choice,
+    instance,
+    items,
+    mapping,
+    positive_number,
+    real_array,
+    whole_numbers,
+    word,
+)
+from femsub.errors import FemsubError, InputError, InputTypeError
+from femsub.model import DofMap, Pencil, ReducedSubstructure, Substructure
+from femsub.reduction.frequency_bounds import frequency_bounds
+from femsub.studies.audit_alone import SYSTEMS, alone, numbers, sizes
+from femsub.studies.audit_full import Compared, Full, compared, digits, motion_in
+from femsub.studies.audit_model import FAULT, GOOD, UNKNOWN, Finding, Model, array
+from femsub.studies.charts import Chart, Level, Panel, Series
+from femsub.studies.tables import Table, column, fitted
+from femsub.studies.verdicts import Verdict
+
+if TYPE_CHECKING:
+    from femsub.reduction import FrequencyBounds
+
+ENTRIES = ("M", "K", "D", "V", "kinds", "interface", "full_interface", "dofs", "cutoff", "name")
+TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
+HIGHEST = 1e100  # cut-off
+DENSE = 1500  # DOF up to which the eigenvalues of D are computed
+BOUNDED = 1e-6  # relative rounding of a frequency beside its bound
+LOWEST = 10  # frequencies that are bounded without the full model
+WORDS = {GOOD: "good", FAULT: "FAULT", UNKNOWN: "unknown"}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Audit:
+    """What an audit of a reduced model has found. See `audit`.
+
+    Attributes
+    ----------
+    name : str
+    size : int
+        Coordinates of the reduced model.
+    full_size : int
+        DOF of the full model; 0 without one.
+    findings : tuple of Finding
+        One for each check, with `what`, `verdict` ('good', 'fault', 'unknown'), `said`, `figure`, `limit`, `todo`.
+    omega : ndarray, shape (k,)
+        Elastic frequencies of the reduced model in radians per unit of time.
+    lower : ndarray, shape (k,)
+        Those of the full model: themselves, or without it what they cannot lie below. NaN where nothing is known.
+    cutoff : float
+        The frequency of the first mode that is left out, as counted, or as stated. NaN where it is not known.
+    tally : Tally
+        The modes below the cut-off in the reduced model, and in the full one by the inertia of K - ω²M.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> full = fs.chain(30)
+    >>> fs.audit(fs.reduce(full, fs.CraigBampton(8)), full)
+    Audit of 'chain': good, 24 checks, 0 faults, 0 unknown, trusted up to 0.7579 rad/time, certified
+    """
+
+    name: str
+    size: int
+    full_size: int
+    findings: tuple[Finding, ...]
+    omega: Array = field(default_factory=lambda: np.zeros(0))
+    lower: Array = field(default_factory=lambda: np.zeros(0))
+    cutoff: float = np.nan
+    tally: Tally = field(default=Tally(0))
+
+    @property
+    def faults(self) -> tuple[Finding, ...]:
+        """The findings that are faults."""
+        return tuple(one for one in self.findings if one.verdict == FAULT)
+
+    @property
+    def unknown(self) -> tuple[Finding, ...]:
+        """What could not be decided."""
+        return tuple(one for one in self.findings if one.verdict == UNKNOWN)
+
+    @property
+    def verdict(self) -> str:
+        """'fault' if there is one, else 'good'. What is unknown is told beside it."""
+        return FAULT if self.faults else GOOD
+
+    @property
+    def error(self) -> Array:
+        """How far each frequency is off, or may be off, relative to the full model's, shape (k,): |omega/lower - 1|."""
+        safe = np.where(self.lower == 0, np.nan, self.lower)
+        return np.where(self.lower == 0, np.inf, np.abs(self.omega / safe - 1))
+
+    @property
+    def trusted(self) -> float:
+        """ω up to which every frequency is within 1 %, by the full model or by the bound. NaN where nothing is known."""
+        known = self.error
+        if not len(known) or np.isnan(known[0]):
+            return np.nan
+        right = int(np.argmin(np.append(known <= TRUSTED, False)))
+        end = float(self.omega[right - 1]) if right else 0.0
+        return min(end, self.cutoff) if np.isfinite(self.cutoff) else end
+
+    @property
+    def evidence(self) -> str:
+        """'certified' if all modes below the cut-off were counted in the full model, and the reduced one has them."""
+        return self.tally.evidence
+
+    def __repr__(self) -> str:
+        up_to = "" if np.isnan(self.trusted) else f", trusted up to {self.trusted:.4g} rad/time"
+        return (f"Audit of {self.name!r}: {self.verdict}, {len(self.findings)} checks, {len(self.faults)} "
+                f"fault{'s' * (len(self.faults) != 1)}, {len(self.unknown)} unknown{up_to}, {self.evidence}")
+
+    @property
+    def answer(self) -> Verdict:
+        """The verdict in sentences: what decides it, and what cannot be known."""
+        against = f"against the full model of {self.full_size} DOF" if self.full_size else "by itself, without the full model"
+        count, of_what = len(self.findings), f"{self.name} ({self.size} DOF)"
+        if self.faults:
+            names = "; ".join(dict.fromkeys(one.what for one in self.faults))
+            headline = f"{len(self.faults)} of {count} checks of {of_what}, {against}, found a fault: {names}."
+        else:
+            headline = f"{count - len(self.unknown)} checks of {of_what}, {against}, found no fault" + (
+                f"; {len(self.unknown)} could not be decided." if self.unknown else ".")
+        decides = [f"{one.what}: {one.said}. {one.todo}." for one in self.faults]
+        unknown = [f"Not known: {one.what}: {one.said}." + (f" {one.todo}." if one.todo else "") for one in self.unknown]
+        answer = "no" if self.faults else "yes" if self.full_size else "in part"
+        return Verdict([*decides, self._trust(), *unknown], (), answer, headline, "Is the reduced model what it should be?")
+
+    def _trust(self) -> str:
+        if np.isnan(self.trusted):
+            return "Which frequencies may be trusted is not known without the full model" + (
+                "." if np.isnan(self.cutoff) else f". None above the cut-off, {self.cutoff:.6g} rad/time.")
+        how = "by the full model's own" if self.full_size else (
+            "by a bound from the small matrices, if the inside has fixed-interface modes and the cut-off is right")
+        right = int(np.count_nonzero(self.omega <= self.trusted))
+        if not right:
+            return f"No elastic frequency is within {TRUSTED:.0%}, {how}."
+        return (f"Trusted: {right} elastic frequencies, up to {self.trusted:.6g} rad/time, are within "
+                f"{max(self.error[:right].max(), 1e-12):.1e}, {how}.")
+
+    @property
+    def tables(self) -> tuple[Table, Table]:
+        """The checks, and the frequencies with what they are worth."""
+        rows = [{"check": one.what, "verdict": one.verdict, "figure": one.figure, "limit": one.limit, "said": one.said,
+                 "todo": one.todo} for one in self.findings]
+        values = [{"mode": at + 1, "omega": float(one), "full": None if np.isnan(low) else float(low),
+                   "error": None if np.isnan(low) or np.isinf(error) else float(error)}
+                  for at, (one, low, error) in enumerate(zip(self.omega, self.lower, self.error, strict=True))]
+        head = "full model" if self.full_size else "not below"
+        return (Table("checks", rows, [column("check", "check", "s"), column("verdict", "verdict", "s", cell=_word),
+                                       column("figure", "figure", ".1e"), column("limit", "limit", ".0e")], "Checks"),
+                Table("frequencies", values, ["mode", "omega", column("full", head, ".6g"), "error"] if values else (),
+                      "Elastic frequencies, interface free", most=LOWEST))
+
+    @property
+    def chart(self) -> Chart:
+        """Errors of the frequencies, or their bounds, up to the cut-off."""
+        known = np.isfinite(self.error)
+        name = "error" if self.full_size else "bound of the error"
+        series = [Series(name, self.omega[known].tolist(), np.maximum(self.error[known], 1e-16).tolist())]
+        levels = [Level(self.cutoff, "first mode left out")] if np.isfinite(self.cutoff) else []
+        return Chart("frequencies", f"{self.name}: {name} of frequencies",
+                     [Panel(series, "ω  [rad/time]", name, logs="y", levels=levels, rounding=True)])
+
+    @property
+    def text(self) -> str:
+        """One page: the verdict, what decides it, all checks, the frequencies, and what cannot be known."""
+        said = self.answer
+        return fitted("\n\n".join([said.text, *filter(None, (one.text() for one in self.tables)),
+                                   "\n".join(f"- {line}" for line in said.decides)]))
+
+    def record(self) -> dict[str, Any]:
+        """Everything as numbers, texts and lists, for JSON."""
+        def plain(value: float | None) -> float | None:
+            return None if value is None or not np.isfinite(value) else float(value)
+
+        return {"verdict": self.verdict, "name": self.name, "size": self.size, "full_size": self.full_size,
+                "checks": [{"check": one.what, "verdict": one.verdict, "figure": plain(one.figure), "limit": plain(one.limit),
+                            "said": one.said, "todo": one.todo} for one in self.findings],
+                "omega": self.omega.tolist(), "full" if self.full_size else "lower": [plain(one) for one in self.lower],
+                "cutoff": plain(self.cutoff), "trusted": plain(self.trusted), "evidence": self.evidence}
+
+
+def _word(row: Mapping[str, Any]) -> str:
+    """A fault in capitals."""
+    return WORDS[row["verdict"]]
+
+
+def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure | None = None, *, mass: float | None = None,
+          cutoff: float | None = None, floating: bool | None = None, gyroscopic: bool = False, units: str = "") -> Audit:
+    """Check anybody's reduced model: M, D, K of shape (r, r), by itself or against the full one, (n, n).
+
+    By itself it is checked for symmetry, definiteness, modes that are orthonormal, rigid motion without energy, the mass matrix
+    of a rigid body, and digits. Against the full model each statement is an equation, a count or a bound:
+
+        M = VᵀMV, K = VᵀKV, D = VᵀDV,   XᵀKX = K_bb - K_bi K_ii⁻¹ K_ib,   XᵀMX = CᵀMC,   ω ≥ ω_full,
+
+    X (r, n_b) and C (n, n_b) the static responses to motions of the interface. The modes below the cut-off are counted by the
+    inertia of K - ω²M. V is not needed for the others than the first three.
+
+    Parameters
+    ----------
+    reduced : ReducedSubstructure, Substructure, Pencil or mapping
+        A mapping has the matrices as they are, faults and all: M, K, and any of D, V (n, r), interface (coordinates that are
+        interface DOF, from 0), full_interface (these as rows of the full model), kinds (a word for each coordinate, as of
+        `ReducedSubstructure`), dofs (the `DofMap` of the interface, with points), cutoff, name.
+    full : Substructure, optional
+        The full model with its interface, in the order of the reduced one's.
+    mass : float, optional
+        The mass that the part should have, to 1 %.
+    cutoff : float, optional
+        The frequency below which all modes are said to be kept; by default what the model itself states.
+    floating : bool, optional
+        Whether the part hangs on nothing. With the full model that is known.
+    gyroscopic : bool
+        Whether the part turns, so that D may be unsymmetric.
+    units : str
+        'SI' or 'mm-t-s': whether mass, lengths and frequencies are those of a solid is checked then.
+
+    Returns
+    -------
+    Audit
+        ``print(fs.audit(...).text)`` is one page.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        No matrices M and K; an entry of the mapping that is not known; a full model that is no `Substructure`.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> full = fs.chain(30)
+    >>> rom = fs.reduce(full, fs.CraigBampton(8))
+    >>> found = fs.audit({"M": rom.M, "K": 1000 * rom.K, "interface": rom.interface, "cutoff": rom.cutoff}, full)
+    >>> found.verdict, found.faults[0].what
+    ('fault', 'static interface response')
+    """
+    model = _model(reduced, mass, cutoff, floating, gyroscopic, units)
+    if full is not None:
+        instance("full", full, Substructure, "made by solid, read_component or others")
+    basic = [numbers(model)] if numbers(model).verdict == FAULT else [numbers(model), sizes(model)]
+    rows = _rows(model, full)
+    if full is not None and basic[-1].verdict == GOOD:
+        basic += _same_size(model, full)
+    if any(one.verdict == FAULT for one in basic):
+        return Audit(model.name, len(model.M), 0 if full is None else full.size, tuple(basic))
+    found = [*basic, digits(model)]
+    if full is not None and not full.pencil.symmetric[1]:
+        model = replace(model, gyroscopic=True)
+    found += [one for one in alone(model, full is not None, False if full is None else _active(full)) if one.what]
+    sound = not any(one.verdict == FAULT for one in found)
+    if full is not None:
+        seen = compared(model, Full.of(full, rows))
+        found += seen.findings
+        found += _within_bounds(model, seen) if sound else []
+        return Audit(model.name, model.size, full.size, tuple(found), seen.omega[:, 0], seen.omega[:, 1], seen.first_missing,
+                     seen.tally)
+    found.append(Finding("modes below the cut-off", UNKNOWN, "whether one is missing cannot be known from the small matrices",
+                         todo="Give the full M and K"))
+    bounds = _bounds(model) if sound else "the faults come first"
+    if not isinstance(bounds, str):
+        return Audit(model.name, model.size, 0, tuple(found), bounds.upper, bounds.lower, model.cutoff)
+    found.append(Finding("frequencies", UNKNOWN, bounds, todo="Give the full M and K"))
+    rigid = 0 if model.motion is None else model.motion.shape[1]
+    omega = model.free_frequencies[rigid:]
+    omega = omega[omega > 1e-4 * omega.max(initial=0.0)][:LOWEST]
+    return Audit(model.name, model.size, 0, tuple(found), omega, np.full(len(omega), np.nan), model.cutoff)
+
+
+def _model(reduced: Any, mass: Any, cutoff: Any, floating: Any, gyroscopic: Any, units: Any) -> Model:
+    """The matrices and what is stated of them."""
+    for name, value in (("floating", floating), ("gyroscopic", gyroscopic)):
+        if value is not None and not isinstance(value, bool):
+            raise InputTypeError(f"{name} must be True or False, not {value!r}")
+    stated: dict[str, Any] = {
+        "mass": None if mass is None else positive_number("mass", mass), "floating": floating, "gyroscopic": bool(gyroscopic),
+        "units": "" if isinstance(units, str) and not units else choice("units", units, SYSTEMS)}
+    if isinstance(reduced, Mapping):
+        own = _of_mapping(mapping("reduced", reduced, "names and matrices, as {'M': M, 'K': K}"))
+    elif isinstance(reduced, (Substructure, Pencil)):
+        own = _of_model(reduced)
+    else:
+        raise InputTypeError(f"reduced must be a Substructure, a Pencil or a mapping with M and K, not {type(reduced).__name__}")
+    if cutoff is not None:
+        own["cutoff"] = positive_number("cutoff", cutoff)
+    if HIGHEST < own.get("cutoff", 0.0) < np.inf:
+        raise InputError(f"cutoff must be below {HIGHEST:g}, so that its square is finite; it is {own['cutoff']:g}")
+    return Model(**own, **stated)
+
+
+def _of_model(reduced: Substructure | Pencil) -> dict[str, Any]:
+    own: dict[str, Any] = {"name": getattr(reduced, "name", "model"), **{key: array(getattr(reduced, key)) for key in "MKD"}}
+    if isinstance(reduced, Pencil):
+        return own
+    own |= {"places": reduced.interface if len(reduced.interface) else None, "dofs": reduced.interface_dofs}
+    if isinstance(reduced, ReducedSubstructure):
+        own |= {"V": np.asarray(reduced.V), "kinds": tuple(reduced.kinds), "rows": reduced.full_interface,
+                "cutoff": reduced.cutoff, "motion": motion_in(reduced)}
+    return own
+
+
+def _of_mapping(given: Mapping[str, Any]) -> dict[str, Any]:
+    if strange := [key for key in given if key not in ENTRIES]:
+        raise InputError(f"reduced has an entry {strange[0]!r}; known are {', '.join(ENTRIES)}")
+    if "M" not in given or "K" not in given:
+        raise InputError(f"reduced needs M and K, but has {', '.join(given) or 'nothing'}")
+    own: dict[str, Any] = {"name": str(given.get("name", "model"))}
+    for key in "MKDV":
+        if given.get(key) is not None:
+            value = given[key]
+            own[key] = real_array(key, value.toarray() if hasattr(value, "toarray") else value, finite=False)
+            if own[key].ndim != 2 or not own[key].size:
+                raise InputError(f"{key} must be a matrix, but its shape is {own[key].shape}")
+    for key, name in (("interface", "places"), ("full_interface", "rows")):
+        if given.get(key) is not None:
+            own[name] = whole_numbers(key, given[key]).astype(np.intp)
+    if given.get("kinds") is not None:
+        own["kinds"] = tuple(word("kinds", kind) for kind in items("kinds", given["kinds"], "words"))
+    if given.get("dofs") is not None:
+        own["dofs"] = instance("dofs", given["dofs"], DofMap)
+    if given.get("cutoff") is not None:
+        own["cutoff"] = np.inf if given["cutoff"] == np.inf else positive_number("cutoff", given["cutoff"])
+    return own
+
+
+def _rows(model: Model, full: Substructure | None) -> Array:
+    """The interface of the full model, as the reduced one has it, or else as the full one."""
+    if model.rows is not None:
+        return model.rows
+    return np.zeros(0, dtype=np.intp) if full is None else full.interface
+
+
+def _same_size(model: Model, full: Substructure) -> list[Finding]:
+    said = ""
+    if model.V is not None and len(model.V) != full.size:
+        said = f"V has {len(model.V)} rows, but the full model {full.size} DOF"
+    elif model.rows is not None and model.rows.max(initial=-1) >= full.size:
+        said = f"the interface names DOF {model.rows.max()}, but the full model has {full.size}"
+    elif model.size > full.size:
+        said = f"the reduced model has {model.size} coordinates, the full one {full.size} DOF"
+    return [Finding("same full model", FAULT, said, todo="The reduction is of another model")] if said else []
+
+
+def _active(full: Substructure) -> bool | None:
+    """Whether the symmetric part of D has a negative eigenvalue; None of a large model."""
+    if full.size > DENSE:
+        return None
+    D = array(full.D)
+    lowest = float(np.linalg.eigvalsh((D + D.T) / 2)[0]) if D.any() else 0.0
+    return lowest < -1e-12 * float(np.abs(D).max(initial=0.0))
+
+
+def _bounds(model: Model) -> FrequencyBounds | str:
+    """Bounds of the lowest frequencies from the small matrices and the stated cut-off, or why there are none."""
+    if np.isnan(model.cutoff):
+        return "no cut-off is stated"
+    if model.basis != "held":
+        return "bounds without the full model are known for Craig-Bampton models alone"
+    kinds = np.full(model.size, "constraint", dtype=object)
+    kinds[model.modal] = "fixed-interface"
+    try:
+        M, K = ((A + A.T) / 2 for A in (model.M, model.K))
+        rom = ReducedSubstructure(M, K, None, {}, model.name, V=np.eye(model.size) if model.V is None else model.V,
+                                  kinds=tuple(model.kinds or kinds.tolist()), cutoff=model.cutoff)
+        elastic = int(np.count_nonzero(model.free_frequencies > 1e-4 * model.free_frequencies.max(initial=0.0)))
+        return frequency_bounds(rom, max(1, min(LOWEST, elastic)))
+    except FemsubError as error:
+        return f"they have no bounds: {error}"
+
+
+def _within_bounds(model: Model, seen: Compared) -> Sequence[Finding]:
+    """The full model's frequencies lie within the bounds from the small matrices alone, if it is the same model."""
+    if not len(seen.omega) or not np.isfinite(model.cutoff) or not model.kinds:
+        return []
+    bounds = _bounds(model)
+    if isinstance(bounds, str) or bounds.rigid != seen.rigid:
+        return []
+    k = min(len(bounds.lower), len(seen.omega))
+    below = 1 - seen.omega[:k, 1] / bounds.lower[:k]
+    worst = int(below.argmax())
+    return [Finding.of("frequencies within their bounds", max(float(below[worst]), 0.0), BOUNDED, f"elastic mode {worst + 1} of "
+                       f"the full model has ω = {seen.omega[worst, 1]:.6g}, below the bound {bounds.lower[worst]:.6g} by the "
+                       "stated cut-off", "The cut-off is not what is stated, or the matrices are not those of this model")]
