@@ -47,6 +47,7 @@ from .modes.damping import damped as damped
 from .modes.normal_modes import NormalModes as NormalModes, normal_modes as normal_modes
 from .modes.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
 from .modes.quadratic.refinement import Refined as Refined, refine as refine
+from .modes.receptance import FrequencyResponse as FrequencyResponse, frequency_response as frequency_response
 from .modes.rotation import Rotor as Rotor, rotating as rotating
 from .motion.cycles.branch import Branch as Branch, branch as branch
 from .motion.cycles.limit_cycle import LimitCycle as LimitCycle, harmonic_balance as harmonic_balance
