@@ -19,13 +19,13 @@ matrices is added to the bound.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import SMALL, ComplexFactor, shared_factor
+from femsub.algebra import SMALL, ComplexFactor, Frozen, shared_factor
 from femsub.checks import EPS, Array, Matrix, Tally, choice, instance, items, positive_number, real_array, shown, whole_number
 from femsub.errors import FemsubError, InputError, InputTypeError, SingularMatrixError, unknown_name
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, small_matrices
@@ -51,7 +51,7 @@ TOL = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse:
+class FrequencyResponse(Frozen):
     """What harmonic forces at the loads cause at the responses, over frequency, with bounds of the error.
 
     u_i(t) = Re(h_ij(ω) f_j exp(iωt)), h of shape (nf, nr, nl). See `frequency_response`.
@@ -96,6 +96,9 @@ class FrequencyResponse:
     direct: Array
     modes: int = 0
     tally: Tally = field(default=Tally(0))
+
+    def __post_init__(self) -> None:
+        self._set(**{item.name: getattr(self, item.name) for item in fields(self)})  # read-only
 
     @property
     def mobility(self) -> Array:
@@ -188,17 +191,17 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     >>> omega = np.linspace(0.0, 0.05, 200)
     >>> found = fs.frequency_response(sub, at=omega)
     >>> found.modes, found.evidence
-    (12, 'certified')
+    (13, 'certified')
     >>> exact = fs.frequency_response(sub, at=omega, method="direct")
     >>> bool((abs(found.receptance - exact.receptance) <= found.bound + exact.bound).all())
     True
-    >>> rom = fs.reduce(sub, fs.CraigBampton(modes=4))
+    >>> rom = fs.reduce(sub, fs.CraigBampton(modes=4), ports=True)
     >>> error = fs.frequency_response(rom, at=omega).error(found)
     >>> error.shape
     (200, 1, 1)
     """
     instance("model", model, Substructure)
-    omega = np.atleast_1d(real_array("at", at)).astype(float)
+    omega = np.array(np.atleast_1d(real_array("at", at)), dtype=float)
     if omega.ndim != 1 or not omega.size or omega.min() < 0:
         raise InputError("at must be frequencies in rad per unit of time, a number or a flat list, none of them negative")
     names, F = columns(model, loads, "loads")
@@ -227,8 +230,6 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
             h[k], bound[k], residual[k] = whole.response(float(omega[k]))
     found = FrequencyResponse(omega, h, bound, residual, rows, names, direct, 0 if basis is None else basis.modes,
                               Tally(len(omega), int(np.count_nonzero(~_beyond(h, bound, tol)))))
-    for array in (omega, h, bound, residual, direct):
-        array.flags.writeable = False
     log.info("%r", found)
     return found
 
@@ -379,7 +380,7 @@ class Modal:
     lost : ndarray, shapes (q, r) each
         L_M, L_D and L_H with ‖B v‖ = ‖(-ω²L_M + iωL_D + iL_H)v‖.
     noise : ndarray, shape (r, r)
-        What rounding in each entry of the matrices may change in those of A.
+        What rounding in each entry of the matrices, and the errors of the modes, may change in those of A.
     limit : float
         No mode that is left out lies below.
     modes : int
@@ -429,13 +430,13 @@ class Modal:
         D, H = (np.zeros(K.shape) if A is None else V.T @ (A @ V) for A in (model.D, model.H))
         size = np.abs(V)
         each = abs(model.K) @ size + highest**2 * (abs(model.M) @ size) + highest * (abs(model.D) @ size)
-        noise = size.T @ (each if model.H is None else each + abs(model.H) @ size)
+        noise = _terms(model.pencil) * EPS * (size.T @ (each if model.H is None else each + abs(model.H) @ size))
+        noise += np.abs(V.T @ (model.K @ V) - K) + highest**2 * np.abs(V.T @ (model.M @ V) - M)  # the modes' own errors
         for W, C_D, C_K in terms:
             w = V.T @ W
             added = [w @ (part if np.ndim(part) else part * np.eye(w.shape[1])) @ w.T for part in (C_D, C_K)]
-            D, K, noise = D + added[0], K + added[1], noise + highest * np.abs(added[0]) + np.abs(added[1])
-        return cls(M, D, K, H, V.T @ F, V.T @ C, lost, _terms(model.pencil) * EPS * noise, found.counted[0],
-                   len(found.eigenvalues))
+            D, K, noise = D + added[0], K + added[1], noise + EPS * (highest * np.abs(added[0]) + np.abs(added[1]))
+        return cls(M, D, K, H, V.T @ F, V.T @ C, lost, noise, found.counted[0], len(found.eigenvalues))
 
     def response(self, omega: float) -> tuple[Array, Array, float]:
         """h (nr, nl), its bound, and the largest ‖F - Px‖ / ‖x‖ in the norms of energy."""
