@@ -46,8 +46,8 @@ MODES = 300  # modes up to which 'auto' takes this way
 REACH = 2.0  # modes are kept up to so many times the highest frequency
 WIDE = 200  # columns of loads, responses, contacts and dashpots beside the modes, at most
 DASHPOTS = 60  # DOF on which D acts, up to which each has a static response
-FAINT = 1e-3  # of the largest response to a load: smaller ones need only be as accurate as this
-TOL = 1e-6
+FAINT = 1e-3  # of the largest response to a load, or of the median over frequency: smaller ones need be no more accurate
+TOL = 1e-5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -165,7 +165,8 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
         the static responses beside them. 'auto' is 'direct' for dense models and for fewer than 8 frequencies, and where the
         modal way is not known to be right. Else it is 'modal', and direct at those frequencies where the bound exceeds `tol`.
     tol : float
-        Bound of the error allowed, relative to |h_ij|, or to a thousandth of the largest |h| of that load where this is more.
+        Bound of the error allowed, relative to |h_ij|. At an antiresonance it is relative to a thousandth of the largest |h| of
+        that load, or of the median of |h_ij| over the frequencies.
 
     Returns
     -------
@@ -236,7 +237,8 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
 
 def _beyond(h: Array, bound: Array, tol: float) -> Array:
     """At which frequencies some bound is not within the tolerance, bool, shape (nf,)."""
-    size = np.maximum(np.abs(h), FAINT * np.abs(h).max(axis=1, keepdims=True))
+    size = np.abs(h)
+    size = np.maximum(size, FAINT * np.maximum(size.max(axis=1, keepdims=True), np.median(size, axis=0)))
     return ~(bound <= tol * size).all(axis=(1, 2))
 
 
