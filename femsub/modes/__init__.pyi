@@ -1,3 +1,4 @@
+from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
 from .normal_modes import (
     NormalModes as NormalModes,
     all_modes as all_modes,

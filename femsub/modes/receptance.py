@@ -19,6 +19,7 @@ matrices is added to the bound.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
@@ -76,6 +77,12 @@ class FrequencyResponse(Frozen):
         Modes that were used.
     tally : Tally
         The frequencies, and the number of those at which the bound is within the tolerance.
+    scatter : ndarray, shape (nf, nr, nl), optional
+        Of measurements: the standard deviation σ of each entry by noise, σ² = E|δ|². Not part of `bound`.
+    deviations : ndarray, shape (ns, nf, nr, nl), optional
+        Of repeated measurements: those of each from their mean.
+    repeated : int
+        The number of measurements that `scatter` follows from, the least of all parts; 0 where it is stated.
 
     Examples
     --------
@@ -96,6 +103,82 @@ class FrequencyResponse(Frozen):
     direct: Array
     modes: int = 0
     tally: Tally = field(default=Tally(0))
+    scatter: Array | None = None
+    deviations: Array | None = None
+    repeated: int = 0
+
+    @classmethod
+    def measured(cls, at: Any, receptance: Any, responses: Sequence[str], loads: Sequence[str], *, level: float | None = None,
+                 scatter: Any = None) -> FrequencyResponse:
+        """A part that is known by measured receptances.
+
+        Parameters
+        ----------
+        at : array_like, shape (nf,)
+            Radians per unit of time.
+        receptance : array_like, shape (nf, nr, nl), or (ns, nf, nr, nl) of repeated measurements
+            Of the latter the mean is taken, and `scatter` is that of the mean.
+        responses, loads : sequence of str
+            Names of the rows and columns.
+        level : float, optional
+            The stated noise: σ of each entry relative to its size.
+        scatter : array_like, shape (nf, nr, nl), optional
+            σ of each entry, instead of `level`.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            Shapes that do not fit, names given twice, more than one statement about noise.
+        """
+        omega, h = np.atleast_1d(real_array("at", at)), np.asarray(receptance)
+        names = [tuple(items(what, given, "names")) for what, given in (("responses", responses), ("loads", loads))]
+        shape = (len(omega), *map(len, names))
+        if h.dtype.kind not in "iufc" or h.shape[-3:] != shape or h.ndim not in (3, 4) or not np.isfinite(h).all():
+            raise InputError(f"receptance must be finite numbers of shape {shape}, or of repeated measurements (ns, "
+                             f"{', '.join(map(str, shape))}), not {shown(h)}")
+        for what, own in zip(("responses", "loads"), names, strict=True):
+            if len(set(own)) < len(own) or not all(isinstance(one, str) for one in own):
+                raise InputError(f"{what} must be names, each of them once, not {shown(own)}")
+        if (h.ndim == 4) + (level is not None) + (scatter is not None) > 1:
+            raise InputError("give one of level, scatter and repeated measurements: each tells the noise")
+        deviations = None
+        if h.ndim == 4:
+            if len(h) < 2:
+                raise InputError("repeated measurements are at least two; one alone tells nothing of the noise")
+            deviations, h = h - h.mean(axis=0), h.mean(axis=0)
+            scatter = np.sqrt((np.abs(deviations) ** 2).sum(axis=0) / (len(deviations) * (len(deviations) - 1)))
+        elif level is not None:
+            scatter = positive_number("level", level) * np.abs(h)
+        elif scatter is not None:
+            scatter = real_array("scatter", scatter)
+            if scatter.shape != shape or scatter.min(initial=0.0) < 0:
+                raise InputError(f"scatter must be of shape {shape}, none of it negative, but its shape is {scatter.shape}")
+        return cls(np.array(omega), np.array(h, dtype=complex), np.zeros(shape), np.zeros(len(omega)), names[0], names[1],
+                   np.zeros(len(omega), dtype=bool), scatter=scatter, deviations=deviations,
+                   repeated=0 if deviations is None else len(deviations))
+
+    def transformed(self, left: Array, right: Array) -> Array:
+        """σ² of left Y right by the noise of Y, to first order: from the repeated measurements, or of independent entries."""
+        if self.scatter is None:
+            return np.zeros(1)
+        if self.deviations is None:
+            return np.abs(left) ** 2 @ self.scatter**2 @ np.abs(right) ** 2
+        count = len(self.deviations)
+        return sum((np.abs(left @ one @ right) ** 2 for one in self.deviations), np.zeros(1)) / (count * (count - 1))
+
+    def radius(self, share: float = 0.95) -> Array:
+        """The distance from the entries within which the true ones lie with this probability, shape (nf, nr, nl).
+
+        It is σ √(-ln(1 - p)), or σ √((n - 1)((1 - p)^(-1/(n - 1)) - 1)) where σ follows from n measurements (F distribution with
+        2 and 2n - 2 degrees of freedom). The noise is taken as normal, its real and imaginary parts as independent and of one
+        size. It is inf where no noise is known.
+        """
+        if not 0 < share < 1:
+            raise InputError(f"share must lie between 0 and 1, but is {shown(share)}")
+        if self.scatter is None:
+            return np.full(self.receptance.shape, np.inf)
+        n = self.repeated - 1
+        return self.scatter * np.sqrt(n * ((1 - share) ** (-1 / n) - 1) if self.repeated else -np.log(1 - share))
 
     def __post_init__(self) -> None:
         self._set(**{item.name: getattr(self, item.name) for item in fields(self)})  # read-only
