@@ -37,6 +37,7 @@ from .io.matrix_files import read_matrix as read_matrix
 from .io.mesh_files import read_mesh as read_mesh, write_mesh as write_mesh
 from .io.model_folder import write_matrices as write_matrices
 from .io.pieces import cut_to_files as cut_to_files
+from .io.universal_responses import read_response as read_response
 from .model.affine import Affine as Affine
 from .model.contact import LinearContact as LinearContact
 from .model.dof_map import DofMap as DofMap

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -96,7 +97,7 @@ def test_a_virtual_point_of_sensors_around_a_rigid_interface() -> None:
         places[f"s{k}"] = (tuple(point + rng.uniform(-0.05, 0.05, 3)), tuple(rng.standard_normal(3)))
     R = np.array([[*(d / np.linalg.norm(d)), *np.cross(np.array(x) - point, d / np.linalg.norm(d))]
                   for x, d in ((np.array(x), np.array(d)) for x, d in places.values())])
-    flexible = rng.standard_normal((3, 7, 7)) + 1j * rng.standard_normal((3, 7, 7))  # six motions of the point, one beside
+    flexible = rng.standard_normal((3, 7, 7)) + 1j * rng.standard_normal((3, 7, 7))  # six of the point, one beside
     outer = np.zeros((10, 7))
     outer[:9, :6], outer[9, 6] = R, 1.0
     names = [*places, "far"]
@@ -107,8 +108,9 @@ def test_a_virtual_point_of_sensors_around_a_rigid_interface() -> None:
     assert found.receptance == pytest.approx(flexible, rel=1e-9) and found.residual.max() < 1e-12
     bent = replace(sensed, receptance=sensed.receptance + 0.1 * rng.standard_normal((3, 10, 10)))
     assert 1e-3 < fs.virtual_point(bent, point, places).residual.max() < 1
-    drawn = np.array([fs.virtual_point(fs.FrequencyResponse.measured([1.0, 2.0, 3.0], noisy(
-        sensed.receptance, sensed.scatter, rng), names, names), point, places).receptance for _ in range(300)])
+    assert sensed.scatter is not None
+    runs = (replace(sensed, receptance=noisy(sensed.receptance, sensed.scatter, rng)) for _ in range(300))
+    drawn = np.array([fs.virtual_point(one, point, places).receptance for one in runs])
     assert np.sqrt((np.abs(drawn - flexible) ** 2).mean(axis=0)) == pytest.approx(found.scatter, rel=0.3)
     with pytest.raises(fs.InputError, match="leave some of them unknown"):
         fs.virtual_point(sensed, point, dict(list(places.items())[:5]))
@@ -119,8 +121,8 @@ def test_a_virtual_point_of_sensors_around_a_rigid_interface() -> None:
 def test_bad_joints_and_measurements_are_named() -> None:
     parts, loads, joints, _ = pair(0)
     known = {name: fs.frequency_response(part, at=OMEGA, loads=loads[name]) for name, part in parts.items()}
-    for wrong, message in (((("a", "out"), ("c", "out")), "unknown part 'c'"), ((("a", "rim"), ("b", "out")), "is no response of"),
-                           ((("a", "out"), ("a", "out")), "at both ends")):
+    for wrong, message in (((("a", "out"), ("c", "out")), "unknown part 'c'"), ((("a", "out"), ("a", "out")), "at both ends"),
+                           ((("a", "rim"), ("b", "out")), "is no response of")):
         with pytest.raises(fs.InputError, match=message):
             fs.couple_responses(known, [wrong])  # type: ignore[list-item]
     with pytest.raises(fs.InputTypeError, match="must be a pair of ends"):
@@ -136,3 +138,70 @@ def test_bad_joints_and_measurements_are_named() -> None:
         fs.FrequencyResponse.measured([1.0, 2.0], [[[1.0]]], ["a"], ["a"])
     with pytest.raises(fs.InputError, match="at least two"):
         fs.FrequencyResponse.measured([1.0], [[[[1.0]]]], ["a"], ["a"])
+
+
+# universal files
+
+def dataset(row: tuple[int, int], column: tuple[int, int], h: np.ndarray, kind: int = 12, **other: Any) -> dict[str, Any]:
+    """Dataset 58 as pyuff writes it, over 1 to n Hz."""
+    return {"type": 58, "func_type": 4, "rsp_node": row[0], "rsp_dir": row[1], "ref_node": column[0], "ref_dir": column[1],
+            "binary": 0, "abscissa_spacing": 0, "abscissa_min": 1.0, "abscissa_inc": 0.0, "ord_data_type": 6, "z_axis_value": 0.0,
+            "abscissa_spec_data_type": 18, "ordinate_spec_data_type": kind, "orddenom_spec_data_type": 13, "x": HERTZ, "data": h,
+            "num_pts": len(h), "ver_num": 1, "load_case_id": 0, "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
+            **{f"id{k}": "x" for k in range(1, 6)}, **other}
+
+
+HERTZ = np.arange(1.0, 13.0)
+
+
+def written(path: Any, *sets: dict[str, Any]) -> Any:
+    pytest.importorskip("pyuff").UFF(str(path)).write_sets(list(sets), "overwrite")
+    return path
+
+
+def test_universal_files_hold_measured_parts(tmp_path: Any) -> None:
+    known = fs.frequency_response(fs.damped(lattice(3, 3, held=True), structural=0.05), at=2 * np.pi * HERTZ / 50, loads=[4, 9])
+    h, omega = known.receptance, 2 * np.pi * HERTZ
+    ends = ((7, 2), (8, -3))
+    signs = np.array([1.0, -1.0])
+    sets = [dataset(ends[i], ends[j], -omega**2 * signs[i] * signs[j] * h[:, i, j], binary=j) for i in (0, 1) for j in (0, 1)]
+    found = fs.read_response(written(tmp_path / "a.uff", *sets), level=0.01)
+    assert found.responses == found.loads == ("7:uy", "8:uz") and found.omega == pytest.approx(omega, rel=1e-6)
+    assert found.receptance == pytest.approx(h, rel=1e-5) and found.scatter == pytest.approx(0.01 * np.abs(h), rel=1e-5)
+    velocity = dataset((7, 2), (7, 2), 1j * omega * h[:, 0, 0], kind=11)
+    again = dataset((7, 2), (7, 2), 1.02 * h[:, 0, 0], kind=8)
+    twice = fs.read_response(written(tmp_path / "b.uff", velocity, again))
+    assert twice.repeated == 2 and twice.receptance[:, 0, 0] == pytest.approx(1.01 * h[:, 0, 0], rel=1e-5)
+
+
+def test_what_is_wrong_with_a_universal_file_is_named(tmp_path: Any) -> None:
+    pytest.importorskip("pyuff")
+    h = np.ones(12, dtype=complex)
+    whole = dataset((1, 1), (1, 1), h)
+    for name, sets, message in (
+            ("missing", [whole, dataset((2, 1), (2, 1), h)], "from 2:ux to 1:ux is missing"),
+            ("uneven", [whole, whole, dataset((2, 1), (1, 1), h)], "is there 1 times for some pairs and 2 times"),
+            ("strain", [dataset((1, 1), (1, 1), h, kind=3)], "has the data types 3 over 13"),
+            ("coherence", [whole | {"func_type": 6}], "holds no frequency response function"),
+            ("shifted", [whole, dataset((2, 1), (1, 1), h, x=HERTZ + 1)], "other frequencies")):
+        with pytest.raises(fs.InputError, match=message):
+            fs.read_response(written(tmp_path / f"{name}.uff", *sets))
+    text = written(tmp_path / "good.uff", whole, dataset((2, 1), (1, 1), h)).read_text()
+    for cut in (0, 40, 200, 700, len(text) // 2 + 90, len(text) - 30):
+        (tmp_path / "cut.uff").write_text(text[:cut])
+        with pytest.raises(fs.InputError, match=r"cut\.uff"):
+            fs.read_response(tmp_path / "cut.uff")
+    one = "1.00000000000e+00"
+    for old, new, message in ((one, "NaN".ljust(17), "holds a NaN"), (one, "1.0000x000000e+00", "no universal file that pyuff"),
+                              (" 12         0", " 14         0", "announces 14 values, but has 12")):
+        (tmp_path / "odd.uff").write_text(text.replace(old, new, 1))
+        with pytest.raises(fs.InputError, match=message):
+            fs.read_response(tmp_path / "odd.uff")
+    with pytest.raises(fs.InputError, match="there is no file"):
+        fs.read_response(tmp_path / "none.uff")
+
+
+def test_without_pyuff_the_package_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    monkeypatch.setitem(sys.modules, "pyuff", None)
+    with pytest.raises(fs.MissingPackageError, match="-m pip install pyuff"):
+        fs.read_response(tmp_path / "a.uff")
