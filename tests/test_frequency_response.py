@@ -196,6 +196,21 @@ def test_errors_of_reduced_models_are_bounded() -> None:
         small.error(fs.frequency_response(full, at=omega[:-1], **asked))
 
 
+def test_a_study_compares_receptances_where_frequencies_are_given() -> None:
+    chain, omega = fs.chain(60, belt=2, damping=0.2), np.linspace(0.01, 0.4, 15)
+    belt = fs.Belt(slope=-0.02)
+    found = fs.study(chain, [fs.CraigBampton(4), fs.CraigBampton(12)], (0.0, 0.3), contacts=belt, at=omega, ports=True, repeats=1)
+    w = chain.port("belt")[:, None]
+    exact = dense(chain, omega, w, w, belt)
+    for row, model in zip(found.rows, found.models, strict=True):
+        small = model.port("belt")[:, None]
+        true = np.abs(dense(model, omega, small, small, belt) - exact).max() / np.abs(exact).max()
+        assert row.error_response == pytest.approx(true, rel=1e-3)
+    assert found.rows[1].error_response < found.rows[0].error_response and found.full.error_response == 0
+    assert "err h" in str(found)
+    assert np.isnan(fs.study(chain, [fs.CraigBampton(4)], (0.0, 0.3), repeats=1, ports=True).rows[0].error_response)
+
+
 def test_mobility_accelerance_and_entries_by_name() -> None:
     found = fs.frequency_response(fs.chain(10, belt=2), at=[0.3, 0.5], loads=["belt", 4], responses=4)
     assert found.receptance.shape == (2, 1, 2) and found.loads == ("belt", "DOF 4") and found.responses == ("DOF 4",)
