@@ -88,6 +88,8 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
     responses = [f"{name}.{one}" for name, part in given.items() for one in part.responses]
     loads = [f"{name}.{one}" for name, part in given.items() for one in part.loads]
     pairs = [_joint(one, given) for one in items("joints", joints, "pairs of ends, ((part, name), (part, name))")]
+    if not pairs:
+        raise InputError("joints is empty: join at least one motion of two parts")
     B, B_f = (np.zeros((len(pairs), len(names))) for names in (responses, loads))
     for k, ends in enumerate(pairs):
         for end, sign in zip(ends, (1.0, -1.0), strict=True):
@@ -152,7 +154,7 @@ class _Joined:
     @classmethod
     def of(cls, Y: Array, B: Array, B_f: Array) -> _Joined:
         across = B @ Y @ B_f.T
-        rank = np.linalg.svd(across, compute_uv=False) if len(B) else np.ones((len(Y), 1))
+        rank = np.linalg.svd(across, compute_uv=False)
         if (bad := rank[:, -1] <= SINGULAR * rank[:, 0]).any():
             raise SingularMatrixError(f"the joints have no unique forces at frequency {int(bad.argmax()) + 1} of {len(Y)}: some "
                                       "of them follow from the others, or the parts resonate against each other without damping")

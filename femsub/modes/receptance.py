@@ -27,7 +27,20 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import SMALL, ComplexFactor, Frozen, shared_factor
-from femsub.checks import EPS, Array, Matrix, Tally, choice, instance, items, positive_number, real_array, shown, whole_number
+from femsub.checks import (
+    EPS,
+    Array,
+    Matrix,
+    Tally,
+    choice,
+    instance,
+    items,
+    positive_number,
+    real_array,
+    rows,
+    shown,
+    whole_number,
+)
 from femsub.errors import FemsubError, InputError, InputTypeError, SingularMatrixError, unknown_name
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, small_matrices
 from femsub.modes.normal_modes import modes_below, modes_under
@@ -130,7 +143,7 @@ class FrequencyResponse(Frozen):
         InputError, InputTypeError
             Shapes that do not fit, names given twice, more than one statement about noise.
         """
-        omega, h = np.atleast_1d(real_array("at", at)), np.asarray(receptance)
+        omega, h = np.atleast_1d(real_array("at", at)), rows("receptance", receptance)
         names = [tuple(items(what, given, "names")) for what, given in (("responses", responses), ("loads", loads))]
         shape = (len(omega), *map(len, names))
         if h.dtype.kind not in "iufc" or h.shape[-3:] != shape or h.ndim not in (3, 4) or not np.isfinite(h).all():
@@ -289,7 +302,7 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     if omega.ndim != 1 or not omega.size or omega.min() < 0:
         raise InputError("at must be frequencies in rad per unit of time, a number or a flat list, none of them negative")
     names, F = columns(model, loads, "loads")
-    rows, C = (names, F) if responses is None else columns(model, responses, "responses")
+    outputs, C = (names, F) if responses is None else columns(model, responses, "responses")
     choice("method", method, ("auto", "direct", "modal"))
     positive_number("tol", tol)
     pencil = model.linearised(contacts)
@@ -312,7 +325,7 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
         whole = Whole(pencil.dense() if pencil.size <= SMALL else pencil, model.H, F, C)
         for k in np.flatnonzero(direct):
             h[k], bound[k], residual[k] = whole.response(float(omega[k]))
-    found = FrequencyResponse(omega, h, bound, residual, rows, names, direct, 0 if basis is None else basis.modes,
+    found = FrequencyResponse(omega, h, bound, residual, outputs, names, direct, 0 if basis is None else basis.modes,
                               Tally(len(omega), int(np.count_nonzero(~_beyond(h, bound, tol)))))
     log.info("%r", found)
     return found
@@ -352,8 +365,8 @@ def _column(model: Substructure, key: Any, what: str) -> Array:
     if isinstance(key, str):
         if key in model.ports or key not in model.sets:
             return model.port(key)
-        rows: Matrix = model.interface_rows[model.sets[key]]
-        return np.asarray(rows.T.toarray() if sp.issparse(rows) else rows.T)
+        joined: Matrix = model.interface_rows[model.sets[key]].T
+        return np.asarray(joined.toarray() if sp.issparse(joined) else joined)
     basis = model.V if isinstance(model, ReducedSubstructure) else None
     size = model.size if basis is None else len(basis)
     if isinstance(key, bool) or not isinstance(key, (int, np.integer)):

@@ -253,7 +253,7 @@ class Question:
         return [0.0, *(held_error(own, held_frequencies(model)) for model in models)]
 
     def response_errors(self, models: Sequence[Substructure], at: Any) -> list[float]:
-        """Bounds of the errors of receptances, relative to the largest |h| of the entry, of the full model (0) and each of these."""
+        """Bounds of the errors of receptances, relative to the largest |h| of the entry: 0 of the full model, and of these."""
         exact = frequency_response(self.model, self.contacts, at=at, loads=self.places)
         size = np.abs(exact.receptance).max(axis=0)
         errors = [frequency_response(model, self.contacts, at=at, loads=self.places).error(exact).max(axis=0) for model in models]
