@@ -38,6 +38,7 @@ from .io.mesh_files import read_mesh as read_mesh, write_mesh as write_mesh
 from .io.model_folder import write_matrices as write_matrices
 from .io.pieces import cut_to_files as cut_to_files
 from .io.superelement_files import write_superelement as write_superelement
+from .io.universal_responses import read_response as read_response
 from .model.affine import Affine as Affine
 from .model.contact import LinearContact as LinearContact
 from .model.dof_map import DofMap as DofMap
@@ -45,9 +46,11 @@ from .model.estimate import Estimate as Estimate
 from .model.pencil import Pencil as Pencil
 from .model.substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure
 from .modes.damping import damped as damped
+from .modes.frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
 from .modes.normal_modes import NormalModes as NormalModes, normal_modes as normal_modes
 from .modes.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
 from .modes.quadratic.refinement import Refined as Refined, refine as refine
+from .modes.receptance import FrequencyResponse as FrequencyResponse, frequency_response as frequency_response
 from .modes.rotation import Rotor as Rotor, rotating as rotating
 from .motion.cycles.branch import Branch as Branch, branch as branch
 from .motion.cycles.limit_cycle import LimitCycle as LimitCycle, harmonic_balance as harmonic_balance

@@ -67,6 +67,10 @@ GALLERY = {
         "least-stable", "The least stable mode of a disc in three dimensions, real and imaginary part",
         "A brake's disc of 7,920 DOF, and the mode of three nodal diameters that friction drives. Craig-Chang with 20 DOF gives "
         "its critical slope to 1.3e-6.", "components"),
+    "frequency-response": Shown(
+        "frequency-response", "Magnitude and phase of a beam's receptance over frequency, and the bound of each model's error",
+        "A beam with a loss factor of 1 % answers to a force at its contact. Craig-Chang with 11 of 400 DOF follows it to 2.4e-5 "
+        "of the largest response.", "frequency-response"),
     "chain-parts": Shown(
         "methods-2-parts", "Errors over run time of two joined halves of the chain, by five methods",
         "Two halves of the chain are reduced by themselves, with five methods, and joined again. At nine DOF the growth rates "

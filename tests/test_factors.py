@@ -23,7 +23,7 @@ from femsub.algebra import memory, shared
 from femsub.algebra.factor import release, shared_factor
 from femsub.algebra.petsc import Factor
 from femsub.modes.normal_modes import _counted
-from femsub.modes.quadratic.port_function import port_responses
+from femsub.modes.receptance import port_responses
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.motion.cycles.compliance import compliance
 from femsub.motion.nonlinear_model import sliding

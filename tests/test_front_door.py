@@ -7,6 +7,8 @@ import signal
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -127,6 +129,19 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         return fs.cut_to_files(folder, mesh, build, into=into, material=fs.Material(1.0, 0.3, 1.0), supports=supports,
                                interface=interface, ports=ports)
 
+    def measured(path: Any, level: Any) -> Any:
+        """Without pyuff only the path is looked at."""
+        with suppress(*[] if find_spec("pyuff") else [fs.MissingPackageError]):
+            return fs.read_response(path, level=level)
+
+    (folder / "hammer.uff").write_text("\n".join([
+        "    -1", "    58", *"abcde", "    4         0    1         0       NONE         1   1       NONE         1   1",
+        "         6         1         0  0.00000e+00  0.00000e+00  0.00000e+00",
+        *(f"{kind:10}    0    0    0 NONE                 NONE" for kind in (18, 12, 13, 0)),
+        "  1.00000e+00   1.00000000000e+00   0.00000000000e+00", "    -1", ""]))
+    tip = fs.frequency_response(sub, at=[0.1, 0.2], loads="belt")
+    places = {f"s{k}": ((k % 2, k // 2 % 2, k // 4), tuple(np.eye(3)[k % 3])) for k in range(9)}
+    sensed = fs.FrequencyResponse.measured([1.0], np.ones((1, 9, 9)), list(places), list(places))
     row = fs.block((6.0, 1.0, 1.0), (6, 1, 1), "hexahedron")
     recipes = pieces(folder / "pieces", row, fs.solid, 2, ["left"], None, None)
     coupled.__signature__ = inspect.signature(fs.Spring)  # type: ignore[attr-defined]
@@ -162,7 +177,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "Hurty": (fs.Hurty, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
         "InterfaceModes": (fs.InterfaceModes, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
         "MacNeal": (fs.MacNeal, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
-        "Material": (fs.Material, {"E": 1.0, "nu": 0.3, "rho": 1.0}),
+        "Material": (fs.Material, {"E": 1.0, "nu": 0.3, "rho": 1.0, "loss": 0.1}),
         "Mesh": (
             fs.Mesh,
             {
@@ -183,7 +198,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "StribeckArctanOdd": (fs.StribeckArctanOdd, {"eps": 1e-3, "coulomb": 0.3, "drop": 0.2, "decay": 2.0}),
         "Substructure": (
             fs.Substructure,
-            matrices | {"interface": [0], "ports": {"belt": np.eye(6)[1]}, "name": "s", "sets": {"left": [0]}, "dofs": None},
+            matrices | {"interface": [0], "ports": {"belt": np.eye(6)[1]}, "name": "s", "sets": {"left": [0]}, "dofs": None,
+                        "H": None},
         ),
         "annulus": (
             fs.annulus,
@@ -243,13 +259,22 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         ),
         "cut_to_files": (pieces, {"folder": folder / "cut", "mesh": row, "build": fs.solid, "into": 2, "supports": ["left"],
                                   "interface": ["right"], "ports": {"belt": ("right", "y")}}),
-        "damped": (fs.damped, {"sub": sub, "rayleigh": (0.1, 0.1), "ratios": None, "modal": None, "dashpots": {0: 0.1}}),
+        "damped": (fs.damped, {"sub": sub, "rayleigh": (0.1, 0.1), "ratios": None, "modal": None, "dashpots": {0: 0.1},
+                               "structural": 0.1}),
         "damped(modal)": (fs.damped, {"sub": sub, "modal": 0.01}),
         "damped(ratios)": (fs.damped, {"sub": sub, "ratios": ((0.5, 0.01), (1.0, 0.01))}),
         "displacements": (fs.displacements, {"mesh": mesh, "dofs": brick.dofs, "u": np.zeros(brick.size)}),
         "audit": (fs.audit, {"reduced": fs.reduce(sub, fs.CraigBampton(3), ports=True), "full": sub, "mass": 1.0, "cutoff": 1.0,
                              "floating": True,
                              "gyroscopic": True, "units": "SI"}),
+        "FrequencyResponse": (fs.FrequencyResponse.measured, {"at": [1.0], "receptance": [[[1.0]]], "responses": ["a"],
+                                                              "loads": ["a"], "level": 0.1, "scatter": None}),
+        "couple_responses": (fs.couple_responses, {"parts": {"a": tip, "b": tip}, "joints": [(("a", "belt"), ("b", "belt"))]}),
+        "frequency_response": (fs.frequency_response, {"model": sub, "contacts": slope, "at": [0.1, 0.2], "loads": ["belt"],
+                                                       "responses": 0, "method": "auto", "tol": 1e-6}),
+        "read_response": (measured, {"path": folder / "hammer.uff", "level": 0.1}),
+        "virtual_point": (fs.virtual_point, {"response": sensed, "point": (0, 0, 0), "sensors": places, "impacts": None,
+                                             "name": "point"}),
         "frequency_bounds": (fs.frequency_bounds, {"model": fs.reduce(sub, fs.CraigBampton(3), ports=True), "count": 1}),
         "growth_rate": (fs.growth_rate, {"t": t, "signal": y, "between": (0.0, 10.0), "below": None}),
         "harmonic_balance": (
@@ -344,6 +369,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "shared": False,
                 "critical": None,
                 "assembly": 0.0, "held": True,
+                "at": None,
                 "progress": None,
             },
         ),

@@ -42,6 +42,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "FrequencyBounds": lambda: fs.frequency_bounds(made("ReducedSubstructure"), count=1),
     "FrictionContact": lambda: fs.FrictionContact("pad.face", "disc.track", {"pad": made("Mesh"), "disc": made("Mesh")}, 1e9, 0.4,
                                                   direction=(1.0, 0.0, 0.0), speed=2.0),
+    "FrequencyResponse": lambda: fs.frequency_response(full(), BELT, at=[0.1, 0.5]),
     "Guyan": lambda: fs.Guyan(),
     "Herting": lambda: fs.Herting(modes=3),
     "Hurty": lambda: fs.Hurty(modes=3),

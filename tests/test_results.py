@@ -32,6 +32,7 @@ SMALL = {
     "beam": 'elements = 40\nmodes = [8]\nrepeats = 1\nunits = "SI"\n',
     "plate": 'elements = [8, 6]\nmodes = [8]\nrepeats = 1\n',
     "solid": 'mesh = "part.inp"\nsupports = ["left"]\ninterface = ["right:y"]\ncontact = "top"\nmodes = [8]\nrepeats = 1\n',
+    "frequency-response": 'elements = 20\nmodes = [8]\nfrequencies = 60\n',
     "chain-parts": 'n = 12\nparts = [2]\nmodes = [2]\nmethods = ["HCB", "rubin"]\nrepeats = 1\n',
     "plate-parts": 'elements = [8, 6]\nparts = 2\nmodes = [2]\nmethods = ["HCB"]\nrepeats = 1\nband = [0.0, 1000.0]\n',
     "solid-parts": 'kind = "hexahedron"\nmodes = [3]\nmethods = ["HCB"]\nrepeats = 1\n',

@@ -135,6 +135,10 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
                                                    "solid-parts", "own-parts", "brake", "chain-transient",
                                                    "solid-transient", "chain-limit-cycle", "plate-limit-cycle", "two-mode",
                                                    "affine", "ziegler", "audit"]
+    assert [line.split()[0] for line in lines] == ["chain", "matrices", "beam", "plate", "solid", "frequency-response",
+                                                   "chain-parts", "plate-parts", "solid-parts", "own-parts", "brake",
+                                                   "chain-transient", "solid-transient", "chain-limit-cycle",
+                                                   "plate-limit-cycle", "two-mode", "affine", "ziegler"]
 
 
 @pytest.mark.parametrize(("text", "words"), [

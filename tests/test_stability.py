@@ -15,7 +15,7 @@ import femsub as fs
 from benchmarks.attacks import twins
 from benchmarks.lattices import lattice
 from femsub.modes.quadratic.dense import modal_form
-from femsub.modes.quadratic.port_function import port_responses
+from femsub.modes.receptance import port_responses
 from femsub.stability.border import dense_border
 
 TABLE = {  # belt: full, HCB and CC with 5 DOF; d1 = 0.1, interface {m1}

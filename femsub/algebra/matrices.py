@@ -52,7 +52,7 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
         row, column = (int(places[~np.isfinite(entries.data)][0]) for places in (entries.row, entries.col))
         raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
     largest = float(np.abs(data).max(initial=0.0))
-    if largest > LARGEST or (name != "D" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
+    if largest > LARGEST or (name not in "DH" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
         raise InputError(f"{name}'s largest entry is {largest:.3g}. Products of such numbers leave the range of floating point. "
                          "Choose other units")
     return frozen(matrix)

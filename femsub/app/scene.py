@@ -43,6 +43,7 @@ SCENES = {
     "beam": ("beam", "a steel beam on a belt: modes, critical slope, eigenvalues, error against run time"),
     "plate": ("plate", "a thin plate, made or from a mesh file: the same, with pictures and VTU files of shapes"),
     "solid": ("solid", "a solid, a brake's disc or your own mesh: the same"),
+    "frequency-response": ("frequency_response", "a beam driven at its contact: receptances, full and reduced, with bounds"),
     "chain-parts": ("chain_parts", "the chain cut into 2, 3 and 5 parts, each reduced by every method, and joined again"),
     "plate-parts": ("plate_parts", "a plate cut into 8 parts: methods compared, and how many modes each part needs"),
     "solid-parts": ("solid_parts", "8 solids, bolted and glued, whose meshes do not match: the same"),

@@ -131,7 +131,7 @@ def tell_rounding(K: Matrix, lift: Array, whole: float, share: float, name: str,
 
 
 def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array], ports: Mapping[str, Array], dofs: DofMap,
-              rayleigh: tuple[float, float] | None, name: str, by_node: bool = False) -> Substructure:
+              rayleigh: tuple[float, float] | None, name: str, by_node: bool = False, H: Matrix | None = None) -> Substructure:
     """The substructure of the DOF that are not held; the interface by place, the ports as columns, both for all DOF.
 
     The places are the interface sets' names, whose DOF are listed place by place; `by_node` all of them in their own order.
@@ -155,5 +155,6 @@ def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array],
     whole = len(free) == dofs.size
     sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=joined if by_node else sets,
                        ports={port: w[free] for port, w in ports.items()}, name=name, dofs=dofs.kept(free),
-                       sets={place: np.searchsorted(joined, rows) for place, rows in sets.items()})
+                       sets={place: np.searchsorted(joined, rows) for place, rows in sets.items()},
+                       H=H if H is None or whole else H[free][:, free])
     return sub if rayleigh is None else sub.with_damping(sub.D + proportional(sub, rayleigh))

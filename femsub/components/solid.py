@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -27,8 +28,9 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
           rayleigh: tuple[float, float] | None = None, name: str = "") -> Substructure:
     """A solid component of linear elasticity, of hexahedra or tetrahedra.
 
-    M ü + D u̇ + K u = f with K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, and three DOF (x, y, z) per node. K and M
-    are exact for affine cells; see `stiffness_and_mass`. The DOF of supports are removed.
+    M ü + D u̇ + K u = f with K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, and three DOF (x, y, z) per node. Loss
+    factors of materials make the structural damping H. K and M are exact for affine cells; see `stiffness_and_mass`. The DOF
+    of supports are removed.
 
     Bricks of 8 nodes lock in bending. For a part of thickness t with elements of length a, ω is about sqrt(1 + a²/2t²)
     times too high (88 times for a/t = 125), for any number of layers. Bricks of 20 and 27 nodes do not lock.
@@ -82,10 +84,13 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     joined = _motions(mesh, "interface", interface)
     ports = optional_mapping("ports", ports, "names and (set, direction)")
     columns = {key: _port(mesh, key, value) for key, value in ports.items()}
-    K, M = stiffness_and_mass(mesh, materials_of(mesh, material))
+    materials = materials_of(mesh, material)
+    K, M = stiffness_and_mass(mesh, materials)
+    lossy = [(replace(one, E=one.loss * one.E), cells) for one, cells in materials if one.loss]
+    H = stiffness_and_mass(mesh, lossy)[0] if lossy else None
     every = np.arange(3 * len(mesh.points))
     dofs = DofMap(mesh.numbers[every // 3], every % 3, TRANSLATIONS, mesh.points[every // 3])
-    return component(K, M, held, joined, columns, dofs, rayleigh, word("name", name) or mesh.name, by_node=True)
+    return component(K, M, held, joined, columns, dofs, rayleigh, word("name", name) or mesh.name, by_node=True, H=H)
 
 
 def materials_of(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[tuple[Material, Array]]:

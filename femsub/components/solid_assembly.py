@@ -29,26 +29,32 @@ class Material:
         Poisson's ratio, -1 < ν < 0.5.
     rho : float
         Density, mass per length³: kg/m³, or tonne/mm³ (steel: 7.85e-9).
+    loss : float
+        Loss factor η of structural damping: stress and strain of harmonic motion have the moduli E(1 + iη). Its share of the
+        stiffness is the H of the component, see `Substructure`.
 
     Raises
     ------
     InputError, InputTypeError
-        E or rho not positive, ν outside (-1, 0.5).
+        E or rho not positive, ν outside (-1, 0.5), a negative loss factor.
 
     Examples
     --------
     >>> import femsub as fs
     >>> fs.Material(E=2.1e11, nu=0.3, rho=7850.0)
-    Material(E=210000000000.0, nu=0.3, rho=7850.0)
+    Material(E=210000000000.0, nu=0.3, rho=7850.0, loss=0.0)
     """
 
     E: float
     nu: float
     rho: float
+    loss: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("E", "rho"):
             positive_number(name, getattr(self, name))
+        if finite_number("loss", self.loss) < 0:
+            raise InputError(f"loss must not be negative, but is {self.loss!r}")
         if not -1 < finite_number("nu", self.nu) < 0.5:
             raise InputError(f"nu must lie between -1 and 0.5, both excluded, but is {self.nu!r}")
 

@@ -113,8 +113,8 @@ class System(Substructure):
                  parts: Mapping[str, Substructure], joints: Iterable[Joint], L: Matrix, open: Mapping[str, Array],
                  sets: Mapping[str, Array] | None = None, redundant: int = 0,
                  multipliers: Mapping[str, Matrix] | None = None, spurious: int = 0, assembly: str = "primal",
-                 rigid_motion: Carried = None, noise: Array | None = None) -> None:
-        super().__init__(M, K, D, interface, ports, name)
+                 rigid_motion: Carried = None, noise: Array | None = None, H: Any = None) -> None:
+        super().__init__(M, K, D, interface, ports, name, H=H)
         self._set(parts=dict(parts), joints=tuple(joints), L=L, open=dict(open), redundant=redundant,
                   multipliers=multipliers or {}, spurious=spurious, assembly=assembly,
                   sets=checked_sets(sets, sum(map(len, open.values()))), cutoff=min(part.cutoff for part in parts.values()))
@@ -359,7 +359,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
                       for key in ("stiffness", "damping")))
     return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),
                   redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly,
-                  rigid_motion=motion, noise=_noise(parts, joined.S))
+                  rigid_motion=motion, noise=_noise(parts, joined.S), H=_structural(parts, L))
 
 
 def _noise(parts: Mapping[str, Substructure], L: Matrix) -> Array:
@@ -368,6 +368,16 @@ def _noise(parts: Mapping[str, Substructure], L: Matrix) -> Array:
     for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
         found += [abs(L[rows]).T @ part.noise, size_of_products(part.D, L[rows])]
     return np.hstack(found)
+
+
+def _structural(parts: Mapping[str, Substructure], L: Matrix) -> Matrix | None:
+    """LᵀHL of the parts that have structural damping; None where none has."""
+    found = [L[rows].T @ (part.H @ L[rows]) for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True)
+             if part.H is not None]
+    if not found:
+        return None
+    H = sum(found[1:], found[0])
+    return (H + H.T) / 2
 
 
 def _port(L: Matrix, w: Array, unit: Array, before: Array) -> Array:

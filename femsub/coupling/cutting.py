@@ -299,6 +299,9 @@ def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, 
     named = {key: whole.interface[places] for key, places in whole.sets.items()} | cut_sets
     if twice := set(whole.sets) & set(cut_sets):
         raise InputError(f"the interface set {min(twice)!r} has the name of the DOF that these parts share: give it another one")
+    if whole.H is not None:
+        raise InputError(f"{whole.name!r} has structural damping H, which a cut does not divide. Remove it by "
+                         "with_structural_damping(None), and give the parts loss factors by damped(part, structural=...)")
     outer = np.concatenate([whole.interface, *(shared for shared in cut_sets.values())])
     outer = outer[np.sort(np.unique(outer, return_index=True)[1])].astype(np.intp)
     parts = {}

@@ -78,6 +78,8 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     parts: dict[str, Matrix] = {"M": model.M, "D": model.D, "K": model.K}
     about: dict[str, Any] = {"femsub": VERSION, "name": model.name, "interface": model.interface.tolist(),
                              "ports": {port: 0 if w.ndim == 1 else w.shape[1] for port, w in model.ports.items()}}
+    if model.H is not None:
+        parts["H"] = model.H
     dofs = model.dofs
     if isinstance(model, ReducedSubstructure):
         parts["V"], dofs = model.V, model.full_dofs
@@ -176,7 +178,7 @@ def read_model(folder: Path) -> Substructure:
     reduced = about.get("reduced")
     if reduced is None:
         return Substructure(part["M"], part["K"], part["D"], about["interface"], columns, about["name"], found,
-                            about.get("sets"))
+                            about.get("sets"), part.get("H"))
     V = np.array(part["V"])
     interface = np.array(reduced["interface"], dtype=np.intp)
     # older folders have no count
@@ -200,7 +202,7 @@ def read_model(folder: Path) -> Substructure:
         dropped=reduced["dropped"], port_error={port: np.inf if error is None else error
                                                 for port, error in reduced["port_error"].items()},
         factorisations=reduced["factorisations"], full_dofs=found, sets=about.get("sets") or {}, estimate=estimate,
-        rigid_motion=motion, noise=noise)
+        rigid_motion=motion, noise=noise, H=part.get("H"))
     if model.interface.tolist() != about["interface"]:
         raise _damaged(path, f"its interface {about['interface']} is not that of V")
     return model
@@ -338,7 +340,8 @@ def _check(path: Path, about: Any) -> None:
         if not isinstance(reduced, dict):
             raise _damaged(path, f"'reduced' must be a table, not {reduced!r:.40}")
         _check_entries(path, "reduced: ", {"modes": 0} | reduced, REDUCED)
-    wanted = {"M", "D", "K"} | ({"V"} if reduced is not None else set()) | ({"ports"} if about["ports"] else set())
+    wanted = {"M", "D", "K"} | ({"H"} & set(about["files"])) | ({"V"} if reduced is not None else set())
+    wanted |= {"ports"} if about["ports"] else set()
     if set(about["files"]) != wanted:
         raise _damaged(path, f"'files' must name {', '.join(sorted(wanted))}, but names "
                              f"{', '.join(sorted(about['files'])) or 'none'}")

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import Carried, Frozen, RigidMotion, translations
+from femsub.algebra import Carried, Frozen, RigidMotion, as_matrix, is_symmetric, translations
 from femsub.checks import Array, Matrix, check_band, instance, mapping, real_array, whole_numbers, word
 from femsub.errors import InputError, unknown_name, warn
 from femsub.model.bands import beyond
@@ -49,11 +49,14 @@ class Substructure(Frozen):
         The node, direction and coordinates of each DOF.
     sets : mapping of str to array_like of int, optional
         The named sets as positions in `interface`, counted from 0. A mapping given as `interface` sets them.
+    H : array_like or sparse, shape (n, n), optional
+        Structural damping, symmetric: the stiffness is K + iH for harmonic motion. A loss factor η has H = ηK, see `damped` and
+        `Material`. It acts in `frequency_response` alone. Complex modes and motion in time leave it out: use D there.
 
     Raises
     ------
     InputError, InputTypeError
-        Unsymmetric or negative M, unsymmetric K, NaN, sizes that do not fit, an interface DOF twice or out of
+        Unsymmetric or negative M, unsymmetric K or H, NaN, sizes that do not fit, an interface DOF twice or out of
         range, an unusable port.
 
     Warns
@@ -77,12 +80,13 @@ class Substructure(Frozen):
     dofs: DofMap | None = None
     cutoff: float = field(default=np.inf, init=False)  #: rad per unit of time; above it, modes are those of the reduction
     sets: Mapping[str, Array] = field(default_factory=dict)
+    H: Matrix | None = None
     rigid_motion: Carried = field(default=None, init=False)  #: of a full model None: it is found from K, once
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)), init=False)  #: see `Pencil.noise`
 
     def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] | Mapping[str, Iterable[int]] = (),
                  ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None,
-                 sets: Mapping[str, Any] | None = None) -> None:
+                 sets: Mapping[str, Any] | None = None, H: Any = None) -> None:
         pencil = Pencil(M, D, K)
         mass, stiffness = (part if flag else _symmetric(name, part) for name, part, flag in
                            zip("MK", (pencil.M, pencil.K), pencil.symmetric[::2], strict=True))
@@ -103,7 +107,7 @@ class Substructure(Frozen):
         joined = _interface(interface, pencil.size)
         self._set(M=mass, K=stiffness, D=pencil.D, interface=joined, sets=checked_sets(sets, len(joined)),
                   ports=_ports({} if ports is None else ports, pencil.size), name=str(name), dofs=dofs, rigid_motion=None,
-                  noise=pencil.noise)
+                  noise=pencil.noise, H=None if H is None else _structural(H, stiffness))
         if mass is pencil.M and stiffness is pencil.K:
             self._set(pencil=pencil)  # checked already
 
@@ -157,6 +161,10 @@ class Substructure(Frozen):
         """A copy with another D, shape (n, n), symmetric or not; None removes all damping."""
         pencil = self.pencil.damped_by(D)
         return self._with(D=pencil.D, pencil=pencil, rigid_motion=pencil.rigid_motion, noise=pencil.noise)
+
+    def with_structural_damping(self, H: Any) -> Self:
+        """A copy with another H, shape (n, n), symmetric; None removes it."""
+        return self._with(H=None if H is None else _structural(H, self.K), pencil=self.pencil)
 
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
         """What a model made of others knows from them."""
@@ -251,7 +259,7 @@ class ReducedSubstructure(Substructure):
         places = [int(np.argmax(row == 1.0)) for row in rows if np.count_nonzero(row) == 1 and 1.0 in row]
         physical = len(places) == len(rows) and len(set(places)) == len(places)
         sets, motion, noise = checked_sets(self.sets, len(full_interface)), self.rigid_motion, self.noise
-        super().__init__(self.M, self.K, self.D, places if physical else (), self.ports, self.name)
+        super().__init__(self.M, self.K, self.D, places if physical else (), self.ports, self.name, H=self.H)
         own = self.M, self.D, self.K
         estimated = self.estimated or own
         valid = self.estimate is not None and all(A is B or (A.shape == B.shape and not (A != B).sum())
@@ -333,6 +341,14 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
              f"({name} + {name}.T) / 2")
     mean = (matrix + matrix.T) * 0.5
     return sp.csr_array(mean) if sp.issparse(mean) else mean
+
+
+def _structural(H: Any, K: Matrix) -> Matrix:
+    """A checked H, sparse or dense like K."""
+    found = as_matrix("H", H, K.shape[0])
+    if sp.issparse(found) != sp.issparse(K):
+        found = sp.csr_array(found) if sp.issparse(K) else found.toarray()
+    return found if is_symmetric(found) else _symmetric("H", found)
 
 
 def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:

@@ -1,3 +1,4 @@
+from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
 from .normal_modes import (
     NormalModes as NormalModes,
     all_modes as all_modes,
@@ -26,9 +27,14 @@ from .quadratic.matching import (
     turnover as turnover,
 )
 from .quadratic.multiplicity import assigned as assigned, clusters as clusters, match as match
-from .quadratic.port_function import PortFunction as PortFunction, port_responses as port_responses
+from .quadratic.port_function import PortFunction as PortFunction
 from .quadratic.region import Region as Region, region_of as region_of
 from .quadratic.singular_mass import REGULAR as REGULAR
+from .receptance import (
+    FrequencyResponse as FrequencyResponse,
+    frequency_response as frequency_response,
+    port_responses as port_responses,
+)
 from .rounding import rounding_of as rounding_of
 from .shift_invert import (
     RIGID as RIGID,

@@ -21,11 +21,11 @@ Model = TypeVar("Model", bound=Substructure)
 
 def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
            ratios: tuple[tuple[float, float], tuple[float, float]] | None = None, modal: float | Sequence[float] | None = None,
-           dashpots: Mapping[Any, float] | None = None) -> Model:
-    """A copy of a model with more damping: Rayleigh, modal, and dashpots.
+           dashpots: Mapping[Any, float] | None = None, structural: float | None = None) -> Model:
+    """A copy of a model with more damping: Rayleigh, modal, dashpots, and a loss factor.
 
-    D becomes D + αM + βK + MΦ diag(2ζω) ΦᵀM + Σ c w wᵀ, all (n, n). Everything given is added to the existing damping
-    (`sub.with_damping(None)` removes that).
+    D becomes D + αM + βK + MΦ diag(2ζω) ΦᵀM + Σ c w wᵀ, and H becomes H + ηK, all (n, n). Everything given is added to the
+    existing damping (`sub.with_damping(None)` and `sub.with_structural_damping(None)` remove that).
 
     Parameters
     ----------
@@ -42,11 +42,14 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
         c in force × time / length (a port's own unit), by the name of a port, by a DOF counted from 0 (to the
         ground), or by a pair of DOF (between the two). For a reduced model the DOF are those of the component it
         was made from, the rows of V.
+    structural : float
+        The loss factor η of all of K: harmonic motion has the stiffness K(1 + iη). It acts in `frequency_response` alone.
+        In a system each part may have its own, given before they are joined.
 
     Raises
     ------
     InputError, InputTypeError
-        Nothing given; a negative ζ, c, α or β; two ratios that need one of these negative; an unknown port or DOF;
+        Nothing given; a negative ζ, c, α, β or η; two ratios that need one of these negative; an unknown port or DOF;
         modal damping of a large sparse model.
 
     References
@@ -63,8 +66,8 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
     """
     if not isinstance(sub, Substructure):
         raise InputTypeError(f"damped takes a Substructure, not {type(sub).__name__}")
-    if rayleigh is None and ratios is None and modal is None and dashpots is None:
-        raise InputError("damped needs at least one of rayleigh, ratios, modal and dashpots")
+    if rayleigh is None and ratios is None and modal is None and dashpots is None and structural is None:
+        raise InputError("damped needs at least one of rayleigh, ratios, modal, dashpots and structural")
     if rayleigh is not None and ratios is not None:
         raise InputError("rayleigh and ratios both define Rayleigh damping. Give only one of them")
     D = sub.D
@@ -77,7 +80,11 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
     if dashpots is not None:
         added = _dashpots(sub, dashpots)
         D = D + (added if sp.issparse(D) else added.toarray())
-    return sub.with_damping(D)
+    found = sub if D is sub.D else sub.with_damping(D)
+    if structural is not None:
+        H = not_negative("structural", structural) * sub.K
+        found = found.with_structural_damping(H if sub.H is None else sub.H + H)
+    return found
 
 
 def _through(ratios: Any) -> tuple[float, float]:

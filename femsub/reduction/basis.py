@@ -254,6 +254,14 @@ def projected(A: Matrix, V: Array, W: Array) -> Array:
     return result
 
 
+def structural(sub: Substructure, V: Array) -> Array | None:
+    """VᵀHV, symmetric to the last digit; None of a component without structural damping."""
+    if sub.H is None:
+        return None
+    H = projected(sub.H, V, V)
+    return (H + H.T) / 2
+
+
 def port_errors(ports: Mapping[str, Array], basis: Basis, kept: Kept, energies: Array) -> dict[str, float]:
     """Static error per port of [C Φ Ξ]: sqrt(missing / whole energy), the largest over the port's columns.
 

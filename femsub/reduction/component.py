@@ -25,7 +25,7 @@ from femsub.checks import Array, instance
 from femsub.errors import InputError, InputTypeError, PortWarning, SingularMatrixError, warn
 from femsub.model import SHARE, ReducedSubstructure, Substructure
 from femsub.modes import motion_of, rounding_ratio, units
-from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square
+from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square, structural
 from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.wider import Wider
@@ -172,7 +172,8 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
         basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
-        interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion, noise=noise)
+        interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion, noise=noise,
+        H=structural(sub, V))
 
 
 def damping(sub: Substructure, basis: Basis, D: Array) -> tuple[Array, RigidMotion | None, Array]:

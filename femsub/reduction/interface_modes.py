@@ -17,7 +17,7 @@ from femsub.coupling import System, rows_of_parts, units_of_energy
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.modes import ShiftInvert, all_modes, units
-from femsub.reduction.basis import Basis, Partition, Statics, square, zeros
+from femsub.reduction.basis import Basis, Partition, Statics, square, structural, zeros
 from femsub.reduction.craig_bampton import condensed_stiffness
 from femsub.reduction.estimates.nested import ACCEPTED
 from femsub.reduction.method import Method
@@ -299,7 +299,7 @@ def _in_shapes(part: Substructure, model: ReducedSubstructure, shapes: Array, ri
     T[b, len(i):] = unit * Q
     V = T if turned.turn is None else turned.turn @ T
     M, D, K = (congruent(A.toarray(), T) for A in (sub.M, sub.D, sub.K))
-    found = replace(model, M=M, D=D, K=K, V=V, ports={name: V.T @ w for name, w in part.ports.items()},
+    found = replace(model, M=M, D=D, K=K, H=structural(part, V), V=V, ports={name: V.T @ w for name, w in part.ports.items()},
                     kinds=(INSIDE,) * len(i) + (KIND,) * Q.shape[1], modes=Q.shape[1],
                     method=f"{Q.shape[1]} interface shapes", full_interface=b, full_dofs=part.dofs, estimate=None)
     return InterfaceModes(0).finished(part, found)

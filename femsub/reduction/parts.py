@@ -117,7 +117,9 @@ def _equal(one: Substructure, other: Substructure) -> bool:
         return True
     if type(one) is not Substructure or type(other) is not Substructure or list(one.ports) != list(other.ports):
         return False
-    pairs = [(getattr(one, key), getattr(other, key)) for key in ("interface", "K", "M", "D")]
+    if (one.H is None) != (other.H is None):
+        return False
+    pairs = [(getattr(one, key), getattr(other, key)) for key in ("interface", "K", "M", "D", "H")]
     return all(same(A, B) for A, B in [*pairs, *zip(one.ports.values(), other.ports.values(), strict=True)])
 
 

@@ -57,9 +57,10 @@ class Wider:
         wide = np.hstack([V, new])
         M, D, K = (_bordered(own, wide.T @ (A @ new)) for own, A in ((model.M, sub.M), (model.D, sub.D), (model.K, sub.K)))
         D[len(model.D):, :len(model.D)] = (sub.D.T @ new).T @ V
+        H = None if model.H is None or sub.H is None else _bordered(model.H, wide.T @ (sub.H @ new))
         ports = {name: np.concatenate([w, new.T @ sub.port(name)]) if name in sub.ports else
                  np.concatenate([w, np.zeros((new.shape[1], *w.shape[1:]))]) for name, w in model.ports.items()}
-        return replace(model, M=M, D=D, K=K, V=wide, ports=ports, kinds=(*model.kinds, *("residual",) * new.shape[1]),
+        return replace(model, M=M, D=D, K=K, H=H, V=wide, ports=ports, kinds=(*model.kinds, *("residual",) * new.shape[1]),
                        estimate=None, estimated=None)
 
 

@@ -25,6 +25,7 @@ from .charts_motion import (
     signals_chart as signals_chart,
     spectra_chart as spectra_chart,
 )
+from .charts_response import response_chart as response_chart
 from .error_vs_time import all_frequencies as all_frequencies, elastic as elastic
 from .losses import Loss as Loss, affine_over as affine_over, first_loss as first_loss
 from .results import Row as Row, Study as Study

@@ -22,6 +22,7 @@ from femsub.modes import (
     all_modes,
     extra_eigenvalues,
     frequency_error,
+    frequency_response,
     match,
     relative_error,
     spectrum_errors,
@@ -47,7 +48,8 @@ SHORT_RUNS = 3  # solutions of a reduced model per turn
 def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, float], *, contacts: Contacts = None,
           parameter: str | None = None, values: Sequence[float] = (), between: tuple[float, float] | None = None,
           ports: bool = False, repeats: int = 5, shared: bool = False, held: bool = False,
-          critical: Sequence[float] | None = None, assembly: float = np.nan, progress: Progress | None = None) -> Study:
+          critical: Sequence[float] | None = None, at: Any = None, assembly: float = np.nan,
+          progress: Progress | None = None) -> Study:
     """Reduce a model by several methods, and compare errors and run times with the full one.
 
     Compared are undamped frequencies, complex modes at each value of a parameter, which of them grow, the first loss of
@@ -88,6 +90,9 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         solves the full model once more.
     critical : sequence of float, optional
         The critical values of the full model and of each reduced one, if they are known already.
+    at : array_like, optional
+        Frequencies at which the receptances of the contacts' ports (without contacts: of all ports) are compared as well, under
+        the contacts as they are given; see `frequency_response`.
     assembly : float
         Seconds for building the model, for the record.
     progress : callable, optional
@@ -144,6 +149,10 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         tell(f"{model.name}: undamped frequencies with the interface held")
         rows = [replace(row, error_held=error) for row, error in zip(
             rows, asked.held_errors([one.model for one in small]), strict=True)]
+    if at is not None:
+        tell(f"{model.name}: receptances")
+        rows = [replace(row, error_response=error) for row, error in zip(
+            rows, asked.response_errors([one.model for one in small], at), strict=True)]
     return Study(model.name, band, repeats, rows[0], with_front(rows[1:], band[1]), assembly, parameter, values, between,
                  left_out, tuple(one.model for one in small), tuple(full.spectra), len(model.interface))
 
@@ -242,6 +251,13 @@ class Question:
             return [np.nan] * (1 + len(models))
         own = held_frequencies(self.model, self.band)
         return [0.0, *(held_error(own, held_frequencies(model)) for model in models)]
+
+    def response_errors(self, models: Sequence[Substructure], at: Any) -> list[float]:
+        """Bounds of the errors of receptances, relative to the largest |h| of the entry: 0 of the full model, and of these."""
+        exact = frequency_response(self.model, self.contacts, at=at, loads=self.places)
+        size = np.abs(exact.receptance).max(axis=0)
+        errors = [frequency_response(model, self.contacts, at=at, loads=self.places).error(exact).max(axis=0) for model in models]
+        return [0.0, *(float((error / np.where(size > 0, size, 1.0)).max()) for error in errors)]
 
     def losses(self, models: Sequence[Substructure], rows: Sequence[Row], tell: Progress) -> list[Loss]:
         """The first loss of each model. Over a range, that of a large model is sought near that of the most accurate one."""

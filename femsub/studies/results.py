@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 APART = 1.25  # two models count as equally fast if their times, beyond the spread of the runs, differ by less
 ROUGH = 0.1  # error of the forces in the joints above which a recommendation warns of them
 STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
-BRIEF = ("method", "size", "error_growth", "missed", "missing", "error_critical", "error_force", "error_held",
+BRIEF = ("method", "size", "error_growth", "missed", "missing", "error_critical", "error_force", "error_held", "error_response",
          "reduction_median_s", "solution_median_s")  # columns of the short table
 PHASES = ("factorisation", "basis", "certificate", "projection")  # of a reduction
 
@@ -97,6 +97,9 @@ class Row:
     error_held : float
         max |Δω| / ω with the interface held at rest in both models; inf if the reduced one lacks a mode of the band, NaN where
         this was not asked for or is not known.
+    error_response : float
+        A bound of max |Δh| over the frequencies asked for, relative to the largest |h| of that entry of the receptance; NaN where
+        this was not asked for.
     """
 
     method: str
@@ -127,6 +130,7 @@ class Row:
     invented: int = 0
     omega: float = np.nan
     error_held: float = np.nan
+    error_response: float = np.nan
 
     @property
     def label(self) -> str:
@@ -309,6 +313,7 @@ class Study:
             column("method", "  method", cell=lambda row: f"{'*' if row['pareto'] else ' '} {label(row['method'])}"), "size",
             *([] if over else ["error_frequency"]),
             *(["error_held"] if any(row.error_held >= 0 for row in self.rows) else []),
+            *(["error_response"] if any(row.error_response >= 0 for row in self.rows) else []),
             *([] if forces else ["error_eigenvalue"]),
             *([column("error_real", "err Re λ"), "missed", "invented"] if over else ["error_growth"]),
             *([] if self.between is None else [column("critical", f"critical {self.symbol}", ".5f", cell=lambda row: (

@@ -14,9 +14,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, instance, positive_number, real_array
-from femsub.errors import InputError, SingularMatrixError
+from femsub.errors import InputError
 from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, columns_of, contacts_of, within
-from femsub.modes import ComplexModes, likeness, listed, match, port_responses
+from femsub.modes import ComplexModes, frequency_response, likeness, listed, match
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.motion import project
 
@@ -282,17 +282,7 @@ def _compliance(model: Substructure, contacts: Sequence[Contact], grid: Array) -
     """h(iω) = WᵀP(iω)⁻¹W over the columns of all contacts, shape (m, p, p), without the contacts."""
     columns = (columns_of(model, contact) for contact in contacts)
     W = np.hstack([W.toarray() if sp.issparse(W) else W for W in columns])
-    pencil = model.pencil
-    if model.size <= SMALL:
-        pencil = pencil.dense()
-    found = np.empty((len(grid), W.shape[1], W.shape[1]), dtype=complex)
-    for row, value in enumerate(grid):
-        try:
-            found[row] = W.T @ port_responses(pencil, 1j * value, W)[0]
-        except SingularMatrixError:
-            raise SingularMatrixError(f"the dynamic stiffness of {model.name!r} is singular at ω = {value:.6g}, an undamped "
-                                      "resonance. Give omega without this frequency, or add damping") from None
-    return found
+    return frequency_response(model, at=grid, loads=W).receptance
 
 
 def _share(part: float, whole: float) -> float:

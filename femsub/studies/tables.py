@@ -73,6 +73,7 @@ KNOWN = {one.key: one for one in (
     Column("error_critical", "err critical", ".1e", "", "relative error of the critical slope, or of another parameter"),
     Column("error_real", "err Re λ, over |λ|", ".1e", "", "largest error of Re λ, over |λ|"),
     Column("error_frequency", "err ω", ".1e", "", "largest relative error of an undamped frequency"),
+    Column("error_response", "err h", ".1e", "", "bound of the error of the receptance, relative to the largest one"),
     Column("error_held", "err ω held", ".1e", "", "largest error of an undamped frequency, interface held at rest; or it "
            "lacks a mode", cell=lambda row: "lacks" if row["error_held"] == np.inf else row["error_held"]),
     Column("error_force", "err force", ".1e", "", "relative error of the forces in the joints"),

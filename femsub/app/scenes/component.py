@@ -32,9 +32,15 @@ class ComponentScene(Scene):
     band: list[float] = key([], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]",
                             otherwise=f"from 0 to {100 * MARGIN:g} % above elastic mode {UP_TO}, or above the cluster that it "
                             "belongs to", example=[0.0, 1e4])
-    tolerance: float = key(1e-3, "relative error of the growth rates that the recommended model may have", above=0)
+    tolerance: float = key(1e-3, "relative error of the growth rates, or of the receptance, that the recommended model may have",
+                           above=0)
+    frequencies: int = key(400, "frequencies of the band at which receptances are compared", least=2, most=100_000)
+    loss: float = key(0.0, "loss factor of the structural damping of the output frequency-response", least=0)
+    sliding: bool = key(False, "whether the belt's friction acts in the output frequency-response: about the sliding state, not "
+                        "at rest")
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("modes", "critical-slope", "eigenvalues", "error-time", "joined-interface")
+    ON_REQUEST: ClassVar[tuple[str, ...]] = ("frequency-response",)
 
     def __post_init__(self) -> None:
         super().__post_init__()

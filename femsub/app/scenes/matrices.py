@@ -35,7 +35,7 @@ class MatricesScene(ComponentScene):
     format: str = key("mtx", "what the output reduced-matrices writes", choices=lambda _: FORMATS)
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("critical-slope", "eigenvalues", "error-time")
-    ON_REQUEST: ClassVar[tuple[str, ...]] = ("modes", "reduced-matrices")
+    ON_REQUEST: ClassVar[tuple[str, ...]] = ("modes", "frequency-response", "reduced-matrices")
 
     def component(self) -> tuple[Substructure, None]:
         """The component, checked."""

@@ -12,11 +12,14 @@ import scipy.sparse as sp
 from femsub import (
     ComplexModes,
     CraigBampton,
+    FrequencyResponse,
     Mesh,
     NormalModes,
     ReducedSubstructure,
     Substructure,
     complex_modes,
+    damped,
+    frequency_response,
     io,
     normal_modes,
     study,
@@ -29,6 +32,7 @@ from femsub.checks import Array
 from femsub.model import in_band
 from femsub.modes import listed, relative_error
 from femsub.studies import (
+    Choice,
     Remark,
     Table,
     column,
@@ -37,6 +41,7 @@ from femsub.studies import (
     error_time_chart,
     first_loss,
     label,
+    response_chart,
     span,
     springs_chart,
     stability_remark,
@@ -70,7 +75,7 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
     if work.mesh is not None and work.mesh.repairs:
         data["repairs"] = list(work.mesh.repairs)
         text.append(f"mesh: {'; '.join(work.mesh.repairs)}")
-    if set(scene.outputs) & {"critical-slope", "eigenvalues", "error-time"}:
+    if set(scene.outputs) & {"critical-slope", "eigenvalues", "error-time", "frequency-response"}:
         band, rule = work.band
         data |= {"band": band, "band_rule": rule}
         modes = ", ".join(map(str, scene.modes))
@@ -273,6 +278,53 @@ def _error_time(work: Work) -> Result:
                          error_time_chart(studies), study_choice(found, scene.tolerance)])
 
 
+def _responses(work: Work) -> Result:
+    """The receptance at the contact, of the full model and the reduced ones, over the band."""
+    scene, (lo, hi) = work.scene, work.band[0]
+    omega = np.linspace(lo or hi / scene.frequencies, hi, scene.frequencies)
+    acting = work.belt if scene.sliding else None
+    exact: FrequencyResponse | None = None
+    curves: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
+    for name, modes, model in work.models:
+        work.tell(f"receptance, {label(name)} with {model.size} DOF")
+        found = frequency_response(damped(model, structural=scene.loss), acting, at=omega, loads="belt")
+        h = found.entry("belt", "belt")
+        own = {"model": name, "modes": modes, "size": model.size}
+        curve = own | {"omega": omega, "magnitude": np.abs(h), "phase": np.degrees(np.angle(h))}
+        if exact is not None:
+            error, size = found.error(exact)[:, 0, 0], np.abs(exact.entry("belt", "belt"))
+            worst = int(error.argmax())
+            rows.append(own | {"error": float(error.max() / size.max()), "omega": float(omega[worst]),
+                               "error_local": float((error / size).max()), "evidence": found.evidence})
+            curve["error"] = error / size
+        exact = exact or found
+        curves.append(curve)
+    assert exact is not None
+    points = [{key: curve[key] for key in ("model", "modes", "size")} | {key: float(curve[key][i]) for key in (
+        "omega", "magnitude", "phase", "error") if key in curve} for curve in curves for i in range(len(omega))]
+    columns = ("model", "modes", "size", column("error", "err h"), column("omega", "at ω", ".5g"),
+               column("error_local", "err h / h", ".1e"), "evidence")
+    table = Table("response-errors", rows, columns, "Errors of receptances", keys=3)
+    where = "about the sliding state" if scene.sliding else "at rest"
+    head = (f"Receptance at the contact {where}, loss factor {scene.loss:g}, at {len(omega)} frequencies; full model: "
+            f"{exact.evidence}, {int(exact.direct.sum())} solved directly, the others by {exact.modes} modes")
+    fit = [row for row in rows if row["error"] <= scene.tolerance and row["size"] < work.sub.size]
+    best = min(fit, key=lambda row: (row["size"], row["error"]), default=None)
+    words = "no small model of this run is accurate enough. Keep more modes, or lower the band" if best is None else (
+        f"for {100 * scene.tolerance:.3g} % of the largest receptance take {label(best['model'])} with {best['size']} DOF: it is "
+        f"off by at most {best['error']:.1e}")
+    choice = Choice([] if best is None else [f"Its receptance at the contact is off by at most {best['error']:.1e} of the "
+                                             f"largest one, {where}."], sentence=words, full=work.sub.size, band=(lo, hi),
+                    model="" if best is None else f"{label(best['model'])} with {best['modes']} modes ({best['size']} DOF)",
+                    size=0 if best is None else best["size"], brief=table.text(work.units.known))
+    data = {"frequency-response": {"evidence": exact.evidence, "modes": exact.modes, "direct": int(exact.direct.sum()),
+                                   "sliding": scene.sliding, "loss": scene.loss, "rows": rows}}
+    title = f"{scene.name}: receptance at the contact {where}"
+    return Result(data, [head, table, Table("frequency-response", points, title="Receptances"), response_chart(curves, title),
+                         choice])
+
+
 def _springs(work: Work) -> Result:
     """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
     sub = work.sub
@@ -312,4 +364,4 @@ def _frequencies(model: Substructure, springs: Array, count: int) -> Array:
 
 
 PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,
-                         "joined-interface": _springs}
+                         "joined-interface": _springs, "frequency-response": _responses}

@@ -17,13 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import ComplexFactor, shared_factor
 from femsub.checks import EPS, Array
-from femsub.errors import SingularMatrixError
 from femsub.model import REAL_ROOT, in_band, widened
 
 if TYPE_CHECKING:
-    from femsub.model import Pencil
     from femsub.modes.quadratic.dense import ModalForm
 
 
@@ -144,25 +141,3 @@ class PortFunction:
         return omega, float(c.real)
 
 
-def port_responses(pencil: Pencil, s: complex, W: Array) -> tuple[Array, Array]:
-    """P(s)⁻¹W and P(s)⁻ᵀW, shape (n, p) each: the responses to harmonic forces on the columns of W, from one factor.
-
-    Raises
-    ------
-    SingularMatrixError
-        s is an eigenvalue, e.g. iω at an undamped resonance.
-    """
-    both = all(pencil.symmetric)
-    if pencil.is_sparse:
-        if s == 0 and pencil.symmetric[2]:
-            x = shared_factor(pencil.K, "symmetric").solve(W)
-            return x, x
-        factor = ComplexFactor(pencil.at(s))
-        x = factor.solve(W)
-        return x, x if both else factor.solve(W, transposed=True)
-    try:
-        P = pencil.at(s)
-        x = np.linalg.solve(P, W.astype(complex))
-        return x, x if both else np.linalg.solve(P.T, W.astype(complex))
-    except np.linalg.LinAlgError:
-        raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g}") from None

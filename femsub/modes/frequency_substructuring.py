@@ -1,0 +1,273 @@
+"""Frequency-based substructuring: parts known by their receptances, measured or computed, joined by Lagrange multipliers.
+
+With Y = diag(Y_p) of the parts, u = Y(f + B_fᵀλ) and B u = 0, where B (m, nr) has the differences of motions that a joint makes
+equal, and B_f (m, nl) the same of the forces there,
+
+    Y_c = Y - Y B_fᵀ Z B Y,   Z = (B Y B_fᵀ)⁻¹.
+
+For an error δ of the receptances, with T = I - Y B_fᵀ Z B on the left and S = I - B_fᵀ Z B Y on the right,
+
+    δY_c = T δ S - T δ B_fᵀ (B (Y + δ) B_fᵀ)⁻¹ B δ S.
+
+The first term takes the noise of measurements along, the second tells how far it may be trusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, Tally, instance, items, mapping, real_array, shown
+from femsub.errors import InputError, InputTypeError, SingularMatrixError, unknown_name
+from femsub.modes.receptance import FrequencyResponse
+
+MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # of a virtual point
+SINGULAR = 1e-13  # reciprocal condition below which a matrix has no inverse
+End = tuple[str, str]
+
+
+def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tuple[End, End]]) -> FrequencyResponse:
+    """Join parts that are known by their receptances: Lagrange multiplier frequency-based substructuring (LM-FBS).
+
+    Y_c = Y - Y Bᵀ(B Y Bᵀ)⁻¹B Y with Y = diag(Y_p), shape (nf, nr, nl), and B the joints as signed Boolean rows.
+
+    The parts may be measured, as `read_response` or `FrequencyResponse.measured` give them, or computed by `frequency_response`
+    from full and reduced models. All have the same frequencies.
+
+    Parameters
+    ----------
+    parts : mapping of str to FrequencyResponse
+        By name. Each motion that is joined must be a response and a load of its part, under one name.
+    joints : sequence of ((part, name), (part, name))
+        Motions that become equal. The forces there are opposite.
+
+    Returns
+    -------
+    FrequencyResponse
+        Its names begin with the part's, 'disc.rim'. `bound` is taken along with the second-order term of the errors. `scatter`
+        is the first-order effect of the noise of all parts. `residual` is the size of the second-order term relative to it: the
+        scatter is worth its name while this is well below 1.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        An unknown part or name, different frequencies, a motion that is no response or no load.
+    SingularMatrixError
+        A joint that is given twice, or parts that resonate against each other without damping.
+
+    References
+    ----------
+    D. de Klerk, D. J. Rixen, S. N. Voormeeren, AIAA J. 46 (2008) 1169 (LM-FBS). S. N. Voormeeren, D. de Klerk, D. J. Rixen,
+    Mech. Syst. Signal Process. 24 (2010) 106 (how uncertainty goes through it).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> omega = np.linspace(0.1, 1.0, 5)
+    >>> left, right = fs.chain(5, interface=[5]), fs.chain(6, interface=[1], fixed=False)
+    >>> parts = {"left": fs.frequency_response(left, at=omega, loads=[4]),
+    ...          "right": fs.frequency_response(right, at=omega, loads=[0, 5])}
+    >>> found = fs.couple_responses(parts, [(("left", "DOF 4"), ("right", "DOF 0"))])
+    >>> system = fs.couple({"left": left, "right": right}, [fs.Rigid(("left", [4]), ("right", [0]))])
+    >>> exact = fs.frequency_response(system, at=omega, loads=[9]).receptance[:, 0, 0]
+    >>> bool(np.allclose(found.entry("right.DOF 5", "right.DOF 5"), exact, rtol=1e-10))
+    True
+    """
+    given = mapping("parts", parts, "names and responses, as {'disc': fs.frequency_response(...)}")
+    for name, part in given.items():
+        instance(f"the part {name!r}", part, FrequencyResponse, "made by frequency_response or read_response")
+    if not given:
+        raise InputError("parts is empty: give at least one")
+    omega = next(iter(given.values())).omega
+    for name, part in given.items():
+        if not np.array_equal(part.omega, omega):
+            raise InputError(f"the part {name!r} has other frequencies than {next(iter(given))!r}: give all of them the same")
+    responses = [f"{name}.{one}" for name, part in given.items() for one in part.responses]
+    loads = [f"{name}.{one}" for name, part in given.items() for one in part.loads]
+    pairs = [_joint(one, given) for one in items("joints", joints, "pairs of ends, ((part, name), (part, name))")]
+    if not pairs:
+        raise InputError("joints is empty: join at least one motion of two parts")
+    B, B_f = (np.zeros((len(pairs), len(names))) for names in (responses, loads))
+    for k, ends in enumerate(pairs):
+        for end, sign in zip(ends, (1.0, -1.0), strict=True):
+            B[k, responses.index(end)] += sign
+            B_f[k, loads.index(end)] += sign
+    shape = (len(omega), len(responses), len(loads))
+    Y, bound = np.zeros(shape, dtype=complex), np.zeros(shape)
+    places = []
+    row = column = 0
+    for part in given.values():
+        rows, columns = (slice(at, at + len(names)) for at, names in ((row, part.responses), (column, part.loads)))
+        Y[:, rows, columns], bound[:, rows, columns] = part.receptance, part.bound
+        places.append((part, rows, columns))
+        row, column = rows.stop, columns.stop
+    joined = _Joined.of(Y, B, B_f)
+    variance = sum((part.transformed(joined.left[:, :, rows], joined.right[:, columns]) for part, rows, columns in places
+                    if part.scatter is not None), np.zeros(shape))
+    noisy = any(part.scatter is not None for part in given.values())
+    own = np.zeros(shape)
+    for part, rows, columns in places:
+        own[:, rows, columns] = 0.0 if part.scatter is None else part.scatter
+    bound = joined.bounded(bound)
+    whole = all(part.tally.counted == part.tally.listed > 0 for part in given.values())
+    known = int(np.isfinite(bound).all(axis=(1, 2)).sum()) if whole else None
+    return FrequencyResponse(omega, joined.Y, bound, joined.second_order(own), tuple(responses), tuple(loads),
+                             np.zeros(len(omega), dtype=bool), tally=Tally(len(omega), known),
+                             scatter=np.sqrt(variance) if noisy else None,
+                             repeated=min((part.repeated for part in given.values() if part.repeated), default=0))
+
+
+def _joint(joint: Any, parts: Mapping[str, FrequencyResponse]) -> tuple[str, str]:
+    """The two ends of a joint as 'part.name'."""
+    try:
+        ends = [(str(part), str(name)) for part, name in joint]
+    except (TypeError, ValueError):
+        ends = []
+    if len(ends) != 2:
+        raise InputTypeError(f"each of joints must be a pair of ends, (('disc', 'rim'), ('hat', 'rim')), not {shown(joint)}")
+    for part, name in ends:
+        if part not in parts:
+            raise unknown_name("part", part, parts)
+        for what, names in (("response", parts[part].responses), ("load", parts[part].loads)):
+            if name not in names:
+                raise InputError(f"{name!r} is no {what} of the part {part!r}, but joined motions must be both. Its {what}s are "
+                                 f"{', '.join(names)}")
+    if ends[0] == ends[1]:
+        raise InputError(f"a joint has {ends[0][1]!r} of {ends[0][0]!r} at both ends")
+    return f"{ends[0][0]}.{ends[0][1]}", f"{ends[1][0]}.{ends[1][1]}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Joined:
+    """Y_c, Z, T and S at all frequencies, with B and B_f; see the module's text."""
+
+    Y: Array
+    Z: Array
+    left: Array
+    right: Array
+    B: Array
+    B_f: Array
+
+    @classmethod
+    def of(cls, Y: Array, B: Array, B_f: Array) -> _Joined:
+        across = B @ Y @ B_f.T
+        rank = np.linalg.svd(across, compute_uv=False)
+        if (bad := rank[:, -1] <= SINGULAR * rank[:, 0]).any():
+            raise SingularMatrixError(f"the joints have no unique forces at frequency {int(bad.argmax()) + 1} of {len(Y)}: some "
+                                      "of them follow from the others, or the parts resonate against each other without damping")
+        Z = np.linalg.inv(across)
+        left = np.eye(Y.shape[1]) - Y @ B_f.T @ Z @ B
+        right = np.eye(Y.shape[2]) - B_f.T @ Z @ B @ Y
+        return cls(left @ Y, Z, left, right, B, B_f)
+
+    def bounded(self, bound: Array) -> Array:
+        """The bound of δY_c for |δ| ≤ bound, entry by entry; inf where the second-order term has none."""
+        Z, B, B_f = np.abs(self.Z), np.abs(self.B), np.abs(self.B_f)
+        found = np.full(self.Y.shape, np.inf)
+        for k, own in enumerate(bound):
+            across = B @ own @ B_f.T
+            if np.isfinite(own).all() and np.linalg.norm(Z[k] @ across, np.inf) < 1:
+                series = np.linalg.inv(np.eye(len(B)) - Z[k] @ across) @ Z[k]
+                found[k] = np.abs(self.left[k]) @ (own + own @ B_f.T @ series @ B @ own) @ np.abs(self.right[k])
+        return found
+
+    def second_order(self, scatter: Array) -> Array:
+        """The expected size of Z B δ B_fᵀ for noise of this size, shape (nf,)."""
+        variance = self.B**2 @ scatter**2 @ self.B_f.T**2
+        return np.sqrt((np.abs(self.Z) ** 2 @ variance).sum(axis=(1, 2)))
+
+
+def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str, tuple[Any, Any]],
+                  impacts: Mapping[str, tuple[Any, Any]] | None = None, name: str = "point") -> FrequencyResponse:
+    """The receptance of an interface's six rigid motions from sensors and impacts around it: virtual point transformation.
+
+    Y_q = T Y T_fᵀ with T = (RᵀR)⁻¹Rᵀ (6, ns), rows of R: dᵀ and ((x - p) × d)ᵀ for a sensor at x along d, and p the point.
+    T_f is the same of the impacts.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Measured, or computed at the places of the sensors.
+    point : array_like, shape (3,)
+    sensors, impacts : mapping of str to (place, direction)
+        By names of responses and of loads: x and d, three numbers each. At least six that tell all motions. By default the
+        impacts are at the sensors.
+    name : str
+        Of the point: its motions are 'point.ux' to 'point.rz'. Responses and loads that are not named here stay.
+
+    Returns
+    -------
+    FrequencyResponse
+        With `residual` the share of the sensors' motion that is not that of a rigid interface, the largest over the loads.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        An unknown response or load; sensors that leave a motion unknown.
+
+    References
+    ----------
+    M. V. van der Seijs, D. D. van den Bosch, D. J. Rixen, D. de Klerk, COMPDYN 2013, paper 1334 (virtual point transformation).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> places = {str(i): ((x, y, z), d) for i, (x, y, z, d) in enumerate([
+    ...     (1, 0, 0, (0, 1, 0)), (1, 0, 0, (0, 0, 1)), (-1, 0, 0, (0, 1, 0)), (-1, 0, 0, (0, 0, 1)),
+    ...     (0, 1, 0, (1, 0, 0)), (0, 1, 0, (0, 0, 1)), (0, -1, 0, (1, 0, 0))])}
+    >>> R = np.array([[*d, *np.cross(x, d)] for x, d in places.values()])
+    >>> mobile = fs.FrequencyResponse.measured([1.0], (R @ R.T)[None], list(places), list(places))
+    >>> found = fs.virtual_point(mobile, (0, 0, 0), places)
+    >>> found.responses[0], bool(np.allclose(found.receptance[0], np.eye(6))), bool(found.residual[0] < 1e-12)
+    ('point.ux', True, True)
+    """
+    instance("response", response, FrequencyResponse)
+    p = _three("point", point)
+    left, rows, T, R = _at_point("sensors", sensors, response.responses, p, name)
+    right, columns, *_ = _at_point("impacts", sensors if impacts is None else impacts, response.loads, p, name)
+    moved = response.receptance[:, [response.responses.index(key) for key in sensors]]
+    rest = np.linalg.norm(moved - R @ (T @ moved), axis=1)
+    size = np.linalg.norm(moved, axis=1)
+    share = np.divide(rest, size, out=np.zeros_like(rest), where=size > 0).max(axis=1)
+    variance = None if response.scatter is None else response.transformed(left, right.T)
+    deviations = None if response.deviations is None else left @ response.deviations @ right.T
+    return replace(response, receptance=left @ response.receptance @ right.T, residual=share, responses=rows, loads=columns,
+                   bound=np.abs(left) @ response.bound @ np.abs(right.T), deviations=deviations,
+                   scatter=None if variance is None else np.sqrt(variance))
+
+
+def _at_point(what: str, given: Mapping[str, tuple[Any, Any]], names: Sequence[str], p: Array, name: str
+              ) -> tuple[Array, tuple[str, ...], Array, Array]:
+    """The transformation of all responses or loads, their new names, T (6, k) and R (k, 6)."""
+    for key in mapping(what, given, "names, places and directions, as {'acc1': ((0, 0, 1), (1, 0, 0))}"):
+        if key not in names:
+            raise unknown_name(what.removesuffix("s"), key, names)
+    R = np.zeros((len(given), 6))
+    for k, (key, place) in enumerate(given.items()):
+        if not isinstance(place, (tuple, list)) or len(place) != 2:
+            raise InputTypeError(f"{what}: {key!r} must have a place and a direction, not {shown(place)}")
+        x, d = _three(f"the place of {key!r}", place[0]), _three(f"the direction of {key!r}", place[1])
+        if not (length := float(np.linalg.norm(d))):
+            raise InputError(f"{what}: {key!r} has no direction: all three numbers are 0")
+        R[k] = [*(d / length), *np.cross(x - p, d / length)]
+    reach = np.linalg.norm(R[:, 3:], axis=1).max(initial=0.0) or 1.0
+    scaled = R / np.array([1.0, 1.0, 1.0, reach, reach, reach])
+    if len(R) < 6 or np.linalg.svd(scaled, compute_uv=False)[-1] < 1e-8:
+        raise InputError(f"{what} must tell all six motions of the point, but these {len(R)} leave some of them unknown. Add "
+                         "some at other places or along other directions")
+    T = np.linalg.pinv(scaled) / np.array([1.0, 1.0, 1.0, reach, reach, reach])[:, None]
+    kept = [one for one in names if one not in given]
+    whole = np.zeros((6 + len(kept), len(names)))
+    whole[:6, [names.index(key) for key in given]] = T
+    whole[6 + np.arange(len(kept)), [names.index(one) for one in kept]] = 1.0
+    return whole, (*(f"{name}.{motion}" for motion in MOTIONS), *kept), T, R
+
+
+def _three(what: str, value: Any) -> Array:
+    found = real_array(what, value)
+    if found.shape != (3,):
+        raise InputError(f"{what} must be three numbers, but its shape is {found.shape}")
+    return found

@@ -1,0 +1,587 @@
+"""`frequency_response`: the answer of a model to harmonic forces, h(iω) = Cᵀ(-ω²M + iωD + K + iH)⁻¹F, directly or by modes.
+
+The modal way works on V = [Φ Ψ]. Φ are all modes below a limit Ω, counted by inertia. Ψ are the static responses that the modes
+leave out, to the loads F, to unit forces C at the responses, on the ports of contacts, and where few dashpots act. With Z for all
+other motions, K-orthogonal to V and ZᵀKZ = I, the equations are
+
+    [A  Bᵀ] [v]   [VᵀF]          A = VᵀP(iω)V,
+    [B  E ] [z] = [ 0 ],         B = Zᵀ(-ω²M + iωD + iH)V,   E = I - ω²ZᵀMZ + i(ωZᵀDZ + ZᵀHZ).
+
+ZᵀF = 0 and ZᵀC = 0, since Ψ holds all of their static response. So contacts are in A alone, unsymmetric or not. With
+ω < Ω the real part of E is at least γ = 1 - ω²/Ω². The modal response h' = CᵀV A⁻¹ VᵀF is therefore off by at most
+
+    |h - h'| ≤ ‖B A⁻ᵀVᵀC‖ ‖B A⁻¹VᵀF‖ / (γ - ‖B A⁻¹Bᵀ‖).
+
+Norms of B follow from small matrices. Where B is large, the static responses to it join Ψ. Rounding in the entries of the
+matrices is added to the bound.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.algebra import SMALL, ComplexFactor, Frozen, shared_factor
+from femsub.checks import (
+    EPS,
+    Array,
+    Matrix,
+    Tally,
+    choice,
+    instance,
+    items,
+    positive_number,
+    real_array,
+    rows,
+    shown,
+    whole_number,
+)
+from femsub.errors import FemsubError, InputError, InputTypeError, SingularMatrixError, unknown_name
+from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, small_matrices
+from femsub.modes.normal_modes import modes_below, modes_under
+from femsub.modes.shift_invert import ShiftInvert
+from femsub.modes.static_shapes import independent
+
+if TYPE_CHECKING:
+    from femsub.modes.normal_modes import NormalModes
+
+log = logging.getLogger(__name__)
+
+MANY = 8  # frequencies from which on modes are worth their cost: 12 of a chain, fewer than 1 of a bulky solid
+SWEEPS = 3  # with each, the static responses to what the basis leaves out join it
+LEAST = 1e-5  # share of a motion's energy, as a root, below which what is left out joins no more
+MOST = 40  # shapes that join in one sweep, at most
+MODES = 300  # modes up to which 'auto' takes this way
+REACH = 2.0  # modes are kept up to so many times the highest frequency
+WIDE = 200  # columns of loads, responses, contacts and dashpots beside the modes, at most
+DASHPOTS = 60  # DOF on which D acts, up to which each has a static response
+FAINT = 1e-3  # of the largest response to a load, or of the median over frequency: smaller ones need be no more accurate
+TOL = 1e-5
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FrequencyResponse(Frozen):
+    """What harmonic forces at the loads cause at the responses, over frequency, with bounds of the error.
+
+    u_i(t) = Re(h_ij(ω) f_j exp(iωt)), h of shape (nf, nr, nl). See `frequency_response`.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (nf,)
+        Radians per unit of time.
+    receptance : ndarray, shape (nf, nr, nl)
+        h, complex: displacement over force.
+    bound : ndarray, shape (nf, nr, nl)
+        No entry of `receptance` is further off from that of the model: by rounding and the residual where it was solved
+        directly, by what the modes leave out elsewhere. inf where nothing is known.
+    residual : ndarray, shape (nf,)
+        The largest over the loads: of a direct solution the backward error ‖F - Px‖ / ((ω²‖M‖ + ω‖D‖ + ‖K‖) ‖x‖), of a modal
+        one ‖F - Px‖ / ‖x‖ in the norms of energy.
+    responses, loads : tuple of str
+        Names of the rows and columns.
+    direct : ndarray of bool, shape (nf,)
+        Where the equations of the model were solved as a whole.
+    modes : int
+        Modes that were used.
+    tally : Tally
+        The frequencies, and the number of those at which the bound is within the tolerance.
+    scatter : ndarray, shape (nf, nr, nl), optional
+        Of measurements: the standard deviation σ of each entry by noise, σ² = E|δ|². Not part of `bound`.
+    deviations : ndarray, shape (ns, nf, nr, nl), optional
+        Of repeated measurements: those of each from their mean.
+    repeated : int
+        The number of measurements that `scatter` follows from, the least of all parts; 0 where it is stated.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> found = fs.frequency_response(fs.chain(10, belt=2), at=[0.1, 0.5, 1.0])
+    >>> found
+    FrequencyResponse: 1 response to 1 load at 3 frequencies, ω 0.1 to 1 rad/time, 3 solved directly, certified
+    >>> found.mobility.shape, bool((abs(found.mobility) == found.omega[:, None, None] * abs(found.receptance)).all())
+    ((3, 1, 1), True)
+    """
+
+    omega: Array
+    receptance: Array
+    bound: Array
+    residual: Array
+    responses: tuple[str, ...]
+    loads: tuple[str, ...]
+    direct: Array
+    modes: int = 0
+    tally: Tally = field(default=Tally(0))
+    scatter: Array | None = None
+    deviations: Array | None = None
+    repeated: int = 0
+
+    @classmethod
+    def measured(cls, at: Any, receptance: Any, responses: Sequence[str], loads: Sequence[str], *, level: float | None = None,
+                 scatter: Any = None) -> FrequencyResponse:
+        """A part that is known by measured receptances.
+
+        Parameters
+        ----------
+        at : array_like, shape (nf,)
+            Radians per unit of time.
+        receptance : array_like, shape (nf, nr, nl), or (ns, nf, nr, nl) of repeated measurements
+            Of the latter the mean is taken, and `scatter` is that of the mean.
+        responses, loads : sequence of str
+            Names of the rows and columns.
+        level : float, optional
+            The stated noise: σ of each entry relative to its size.
+        scatter : array_like, shape (nf, nr, nl), optional
+            σ of each entry, instead of `level`.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            Shapes that do not fit, names given twice, more than one statement about noise.
+        """
+        omega, h = np.atleast_1d(real_array("at", at)), rows("receptance", receptance)
+        names = [tuple(items(what, given, "names")) for what, given in (("responses", responses), ("loads", loads))]
+        shape = (len(omega), *map(len, names))
+        if h.dtype.kind not in "iufc" or h.shape[-3:] != shape or h.ndim not in (3, 4) or not np.isfinite(h).all():
+            raise InputError(f"receptance must be finite numbers of shape {shape}, or of repeated measurements (ns, "
+                             f"{', '.join(map(str, shape))}), not {shown(h)}")
+        for what, own in zip(("responses", "loads"), names, strict=True):
+            if len(set(own)) < len(own) or not all(isinstance(one, str) for one in own):
+                raise InputError(f"{what} must be names, each of them once, not {shown(own)}")
+        if (h.ndim == 4) + (level is not None) + (scatter is not None) > 1:
+            raise InputError("give one of level, scatter and repeated measurements: each tells the noise")
+        deviations = None
+        if h.ndim == 4:
+            if len(h) < 2:
+                raise InputError("repeated measurements are at least two; one alone tells nothing of the noise")
+            deviations, h = h - h.mean(axis=0), h.mean(axis=0)
+            scatter = np.sqrt((np.abs(deviations) ** 2).sum(axis=0) / (len(deviations) * (len(deviations) - 1)))
+        elif level is not None:
+            scatter = positive_number("level", level) * np.abs(h)
+        elif scatter is not None:
+            scatter = real_array("scatter", scatter)
+            if scatter.shape != shape or scatter.min(initial=0.0) < 0:
+                raise InputError(f"scatter must be of shape {shape}, none of it negative, but its shape is {scatter.shape}")
+        return cls(np.array(omega), np.array(h, dtype=complex), np.zeros(shape), np.zeros(len(omega)), names[0], names[1],
+                   np.zeros(len(omega), dtype=bool), scatter=scatter, deviations=deviations,
+                   repeated=0 if deviations is None else len(deviations))
+
+    def transformed(self, left: Array, right: Array) -> Array:
+        """σ² of left Y right by the noise of Y, to first order: from the repeated measurements, or of independent entries."""
+        if self.scatter is None:
+            return np.zeros(1)
+        if self.deviations is None:
+            return np.abs(left) ** 2 @ self.scatter**2 @ np.abs(right) ** 2
+        count = len(self.deviations)
+        return sum((np.abs(left @ one @ right) ** 2 for one in self.deviations), np.zeros(1)) / (count * (count - 1))
+
+    def radius(self, share: float = 0.95) -> Array:
+        """The distance from the entries within which the true ones lie with this probability, shape (nf, nr, nl).
+
+        It is σ √(-ln(1 - p)), or σ √((n - 1)((1 - p)^(-1/(n - 1)) - 1)) where σ follows from n measurements (F distribution with
+        2 and 2n - 2 degrees of freedom). The noise is taken as normal, its real and imaginary parts as independent and of one
+        size. It is inf where no noise is known.
+        """
+        if not 0 < share < 1:
+            raise InputError(f"share must lie between 0 and 1, but is {shown(share)}")
+        if self.scatter is None:
+            return np.full(self.receptance.shape, np.inf)
+        n = self.repeated - 1
+        return self.scatter * np.sqrt(n * ((1 - share) ** (-1 / n) - 1) if self.repeated else -np.log(1 - share))
+
+    def __post_init__(self) -> None:
+        self._set(**{item.name: getattr(self, item.name) for item in fields(self)})  # read-only
+
+    @property
+    def mobility(self) -> Array:
+        """iω h: velocity over force, shape (nf, nr, nl)."""
+        return 1j * self.omega[:, None, None] * self.receptance
+
+    @property
+    def accelerance(self) -> Array:
+        """-ω² h: acceleration over force, shape (nf, nr, nl)."""
+        return -self.omega[:, None, None] ** 2 * self.receptance
+
+    @property
+    def evidence(self) -> str:
+        """'certified' if the bound is within the tolerance at every frequency; see `femsub.checks`."""
+        return self.tally.evidence
+
+    def entry(self, response: str, load: str) -> Array:
+        """The receptance from a load to a response, by their names, shape (nf,)."""
+        for what, name, names in (("response", response, self.responses), ("load", load, self.loads)):
+            if name not in names:
+                raise unknown_name(what, name, names)
+        return self.receptance[:, self.responses.index(response), self.loads.index(load)]
+
+    def error(self, full: FrequencyResponse) -> Array:
+        """A bound of |h - h_full| of this (reduced) model against the full one, entry by entry, shape (nf, nr, nl).
+
+        It is the difference of the two receptances and their own bounds, at the same frequencies, loads and responses.
+        """
+        instance("full", full, FrequencyResponse, "made by frequency_response")
+        for what in ("responses", "loads"):
+            if getattr(self, what) != getattr(full, what):
+                raise InputError(f"the {what} differ: {', '.join(getattr(self, what))} here, {', '.join(getattr(full, what))} in "
+                                 "the full model. Ask both for the same")
+        if not np.array_equal(self.omega, full.omega):
+            raise InputError(f"the frequencies differ: {len(self.omega)} here, {len(full.omega)} in the full model. Give both "
+                             "the same `at`")
+        return np.abs(self.receptance - full.receptance) + self.bound + full.bound
+
+    def __repr__(self) -> str:
+        span = f", ω {self.omega.min():.5g} to {self.omega.max():.5g} rad/time" if len(self.omega) else ""
+        how = f", {int(self.direct.sum())} solved directly" + (f", {self.modes} modes" if self.modes else "")
+        return (f"FrequencyResponse: {_counted(len(self.responses), 'response')} to {_counted(len(self.loads), 'load')} at "
+                f"{len(self.omega)} frequencies{span}{how}, {self.evidence}")
+
+
+def frequency_response(model: Substructure, contacts: Contacts = None, *, at: Any, loads: Any = None, responses: Any = None,
+                       method: str = "auto", tol: float = TOL) -> FrequencyResponse:
+    """The receptance of a full or reduced model or system, at rest or about steady sliding.
+
+    h(ω) = Cᵀ(-ω²M + iωD + K + iH)⁻¹F, shape (nr, nl), with F (n, nl) the loads and C (n, nr) the responses. Contacts add to D and
+    K as in `complex_modes`; H is the structural damping. Mobility and accelerance are iωh and -ω²h.
+
+    Parameters
+    ----------
+    model : Substructure
+    contacts : Belt or another contact, or a sequence of them, optional
+    at : float or array_like, shape (nf,)
+        Frequencies ω ≥ 0 in radians per unit of time.
+    loads, responses : optional
+        Names of ports or interface sets, DOF counted from 0, a list of them, or columns, an array of floats (n,) or (n, k). Of a
+        reduced model the DOF are those of the component, the rows of V. By default all ports; responses are those of the loads.
+    method : {"auto", "direct", "modal"}
+        'direct' makes one factor for each frequency. 'modal' computes all modes up to twice the highest frequency, once, and
+        the static responses beside them. 'auto' is 'direct' for dense models and for fewer than 8 frequencies, and where the
+        modal way is not known to be right. Else it is 'modal', and direct at those frequencies where the bound exceeds `tol`.
+    tol : float
+        Bound of the error allowed, relative to |h_ij|. At an antiresonance it is relative to a thousandth of the largest |h| of
+        that load, or of the median of |h_ij| over the frequencies.
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A negative frequency; an unknown port or DOF; no loads; 'modal' where it is not known to be right: an unsymmetric D on
+        many DOF, contacts of surfaces, more than 200 columns, K not positive semidefinite.
+    SingularMatrixError
+        An undamped resonance, or ω = 0 of a floating model.
+
+    References
+    ----------
+    D. J. Ewins, Modal Testing (2000), ch. 2 (receptance, structural damping). R. R. Craig, A. J. Kurdila, Fundamentals of
+    Structural Dynamics (2006), sec. 11.2 (static correction).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub = fs.damped(fs.chain(400, belt=2, damping=0.0), structural=0.02)
+    >>> omega = np.linspace(0.0, 0.05, 40)
+    >>> found = fs.frequency_response(sub, at=omega)
+    >>> found.modes, found.evidence
+    (13, 'certified')
+    >>> exact = fs.frequency_response(sub, at=omega, method="direct")
+    >>> bool((abs(found.receptance - exact.receptance) <= found.bound + exact.bound).all())
+    True
+    >>> rom = fs.reduce(sub, fs.CraigBampton(modes=4), ports=True)
+    >>> error = fs.frequency_response(rom, at=omega).error(found)
+    >>> error.shape
+    (40, 1, 1)
+    """
+    instance("model", model, Substructure)
+    omega = np.array(np.atleast_1d(real_array("at", at)), dtype=float)
+    if omega.ndim != 1 or not omega.size or omega.min() < 0:
+        raise InputError("at must be frequencies in rad per unit of time, a number or a flat list, none of them negative")
+    names, F = columns(model, loads, "loads")
+    outputs, C = (names, F) if responses is None else columns(model, responses, "responses")
+    choice("method", method, ("auto", "direct", "modal"))
+    positive_number("tol", tol)
+    pencil = model.linearised(contacts)
+    basis: Modal | None = None
+    if method == "modal" or (method == "auto" and pencil.is_sparse and pencil.size > SMALL and len(omega) >= MANY):
+        try:
+            basis = Modal.of(model, contacts, F, C, float(omega.max()), MODES if method == "auto" else model.size)
+        except FemsubError as error:
+            if method == "modal":
+                raise
+            log.info("%r by direct solutions, since %s", model, error)
+    shape = (len(omega), C.shape[1], F.shape[1])
+    h, bound, residual = np.zeros(shape, dtype=complex), np.full(shape, np.inf), np.full(len(omega), np.inf)
+    direct = np.ones(len(omega), dtype=bool)
+    if basis is not None:
+        for k, value in enumerate(omega.tolist()):
+            h[k], bound[k], residual[k] = basis.response(value)
+        direct = _beyond(h, bound, tol) & (method == "auto")
+    if direct.any():
+        whole = Whole(pencil.dense() if pencil.size <= SMALL else pencil, model.H, F, C)
+        for k in np.flatnonzero(direct):
+            h[k], bound[k], residual[k] = whole.response(float(omega[k]))
+    found = FrequencyResponse(omega, h, bound, residual, outputs, names, direct, 0 if basis is None else basis.modes,
+                              Tally(len(omega), int(np.count_nonzero(~_beyond(h, bound, tol)))))
+    log.info("%r", found)
+    return found
+
+
+def _beyond(h: Array, bound: Array, tol: float) -> Array:
+    """At which frequencies some bound is not within the tolerance, bool, shape (nf,)."""
+    size = np.abs(h)
+    size = np.maximum(size, FAINT * np.maximum(size.max(axis=1, keepdims=True), np.median(size, axis=0)))
+    return ~(bound <= tol * size).all(axis=(1, 2))
+
+
+def columns(model: Substructure, given: Any, what: str) -> tuple[tuple[str, ...], Array]:
+    """Loads or responses by their names, and as columns (n, k)."""
+    if isinstance(given, np.ndarray) and given.dtype.kind == "f":
+        W = real_array(what, given)
+        if W.ndim not in (1, 2) or W.shape[0] != model.size or not W.size:
+            raise InputError(f"{what} have the shape {W.shape}; the model has {model.size} DOF, so ({model.size},) or "
+                             f"({model.size}, k)")
+        W = W.reshape(model.size, -1)
+        return tuple(f"column {k}" for k in range(W.shape[1])), W
+    if given is None and not model.ports:
+        raise InputError(f"{model.name!r} has no ports: name {what}, as DOF, names of interface sets, or columns")
+    single = isinstance(given, (str, int, np.integer)) and not isinstance(given, bool)
+    asked = list(model.ports) if given is None else [given] if single else items(what, given, "ports or DOF")
+    if not asked:
+        raise InputError(f"{what} is empty: name at least one port or DOF")
+    parts = [(key if isinstance(key, str) else f"DOF {key}", _column(model, key, what)) for key in asked]
+    names = [name if w.ndim == 1 else f"{name}[{k}]" for name, w in parts for k in range(1 if w.ndim == 1 else w.shape[1])]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"{what}: {twice[0]!r} is named {names.count(twice[0])} times")
+    return tuple(names), np.column_stack([w for _, w in parts])
+
+
+def _column(model: Substructure, key: Any, what: str) -> Array:
+    """Column(s) of a port, of an interface set, or of a DOF."""
+    if isinstance(key, str):
+        if key in model.ports or key not in model.sets:
+            return model.port(key)
+        joined: Matrix = model.interface_rows[model.sets[key]].T
+        return np.asarray(joined.toarray() if sp.issparse(joined) else joined)
+    basis = model.V if isinstance(model, ReducedSubstructure) else None
+    size = model.size if basis is None else len(basis)
+    if isinstance(key, bool) or not isinstance(key, (int, np.integer)):
+        raise InputTypeError(f"each of {what} must be the name of a port or an interface set, or a DOF, not {shown(key)}")
+    dof = whole_number(f"the DOF in {what}", key)
+    if not 0 <= dof < size:
+        raise InputError(f"{what}: there is no DOF {dof}. {model.name!r} has {size}, counted from 0")
+    if basis is not None:
+        return np.array(basis[dof])
+    w = np.zeros(size)
+    w[dof] = 1.0
+    return w
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+# ---- the equations as a whole
+
+def port_responses(pencil: Pencil, s: complex, W: Array, H: Matrix | None = None, left: Array | None = None
+                   ) -> tuple[Array, Array]:
+    """P(s)⁻¹W and P(s)⁻ᵀW, shape (n, p) each: the responses to harmonic forces on the columns of W, from one factor.
+
+    P has K + iH where H is given, the structural damping. `left`, if given, stands in place of W in the second.
+
+    Raises
+    ------
+    SingularMatrixError
+        s is an eigenvalue, e.g. iω at an undamped resonance.
+    """
+    both, p = all(pencil.symmetric), W.shape[1]
+    other = W if left is None else left
+    once = other is W and both
+    if pencil.is_sparse:
+        solve = _solver(pencil, s, H)
+        if both:
+            x = solve(W if once else np.hstack([W, other]), False)
+            return (x, x) if once else (x[:, :p], x[:, p:])
+        return solve(W, False), solve(other, True)
+    try:
+        P = pencil.at(s) if H is None else pencil.at(s) + 1j * H
+        x = np.linalg.solve(P, W.astype(complex))
+        return x, x if once else np.linalg.solve(P.T, other.astype(complex))
+    except np.linalg.LinAlgError:
+        raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g}") from None
+
+
+def _solver(pencil: Pencil, s: complex, H: Matrix | None) -> Any:
+    """(B, transposed) to P(s)⁻¹B or P(s)⁻ᵀB of a sparse pencil."""
+    if s == 0 and H is None and pencil.symmetric[2]:
+        real = shared_factor(pencil.K, "symmetric")
+        return lambda B, transposed: real.solve(B)
+    return ComplexFactor(pencil.at(s) if H is None else pencil.at(s) + 1j * H).solve
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """The equations of a model, solved at one frequency after the other."""
+
+    pencil: Pencil
+    H: Matrix | None
+    F: Array
+    C: Array
+
+    def response(self, omega: float) -> tuple[Array, Array, float]:
+        """h (nr, nl), its bound, and the largest backward error.
+
+        With x' and y' for P⁻¹F and P⁻ᵀC as they were computed, y'ᵀ(F - Px') is their error to first order. What rounding does to
+        the residual is added entry by entry; it is as much as a rounding in each entry of the matrices may do.
+        """
+        pencil, s = self.pencil, 1j * omega
+        try:
+            x, y = port_responses(pencil, s if omega else 0.0, self.F, self.H, self.C)
+        except SingularMatrixError:
+            raise _singular(omega) from None
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            raise _singular(omega)
+        each, values = np.abs(self.F), np.full(x.shape[1], s)
+        rest = self.F - pencil.residual(values, x)
+        each = each + pencil.magnitude(values, x)
+        if self.H is not None:
+            rest, each = rest - 1j * (self.H @ x), each + abs(self.H) @ np.abs(x)
+        wrong = pencil.backward_error(values, x, rest).max(initial=0.0)
+        return self.C.T @ x, np.abs(y).T @ (np.abs(rest) + _terms(pencil) * EPS * each), float(wrong)
+
+
+def _terms(pencil: Pencil) -> float:
+    """The roundings in one entry of Px: a few for each of the entries of a row, which add up at random."""
+    longest = int(np.diff(pencil.K.indptr).max()) if pencil.is_sparse else pencil.size
+    return 4 + float(np.sqrt(longest))
+
+
+def _singular(omega: float) -> SingularMatrixError:
+    return SingularMatrixError(f"the dynamic stiffness is singular at ω = {omega:.6g}, an undamped resonance or rigid motion. "
+                               "Give frequencies without this one, or add damping")
+
+
+# ---- by modes
+
+@dataclass(frozen=True, eq=False)
+class Modal:
+    """A model in V = [Φ Ψ], small matrices all; see the module's text.
+
+    Attributes
+    ----------
+    M, D, K, H : ndarray, shape (r, r)
+    F, C : ndarray, shapes (r, nl) and (r, nr)
+    lost : ndarray, shapes (q, r) each
+        L_M, L_D and L_H with ‖B v‖ = ‖(-ω²L_M + iωL_D + iL_H)v‖.
+    noise : ndarray, shape (r, r)
+        What rounding in each entry of the matrices, and the errors of the modes, may change in those of A.
+    limit : float
+        No mode that is left out lies below.
+    modes : int
+        Rigid-body modes included.
+    """
+
+    M: Array
+    D: Array
+    K: Array
+    H: Array
+    F: Array
+    C: Array
+    lost: tuple[Array, Array, Array]
+    noise: Array
+    limit: float
+    modes: int
+
+    @classmethod
+    def of(cls, model: Substructure, contacts: Contacts, F: Array, C: Array, highest: float, most: int) -> Modal:
+        """For frequencies up to the highest; with `most` modes.
+
+        Raises
+        ------
+        InputError
+            The bound of the module's text does not hold for the model, or the modes are too many.
+        """
+        terms = [small_matrices(model, contact) for contact in contacts_of(contacts)]
+        if any(map(sp.issparse, (part for term in terms for part in term))):
+            raise InputError("contacts of surfaces act on too many DOF for the modal way. Take method='direct'")
+        braked = np.unique(model.D.nonzero()[1])
+        few = len(braked) <= DASHPOTS
+        if not few and not model.pencil.symmetric[1]:
+            raise InputError("an unsymmetric D on many DOF has no bound for the modal way. Take method='direct'")
+        one_by_one = np.zeros((model.size, len(braked) if few else 0))
+        one_by_one[braked[:one_by_one.shape[1]], np.arange(one_by_one.shape[1])] = 1.0
+        forces = np.hstack([F, *([] if C is F else [C]), *(W for W, *_ in terms), one_by_one])
+        if forces.shape[1] > WIDE:
+            raise InputError(f"{forces.shape[1]} columns of loads, responses, contacts and dashpots are too many for the modal "
+                             f"way (at most {WIDE}). Take method='direct', or ask for fewer at a time")
+        handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
+        limit = REACH * highest if highest else handle.lowest ** 0.5 / REACH
+        if most < model.size and (count := modes_under(model.K, model.M, limit**2)) > most:
+            raise InputError(f"{count} modes lie below {limit:.5g} rad/time, more than {most}. Take method='direct'")
+        found = modes_below(model.K, model.M, limit, handle)
+        spread = (None if few else model.D, model.H)
+        V, M, K, lost = _basis(handle, found, forces, spread, highest or limit)
+        D, H = (np.zeros(K.shape) if A is None else V.T @ (A @ V) for A in (model.D, model.H))
+        size = np.abs(V)
+        each = abs(model.K) @ size + highest**2 * (abs(model.M) @ size) + highest * (abs(model.D) @ size)
+        noise = _terms(model.pencil) * EPS * (size.T @ (each if model.H is None else each + abs(model.H) @ size))
+        noise += np.abs(V.T @ (model.K @ V) - K) + highest**2 * np.abs(V.T @ (model.M @ V) - M)  # the modes' own errors
+        for W, C_D, C_K in terms:
+            w = V.T @ W
+            added = [w @ (part if np.ndim(part) else part * np.eye(w.shape[1])) @ w.T for part in (C_D, C_K)]
+            D, K, noise = D + added[0], K + added[1], noise + EPS * (highest * np.abs(added[0]) + np.abs(added[1]))
+        return cls(M, D, K, H, V.T @ F, V.T @ C, lost, noise, found.counted[0], len(found.eigenvalues))
+
+    def response(self, omega: float) -> tuple[Array, Array, float]:
+        """h (nr, nl), its bound, and the largest ‖F - Px‖ / ‖x‖ in the norms of energy."""
+        A = self.K - omega**2 * self.M + 1j * (omega * self.D + self.H)
+        B = -omega**2 * self.lost[0] + 1j * (omega * self.lost[1] + self.lost[2])
+        try:
+            inverse = np.linalg.inv(A)
+        except np.linalg.LinAlgError:
+            raise _singular(omega) from None
+        v, w = inverse @ self.F, inverse.T @ self.C
+        margin = 1 - (omega / self.limit) ** 2 - float(np.linalg.norm(B @ inverse @ B.T))
+        out, into = (np.linalg.norm(B @ part, axis=0) for part in (w, v))
+        left_out = np.outer(out, into) / margin if margin > 0 else np.full((len(out), len(into)), np.inf)
+        energy = np.sqrt(np.abs(self.K.diagonal()) @ np.abs(v) ** 2)
+        wrong = np.divide(into, energy, out=np.zeros_like(into), where=energy > 0)
+        return self.C.T @ v, left_out + np.abs(w).T @ self.noise @ np.abs(v), float(wrong.max(initial=0.0))
+
+
+def _basis(handle: ShiftInvert, modes: NormalModes, forces: Array, spread: tuple[Matrix | None, Matrix | None], highest: float
+           ) -> tuple[Array, Array, Array, tuple[Array, Array, Array]]:
+    """V = [Φ Ψ] (n, r), VᵀMV and VᵀKV, diagonal both, and `Modal.lost`, for forces and a `spread` of D and H over many DOF.
+
+    What the basis leaves out of -ω²MV, iωDV and iHV is itself a load. Its static responses join the basis, those of the most
+    energy first.
+    """
+    kept, rest = modes.shapes, handle.elastic_solve(forces, modes.shapes)
+    for sweep in range(SWEEPS + 1):
+        statics, stiffness, mass, _ = independent(handle, rest, forces, kept, modes.eigenvalues)
+        V, energies = np.hstack([kept, statics]), np.append(modes.eigenvalues, stiffness)
+        moved = [np.append(np.zeros(kept.shape[1], dtype=bool), mass > 0), *(np.full(V.shape[1], A is not None) for A in spread)]
+        beside = np.hstack([A @ V[:, use] for A, use in zip((handle.M, *spread), moved, strict=True) if use.any()] or [V[:, :0]])
+        response = handle.elastic_solve(beside, kept)
+        left = response - statics @ ((statics.T @ beside) / stiffness[:, None])
+        gram = left.T @ (handle.K @ left)
+        unit = np.maximum(energies, highest**2) ** -0.5  # makes motions of energy 1
+        weight = np.concatenate([rate * unit[use] for rate, use in zip((highest**2, highest, 1.0), moved, strict=True)])
+        size, turn = np.linalg.eigh((gram + gram.T) / 2 * np.outer(weight, weight))
+        lost = np.flatnonzero(size > LEAST**2)[-MOST:]
+        if sweep == SWEEPS or not len(lost):
+            break
+        change = weight[:, None] * turn[:, lost]
+        forces, rest = np.hstack([forces, beside @ change]), np.hstack([rest, response @ change])
+    root = np.sqrt(np.maximum(size, 0.0))[:, None] * turn.T / weight
+    parts, start = [], 0
+    for use in moved:
+        L = np.zeros((len(size), V.shape[1]))
+        L[:, use] = root[:, start:start + int(use.sum())]
+        parts.append(L)
+        start += int(use.sum())
+    return V, np.diag(np.append(np.ones(kept.shape[1]), mass)), np.diag(energies), (parts[0], parts[1], parts[2])

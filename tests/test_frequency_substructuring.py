@@ -1,0 +1,207 @@
+"""Parts known by receptances, joined: against the coupled model, with noise, and from sensors around an interface."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from benchmarks.lattices import lattice
+
+OMEGA = np.linspace(0.1, 1.5, 12)
+Joints = list[tuple[tuple[str, str], tuple[str, str]]]
+
+
+def pair(seed: int) -> tuple[dict[str, fs.Substructure], dict[str, Any], Joints, fs.System]:
+    """Two random lattices, one of them reduced, joined at two nodes: parts, their loads, the joints, and the system."""
+    rng = np.random.default_rng([17, seed])
+    parts, loads = {}, {}
+    for name, held in (("a", True), ("b", bool(rng.random() < 0.5))):
+        sub = lattice(int(rng.integers(3, 6)), 3, held=held, seed=seed)
+        sub = fs.damped(sub, rayleigh=(0.02, 0.02), structural=0.02 * rng.random())
+        at = rng.choice(sub.size, 5, replace=False)
+        parts[name] = fs.Substructure(sub.M, sub.K, sub.D, interface=at[:4], ports={"out": np.eye(sub.size)[at[4]]}, H=sub.H)
+        loads[name] = [*map(int, at[:4]), "out"]
+    if seed % 2:
+        parts["b"] = fs.reduce(parts["b"], fs.Rubin(4), ports=True)
+    ends = [[f"DOF {dof}" for dof in loads[name][:4]] for name in "ab"]
+    joints = [(("a", one), ("b", other)) for one, other in zip(*ends, strict=True)]
+    system = fs.couple(parts, [fs.Rigid(("a", loads["a"][:4]), ("b", loads["b"][:4]))])
+    return parts, loads, joints, system
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_joined_receptances_are_those_of_the_coupled_model(seed: int) -> None:
+    parts, loads, joints, system = pair(seed)
+    known = {name: fs.frequency_response(part, at=OMEGA, loads=loads[name]) for name, part in parts.items()}
+    found = fs.couple_responses(known, joints)
+    exact = fs.frequency_response(system, at=OMEGA, loads=["a.out", "b.out"])
+    for response in exact.responses:
+        for load in exact.loads:
+            h = exact.entry(response, load)
+            assert np.abs(found.entry(response, load) - h).max() < 1e-9 * np.abs(exact.receptance).max()
+            k = found.responses.index(response), found.loads.index(load)
+            assert (np.abs(found.entry(response, load) - h) <= found.bound[:, k[0], k[1]] + 1e-10).all()
+    (_, one), (_, other) = joints[0]
+    assert found.entry(f"a.{one}", "b.out") == pytest.approx(found.entry(f"b.{other}", "b.out"), rel=1e-8)
+    assert found.evidence == "certified" and found.scatter is None and np.isinf(found.radius()).all()
+
+
+def noisy(exact: np.ndarray, sigma: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return exact + sigma / np.sqrt(2) * (rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape))
+
+
+@pytest.mark.parametrize("repeated", [0, 6])
+def test_the_stated_scatter_holds_in_95_percent_of_200_runs(repeated: int) -> None:
+    """Of 1 % noise on one part, stated or seen in repeated measurements; each run is one draw at each frequency and entry."""
+    parts, loads, joints, _ = pair(1)
+    rng, level = np.random.default_rng(4), 0.01
+    known = {name: fs.frequency_response(part, at=OMEGA, loads=loads[name]) for name, part in parts.items()}
+    exact, a = fs.couple_responses(known, joints), known["a"]
+    sigma, inside, worst = level * np.abs(a.receptance), [], 0.0
+    for _ in range(200):
+        drawn = [noisy(a.receptance, sigma, rng) for _ in range(repeated or 1)]
+        given = fs.FrequencyResponse.measured(OMEGA, drawn if repeated else drawn[0], a.responses, a.loads,
+                                              level=None if repeated else level)
+        found = fs.couple_responses({"a": given, "b": known["b"]}, joints)
+        inside.append(np.abs(found.receptance - exact.receptance) <= found.radius(0.95))
+        worst = max(worst, float(found.residual.max()))
+    assert worst < 0.5 and found.evidence == "not checked" and found.repeated == repeated
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.01)  # 200 runs of 12 x 100 entries
+    assert np.mean(inside, axis=0).min() > 0.86  # none by itself is far off: 95 % of 200 are 190 ± 3
+
+
+def test_the_bound_goes_through_the_joints() -> None:
+    parts, loads, joints, _ = pair(0)
+    known = {name: fs.frequency_response(part, at=OMEGA, loads=loads[name]) for name, part in parts.items()}
+    exact, rng = fs.couple_responses(known, joints), np.random.default_rng(1)
+    for size in (1e-6, 1e-3):
+        wrong = {}
+        for name, one in known.items():
+            change = size * np.abs(one.receptance) * rng.uniform(-1, 1, one.receptance.shape)
+            wrong[name] = replace(one, receptance=one.receptance + change, bound=size * np.abs(one.receptance))
+        found = fs.couple_responses(wrong, joints)
+        known_here = np.isfinite(found.bound)
+        assert (np.abs(found.receptance - exact.receptance) <= found.bound + exact.bound)[known_here].all()
+        assert known_here.all() or size > 1e-6
+
+
+def test_a_virtual_point_of_sensors_around_a_rigid_interface() -> None:
+    rng = np.random.default_rng(2)
+    point, places = np.array([0.1, 0.2, 0.0]), {}
+    for k in range(9):
+        places[f"s{k}"] = (tuple(point + rng.uniform(-0.05, 0.05, 3)), tuple(rng.standard_normal(3)))
+    R = np.array([[*(d / np.linalg.norm(d)), *np.cross(np.array(x) - point, d / np.linalg.norm(d))]
+                  for x, d in ((np.array(x), np.array(d)) for x, d in places.values())])
+    flexible = rng.standard_normal((3, 7, 7)) + 1j * rng.standard_normal((3, 7, 7))  # six of the point, one beside
+    outer = np.zeros((10, 7))
+    outer[:9, :6], outer[9, 6] = R, 1.0
+    names = [*places, "far"]
+    sensed = fs.FrequencyResponse.measured([1.0, 2.0, 3.0], outer @ flexible @ outer.T, names, names, level=0.01)
+    found = fs.virtual_point(sensed, point, places)
+    assert found.responses == ("point.ux", "point.uy", "point.uz", "point.rx", "point.ry", "point.rz", "far") == found.loads
+    # forces at the sensors are those of the point: T_f of Rᵀ is the identity on all that a rigid interface feels
+    assert found.receptance == pytest.approx(flexible, rel=1e-9) and found.residual.max() < 1e-12
+    bent = replace(sensed, receptance=sensed.receptance + 0.1 * rng.standard_normal((3, 10, 10)))
+    assert 1e-3 < fs.virtual_point(bent, point, places).residual.max() < 1
+    assert sensed.scatter is not None
+    runs = (replace(sensed, receptance=noisy(sensed.receptance, sensed.scatter, rng)) for _ in range(300))
+    drawn = np.array([fs.virtual_point(one, point, places).receptance for one in runs])
+    assert np.sqrt((np.abs(drawn - flexible) ** 2).mean(axis=0)) == pytest.approx(found.scatter, rel=0.3)
+    with pytest.raises(fs.InputError, match="leave some of them unknown"):
+        fs.virtual_point(sensed, point, dict(list(places.items())[:5]))
+    with pytest.raises(fs.InputError, match="unknown sensor 'x'"):
+        fs.virtual_point(sensed, point, places | {"x": places["s0"]})
+
+
+def test_bad_joints_and_measurements_are_named() -> None:
+    parts, loads, joints, _ = pair(0)
+    known = {name: fs.frequency_response(part, at=OMEGA, loads=loads[name]) for name, part in parts.items()}
+    for wrong, message in (((("a", "out"), ("c", "out")), "unknown part 'c'"), ((("a", "out"), ("a", "out")), "at both ends"),
+                           ((("a", "rim"), ("b", "out")), "is no response of")):
+        with pytest.raises(fs.InputError, match=message):
+            fs.couple_responses(known, [wrong])  # type: ignore[list-item]
+    with pytest.raises(fs.InputTypeError, match="must be a pair of ends"):
+        fs.couple_responses(known, [("a", "b")])  # type: ignore[list-item]
+    with pytest.raises(fs.SingularMatrixError, match="no unique forces"):
+        fs.couple_responses(known, [*joints, joints[0]])
+    with pytest.raises(fs.InputError, match="other frequencies"):
+        fs.couple_responses(known | {"b": fs.frequency_response(parts["b"], at=OMEGA[1:], loads=loads["b"])}, joints)
+    for options, message in (({"level": 0.1, "scatter": np.ones((1, 1, 1))}, "give one of"), ({"level": -1}, "must be positive")):
+        with pytest.raises(fs.InputError, match=message):
+            fs.FrequencyResponse.measured([1.0], [[[1.0]]], ["a"], ["a"], **options)  # type: ignore[arg-type]
+    with pytest.raises(fs.InputError, match="must be finite numbers of shape"):
+        fs.FrequencyResponse.measured([1.0, 2.0], [[[1.0]]], ["a"], ["a"])
+    with pytest.raises(fs.InputError, match="at least two"):
+        fs.FrequencyResponse.measured([1.0], [[[[1.0]]]], ["a"], ["a"])
+
+
+# universal files
+
+def dataset(row: tuple[int, int], column: tuple[int, int], h: np.ndarray, kind: int = 12, **other: Any) -> dict[str, Any]:
+    """Dataset 58 as pyuff writes it, over 1 to n Hz."""
+    return {"type": 58, "func_type": 4, "rsp_node": row[0], "rsp_dir": row[1], "ref_node": column[0], "ref_dir": column[1],
+            "binary": 0, "abscissa_spacing": 0, "abscissa_min": 1.0, "abscissa_inc": 0.0, "ord_data_type": 6, "z_axis_value": 0.0,
+            "abscissa_spec_data_type": 18, "ordinate_spec_data_type": kind, "orddenom_spec_data_type": 13, "x": HERTZ, "data": h,
+            "num_pts": len(h), "ver_num": 1, "load_case_id": 0, "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
+            **{f"id{k}": "x" for k in range(1, 6)}, **other}
+
+
+HERTZ = np.arange(1.0, 13.0)
+
+
+def written(path: Any, *sets: dict[str, Any]) -> Any:
+    pytest.importorskip("pyuff").UFF(str(path)).write_sets(list(sets), "overwrite")
+    return path
+
+
+def test_universal_files_hold_measured_parts(tmp_path: Any) -> None:
+    known = fs.frequency_response(fs.damped(lattice(3, 3, held=True), structural=0.05), at=2 * np.pi * HERTZ / 50, loads=[4, 9])
+    h, omega = known.receptance, 2 * np.pi * HERTZ
+    ends = ((7, 2), (8, -3))
+    signs = np.array([1.0, -1.0])
+    sets = [dataset(ends[i], ends[j], -omega**2 * signs[i] * signs[j] * h[:, i, j], binary=j) for i in (0, 1) for j in (0, 1)]
+    found = fs.read_response(written(tmp_path / "a.uff", *sets), level=0.01)
+    assert found.responses == found.loads == ("7:uy", "8:uz") and found.omega == pytest.approx(omega, rel=1e-6)
+    assert found.receptance == pytest.approx(h, rel=1e-5) and found.scatter == pytest.approx(0.01 * np.abs(h), rel=1e-5)
+    velocity = dataset((7, 2), (7, 2), 1j * omega * h[:, 0, 0], kind=11)
+    again = dataset((7, 2), (7, 2), 1.02 * h[:, 0, 0], kind=8)
+    twice = fs.read_response(written(tmp_path / "b.uff", velocity, again))
+    assert twice.repeated == 2 and twice.receptance[:, 0, 0] == pytest.approx(1.01 * h[:, 0, 0], rel=1e-5)
+
+
+def test_what_is_wrong_with_a_universal_file_is_named(tmp_path: Any) -> None:
+    pytest.importorskip("pyuff")
+    h = np.ones(12, dtype=complex)
+    whole = dataset((1, 1), (1, 1), h)
+    for name, sets, message in (
+            ("missing", [whole, dataset((2, 1), (2, 1), h)], "from 2:ux to 1:ux is missing"),
+            ("uneven", [whole, whole, dataset((2, 1), (1, 1), h)], "is there 1 times for some pairs and 2 times"),
+            ("strain", [dataset((1, 1), (1, 1), h, kind=3)], "has the data types 3 over 13"),
+            ("coherence", [whole | {"func_type": 6}], "holds no frequency response function"),
+            ("shifted", [whole, dataset((2, 1), (1, 1), h, x=HERTZ + 1)], "other frequencies")):
+        with pytest.raises(fs.InputError, match=message):
+            fs.read_response(written(tmp_path / f"{name}.uff", *sets))
+    text = written(tmp_path / "good.uff", whole, dataset((2, 1), (1, 1), h)).read_text()
+    for cut in (0, 40, 200, 700, len(text) // 2 + 90, len(text) - 30):
+        (tmp_path / "cut.uff").write_text(text[:cut])
+        with pytest.raises(fs.InputError, match=r"cut\.uff"):
+            fs.read_response(tmp_path / "cut.uff")
+    one = "1.00000000000e+00"
+    for old, new, message in ((one, "NaN".ljust(17), "holds a NaN"), (one, "1.0000x000000e+00", "no universal file that pyuff"),
+                              (" 12         0", " 14         0", "announces 14 values, but has 12")):
+        (tmp_path / "odd.uff").write_text(text.replace(old, new, 1))
+        with pytest.raises(fs.InputError, match=message):
+            fs.read_response(tmp_path / "odd.uff")
+    with pytest.raises(fs.InputError, match="there is no file"):
+        fs.read_response(tmp_path / "none.uff")
+
+
+def test_without_pyuff_the_package_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    monkeypatch.setitem(sys.modules, "pyuff", None)
+    with pytest.raises(fs.MissingPackageError, match="-m pip install pyuff"):
+        fs.read_response(tmp_path / "a.uff")
