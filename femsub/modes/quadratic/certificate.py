@@ -2,7 +2,8 @@
 
 The proof is a count in a disc around 0 from inertia and a small determinant, or that of a projection on undamped modes with its
 bound, or the winding number of det P around a rectangle. All are independent of the search. The search finds the eigenvalues
-nearest to 0, and lists those with Im λ ≥ 0.
+nearest to 0, and lists those with Im λ ≥ 0. A projection that has counted a rectangle gives the eigenpairs as well: each is
+corrected until it solves the full problem, and none is listed twice.
 """
 
 from __future__ import annotations

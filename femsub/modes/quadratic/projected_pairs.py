@@ -1,4 +1,4 @@
-"""The eigenpairs of a pencil from those of its projection on undamped modes, by corrections outside and inside the basis in turn."""
+"""The eigenpairs of a pencil from those of its projection on undamped modes, corrected outside and inside the basis in turn."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MIXED = 1e-2  # largest share of another mode in a left vector
 
 
 def right_pairs(small: Coupling, pencil: Pencil) -> tuple[Array, Array] | None:
-    """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None where the corrections do not converge."""
+    """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None where corrections do not converge."""
     values = small.each
     at = np.flatnonzero(small.contour.encloses(values) & (values.imag >= 0))
     return _corrected(small, (pencil.M, pencil.D, pencil.K), pencil.norms, at)
