@@ -81,7 +81,8 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
         label[group] = group[0]
     here = np.arange(len(at))
     acting = _acting(whole, left)
-    before, first, slow = np.full(len(at), np.inf), np.zeros(len(at)), np.zeros(len(at), dtype=int)
+    before, least = np.full((2, len(at)), np.inf)
+    first, slow = np.zeros(len(at)), np.zeros(len(at), dtype=int)
     for sweep in range(SWEEPS):
         groups, Xh = [np.flatnonzero(label[here] == group[0]) for group in among], X[:, here]
         T = S[np.ix_(here, here)]
@@ -91,10 +92,11 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
         error = np.linalg.norm(R, axis=0) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * np.linalg.norm(Xh, axis=0))
         first[here] = error if sweep == 0 else first[here]
         slow[here] += ~(error < FALLS * before[here])
-        before[here] = error
-        if (slow > SLOW).any():
+        before[here], least[here] = error, np.minimum(least[here], error)
+        if ((slow > SLOW) & (before > ROUNDED)).any():
             return None
-        done = (before <= np.maximum(SOLVED, ROUGH * first * left)) | ((slow > 0) & (before < ROUNDED))
+        lowest = ((slow > 1) & (before <= least)) | (slow > 2 * SLOW)  # rounding lets it rise and fall
+        done = (before <= np.maximum(SOLVED, ROUGH * first * left)) | (lowest & (before < ROUNDED))
         stay = np.isin(label[here], label[~done])
         if not stay.any():
             break
