@@ -38,7 +38,7 @@ from femsub.app import report
 from femsub.app.scene import Result
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes import normal_modes
-from femsub.modes.quadratic import complex_modes, damping_split, disc_count, sparse
+from femsub.modes.quadratic import certificate, complex_modes, damping_split, disc_count, sparse
 from femsub.modes.quadratic.projected_count import Projection
 from femsub.studies.tables import Table, table
 
@@ -80,7 +80,7 @@ def once(sub: fs.Substructure, belt: Any, ask: Row) -> tuple[Row, fs.ComplexMode
     clock = Clock()
     with patch.object(complex_modes, "bars", clock.wrapped("errors", complex_modes.bars)), \
             patch.object(sparse.Shifted, "left", clock.wrapped("left", sparse.Shifted.left)), \
-            patch.object(Projection, "left", clock.wrapped("left", Projection.left)), \
+            patch.object(certificate, "left_vectors", clock.wrapped("left", certificate.left_vectors)), \
             patch.object(Projection, "__init__", clock.wrapped("projection", Projection.__init__)), \
             patch.object(Projection, "on", clock.wrapped("projection", Projection.on)), \
             patch.object(disc_count, "edge", clock.wrapped("inertia", disc_count.edge)), \

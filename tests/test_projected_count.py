@@ -13,7 +13,7 @@ import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.algebra import factors_made
 from femsub.app.scenes.brake import Brake, BrakeScene
-from femsub.modes.quadratic import dense
+from femsub.modes.quadratic import dense, sparse
 from femsub.modes.quadratic.projected_count import Count, Projection
 from femsub.modes.quadratic.region import Contour
 
@@ -123,13 +123,37 @@ def test_complex_modes_are_certified_by_it_for_a_band_and_a_count(monkeypatch: p
     inside = values[(values.imag >= 0.2 * hi) & (values.imag <= hi * 1.001) & (np.abs(values.real) <= hi)]
     assert band.evidence == "certified" and len(band) == len(inside) and band.counted is None
     with monkeypatch.context() as searched:  # left vectors by a search of their own instead of those of the projection
-        searched.setattr("femsub.modes.quadratic.projected_count.MIXED", 0.0)
+        searched.setattr("femsub.modes.quadratic.projected_pairs.MIXED", 0.0)
         again = fs.complex_modes(pencil, band=(0.2 * hi, hi * 1.001))
     assert np.allclose(band.error_bar, again.error_bar, rtol=0.02) and np.allclose(band.condition, again.condition, rtol=0.02)
     assert not np.array_equal(band.error_bar, again.error_bar)
     near = fs.complex_modes(pencil, count=20)
     assert near.evidence == "certified" and near.counted is not None and near.counted[1] >= 20
     assert fs.complex_modes(pencil, count=20, evidence=False).evidence == "not checked"
+
+
+def test_a_counted_band_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The projection's pairs, corrected by its own factor, are those of a search and of LAPACK; doublets are corrected as one."""
+    sub, rng = lattice(9, 8, held=True, seed=3), np.random.default_rng(5)
+    D = sub.K @ sp.diags_array(2e-3 * rng.random(sub.size))
+    N = sp.random_array((sub.size, sub.size), density=1e-3, rng=rng) * 0.05 * sub.K.diagonal().max()
+    pencil = fs.Pencil(sub.M, (D + D.T) * 0.5, sub.K + N - N.T)
+    twice = fs.Pencil(*(sp.csr_array(sp.block_diag([part, part])) for part in (pencil.M, pencil.D, pencil.K)))
+    hi = float(np.sort(np.abs(dense.solve(pencil.dense())[0]))[30]) * 1.001
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("a search was made")
+
+    for model, each in ((pencil, 1), (twice, 2)):
+        made = factors_made()
+        with monkeypatch.context() as watched:
+            watched.setattr(sparse, "quadratic_modes", never)
+            found = fs.complex_modes(model, band=(0.2 * hi, hi))
+        assert factors_made() - made <= 5 and found.evidence == "certified"  # A, its modes' count, two of the damping's bound
+        values = dense.solve(pencil.dense())[0]
+        inside = np.repeat(values[(values.imag >= 0.2 * hi) & (values.imag <= hi)], each)
+        assert np.allclose(found.eigenvalues, inside[np.argsort(inside.imag)], rtol=1e-10)
+        assert found.backward_error.max() < 1e-14 and (found.error_bar < 1e-11 * np.abs(found.eigenvalues)).all()
 
 
 def test_a_strong_dashpot_and_a_fast_rotor() -> None:
@@ -169,4 +193,4 @@ def test_the_full_brake_is_certified() -> None:
     made = factors_made()
     modes = fs.complex_modes(pencil, band=(1e3, 5e4))
     assert modes.evidence == "certified" and modes.is_stable is False
-    assert factors_made() - made < 20
+    assert factors_made() - made <= 5

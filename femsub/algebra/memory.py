@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from zlib import crc32
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,6 +22,8 @@ LIBRARIES = "petsc4py.PETSc"
 SMALL_PART = 0.01  # share of the DOF up to which an interface that is held makes the factor no smaller
 BUFFERS = 3e8  # bytes that the BLAS libraries take for their own use when they are first called
 LARGE = 50_000  # DOF from which memory is checked
+PATTERNS = 32  # whose estimates are kept
+_estimated: dict[tuple[int, int, int], float] = {}
 
 
 def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int, held: Array | None = None) -> None:
@@ -148,11 +151,23 @@ def factor_nonzeros(A: Matrix) -> float:
     separator. This is repeated in the larger half only; the other half is assumed to be similar. With separators of s_l DOF
     that touch b_l DOF of earlier ones, in parts of n_l DOF, nnz(L) ≈ Σ_l (n/n_l)(s_l²/2 + s_l b_l)/1.5.
 
+    Matrices of one pattern share the estimate.
+
     References
     ----------
     A. George, SIAM J. Numer. Anal. 10 (1973) 345.
     """
-    graph, weight = quotient(sp.csr_array(A))
+    A = sp.csr_array(A)
+    pattern = A.shape[0], crc32(A.indptr), crc32(A.indices)
+    if pattern not in _estimated:
+        while len(_estimated) >= PATTERNS:
+            _estimated.pop(next(iter(_estimated)), None)
+        _estimated[pattern] = _nonzeros_by_dissection(A)
+    return _estimated[pattern]
+
+
+def _nonzeros_by_dissection(A: Matrix) -> float:
+    graph, weight = quotient(A)
     if A.nnz <= 3 * A.shape[0]:  # a tree: no fill
         return A.nnz / 2
     count, total, whole = len(weight), 0.0, float(weight.sum())

@@ -2,7 +2,8 @@
 
 The proof is a count in a disc around 0 from inertia and a small determinant, or that of a projection on undamped modes with its
 bound, or the winding number of det P around a rectangle. All are independent of the search. The search finds the eigenvalues
-nearest to 0, and lists those with Im λ ≥ 0.
+nearest to 0, and lists those with Im λ ≥ 0. A projection that has counted a rectangle gives the eigenpairs as well: each is
+corrected until it solves the full problem, and none is listed twice.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -23,11 +25,15 @@ from femsub.model import beyond, in_band
 from femsub.modes.normal_modes import modes_under
 from femsub.modes.quadratic import damping_split, disc_count, projected_count
 from femsub.modes.quadratic.disc_count import Count, Edge
-from femsub.modes.quadratic.multiplicity import clear_radius
+from femsub.modes.quadratic.multiplicity import clear_radius, distinct
 from femsub.modes.quadratic.projected_count import Projection
+from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Box, Contour, listed
 from femsub.modes.quadratic.sparse import KEPT, Shifted
 from femsub.modes.quadratic.winding_count import clear_of, missed_eigenvalues, undamped_reference
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
 
 Counted = Count | projected_count.Count
 MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hours and backward errors grow
@@ -36,35 +42,49 @@ MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hou
 class _Counted:
     """The count in a disc around 0, for a pencil with proportional damping except in a few columns; for others by projection."""
 
-    def __init__(self, problem: Shifted, wanted: bool) -> None:
-        self.problem, self.wanted = problem, wanted
+    def __init__(self, pencil: Pencil, wanted: bool) -> None:
+        self.pencil, self.wanted = pencil, wanted
         self.counted: Counted | None = None
         self.tally = Tally(0)
         self.projection: Projection | None = None
-        self.parts = damping_split.split(problem.pencil) if wanted else None
+        self.pairs: tuple[Array, Array] | None = None  # all that are needed, where no search is
+        self.parts = damping_split.split(pencil) if wanted else None
+
+    @cached_property
+    def problem(self) -> Shifted:
+        """The shifted problem, for a search: its factor is made at the first use."""
+        return Shifted(self.pencil)
 
     def projected(self, outer: Contour, inside: Callable[[Array], Contour]) -> projected_count.Count | None:
         """The count by projection, for any damping; `inside` chooses the contour from the projection's eigenvalues."""
         if not self.wanted or not np.isfinite(outer.size):
             return None
         with suppress(SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError):
-            self.projection = Projection(self.problem.pencil, outer)
+            self.projection = Projection(self.pencil, outer)
             return self.projection.on(inside)
         return None
 
     def left(self, values: Array, X: Array) -> Array | None:
         """Left vectors by the projection that has counted, if there is one and they are clear."""
-        if self.projection is None or self.tally.listed != self.tally.counted or all(self.problem.pencil.symmetric):
+        if all(self.pencil.symmetric):
+            return X.conj()
+        if self.projection is None or self.projection.counted is None or self.tally.listed != self.tally.counted:
             return None
         with suppress(LinAlgError, NotEnoughMemoryError):
-            return self.projection.left(values, X)
+            return left_vectors(self.projection.counted, self.pencil, values, X)
         return None
+
+    def known(self, values: Array) -> Array:
+        """The λ found, and those near them that were not searched for, as the projection has them."""
+        if self.pairs is None or not isinstance(self.counted, projected_count.Count):
+            return values
+        return np.append(values, self.counted.values[~self.counted.contour.encloses(self.counted.values)])
 
     def edge(self, radius: float) -> Edge | None:
         """The undamped count at a radius, moved out by up to 0.1 % if a mode lies there; None if no count is possible."""
         if (parts := self.parts) is None:
             return None
-        owners = (parts.K0, parts.M, *([] if parts.skew is None else [self.problem.pencil.D]))
+        owners = (parts.K0, parts.M, *([] if parts.skew is None else [self.pencil.D]))
         for there in (radius, radius * (1 + 1e-5), radius * (1 + 1e-3)):
             with suppress(SingularMatrixError):
                 return shared(owners, ("edge", there, parts.W.shape[1] > 0), partial(disc_count.edge, parts, there))
@@ -92,7 +112,7 @@ class _Counted:
     def _counted(self, at: Edge, inside: Array) -> Count | None:
         problem, parts, found = self.problem, self.parts, None
         assert parts is not None
-        if parts.K0 is problem.pencil.K and problem.definite is not None:  # an existing factor
+        if parts.K0 is self.pencil.K and problem.definite is not None:  # an existing factor
             found = disc_count.count(parts, at, *problem.definite, inside)
         if found is None or not found.is_valid:
             with suppress(SingularMatrixError):
@@ -113,13 +133,13 @@ class Nearest(_Counted):
 
     most = np.inf
 
-    def __init__(self, problem: Shifted, number: int, evidence: bool | None) -> None:
-        wanted = problem.pencil.size <= KEPT if evidence is None else evidence
-        super().__init__(problem, wanted)
+    def __init__(self, pencil: Pencil, number: int, evidence: bool | None) -> None:
+        wanted = pencil.size <= KEPT if evidence is None else evidence
+        super().__init__(pencil, wanted)
         self.number, self.unasked = number, evidence is None
         # The eigenvalues nearest to a shift are not exactly those nearest to 0, so a few more are computed. A count needs a
         # gap behind the last one, and therefore the next one.
-        self.ask = number + (12 if problem.shift else 0) + (2 if wanted else 0)
+        self.ask = number + (12 if self.problem.shift else 0) + (2 if wanted else 0)
 
     def _sure(self, values: Array) -> Array:
         """Indices, ascending in |λ|, of the values that are certainly nearest to 0."""
@@ -128,7 +148,7 @@ class Nearest(_Counted):
 
     def is_short(self, values: Array) -> bool:
         """Whether other eigenvalues may be nearer to 0 than those found; then `ask` is increased."""
-        all_of_them = 2 * self.problem.pencil.size
+        all_of_them = 2 * self.pencil.size
         if listed(values[self._sure(values)]) >= self.number or listed(values) >= all_of_them or self.ask >= all_of_them:
             return False
         self.ask = min(2 * self.ask, all_of_them)
@@ -167,21 +187,39 @@ class Nearest(_Counted):
 class Enclosed(_Counted):
     """All eigenvalues in a rectangle, proved by the count in the disc around it, by projection, or by the winding of det P."""
 
-    def __init__(self, problem: Shifted, box: Box, evidence: bool | None, winding: bool = True) -> None:
-        super().__init__(problem, evidence is not False)
-        pencil, (a, b, _, hi) = problem.pencil, box
+    def __init__(self, pencil: Pencil, box: Box, evidence: bool | None, winding: bool = True) -> None:
+        super().__init__(pencil, evidence is not False)
         self.box, self.most = box, float(min(pencil.size, MOST))
-        self.radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
-        self.at = self.edge(self.radius)
+        self.at = None if self.parts is None else self.edge(self._radius)
         self.wound = winding and (pencil.size <= QUADRATIC if evidence is None else evidence)  # whether det P may be sampled
         self.count = None if self.at else self.projected(
             self._outside(), lambda values: Contour(sides=(*(clear := clear_of(values[values.imag >= 0], box))[:2], clear[3])))
+        self.pairs = self._pairs()
         if self.count is not None:  # only the eigenvalues up to the farthest in the rectangle are needed
             size = np.abs(self.count.values)
-            self.radius = 1.001 * float(size[self.count.contour.encloses(self.count.values)].max(initial=0.0)) + problem.shift
+            self.radius = 1.001 * float(size[self.count.contour.encloses(self.count.values)].max(initial=0.0))
+            self.radius += 0.0 if self.pairs else self.problem.shift
             self.ask = int(np.count_nonzero(size <= self.radius)) + 8
         else:
+            self.radius = self._radius
             self.ask = 2 * (self.at.below if self.at else self._undamped()) + 12
+
+    @property
+    def _radius(self) -> float:
+        """Of the disc around 0, or around a shift, that holds the rectangle; its edges may move out by 2 %."""
+        a, b, _, hi = self.box
+        return 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + self.problem.shift
+
+    def _pairs(self) -> tuple[Array, Array] | None:
+        """All eigenpairs inside the contour from those of the projection, if as many as it counts are solved for."""
+        if self.count is None or self.projection is None or self.projection.counted is None:
+            return None
+        with suppress(LinAlgError, NotEnoughMemoryError):
+            found = right_pairs(self.projection.counted, self.pencil)
+            found = None if found is None else distinct(*found)  # two may have come to one eigenvalue
+            if found is not None and self.count.tally(found[0]).listed == self.count.number:
+                return found
+        return None
 
     def _outside(self) -> Contour:
         """A rectangle around 0 that holds all those to which the edges may move."""
@@ -191,11 +229,11 @@ class Enclosed(_Counted):
     @cached_property
     def reference(self) -> tuple[Matrix, Array] | None:
         """See `undamped_reference`."""
-        return undamped_reference(self.problem.pencil, self.radius)
+        return undamped_reference(self.pencil, self.radius)
 
     def _undamped(self) -> int:
         """About the number of undamped modes in the disc."""
-        pencil = self.problem.pencil
+        pencil = self.pencil
         if self.wound:
             return 10 if self.reference is None else len(self.reference[1])
         with suppress(SingularMatrixError):
@@ -204,7 +242,7 @@ class Enclosed(_Counted):
 
     def is_short(self, values: Array) -> bool:
         """Whether the disc around the rectangle may contain more eigenvalues; then `ask` is increased."""
-        pencil = self.problem.pencil
+        pencil = self.pencil
         if np.abs(values - self.problem.shift).max() >= self.radius or listed(values) >= 2 * pencil.size:
             return False
         self.ask = int(min(2 * self.ask, self.most) if self.ask < self.most else self.most + 1)
@@ -220,7 +258,7 @@ class Enclosed(_Counted):
             return missed
         if self.reference is None:
             return None
-        missed = missed_eigenvalues(self.problem.pencil, self.box, values[np.abs(values) <= self.radius], *self.reference)
+        missed = missed_eigenvalues(self.pencil, self.box, values[np.abs(values) <= self.radius], *self.reference)
         self.tally = Tally(listed(values), listed(values) + missed, sampled=True)
         return missed
 

@@ -65,16 +65,18 @@ def _turning(pencil: Pencil) -> Split | None:
 
 def _proportional_but_for_columns(pencil: Pencil) -> Split | None:
     M, D, K0 = pencil.M, pencil.D, pencil.symmetric_stiffness
+    rng = np.random.default_rng(11)
+    circulatory = [] if K0 is pencil.K0 else [sp.csr_array((pencil.K0 - pencil.K0.T) * 0.5)]
+    if any(_rank_of_some_rows(part[np.unique(part.nonzero()[0])], rng) > RANK for part in circulatory):
+        return None  # before the damping is looked at, which takes longer
     own = np.sqrt(np.abs(D.diagonal()))
     D = _without_contacts(D, pencil, own)
     alpha, beta = _proportional(M, K0, D, own)
-    parts = [_without(D, alpha, M, beta, K0, own)]
-    if K0 is not pencil.K0:
-        parts.append(sp.csr_array((pencil.K0 - pencil.K0.T) * 0.5))
+    parts = [_without(D, alpha, M, beta, K0, own), *circulatory]
     rows = np.unique(np.concatenate([np.concatenate(part.nonzero()) for part in parts]))
     small = [part[rows][:, rows] for part in parts]
-    rng, sketch = np.random.default_rng(11), [np.zeros((len(rows), 0))]
-    if any(_rank_of_some_rows(part, rng) > RANK for part in small):
+    sketch = [np.zeros((len(rows), 0))]
+    if _rank_of_some_rows(small[0], rng) > RANK:
         return None
     for part in small:
         size = abs(part).max() if part.nnz else 0.0

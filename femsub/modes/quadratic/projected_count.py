@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
 
 REACH = 2.5  # undamped modes are kept up to so many times the largest Im λ
-LIFTS = (0.0, 0.1, 1.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
+LIFTS = (0.0, 0.2, 1.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
 DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
 STRONG = 200  # shapes of stronger damping at most
@@ -40,7 +40,6 @@ WIDER = 40  # residuals of each kind that enrich the basis in one round
 MOST = 1200  # columns of the basis
 PIECES = 20_000  # of the contour at most
 SHORT = 1e-10  # of the contour: a piece that is not halved again
-MIXED = 1e-2  # largest share of another mode in a left vector
 BATCH = 512  # pieces looked at together
 
 
@@ -130,8 +129,8 @@ class Projection:
     def size(self) -> int:
         return int(self.V.shape[1])
 
-    def add(self, new: Array, bounded: bool = True) -> bool:
-        """Append directions, made orthonormal; whether there were any. If not `bounded`, what they leave out is not looked at."""
+    def add(self, new: Array) -> bool:
+        """Append directions, made orthonormal; whether there were any."""
         m, p = self.size, len(self.parts)
         check_columns("the pencil", len(new), (p + 2) * (m + 2 * new.shape[1]))
         new = new - self.free @ (self.momenta.T @ new)
@@ -144,9 +143,6 @@ class Projection:
         self.V = np.hstack([self.V, new])
         fresh = [part.matrix @ new for part in self.parts]
         self.images = [np.hstack(pair) for pair in zip(self.images, fresh, strict=True)]
-        if not bounded:
-            self.gram = np.full((p, m + k, p, m + k), np.nan)  # no count may follow
-            return True
         solved = self.solve(np.hstack(fresh))
         gram = np.zeros((p, m + k, p, m + k))
         gram[:, :m, :, :m] = self.gram
@@ -183,31 +179,6 @@ class Projection:
             if self.size > MOST or not new or not self.add(np.hstack(new)):
                 break
         return None
-
-    def left(self, values: Array, X: Array) -> Array | None:
-        """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, to some per mille: enough for error bars.
-
-        V grows by the residuals of its own left vectors first. None where λ or vectors are not clearly those of VᵀPV: the
-        products yᴴ((λ_i + λ_j)M + D)x vanish for two different eigenvalues.
-        """
-        small = self.counted or Coupling(self, lambda _: self.outer)
-        for last in (False, True):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                at = np.abs(values[:, None] - (small.shift + 1 / small.nu)).argmin(axis=1)
-            if len(np.unique(at)) < len(at):
-                return None
-            if not last:
-                self.add(self.residuals(values, small.z[:, at], adjoint=True), bounded=False)
-                small = Coupling(self, lambda _: self.outer)
-        Y = self.V @ small.z[:, at]
-        self.counted = None
-        M, D = self.parts[0].matrix, sum((part.matrix for part in self.parts if part.linear), sp.csr_array(self.A.shape))
-        products = (Y.conj().T @ (M @ X)) * (values[:, None] + values) + Y.conj().T @ (D @ X)
-        size = np.sqrt(np.abs(products.diagonal()))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            mixed = np.abs(products) / np.outer(size, size)
-        np.fill_diagonal(mixed, 0.0)
-        return Y / np.linalg.norm(Y, axis=0) if mixed.max(initial=0.0) < MIXED else None
 
 
 class Coupling:
@@ -253,9 +224,15 @@ class Coupling:
         self.noise = 16 * EPS * np.abs(np.einsum("aiai->ai", whole.gram))  # of these differences
 
     @cached_property
+    def each(self) -> Array:
+        """All λ in the order of their vectors; infinite ones are so or NaN."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.shift + 1 / self.nu
+
+    @cached_property
     def values(self) -> Array:
         """The finite λ."""
-        return self.shift + 1 / self.nu[self.nu != 0]
+        return self.each[self.nu != 0]
 
     def margin(self) -> tuple[float, list[Array]]:
         """‖R(VᵀPV)⁻¹L‖ / c, bounded on pieces that cover the contour; and directions that lower it if it is not safe.

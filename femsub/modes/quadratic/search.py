@@ -16,7 +16,7 @@ from femsub.modes.quadratic.cost import Budget
 from femsub.modes.quadratic.multiplicity import Search
 from femsub.modes.quadratic.newton import mended
 from femsub.modes.quadratic.singular_mass import finite
-from femsub.modes.quadratic.sparse import KEPT, Shifted
+from femsub.modes.quadratic.sparse import KEPT
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -133,12 +133,11 @@ def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budge
         if proof:
             return None  # any other count of a full matrix would cost more than all eigenvalues
         evidence = False
-    problem = Shifted(pencil)
-    certificate = Nearest(problem, region.count or 0, evidence) if region.box is None else \
-        Enclosed(problem, region.box, evidence, not budget.is_limited)
+    certificate = Nearest(pencil, region.count or 0, evidence) if region.box is None else \
+        Enclosed(pencil, region.box, evidence, not budget.is_limited)
     columns = 0 if certificate.parts is None else certificate.parts.W.shape[1]
-    searched = Search(problem.nearest, pencil.size)
-    while True:
+    searched = Search(lambda ask, seed: certificate.problem.nearest(ask, seed), pencil.size)
+    while certificate.pairs is None:
         if certificate.ask > certificate.most:
             if pencil.size <= QUADRATIC:  # more than half of all
                 return None
@@ -170,15 +169,20 @@ def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budge
                 return None
             raise MissedModesError(certificate.lacking(missed))
         certificate.ask = searched.more(certificate.ask, missed)
+    values, X = certificate.pairs or searched.pool
+    if certificate.pairs is not None:
+        certificate.missed(values, X)  # none, but for the tally
     values, X, left, done = _mended(pencil, certificate, values, X)
     if certificate.tally.counted not in (None, certificate.tally.listed) and pencil.size <= QUADRATIC:
         return None  # some of those that were counted are none
     taken, mirrored = certificate.taken(values)
     near, X = values[taken], X[:, taken]
     own = certificate.left(near, X)
-    Y = np.where(done[taken], left[:, taken], problem.left(near, X, searched.ask, searched.searches) if own is None else own)
+    if own is None:
+        own = certificate.problem.left(near, X, searched.ask or certificate.ask, searched.searches)
+    Y = np.where(done[taken], left[:, taken], own)
     near, X, Y = (np.concatenate([part, part[..., mirrored].conj()], axis=-1) for part in (near, X, Y))
-    return Found(near, X, Y, values, certificate.tally, certificate.counted)
+    return Found(near, X, Y, certificate.known(values), certificate.tally, certificate.counted)
 
 
 def _mended(pencil: Pencil, certificate: Nearest | Enclosed, values: Array, X: Array) -> tuple[Array, Array, Array, Array]:

@@ -1,0 +1,154 @@
+"""The eigenpairs of a pencil from those of its projection on undamped modes, corrected outside and inside the basis in turn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import EPS, Array, Matrix
+from femsub.modes.quadratic.bars import CLUSTER
+from femsub.modes.quadratic.multiplicity import clusters, match
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
+    from femsub.modes.quadratic.projected_count import Coupling, Projection
+
+NEAR = 1e-3  # relative distance below which eigenvalues are corrected together
+STILL = 1e-6  # |λ|, relative to the contour, below which it may be rigid motion, which a search from a shift sets to 0
+SOLVED = EPS / 2  # backward error of a pair that needs no more correction
+ROUNDED = 1e-13  # the same where further corrections do not lower it
+ROUGH = 1e-3  # share of the first backward error that is enough for a left vector
+FALLS, SLOW = 0.6, 3  # the error falls by this factor in each sweep, but for so many
+SWEEPS = 30
+MIXED = 1e-2  # largest share of another mode in a left vector
+
+
+def right_pairs(small: Coupling, pencil: Pencil) -> tuple[Array, Array] | None:
+    """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None where corrections do not converge."""
+    values = small.each
+    at = np.flatnonzero(small.contour.encloses(values) & (values.imag >= 0))
+    return _corrected(small, (pencil.M, pencil.D, pencil.K), pencil.norms, at)
+
+
+def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array) -> Array | None:
+    """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, to some per mille: enough for error bars.
+
+    None where they are not clearly those of these values: yᴴ((λ_i + λ_j)M + D)x vanishes for two different eigenvalues.
+    """
+    finite = np.flatnonzero(small.nu)
+    at = finite[match(values, small.each[finite])[1]]
+    transposed = tuple(sp.csr_array(part.T) for part in (pencil.M, pencil.D, pencil.K))
+    found = _corrected(small, transposed, pencil.norms, at, left=True)
+    if found is None:
+        return None
+    Y = found[1]
+    products = (Y.conj().T @ (pencil.M @ X)) * (values[:, None] + values) + Y.conj().T @ (pencil.D @ X)
+    for group in clusters(values, CLUSTER):  # of equal eigenvalues any basis is valid: take the dual one
+        dual = np.linalg.inv(products[np.ix_(group, group)])
+        Y[:, group], products[group] = Y[:, group] @ dual.conj().T, dual @ products[group]
+    size = np.sqrt(np.abs(products.diagonal()))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mixed = np.abs(products) / np.outer(size, size)
+    np.fill_diagonal(mixed, 0.0)
+    return Y / np.linalg.norm(Y, axis=0) if mixed.max(initial=0.0) < MIXED else None
+
+
+def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, left: bool = False
+               ) -> tuple[Array, Array] | None:
+    """λ (k,) and X (n, k) of unit length from the eigenpairs `at` of VᵀPV; of Pᵀ, at the conjugates, where `left`.
+
+    X changes by V VᵀR - A⁻¹R outside V, R = P(λ)X, which would solve the problem if P were A there. The change inside V follows
+    from (VᵀPV)⁻¹ = Σ x_j z_jᴴ / (λ_j - s): λ_k changes by z_kᴴρ and x_k by -Σ x_j z_jᴴρ / (λ_j - λ_k), j ≠ k, where ρ is VᵀR
+    after the first change. Outside V, A⁻¹(A - P) is small, as the bound of the count shows. Eigenvalues near each other are
+    corrected as one, with a matrix S instead of λ: MXS² + DXS + KX = 0.
+    """
+    whole = small.whole
+    V, mu = whole.V, whole.mu
+    M, D, K = matrices
+    finite = np.flatnonzero(small.nu)
+    x, z = (part[:, finite] for part in ((small.z, small.x) if left else (small.x, small.z)))
+    each = small.each[finite].conj() if left else small.each[finite]
+    at = np.searchsorted(finite, at)
+    values = each[at]
+    real = values.imag == 0
+    if (np.abs(values) < STILL * whole.outer.size).any() or (~real & (np.abs(values.imag) < NEAR * np.abs(values))).any():
+        return None
+    S, X = np.diag(values), _complex(V @ _real(x[:, at]))
+    label, among = np.arange(len(at)), clusters(values, NEAR)
+    for group in among:
+        label[group] = group[0]
+    here = np.arange(len(at))
+    acting = _acting(whole, left)
+    before, least = np.full((2, len(at)), np.inf)
+    first, slow = np.zeros(len(at)), np.zeros(len(at), dtype=int)
+    for sweep in range(SWEEPS):
+        groups, Xh = [np.flatnonzero(label[here] == group[0]) for group in among], X[:, here]
+        T = S[np.ix_(here, here)]
+        XT = _times(Xh, T, groups)
+        R = _complex(M @ _real(_times(XT, T, groups)) + D @ _real(XT) + K @ _real(Xh))
+        size = np.abs(T.diagonal())
+        error = np.linalg.norm(R, axis=0) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * np.linalg.norm(Xh, axis=0))
+        first[here] = error if sweep == 0 else first[here]
+        slow[here] += ~(error < FALLS * before[here])
+        before[here], least[here] = error, np.minimum(least[here], error)
+        if ((slow > SLOW) & (before > ROUNDED)).any():
+            return None
+        lowest = ((slow > 1) & (before <= least)) | (slow > 2 * SLOW)  # rounding lets it rise and fall
+        done = (before <= np.maximum(SOLVED, ROUGH * first * left)) | (lowest & (before < ROUNDED))
+        stay = np.isin(label[here], label[~done])
+        if not stay.any():
+            break
+        here, T, R = here[stay], T[np.ix_(stay, stay)], R[:, stay]
+        groups = [np.flatnonzero(label[here] == group[0]) for group in among]
+        step, rho = whole.solve(_real(R)), _complex(V.T @ _real(R))  # the change is Vρ - step, and VᵀA times it is 0
+        rest = rho.copy()
+        for power, image, inner in acting:
+            share = changed = _complex(inner @ _real(rho) - image.T @ step)
+            for _ in range(power):
+                share = _times(share, T, groups)
+            rest += share - mu * changed if power == 2 else share
+        inside = z.conj().T @ rest
+        change = np.zeros((len(each), len(here)), dtype=complex)
+        for columns in [*np.setdiff1d(np.arange(len(here)), np.concatenate([[], *groups]))[:, None].astype(int), *groups]:
+            own, others = at[here[columns]], np.setdiff1d(np.arange(len(each)), at[here[columns]])
+            apart = each[others, None, None] * np.eye(len(columns)) - T[np.ix_(columns, columns)].T
+            change[np.ix_(others, columns)] = -np.linalg.solve(apart, inside[np.ix_(others, columns)][:, :, None])[:, :, 0]
+            S[np.ix_(here[columns], here[columns])] += inside[np.ix_(own, columns)]
+        X[:, here] += _complex(V @ _real(rho + x @ change) - step)
+        S[:, real], X[:, real] = S[:, real].real, X[:, real].real
+    else:
+        return None
+    values = S.diagonal().copy()
+    for group in among:
+        values[group], turn = np.linalg.eig(S[np.ix_(group, group)])
+        X[:, group] = X[:, group] @ turn
+    values[real], X[:, real] = values[real].real, X[:, real].real
+    return (values, X / np.linalg.norm(X, axis=0)) if np.isfinite(values).all() else None
+
+
+def _acting(whole: Projection, left: bool) -> list[tuple[int, Array, Array]]:
+    """The power of λ, B and BᵀV for M, D and the skew part of K, with Bᵀ = Vᵀ times the matrix, or its transpose where `left`."""
+    images: dict[int, Array] = {}
+    for part, image in zip(whole.parts, whole.images, strict=True):
+        power = 2 if part is whole.parts[0] else int(part.linear)
+        images[power] = images.get(power, 0.0) + (image if left or part.sign > 0 else -image)
+    return [(power, image, image.T @ whole.V) for power, image in images.items()]
+
+
+def _times(A: Array, T: Array, groups: list[Array]) -> Array:
+    """A T of a matrix T that is diagonal but for these blocks."""
+    product = A * T.diagonal()
+    for group in groups:
+        product[:, group] = A[:, group] @ T[np.ix_(group, group)]
+    return product
+
+
+def _real(A: Array) -> Array:
+    """Real and imaginary parts of complex columns side by side, shape (n, 2k)."""
+    return np.ascontiguousarray(A).view(float)
+
+
+def _complex(A: Array) -> Array:
+    return np.ascontiguousarray(A).view(complex)
