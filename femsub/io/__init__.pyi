@@ -13,4 +13,4 @@ from .component_files import read_aligned as read_aligned
 from .matrix_files import read_arrays as read_arrays
 from .mesh_files import mesh_bytes as mesh_bytes, read_mesh as read_mesh, series_bytes as series_bytes
 from .mesh_text import including as including, texts_read as texts_read
-from .model_folder import FORMATS as FORMATS, matrix_files as matrix_files
+from .model_folder import FORMATS as FORMATS, model_files as model_files

@@ -67,12 +67,12 @@ def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx")
     """
     target = path_of("folder", folder)
     try:
-        return write_whole(target, matrix_files(instance("model", model, Substructure), format))
+        return write_whole(target, model_files(instance("model", model, Substructure), format))
     except OSError as error:
         raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
 
 
-def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
+def model_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     """The files of `write_matrices`: name to a function that writes the content."""
     choice("format", format, FORMATS)
     parts: dict[str, Matrix] = {"M": model.M, "D": model.D, "K": model.K}

@@ -11,7 +11,7 @@ from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.outputs import run_component
-from femsub.io import FORMATS, matrix_files
+from femsub.io import FORMATS, model_files
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,6 @@ def run(scene: MatricesScene, progress: Progress) -> Result:
 def _written(work: Work) -> Result:
     assert isinstance(work.scene, MatricesScene)
     files = {f"{method.key}-{method.modes}/{file}": writer
-             for method, model in work.reduced for file, writer in matrix_files(model, work.scene.format).items()}
+             for method, model in work.reduced for file, writer in model_files(model, work.scene.format).items()}
     folders = sorted({file.split("/")[0] for file in files})
     return Result({"reduced-matrices": folders}, [f"reduced matrices, with --out: {', '.join(folders)}"], files)
