@@ -91,3 +91,13 @@ ANALYSES = [fs.complex_modes, fs.self_excitation, fs.transient, fs.harmonic_bala
 def test_contacts_are_called_contacts_everywhere(analysis: Any) -> None:
     names = list(inspect.signature(analysis).parameters)
     assert "contacts" in names and not {"belt", "belts"} & set(names)
+
+
+def test_hundreds_of_contacts_are_as_many_steps_and_no_calls_within_calls() -> None:
+    """A belt at each mass of a chain: D is that of all, and the rigid motion of a floating one is still known."""
+    count = 600  # twice as many are deeper than calls go in Python
+    ports = {f"c{at}": np.eye(1, count, at).ravel() for at in range(count)}
+    bare = fs.chain(count, fixed=False, damping=0.0)
+    sub = fs.Substructure(bare.M, bare.K, ports=ports)
+    pencil = sub.linearised([fs.Belt(port=name, slope=-1e-3) for name in ports])
+    assert (pencil.D.diagonal() == -1e-3).all() and fs.complex_modes(pencil, count=4).rigid.sum() >= 1

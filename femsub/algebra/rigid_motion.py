@@ -112,8 +112,15 @@ class Changed(Source):
     step: Callable[[RigidMotion], RigidMotion | None]
 
     def found(self, decide: Decide) -> RigidMotion | None:
-        motion = found(self.before, decide)
-        return None if motion is None else self.step(motion)
+        first: Carried = self
+        steps = []
+        while isinstance(first, Changed):  # hundreds of contacts are as many steps, too many for calls within calls
+            steps.append(first.step)
+            first = first.before
+        motion = found(first, decide)
+        for step in reversed(steps):
+            motion = None if motion is None else step(motion)
+        return motion
 
 
 def changed(carried: Carried, step: Callable[[RigidMotion], RigidMotion | None]) -> Carried:

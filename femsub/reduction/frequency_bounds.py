@@ -21,12 +21,12 @@ from femsub.checks import Array, Tally, instance, whole_number
 from femsub.coupling import System, rows_of_parts
 from femsub.errors import InputError
 from femsub.model import ReducedSubstructure, Substructure
-from femsub.modes import NormalModes, ShiftInvert, lowest_modes
+from femsub.modes import NormalModes, ShiftInvert, lowest_modes, modes_below
 from femsub.reduction.craig_bampton import CraigBampton
 
 HELD = ("constraint", "rigid", CraigBampton.mode_kind, "static port")  # kinds of coordinates of models with a held interface
-ALL = 3000  # coordinates up to which all modes of the reduced model are taken; of a larger one some more than are asked for:
-BESIDE = 20  # what lies above them bounds what they may be mixed with
+BESIDE = 20  # more modes of the reduced model than are asked for: what lies above them bounds what they may be mixed with
+REACH = 1.5  # times the highest frequency asked for; modes up to there make the bounds nearly as sharp as all would
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,13 +122,15 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
 
 
 def lowest_of(model: Substructure, count: int) -> NormalModes:
-    """The modes of a reduced model for the bounds of `count` frequencies: all of them, or some more than that."""
+    """The modes of a reduced model for the bounds of `count` frequencies: some more, and all up to REACH times the highest."""
     handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
-    modes = lowest_modes(handle, handle.elastic if model.size <= ALL else min(2 * count + BESIDE, handle.elastic))
+    modes = lowest_modes(handle, min(2 * count + BESIDE, handle.elastic))
     if len(modes.eigenvalues) - modes.rigid < count:
         raise InputError(f"count={count} frequencies were asked for, but {model.name!r} has "
                          f"{len(modes.eigenvalues) - modes.rigid}")
-    return modes
+    reach = REACH * float(modes.frequencies[modes.rigid + count - 1])
+    more = len(modes.eigenvalues) < modes.rigid + handle.elastic and modes.frequencies[-1] < reach
+    return modes_below(model.K, model.M, reach, handle) if more else modes
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,10 +167,10 @@ def enclosed(modes: NormalModes, size: int, truncations: Sequence[Truncation], s
 
     `steps` are the cut-offs of the steps of reduction, one after the other: that of a step is the lowest of its parts.
     """
-    omega = modes.frequencies[modes.rigid:]
-    theta, sigma = omega**-2.0, float(sum(step**-2.0 for step in steps))
     import scipy.linalg as la
 
+    omega = modes.frequencies[modes.rigid:]
+    theta, sigma = omega**-2.0, float(sum(step**-2.0 for step in steps))
     G = sum((one.inertia / one.cutoff**2 for one in truncations), np.zeros((len(omega),) * 2)) / np.outer(omega, omega)
     G = (G + G.T) / 2
     used, above = len(omega), sigma
