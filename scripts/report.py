@@ -127,7 +127,7 @@ STEPS = (
            table=False) for name, (_, line) in SCENES.items()),
     script("workers", "Parts side by side", "One process against two.", writes=False),
     script("levels", "Four million DOF, level by level", "In parts on disk, by two workers; and what clusters would take.",
-           "--dask", quick=("--dof", "3e4", "--parts", "4", "--section", "4", "3"), figures=("levels.png",), before=ONE_THREAD),
+           "--dask", quick=("--dof", "5e3", "--parts", "3", "--section", "3", "2"), figures=("levels.png",), before=ONE_THREAD),
     module("assembly", "A million DOF in parts", "As one part, part by part, and by two processes."),
 )
 

@@ -313,6 +313,7 @@ def test_one_without_its_conjugate_beside_a_pair_has_its_own_certificate() -> No
     assert with_bars(pencil, np.array(rows[:2]), spoilt, y[:, :2]).backward_error[1] > 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ask", [{"band": (0.0, 0.05)}, {"count": 16}])
 def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its contact fills D, but is known to be of rank one: the count in a disc needs no more than a sparse model's does."""

@@ -101,6 +101,7 @@ def test_the_pencil_over_mu_is_that_of_the_contact() -> None:
     assert abs(exact.K - found.K).max() <= 1e-12 * abs(exact.K).max()
 
 
+@pytest.mark.slow
 def test_the_first_loss_of_the_full_model_is_near_that_of_the_reduced_one() -> None:
     system, contacts = pad()
     small = fs.reduce(system, fs.ContactModes(30, contacts=contacts))

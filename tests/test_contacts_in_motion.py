@@ -109,6 +109,7 @@ def test_several_belts_and_an_own_contact_in_time(method: str, tol: float | None
     assert without.states is not None and np.abs(np.hstack(without.states).T - exact).max() > 0.1 * np.abs(exact).max()
 
 
+@pytest.mark.slow
 def test_the_generalised_alpha_method_takes_a_contact_much_stiffer_than_the_model() -> None:
     """A wave is reflected by a spring a thousand times as stiff as the model's, in a contact that S does not contain."""
     n, end = 310, 30.0
@@ -168,6 +169,7 @@ def test_the_mean_displacement_follows_an_even_force() -> None:
     assert places.mean() == pytest.approx(-0.2 * (places**2).mean() / 2.0, rel=1e-4) and places.mean() < -0.05
 
 
+@pytest.mark.slow
 def test_belts_beside_a_bumper_in_a_cycle() -> None:
     """Two belts and a contact with coupled columns: harmonic balance from a transient, closed by shooting."""
     model = part(5)
@@ -428,6 +430,7 @@ class Shaken:
         return np.diag(-2 * self.gain * u * v / self.size**2), np.diag(self.gain * (1 - (u / self.size) ** 2))
 
 
+@pytest.mark.slow
 def test_a_cycle_under_friction_between_surfaces() -> None:
     """A pad that moves across the direction of sliding, which the friction follows: harmonic balance is closed by shooting."""
     mesh = fs.block((0.1, 0.05, 0.02), (1, 1, 1))

@@ -90,6 +90,7 @@ def test_a_belt_is_lost_where_the_critical_slope_is() -> None:
         assert abs(shape.conj() @ border.shape) == pytest.approx(np.linalg.norm(border.shape), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_law_over_the_speed_with_another_contact_beside_it() -> None:
     """The belt's slope over its speed is no affine function: found where μ'(v) = the critical slope under both."""
     model, eps = fs.chain(6, belt=2), 5e-2
@@ -179,6 +180,7 @@ def test_a_law_that_falls_between_all_samples_of_the_pencil_is_seen() -> None:
         assert found.regains[-1].value == pytest.approx(law.end - half, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_a_jump_of_the_slope_is_told() -> None:
     """All modes change at once, so no one mode crosses there. Without damping D is 0 at all places once judged."""
     belt = fs.Belt(speed=0.1, law=Step())
@@ -211,6 +213,7 @@ def test_affine_is_what_a_contact_declares() -> None:
         fs.critical_value(chain, Unknown(steady=-1.0), "p", between=(-1.0, 2.0))
 
 
+@pytest.mark.slow
 def test_a_parameter_of_several_contacts_is_affine_if_all_say_so() -> None:
     """One dashpot beside another of the same parameter: with a step between 0.30 and 0.31, told by its kinks or found."""
     chain = fs.chain(2, belt=2)

@@ -151,6 +151,7 @@ def test_a_matrix_found_singular_is_not_tried_again() -> None:
 
 # life -----------------------------------------------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_a_factor_dies_with_its_model() -> None:
     sub = plate()
     with warnings.catch_warnings():

@@ -350,6 +350,7 @@ def test_a_number_that_depends_on_rounding_is_not_certified() -> None:
             assert fs.complex_modes(pencil).evidence == "not checked"
 
 
+@pytest.mark.slow
 def test_a_rounding_of_lapack_alone_leaves_no_number_open() -> None:
     """M = BᵀB of whole numbers is singular. LAPACK's least eigenvalue may be 1e-15: `run chain-parts` warned of it."""
     for seed in range(400):

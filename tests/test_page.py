@@ -67,6 +67,7 @@ def test_a_scene_that_does_not_ask_loads_and_writes_nothing(tmp_path: Path) -> N
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "eigenvalues.csv"}
 
 
+@pytest.mark.slow
 def test_the_page_changes_no_result(tmp_path: Path, folders: dict[str, Path]) -> None:
     scene = scene_file(tmp_path, "chain")
     assert main(["run", "-q", scene, "--no-figures", "--out", str(tmp_path / "out")]) == 0

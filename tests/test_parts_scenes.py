@@ -78,6 +78,7 @@ def test_the_pieces_of_the_chain_are_the_chain(pieces: int, belt: int) -> None:
     assert float(fs.critical_slope(system, port, band=band)) == pytest.approx(slope, rel=1e-8, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_chain_in_parts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data = run(tmp_path, CHAIN)
     for count in (2, 4):
@@ -126,6 +127,7 @@ def two_blocks(folder: Path, names: Sequence[str], apart: float, meshes: list[fs
     return meshes
 
 
+@pytest.mark.slow
 def test_a_mesh_is_tied_to_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("meshio")
     two_blocks(tmp_path, ("left", "right"), 0.2, [fs.block((0.2, 0.05, 0.05), counts, "hexahedron20")

@@ -81,6 +81,7 @@ def test_sparse_model_with_a_band(n: int) -> None:
         assert border.omega == pytest.approx(0.0039220856936240334, rel=1e-11)
 
 
+@pytest.mark.slow
 def test_the_first_of_many_close_borders_in_a_reduced_long_chain() -> None:
     # c_j = -d1 / (4 cos²θ_j): the second border is 2e-9 behind the first, whose resonance is 1e-11 wide, relatively
     sub = fs.chain(100_000, belt=2, interface=(1, 2))

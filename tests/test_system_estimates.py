@@ -314,6 +314,7 @@ def test_the_drift_of_a_free_system_is_estimated_and_its_rigid_motion_is_no_mode
         assert len(slow) == 1 and slow[0].imag == 0 and -1e-4 < slow[0].real < 0
 
 
+@pytest.mark.slow
 def test_the_models_that_are_solved_do_not_grow_with_the_number_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """One by one, fewer modes of each part are tried; nearly all of these models are known to be too small without a solution."""
     solved, damped = [], []

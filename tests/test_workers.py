@@ -496,6 +496,7 @@ def main():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
 @pytest.mark.parametrize("dies", ["at once", "while it tidies"])
 def test_a_worker_that_holds_the_lock_of_python_ends_with_its_parent(tmp_path: Path, dies: str) -> None:

@@ -19,7 +19,7 @@ from femsub.io.damage import check_end
 from femsub.io.nastran import entries_of
 
 SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; the columns of NUMBERED have numbers only
-_REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([EDed][+-]?\d+|[+-]\d+)?")
+_REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([EDed][+-]?\d+|[+-]\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def real(path: Path, what: str, text: str) -> float:
 
 def whole(path: Path, what: str, text: str, least: int = 0) -> int:
     """A whole number of Nastran, not below `least`; '' is 0."""
-    if not re.fullmatch(r"\d{1,15}", text or "0") or int(text or "0") < least:
+    if not re.fullmatch("[0-9]{1,15}", text or "0") or int(text or "0") < least:
         raise InputError(f"{path}: {text!r:.30} in {what} is not a whole number from {least}")
     return int(text or "0")
 

@@ -120,13 +120,13 @@ def _data_sets(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise InputError(f"{path} has a data set without its end, a line -1: it is cut short, or holds binary data")
     for begin, end in zip(ends[::2], ends[1::2], strict=True):
         head = lines[begin + 1].split() if end > begin + 1 else []
-        if not head or not re.fullmatch(r"\d{1,4}", head[0]):
+        if not head or not re.fullmatch("[0-9]{1,4}", head[0]):
             raise InputError(f"{path}, line {begin + 2}: {lines[begin + 1]!r:.40} is not the number of a data set in text")
         yield int(head[0]), lines[begin + 2:end]
 
 
 def _whole(path: Path, what: str, words: list[str]) -> list[int]:
-    bad = [word for word in words if not re.fullmatch(r"-?\d{1,15}", word)]
+    bad = [word for word in words if not re.fullmatch("-?[0-9]{1,15}", word)]
     if bad:
         raise InputError(f"{path}: {bad[0]!r:.30} in {what} is not a whole number")
     return [int(word) for word in words]
