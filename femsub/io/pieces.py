@@ -31,7 +31,7 @@ class Piece:
     build : function
         `solid`, `plate`, or a function of your own with their keywords.
     arguments : mapping
-        For `build`, of the whole mesh.
+        For `build`. Of supports, interface and ports, those whose sets the mesh lacks are left out.
     content : str
         A hash of the file, so that a run on other pieces of the same name does not take them for these.
     """

@@ -199,7 +199,8 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
         some 5 to 10 times the highest of interest.
     folder : str or Path
         For the result of each step. What is there of an earlier run with the same parts and method is taken; the rest is made.
-        The processes of an executor must see it. It is read by pickle: name no folder of somebody you do not trust.
+        A function is known by its name and arguments: delete the folder if you change its code. The processes of an executor must
+        see it. It is read by pickle: name no folder of somebody you do not trust.
     workers, executor
         As of `reduce`.
 
