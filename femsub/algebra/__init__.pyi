@@ -1,3 +1,4 @@
+from .beside import CountBeside as CountBeside
 from .constraints import Freed as Freed, freed as freed
 from .elimination import (
     DEPENDENT as DEPENDENT,

@@ -211,7 +211,7 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
         new = [ProcessPoolExecutor(1, get_context("spawn"), os.setpgid, (0, shell.pid)) for _ in range(count)]
         pools.extend(new)
         try:
-            with _environment():
+            with environment_of_workers():
                 for begun in [pool.submit(os.getpid) for pool in new]:
                     begun.result()
         except BrokenExecutor:
@@ -236,7 +236,7 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
 
 
 @contextmanager
-def _environment() -> Iterator[None]:
+def environment_of_workers() -> Iterator[None]:
     """The environment that workers start in."""
     before = dict(os.environ)
     for name in [name for name in before if name.startswith(LAUNCHER)]:

@@ -6,6 +6,7 @@ column in a block of 10 costs a quarter of that, while 1.6 times as many columns
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,8 +25,8 @@ PASSES = 30  # of orthogonalisation of one block; two or three are usual
 LOST = 1e-13  # loss of orthogonality by cancellation up to which one pass is enough
 
 
-def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1,
-                  known: Array | None = None) -> tuple[Array, Array]:
+def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1, known: Array | None = None,
+                  seen: Callable[[Array, Array], None] | None = None) -> tuple[Array, Array]:
     """The eigenvalues of (K - λM)φ = 0 next above σ: A V = V T + Q R Eᵀ, A = (K - σM)⁻¹M, VᵀMV = I, V (n, m), λ = σ + 1/θ.
 
     `factor` is that of K - σM, which is positive definite. A Ritz pair is accepted if ‖R Eᵀy‖ ≤ tol θ. T is block tridiagonal,
@@ -39,6 +40,8 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
         Positive semidefinite.
     known : ndarray, shape (n, k), optional
         M-orthonormal shapes to deflate. There must be far more other shapes than `count` and a block.
+    seen : callable, optional
+        Gets the approximate λ of each step, shape (count,), and how large their relative errors are at most.
 
     Returns
     -------
@@ -58,7 +61,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     (1998), sec. 6.9 (a second pass only after cancellation).
     """
     locked = np.zeros((factor.size, 0)) if known is None else known
-    MX = M @ _ritz_vectors(factor, M, count, tol, seed, locked)
+    MX = M @ _ritz_vectors(factor, M, count, tol, seed, locked, lambda theta, error: seen and seen(sigma + 1 / theta, error))
     # Z = AX removes components in the null space of M, and zᵀ(K - σM)z = zᵀMx is accurate to rounding for small θ as well
     Z = factor.solve(MX)
     Z -= locked @ ((M @ locked).T @ Z)
@@ -66,7 +69,8 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     return sigma + np.einsum("ij,ij->j", Z, MX) / square, Z / np.sqrt(square)
 
 
-def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array) -> Array:
+def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array,
+                  seen: Callable[[Array, Array], None]) -> Array:
     """The wanted Ritz vectors after a step of inverse iteration, shape (n, count). All other memory is freed."""
     (n, known), rng = locked.shape, np.random.default_rng(seed)
     room = n - known
@@ -123,6 +127,8 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
         theta, Y = theta[::-1], np.array(Y[:, ::-1], order="F")  # BLAS cannot use a negative stride
         rest = R @ Y[m - b:]
         residual = np.linalg.norm(rest[:, :count], axis=0)
+        if m >= count and (theta[:count] > 0).all():
+            seen(theta[:count], residual / theta[:count])
         if m >= count and (residual <= tol * np.abs(theta[:count])).all():  # AX = XΘ + QREᵀY: this step needs no solve
             return _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
         if m + b > most:

@@ -7,13 +7,16 @@ modes are wanted. The inertia of K - ω²M confirms their number (the inertia co
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from math import isclose
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import SMALL, Difference, inertia, massless_apart, negative_eigenvalues, phase
+from femsub.algebra import SMALL, CountBeside, Difference, inertia, massless_apart, negative_eigenvalues, one_thread, phase
 from femsub.algebra.shared import shared
 from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
 from femsub.errors import (
@@ -44,6 +47,8 @@ HEAVY = 100  # nonzeros of the factor per row from which block solves are faster
 LOST = 0.1  # relative change of ω² by rounding in K above which there is a warning
 BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn until no mode lies at it
 GAP = 1e-6  # relative gap of neighbouring ω² below which they are a cluster: no inertia is counted inside it
+SURE = 10.0  # times its error an approximate ω² must lie away from the limit of a count that begins before it has converged
+SAME = 1e-14  # relative difference of a limit from its square root squared
 DENSE = 3000  # DOF up to which LAPACK is used if a large part of all modes is wanted
 COLUMNS = 64  # modes whose residuals are computed at a time
 
@@ -196,7 +201,9 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
     if ask > 0:
         beside = np.hstack([handle.rigid, shapes])
         if heavy:
-            more = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=BLOCK_TOLERANCE, known=beside)
+            with ExitStack() as stack:
+                more = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=BLOCK_TOLERANCE, known=beside,
+                                     seen=_counted_beside(handle, count, stack) if evidence and known is None else None)
         else:
             more = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE, known=beside)
         values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]])
@@ -208,11 +215,11 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
     for attempt in range(4):
         order = np.argsort(values, kind="stable")
         values, shapes = values[order], shapes[:, order]
-        limit, below = _limit(values, min(count, len(values)))
+        limit, below = _limit(values, min(count, len(values)), handle.beside)
         if heavy and defer:
             return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), below + rigid),
                            Tally(below + rigid))
-        counted = modes_under(handle.K, handle.M, limit)
+        counted = _count(handle, limit)
         missed = counted - below - rigid
         if missed == 0:
             found = _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted),
@@ -243,10 +250,35 @@ def count_deferred(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     if modes.tally.counted is not None:
         return modes
     limit, expected = modes.counted
-    counted = modes_under(handle.K, handle.M, limit**2)
+    counted = _count(handle, limit**2)
     _check_count(counted, expected, limit**2)
     _remember(handle.K, handle.M, limit**2, modes)
     return replace(modes, tally=Tally(expected, counted))
+
+
+def _counted_beside(handle: ShiftInvert, count: int, stack: ExitStack) -> Callable[[Array, Array], None] | None:
+    """A function of approximate ω² (k,) and their relative errors that begins the count once they show its limit.
+
+    From then on this process keeps one core until the stack is closed. None where the count is better made afterwards.
+    """
+    handle.beside = beside = CountBeside.started(handle.K, handle.M, handle.factor.fill * handle.factor.size)
+    if beside is None:
+        return None
+
+    def seen(values: Array, error: Array) -> None:
+        limit = _limit(values, count)[0]
+        if beside.value is None and (np.abs(values - limit) > SURE * error * values).all():
+            beside.ask(limit)
+            stack.enter_context(one_thread(True))
+
+    return seen
+
+
+def _count(handle: ShiftInvert, limit: float) -> int:
+    """The number of ω² below the limit, from the process that counts beside where it was told this limit."""
+    beside, handle.beside = handle.beside, None
+    counted = beside.answer() if beside is not None and isclose(limit, beside.value or 0.0, rel_tol=SAME) else None
+    return modes_under(handle.K, handle.M, limit) if counted is None else counted
 
 
 def _check_count(counted: int, found: int, limit: float) -> None:
@@ -413,12 +445,17 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
 
 
-def _limit(values: Array, count: int) -> tuple[float, int]:
+def _limit(values: Array, count: int, beside: CountBeside | None = None) -> tuple[float, int]:
     """The limit for the inertia count, and the number of the values (ascending) below it.
 
     The limit lies in the widest gap above the `count` wanted ones. If there is no gap, because they end inside a cluster, it
-    lies just below the cluster. Then no lower mode is missing, and any member of the cluster may be listed.
+    lies just below the cluster. Then no lower mode is missing, and any member of the cluster may be listed. Where a limit is
+    counted beside already, and lies in such a gap, it is taken.
     """
+    if beside is not None and beside.value is not None:
+        within = int(np.count_nonzero(values < beside.value))
+        if count <= within < len(values) and (np.abs(values - beside.value) > GAP / 4 * values).all():
+            return beside.value, within
     if len(values) > count:
         tail = values[count - 1:] if count else np.append(0.0, values)
         gaps = np.diff(tail) / tail[1:]

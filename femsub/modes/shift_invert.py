@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from femsub.algebra import (
     SINGULAR,
     Carried,
+    CountBeside,
     Difference,
     Handle,
     RigidMotion,
@@ -69,6 +70,7 @@ class ShiftInvert:
 
     def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None) -> None:
         self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
+        self.beside: CountBeside | None = None  # counts the modes while they are sought
         motion = motion_of(carried) if isinstance(rows, slice) else None
         self._given = None if motion is None else motion.shapes
         key = (self.K, self.M), ("shift and rigid-body modes", motion is None)

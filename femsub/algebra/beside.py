@@ -1,0 +1,85 @@
+"""An inertia count in a process of its own, on the second core, while this process goes on.
+
+The count needs a factorisation that nothing else uses. So it can be made while the modes whose number it proves are still sought.
+Threads would not do: PETSc is not safe in them.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+from femsub.algebra.factor import inertia
+from femsub.algebra.matrices import Difference
+from femsub.algebra.memory import COUNT_BYTES, at_hand
+from femsub.algebra.threads import libraries
+from femsub.algebra.workers import BASE, MEMORY, environment_of_workers, has_room, load, store, task_folder
+from femsub.checks import Matrix
+
+WORTH = 2e7  # nonzeros of the factor from which the count takes much longer than a process takes to start
+SPARE = 2.0  # times what the count takes must be there: the search needs memory, too
+
+
+class CountBeside:
+    """The inertia of K - σM by a process that waits for σ, which `ask` tells; `answer` is None if it could not be found.
+
+    The process ends with this object, and with this process.
+    """
+
+    def __init__(self, K: Matrix, M: Matrix) -> None:
+        self.value: float | None = None
+        with ExitStack() as stack:
+            folder = stack.enter_context(task_folder(MEMORY))
+            store(Path(folder, "pencil"), (K, M))
+            with environment_of_workers():
+                script = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
+                self._process = stack.enter_context(subprocess.Popen(
+                    [sys.executable, "-c", script, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL, text=True))
+            stack.callback(self._process.kill)
+            self._held = stack.pop_all()
+
+    @classmethod
+    def started(cls, K: Matrix, M: Matrix, nonzeros: float) -> CountBeside | None:
+        """The process, if a core and the memory are free for it and a factor of so many nonzeros is worth it; else None."""
+        need = SPARE * COUNT_BYTES * nonzeros + BASE
+        if nonzeros < WORTH or not _two_cores() or not sys.executable or not has_room(16 * (K.nnz + M.nnz)):
+            return None
+        free = at_hand(need)
+        if free is None or free < need:
+            return None
+        with suppress(OSError):
+            return cls(K, M)
+        return None
+
+    def ask(self, value: float) -> None:
+        """Begin to count below σ = `value`."""
+        self.value = value
+        with suppress(OSError):
+            print(value.hex(), file=self._process.stdin, flush=True)
+
+    def answer(self) -> int | None:
+        """The number of negative eigenvalues of K - σM. It waits for the process, which ends."""
+        with self._held:
+            told = self._process.stdout.readline() if self.value is not None and self._process.stdout else ""
+        return int(told) if told.strip() else None
+
+    def __del__(self) -> None:
+        if hasattr(self, "_held"):
+            self._held.close()
+
+
+def _two_cores() -> bool:
+    """Whether this process may use two cores, as its BLAS does."""
+    threads = max((library["num_threads"] for library in libraries().info()), default=1)
+    return threads > 1 and len(os.sched_getaffinity(0)) > 1
+
+
+def serve() -> None:
+    """What the process does: it waits for σ, counts and tells the number."""
+    K, M = load(Path(sys.argv[1], "pencil"))
+    if told := sys.stdin.readline():
+        print(inertia(Difference(K, M, float.fromhex(told))), flush=True)
