@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import signal
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.algebra import CountBeside, factors_made, libraries
 from femsub.algebra.factor import TreeFactor, counting, inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.ordering import good_order, leaves_first
@@ -84,3 +89,49 @@ def test_surfaces_and_trees_have_an_order_of_their_own() -> None:
         made = Factor(part.K + 1e3 * part.M, "symmetric")
         assert made._factor.getMumpsIcntl(7) == number
         made.close()
+
+
+# a count beside the search ----------------------------------------------------------------------------------------------
+
+@pytest.fixture
+def plate() -> fs.Substructure:
+    return fs.plate(fs.rectangle((1.0, 0.7), (12, 9)), E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01,
+                    interface=["left"])
+
+
+def test_a_process_beside_counts_as_this_one_does(plate: fs.Substructure) -> None:
+    beside = CountBeside(plate.K, plate.M)
+    values = fs.normal_modes(plate, count=12).eigenvalues
+    limit = float(values[8] + values[9]) / 2
+    beside.ask(limit)
+    assert beside.answer() == 9
+    assert beside.answer() is None  # it answers once, and has ended
+
+
+def test_a_process_beside_that_was_not_asked_or_was_killed_answers_nothing(plate: fs.Substructure) -> None:
+    before = set(Path("/dev/shm").glob("femsub-*"))
+    assert CountBeside(plate.K, plate.M).answer() is None
+    killed = CountBeside(plate.K, plate.M)
+    children = Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()
+    os.kill(int(children[-1]), signal.SIGKILL)
+    killed.ask(1.0)
+    assert killed.answer() is None
+    assert set(Path("/dev/shm").glob("femsub-*")) == before
+
+
+def test_a_small_model_starts_no_process(plate: fs.Substructure) -> None:
+    assert CountBeside.started(plate.K, plate.M, 1e5) is None
+
+
+def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, ask, made = [], CountBeside.ask, []
+    monkeypatch.setattr("femsub.algebra.beside.WORTH", 1e5)
+    monkeypatch.setattr(CountBeside, "ask", lambda self, value: (asked.append(value), ask(self, value)))
+    for threads in (1, 2):
+        sub = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
+        made.append(-factors_made())
+        with libraries().limit(limits=threads):
+            highest = fs.reduce(sub, fs.CraigBampton(20)).K[-1, -1]
+        made[-1] += factors_made()
+    assert len(asked) == made[0] - made[1] == int(len(os.sched_getaffinity(0)) > 1)
+    assert all(highest < value for value in asked)

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from femsub.algebra.factor import inertia
 from femsub.algebra.matrices import Difference
-from femsub.algebra.memory import COUNT_BYTES, at_hand
+from femsub.algebra.memory import COUNT_BYTES
+from femsub.algebra.process_memory import available
 from femsub.algebra.threads import libraries
 from femsub.algebra.workers import BASE, MEMORY, environment_of_workers, has_room, load, store, task_folder
 from femsub.checks import Matrix
@@ -48,8 +49,7 @@ class CountBeside:
         need = SPARE * COUNT_BYTES * nonzeros + BASE
         if nonzeros < WORTH or not _two_cores() or not sys.executable or not has_room(16 * (K.nnz + M.nnz)):
             return None
-        free = at_hand(need)
-        if free is None or free < need:
+        if (free := available()) is None or free < need:
             return None
         with suppress(OSError):
             return cls(K, M)
@@ -62,9 +62,10 @@ class CountBeside:
             print(value.hex(), file=self._process.stdin, flush=True)
 
     def answer(self) -> int | None:
-        """The number of negative eigenvalues of K - σM. It waits for the process, which ends."""
+        """The number of negative eigenvalues of K - σM, told once. It waits for the process, which ends."""
+        asked, self.value = self.value is not None, None
         with self._held:
-            told = self._process.stdout.readline() if self.value is not None and self._process.stdout else ""
+            told = self._process.stdout.readline() if asked and self._process.stdout else ""
         return int(told) if told.strip() else None
 
     def __del__(self) -> None:

@@ -197,13 +197,14 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
         values, shapes = known.eigenvalues[rigid:], known.shapes[:, rigid:]
     # two more than requested show where a cluster ends
     ask = min(count + 2 if evidence and known is None else count, finite - rigid) - len(values)
+    nonzeros = handle.factor.fill * handle.factor.size
     heavy = handle.factor.fill > HEAVY and finite > 20 * max(count, 1)
     if ask > 0:
         beside = np.hstack([handle.rigid, shapes])
         if heavy:
             with ExitStack() as stack:
                 more = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=BLOCK_TOLERANCE, known=beside,
-                                     seen=_counted_beside(handle, count, stack) if evidence and known is None else None)
+                                     seen=_counted_beside(handle, nonzeros, count, stack) if evidence and known is None else None)
         else:
             more = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE, known=beside)
         values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]])
@@ -256,12 +257,13 @@ def count_deferred(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     return replace(modes, tally=Tally(expected, counted))
 
 
-def _counted_beside(handle: ShiftInvert, count: int, stack: ExitStack) -> Callable[[Array, Array], None] | None:
+def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
+                    stack: ExitStack) -> Callable[[Array, Array], None] | None:
     """A function of approximate ω² (k,) and their relative errors that begins the count once they show its limit.
 
     From then on this process keeps one core until the stack is closed. None where the count is better made afterwards.
     """
-    handle.beside = beside = CountBeside.started(handle.K, handle.M, handle.factor.fill * handle.factor.size)
+    handle.beside = beside = CountBeside.started(handle.K, handle.M, nonzeros)
     if beside is None:
         return None
 
