@@ -79,7 +79,13 @@ from .rigid_motion import (
     without as without,
 )
 from .subspace import orthonormal as orthonormal
-from .threads import FEW as FEW, WORK as WORK, libraries as libraries, one_thread as one_thread
+from .threads import (
+    FEW as FEW,
+    WORK as WORK,
+    libraries as libraries,
+    one_thread as one_thread,
+    times as times,
+)
 from .timing import Interruptible as Interruptible, phase as phase, timed as timed
 from .workers import (
     check_workers as check_workers,

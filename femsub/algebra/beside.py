@@ -16,7 +16,7 @@ from femsub.algebra.factor import inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.memory import COUNT_BYTES
 from femsub.algebra.process_memory import available
-from femsub.algebra.threads import libraries
+from femsub.algebra.threads import threads
 from femsub.algebra.workers import BASE, MEMORY, environment_of_workers, has_room, load, store, task_folder
 from femsub.checks import Matrix
 
@@ -75,8 +75,7 @@ class CountBeside:
 
 def _two_cores() -> bool:
     """Whether this process may use two cores, as its BLAS does."""
-    threads = max((library["num_threads"] for library in libraries().info()), default=1)
-    return threads > 1 and len(os.sched_getaffinity(0)) > 1
+    return threads() > 1 and len(os.sched_getaffinity(0)) > 1
 
 
 def serve() -> None:

@@ -1,4 +1,4 @@
-"""One thread for small dense work.
+"""One thread for small dense work, and several for products with large sparse matrices.
 
 NumPy, SciPy and PETSc each bring a BLAS with its own threads. These keep spinning for a while and slow down the next library. On
 two cores LAPACK's eigensolver then takes 100 ms for 100 DOF, and 1 ms with one thread.
@@ -7,15 +7,21 @@ two cores LAPACK's eigensolver then takes 100 ms for 100 DOF, and 1 ms with one 
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 
+import numpy as np
+import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
+
+from femsub.checks import Array, Matrix
 
 # DOF up to which a dense quadratic eigenproblem gets one thread. A second one gains little; beside other work it costs much: on a
 # busy machine of two cores 500 DOF took 35 s with two threads and 2 s with one
 FEW = 1500
 WORK = 1e8  # multiplications below which one thread is faster, or loses less than 0.1 s
+LONG = 2e7  # multiplications of a product with a sparse matrix from which it is divided among threads
 BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  # modules that load a BLAS
 
 
@@ -33,3 +39,26 @@ def libraries() -> ThreadpoolController:
 def _libraries(_imported: int) -> ThreadpoolController:
     """Search again when more of the modules that load a BLAS are imported."""
     return ThreadpoolController().select(user_api="blas")
+
+
+def threads() -> int:
+    """How many threads the BLAS of this process has now."""
+    return max((library["num_threads"] for library in libraries().info()), default=1)
+
+
+def times(A: Matrix, X: Array) -> Array:
+    """AX of A (n, n) and a block X (n, k). SciPy has one thread: rows of a large A are divided among as many as BLAS has."""
+    if not sp.issparse(A) or A.format != "csr" or A.nnz * X.shape[1] < LONG or (count := threads()) == 1:
+        return np.asarray(A @ X)
+    X, result = np.ascontiguousarray(X), np.empty((A.shape[0], X.shape[1]))
+
+    def some(first: int, last: int) -> None:
+        at = slice(A.indptr[first], A.indptr[last])
+        rows = sp.csr_array((A.data[at], A.indices[at], A.indptr[first:last + 1] - A.indptr[first]), (last - first, A.shape[1]))
+        result[first:last] = rows @ X
+
+    cuts = np.searchsorted(A.indptr, np.linspace(0, A.nnz, count + 1))
+    cuts[-1] = A.shape[0]
+    with ThreadPoolExecutor(count) as pool:
+        list(pool.map(some, cuts[:-1], cuts[1:]))
+    return result

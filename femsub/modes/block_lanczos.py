@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from femsub.algebra import times
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 BLOCK = 10  # a wider block makes a column cheaper, but needs more of them
 WIDE, MANY = 16, 100  # the block for so many modes and more, where orthogonalisation gains as well
 RESTARTS = 60
+OFTEN = 16  # the Ritz values are looked at when so small a part of the basis is new
 ROWS = 50_000
 PASSES = 30  # of orthogonalisation of one block; two or three are usual
 LOST = 1e-13  # loss of orthogonality by cancellation up to which one pass is enough
@@ -61,11 +63,12 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     (1998), sec. 6.9 (a second pass only after cancellation).
     """
     locked = np.zeros((factor.size, 0)) if known is None else known
-    MX = M @ _ritz_vectors(factor, M, count, tol, seed, locked, lambda theta, error: seen and seen(sigma + 1 / theta, error))
+    MX = times(M, _ritz_vectors(factor, M, count, tol, seed, locked,
+                                lambda theta, error: seen and seen(sigma + 1 / theta, error)))
     # Z = AX removes components in the null space of M, and zᵀ(K - σM)z = zᵀMx is accurate to rounding for small θ as well
     Z = factor.solve(MX)
-    Z -= locked @ ((M @ locked).T @ Z)
-    square = np.einsum("ij,ij->j", Z, M @ Z)
+    Z -= locked @ (times(M, locked).T @ Z)
+    square = np.einsum("ij,ij->j", Z, times(M, Z))
     return sigma + np.einsum("ij,ij->j", Z, MX) / square, Z / np.sqrt(square)
 
 
@@ -80,7 +83,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
     whole[:, :known], V = locked, whole[:, known:]
 
     def random(columns: int) -> Array:
-        return factor.solve(M @ rng.standard_normal((n, columns)))
+        return factor.solve(times(M, rng.standard_normal((n, columns))))
 
     def put(W: Array, at: int) -> tuple[Array, Array, Array]:
         """Append Q, W = VC + QR, M-orthonormal to V and in itself; return C, R and MQ.
@@ -90,7 +93,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
         basis, size, clean = whole[:, :known + at], W.shape[1], False
         C, R = np.zeros((known + at, size)), np.eye(size)
         for _ in range(PASSES):
-            MW = M @ W
+            MW = times(M, W)
             G = W.T @ MW
             before = float(np.trace(G))
             if not clean:
@@ -113,7 +116,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
                                 "fewer modes, or check the matrices")
 
     _, _, MQ = put(random(b), 0)
-    first, m, restarts = 0, 0, 0
+    first, m, restarts, looked = 0, 0, 0, 0
     while True:
         new = slice(m, m + b)
         W = factor.solve(MQ)
@@ -123,15 +126,17 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
         C, R, MQ = put(W, m)
         T[:m, new] += C
         T[new, :m] = T[:m, new].T
-        theta, Y = np.linalg.eigh((T[:m, :m] + T[:m, :m].T) / 2)
-        theta, Y = theta[::-1], np.array(Y[:, ::-1], order="F")  # BLAS cannot use a negative stride
-        rest = R @ Y[m - b:]
-        residual = np.linalg.norm(rest[:, :count], axis=0)
-        if m >= count and (theta[:count] > 0).all():
-            seen(theta[:count], residual / theta[:count])
-        if m >= count and (residual <= tol * np.abs(theta[:count])).all():  # AX = XΘ + QREᵀY: this step needs no solve
-            return _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
-        if m + b > most:
+        full = m + b > most
+        if full or (m >= count and m - looked >= m // OFTEN):
+            theta, Y = np.linalg.eigh((T[:m, :m] + T[:m, :m].T) / 2)
+            theta, Y, looked = theta[::-1], np.array(Y[:, ::-1], order="F"), m  # BLAS cannot use a negative stride
+            rest = R @ Y[m - b:]
+            residual = np.linalg.norm(rest[:, :count], axis=0)
+            if m >= count and (theta[:count] > 0).all():
+                seen(theta[:count], residual / theta[:count])
+            if m >= count and (residual <= tol * np.abs(theta[:count])).all():  # AX = XΘ + QREᵀY: this step needs no solve
+                return _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
+        if full:
             if restarts == RESTARTS:
                 good = int(np.count_nonzero(residual <= tol * np.abs(theta[:count])))
                 raise NotConvergedError(f"{good} of {count} modes converged to {tol:g} within {restarts} restarts. Ask for "
@@ -144,7 +149,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
             V[:, keep:keep + b] = V[:, m:m + b]
             T[:] = 0.0
             T[np.arange(keep), np.arange(keep)] = theta[:keep]
-            first, m, R = 0, keep, rest[:, :keep]
+            first, m, R, looked = 0, keep, rest[:, :keep], keep
         T[first:m, m:m + b] = R.T
         T[m:m + b, first:m] = R
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import SMALL, CountBeside, Difference, inertia, massless_apart, negative_eigenvalues, one_thread, phase
+from femsub.algebra import SMALL, CountBeside, Difference, inertia, massless_apart, negative_eigenvalues, one_thread, phase, times
 from femsub.algebra.shared import shared
 from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
 from femsub.errors import (
@@ -439,9 +439,9 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
     for start in range(0, shapes.shape[1], COLUMNS):
         part = slice(start, start + COLUMNS)
         x, value = shapes[:, part], values[part]
-        residual[part] = np.linalg.norm(K @ x - (M @ x) * value, axis=0)
+        residual[part] = np.linalg.norm(times(K, x) - times(M, x) * value, axis=0)
         size = abs(x)
-        doubt = sizes[0] @ size + (sizes[1] @ size) * abs(value)
+        doubt = times(sizes[0], size) + times(sizes[1], size) * abs(value)
         scale[part], weight[part] = np.linalg.norm(doubt, axis=0), unit * np.einsum("ij,ij->j", size, doubt)
     return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))

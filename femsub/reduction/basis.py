@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import RigidMotion, phase, undamped
+from femsub.algebra import RigidMotion, phase, times, undamped
 from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.modes import ShiftInvert, count_deferred, independent, units
@@ -250,7 +250,7 @@ def projected(A: Matrix, V: Array, W: Array) -> Array:
     if not sp.issparse(A) or A.nnz:
         for start in range(0, W.shape[1], COLUMNS):
             part = slice(start, start + COLUMNS)
-            result[:, part] = V.T @ (A @ W[:, part])
+            result[:, part] = V.T @ times(A, W[:, part])
     return result
 
 
