@@ -7,7 +7,6 @@ two cores LAPACK's eigensolver then takes 100 ms for 100 DOF, and 1 ms with one 
 from __future__ import annotations
 
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 
@@ -50,6 +49,8 @@ def times(A: Matrix, X: Array) -> Array:
     """AX of A (n, n) and a block X (n, k). SciPy has one thread: rows of a large A are divided among as many as BLAS has."""
     if not sp.issparse(A) or A.format != "csr" or A.nnz * X.shape[1] < LONG or (count := threads()) == 1:
         return np.asarray(A @ X)
+    from concurrent.futures import ThreadPoolExecutor
+
     X, result = np.ascontiguousarray(X), np.empty((A.shape[0], X.shape[1]))
 
     def some(first: int, last: int) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import SMALL, CountBeside, Difference, inertia, massless_apart, negative_eigenvalues, one_thread, phase, times
+from femsub.algebra import SMALL, Difference, inertia, massless_apart, negative_eigenvalues, one_thread, phase, times
 from femsub.algebra.shared import shared
 from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
 from femsub.errors import (
@@ -34,7 +34,7 @@ from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_erro
 from femsub.modes.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
-    from femsub.algebra import Carried
+    from femsub.algebra import Carried, CountBeside
 
 log = logging.getLogger(__name__)
 
@@ -263,6 +263,8 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
 
     From then on this process keeps one core until the stack is closed. None where the count is better made afterwards.
     """
+    from femsub.algebra import CountBeside
+
     handle.beside = beside = CountBeside.started(handle.K, handle.M, nonzeros)
     if beside is None:
         return None

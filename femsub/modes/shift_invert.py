@@ -16,7 +16,6 @@ import scipy.sparse as sp
 from femsub.algebra import (
     SINGULAR,
     Carried,
-    CountBeside,
     Difference,
     Handle,
     RigidMotion,
@@ -38,6 +37,7 @@ from femsub.errors import ConditionWarning, SingularMatrixError, warn
 from femsub.modes.rounding import rounding_of
 
 if TYPE_CHECKING:
+    from femsub.algebra import CountBeside
     from femsub.model import Substructure
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
