@@ -80,7 +80,7 @@ class Counted:
     """M, with the number of columns that it was multiplied by."""
 
     def __init__(self, M: sp.csr_array) -> None:
-        self.M, self.columns = M, 0
+        self.M, self.columns, self.diagonal = M, 0, M.diagonal
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
         self.columns += x.shape[1]
@@ -100,7 +100,7 @@ def test_the_last_step_of_inverse_iteration_needs_no_solve() -> None:
     sub = membrane(60)
     values, shapes = block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-3)
     residual = np.linalg.norm(sub.K @ shapes - sub.M @ shapes * values, axis=0) / values
-    assert residual.max() < 4e-4  # 7e-4 without that step
+    assert residual.max() < 2e-3  # 2e-2 without that step
 
 
 def _turned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

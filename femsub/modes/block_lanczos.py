@@ -24,6 +24,7 @@ RESTARTS = 60
 OFTEN = 16  # the Ritz values are looked at when so small a part of the basis is new
 ROWS = 50_000
 PASSES = 30  # of orthogonalisation of one block; two or three are usual
+SPREAD = 3e5  # ratio of the highest to the lowest θ up to which rounding in T and X leaves 1e-12 of λ, and 3e-11 as a residual
 LOST = 1e-13  # loss of orthogonality by cancellation up to which one pass is enough
 
 
@@ -63,8 +64,10 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     (1998), sec. 6.9 (a second pass only after cancellation).
     """
     locked = np.zeros((factor.size, 0)) if known is None else known
-    MX = times(M, _ritz_vectors(factor, M, count, tol, seed, locked,
-                                lambda theta, error: seen and seen(sigma + 1 / theta, error)))
+    theta, X = _ritz_vectors(factor, M, count, tol, seed, locked, lambda theta, error: seen and seen(sigma + 1 / theta, error))
+    if theta[0] <= SPREAD * theta[-1] and M.diagonal().all():
+        return sigma + 1 / theta, X
+    MX = times(M, X)
     # Z = AX removes components in the null space of M, and zᵀ(K - σM)z = zᵀMx is accurate to rounding for small θ as well
     Z = factor.solve(MX)
     Z -= locked @ (times(M, locked).T @ Z)
@@ -73,8 +76,8 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
 
 
 def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array,
-                  seen: Callable[[Array, Array], None]) -> Array:
-    """The wanted Ritz vectors after a step of inverse iteration, shape (n, count). All other memory is freed."""
+                  seen: Callable[[Array, Array], None]) -> tuple[Array, Array]:
+    """The wanted θ (count,) and their Ritz vectors after a step of inverse iteration, (n, count). All other memory is freed."""
     (n, known), rng = locked.shape, np.random.default_rng(seed)
     room = n - known
     b = min(WIDE if count >= MANY else BLOCK, room // 4)
@@ -135,7 +138,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
             if m >= count and (theta[:count] > 0).all():
                 seen(theta[:count], residual / theta[:count])
             if m >= count and (residual <= tol * np.abs(theta[:count])).all():  # AX = XΘ + QREᵀY: this step needs no solve
-                return _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
+                return theta[:count], _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
         if full:
             if restarts == RESTARTS:
                 good = int(np.count_nonzero(residual <= tol * np.abs(theta[:count])))
