@@ -21,7 +21,7 @@ Response = fs.FrequencyResponse
 
 def dense(model: fs.Substructure, omega: Any, F: np.ndarray, C: np.ndarray, contacts: Any = None) -> np.ndarray:
     """Cᵀ(-ω²M + iωD + K + iH)⁻¹F by LAPACK, one frequency after the other."""
-    pencil = model.linearised(contacts).dense()
+    pencil = model.linearised(contacts, structural=True).dense()
     H = np.zeros(pencil.K.shape) if model.H is None else model.H.toarray() if sp.issparse(model.H) else model.H
     return np.array([C.T @ np.linalg.solve(pencil.at(1j * w) + 1j * H, F) for w in np.atleast_1d(omega)])
 

@@ -305,7 +305,7 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     outputs, C = (names, F) if responses is None else columns(model, responses, "responses")
     choice("method", method, ("auto", "direct", "modal"))
     positive_number("tol", tol)
-    pencil = model.linearised(contacts)
+    pencil = model.linearised(contacts, structural=True)
     basis: Modal | None = None
     if method == "modal" or (method == "auto" and pencil.is_sparse and pencil.size > SMALL and len(omega) >= MANY):
         try:
