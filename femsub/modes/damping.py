@@ -90,8 +90,8 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
 def equivalent_viscous(model: Model, omega: float) -> Model:
     """A copy with viscous damping in place of structural damping: D + H/ω, shape (n, n), and no H.
 
-    At ω the damping force is the same. A mode at ω_j has the loss factor η ω_j/ω in place of η: less below ω, more above. With ω at
-    the top of a band no mode in it gets more damping than H gives. It is for analyses that cannot take H along.
+    At ω the damping force is the same. A mode at ω_j has the loss factor η ω_j/ω in place of η: less below ω, more above. With ω
+    at the top of a band no mode in it gets more damping than H gives. It is for analyses that cannot take H along.
 
     Parameters
     ----------
