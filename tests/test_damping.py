@@ -8,6 +8,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice, membrane
+from femsub.modes import turnover
 
 STEEL = {"E": 210e9, "I": 1e-2**4 / 12, "rho": 7850.0, "A": 1e-4}
 
@@ -154,6 +155,9 @@ def test_complex_modes_of_a_loss_factor_have_their_closed_form() -> None:
     assert np.abs(upper - np.sort_complex(omega * np.sqrt(1 + 1j * eta))).max() < 1e-13
     assert len(found) == 16 and found.evidence == "certified" and found.is_stable is True
     assert found.backward_error.max() < 1e-13 and found.error_bar.max() < 1e-11
+    light = fs.damped(fs.chain(8, damping=0.0), structural=0.01)
+    found = fs.complex_modes(light)
+    assert turnover(light, None, found) == pytest.approx(np.abs(found.eigenvalues.real), rel=2e-5)
     few = fs.complex_modes(fs.damped(fs.chain(8, damping=0.0), structural=eta), count=3)
     assert len(few) == 4 and np.array_equal(few.eigenvalues[::2].conj(), few.eigenvalues[1::2])
 
