@@ -247,3 +247,18 @@ def test_harmonic_balance_has_structural_damping_in_every_harmonic() -> None:
     assert w @ at.velocity == pytest.approx(float(cycle.velocity(0.3)), rel=1e-6)
     with pytest.raises(fs.InputError, match="no start is found by itself"):
         fs.harmonic_balance(rom, belt)
+
+
+def test_damping_of_a_joined_system_is_not_lost_where_its_parts_are_reduced() -> None:
+    parts = {name: fs.chain(6, interface=[end], fixed=end == 6) for name, end in (("left", 6), ("right", 1))}
+    system = fs.couple(parts, [fs.Rigid(("left", [5]), ("right", [0]))])
+    lossy_system = fs.damped(system, structural=0.1)
+    for changed in (lossy_system, fs.damped(system, rayleigh=(0.1, 0.1)), fs.equivalent_viscous(lossy_system, 1.0)):
+        with pytest.raises(fs.InputError, match="the parts do not have it"):
+            fs.reduce(changed, {"left": fs.CraigBampton(3)})
+        with pytest.raises(fs.InputError, match="the parts do not have it"):
+            changed.with_parts({})
+    before = fs.couple({name: fs.damped(part, structural=0.1) for name, part in parts.items()}, system.joints)
+    small = fs.reduce(before, {"left": fs.CraigBampton(3)}, ports=True)
+    assert abs(before.H - lossy_system.H).max() < 1e-15 and abs(small.H - 0.1 * small.K).max() < 1e-14
+    assert abs(fs.equivalent_viscous(small, 2.0).D - small.D - small.H / 2).max() < 1e-15
