@@ -45,7 +45,7 @@ from .model.dof_map import DofMap as DofMap
 from .model.estimate import Estimate as Estimate
 from .model.pencil import Pencil as Pencil
 from .model.substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure
-from .modes.damping import damped as damped
+from .modes.damping import damped as damped, equivalent_viscous as equivalent_viscous
 from .modes.frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
 from .modes.normal_modes import NormalModes as NormalModes, normal_modes as normal_modes
 from .modes.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes

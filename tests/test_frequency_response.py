@@ -21,7 +21,7 @@ Response = fs.FrequencyResponse
 
 def dense(model: fs.Substructure, omega: Any, F: np.ndarray, C: np.ndarray, contacts: Any = None) -> np.ndarray:
     """Cᵀ(-ω²M + iωD + K + iH)⁻¹F by LAPACK, one frequency after the other."""
-    pencil = model.linearised(contacts).dense()
+    pencil = model.linearised(contacts, structural=True).dense()
     H = np.zeros(pencil.K.shape) if model.H is None else model.H.toarray() if sp.issparse(model.H) else model.H
     return np.array([C.T @ np.linalg.solve(pencil.at(1j * w) + 1j * H, F) for w in np.atleast_1d(omega)])
 
@@ -265,8 +265,11 @@ def test_loss_factors_of_materials_parts_and_reduced_models() -> None:
     plain, lossy = (fs.solid(mesh, one, supports=["left"], interface=["right"], name="bar") for one in (steel, pad))
     assert plain.H is None and abs(lossy.H - 0.1 * lossy.K).max() < 1e-15 * abs(lossy.K).max()
     assert abs(fs.damped(plain, structural=0.1).H - lossy.H).max() < 1e-12 * abs(lossy.H).max()
-    for method in (fs.CraigBampton(3), fs.Rubin(3), fs.CraigChang(3), fs.Guyan()):
-        rom = fs.reduce(lossy, method)
+    methods = (fs.CraigBampton(3), fs.Rubin(3), fs.CraigChang(3), fs.Guyan(), fs.Guyan(2), fs.Hurty(3), fs.Herting(3),
+               fs.MacNeal(3), fs.DualCraigBampton(3))
+    roms = [fs.reduce(lossy, method) for method in methods]
+    roms += [fs.reduce(roms[0], fs.InterfaceModes(4)), fs.reduce(roms[0], fs.CraigBampton(2))]
+    for rom in roms:
         assert np.abs(rom.H - 0.1 * rom.K).max() < 1e-9 * np.abs(rom.K).max()
     assert lossy.with_damping(None).H is lossy.H and lossy.with_structural_damping(None).H is None
     with pytest.raises(fs.InputError, match="structural must not be negative"):

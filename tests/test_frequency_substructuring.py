@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.modes import noise
 
 OMEGA = np.linspace(0.1, 1.5, 12)
 Joints = list[tuple[tuple[str, str], tuple[str, str]]]
@@ -73,6 +75,146 @@ def test_the_stated_scatter_holds_in_95_percent_of_200_runs(repeated: int) -> No
     assert worst < 0.5 and found.evidence == "not checked" and found.repeated == repeated
     assert np.mean(inside) == pytest.approx(0.95, abs=0.01)  # 200 runs of 12 x 100 entries
     assert np.mean(inside, axis=0).min() > 0.86  # none by itself is far off: 95 % of 200 are 190 ± 3
+
+
+def gains(exact: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Measurements whose sensors have gain errors of 1 % in common for all loads, beside noise of 0.2 % in each entry."""
+    of_sensor = 0.01 * rng.standard_normal((count, len(exact), exact.shape[1], 1))
+    return np.array([noisy(exact * (1 + one), 0.002 * np.abs(exact), rng) for one in of_sensor])
+
+
+def within(found: fs.FrequencyResponse, exact: np.ndarray) -> np.ndarray:
+    axes, angle = found.ellipses(0.95)
+    off = (exact - found.receptance) * np.exp(-1j * angle)
+    return np.asarray((off.real / axes[..., 0]) ** 2 + (off.imag / axes[..., 1]) ** 2 <= 1)
+
+
+def test_ellipses_hold_in_95_percent_of_200_runs_with_noise_of_sensors_in_common() -> None:
+    """Of ten measurements. The joint ellipsoid of three entries has all correlation between them in it."""
+    parts, loads, joints, _ = pair(1)
+    rng, n = np.random.default_rng(7), 10
+    known = {name: fs.frequency_response(part, at=OMEGA[2:], loads=loads[name]) for name, part in parts.items()}
+    exact, a = fs.couple_responses(known, joints), known["a"]
+    entries = [("a.out", "a.out"), ("b.out", "a.out"), (exact.responses[0], "b.out")]
+    at = tuple(np.array([(exact.responses.index(row), exact.loads.index(column)) for row, column in entries]).T)
+    q = (n - 1) * 6 / (n - 6) * stats.f(6, n - 6).ppf(0.95)  # Hotelling, of six real numbers
+    inside, joint = [], []
+    for _ in range(200):
+        given = fs.FrequencyResponse.measured(a.omega, gains(a.receptance, rng, n), a.responses, a.loads)
+        found = fs.couple_responses({"a": given, "b": known["b"]}, joints)
+        inside.append(within(found, exact.receptance)[:, at[0], at[1]])
+        gamma, turned = found.covariance(entries)
+        size = np.block([[(gamma + turned).real, (turned - gamma).imag], [(turned + gamma).imag, (gamma - turned).real]]) / 2
+        off = (found.receptance - exact.receptance)[:, at[0], at[1]]
+        off = np.concatenate([off.real, off.imag], axis=1)
+        joint.append(np.einsum("fi,fi->f", off, np.linalg.solve(size, off[..., None])[..., 0]) <= q)
+    assert np.mean(inside, axis=(0, 1)) == pytest.approx(0.95, abs=0.016)  # 2,000 draws: 0.95 ± 0.005
+    assert np.mean(joint) == pytest.approx(0.95, abs=0.016)
+
+
+def test_covariance_of_stated_noise_on_both_parts_holds_in_95_percent_of_200_runs() -> None:
+    parts, loads, joints, _ = pair(2)
+    rng = np.random.default_rng(8)
+    known = {name: fs.frequency_response(part, at=OMEGA[2:], loads=loads[name]) for name, part in parts.items()}
+    exact = fs.couple_responses(known, joints)
+    entries = [("a.out", "a.out"), ("b.out", "b.out")]
+    at = tuple(np.array([(exact.responses.index(row), exact.loads.index(column)) for row, column in entries]).T)
+    joint = []
+    for _ in range(200):
+        given = {name: fs.FrequencyResponse.measured(one.omega, noisy(one.receptance, 0.003 * np.abs(one.receptance), rng),
+                                                     one.responses, one.loads, level=0.003) for name, one in known.items()}
+        found = fs.couple_responses(given, joints)
+        gamma, turned = found.covariance(entries)
+        off = (found.receptance - exact.receptance)[:, at[0], at[1]]
+        joint.append(2 * np.einsum("fi,fi->f", off.conj(), np.linalg.solve(gamma, off[..., None])[..., 0]).real
+                     <= stats.chi2(4).ppf(0.95))
+        assert not turned.any()
+    assert np.mean(joint) == pytest.approx(0.95, abs=0.016)
+
+
+def test_the_covariance_is_that_of_the_primal_assembly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With S = Y⁻¹ and motions u = L q, Y_c = L (Lᵀ S L)⁻¹ Lᵀ and δY_c = (Y_c S) δY (S Y_c): no Lagrange multipliers."""
+    parts, loads, joints, _ = pair(0)
+    rng = np.random.default_rng(9)
+    known = {name: fs.frequency_response(part, at=OMEGA[:4], loads=loads[name]) for name, part in parts.items()}
+    given = dict(known)
+    for name, one in known.items():
+        how = {"scatter": 1e-5 * np.abs(one.receptance)} if name == "a" else {}
+        drawn = one.receptance if how else np.array([noisy(one.receptance, 1e-5 * np.abs(one.receptance), rng) for _ in range(7)])
+        given[name] = fs.FrequencyResponse.measured(one.omega, drawn, one.responses, one.loads, **how)
+    found = fs.couple_responses(given, joints)
+    names = found.responses
+    kept = [name for name in names if name not in [f"b.{other}" for _, (_, other) in joints]]
+    L = np.zeros((len(names), len(kept)))
+    same = {f"b.{other}": f"a.{one}" for (_, one), (_, other) in joints}
+    for row, name in enumerate(names):
+        L[row, kept.index(same.get(name, name))] = 1.0
+    entries = [("a.out", "a.out"), ("b.out", "a.out"), ("a.out", names[6])]
+    at = [(names.index(row), names.index(column)) for row, column in entries]
+    gamma, turned = found.covariance(entries)
+    for f in range(4):
+        Y = np.zeros((10, 10), dtype=complex)
+        Y[:5, :5], Y[5:, 5:] = given["a"].receptance[f], given["b"].receptance[f]
+        S = np.linalg.inv(Y)
+        Y_c = L @ np.linalg.solve(L.T @ S @ L, L.T)
+        assert found.receptance[f] == pytest.approx(Y_c, rel=1e-6, abs=1e-8 * np.abs(Y_c).max())
+        J = np.array([np.outer((Y_c @ S)[i], (S @ Y_c)[:, j]) for i, j in at])  # (k, 10, 10)
+        one = (J[:, :5, :5] * given["a"].noise[0].scatter[f]).reshape(3, -1)
+        other = np.array([(J[:, 5:, 5:] * d[f]).sum(axis=(1, 2)) for d in given["b"].noise[0].deviations]) / np.sqrt(42)
+        assert gamma[f] == pytest.approx(one @ one.conj().T + other.T @ other.conj(), rel=1e-6)
+        assert turned[f] == pytest.approx(other.T @ other, rel=1e-6, abs=1e-9 * np.abs(gamma[f]).max())
+        size, skew = gamma[f].diagonal().real, turned[f].diagonal()
+        axes, angle = found.ellipses(0.5)
+        i, j = np.array(at).T
+        q = 6 * (0.5 ** (-2 / 5) - 1)
+        assert (axes[f, i, j] ** 2).sum(axis=-1) == pytest.approx(q * size)
+        assert axes[f, i, j, 0] ** 2 - axes[f, i, j, 1] ** 2 == pytest.approx(q * np.abs(skew))
+        assert np.exp(2j * angle[f, i, j]) == pytest.approx(skew / np.abs(skew))
+    monkeypatch.setattr(noise, "CHUNK", 20)
+    assert found.covariance(entries)[0] == pytest.approx(gamma, rel=1e-12)
+
+
+def test_noise_keeps_its_correlation_through_one_joining_after_the_other() -> None:
+    parts, loads, joints, _ = pair(1)
+    rng = np.random.default_rng(3)
+    known = {name: fs.frequency_response(part, at=OMEGA[2:4], loads=loads[name]) for name, part in parts.items()}
+    for name, one in known.items():
+        known[name] = fs.FrequencyResponse.measured(one.omega, gains(one.receptance, rng, 4), one.responses, one.loads)
+    whole = fs.couple_responses(known, joints)
+    half = fs.couple_responses(known, joints[:2])
+    found = fs.couple_responses({"all": half}, [(("all", f"{a}.{one}"), ("all", f"{b}.{other}"))
+                                                for (a, one), (b, other) in joints[2:]])
+    assert found.receptance == pytest.approx(whole.receptance, rel=1e-6) and found.repeated == 4
+    for ours, theirs in zip(found.covariance([("all.a.out", "all.b.out"), ("all.b.out", "all.b.out")]),
+                            whole.covariance([("a.out", "b.out"), ("b.out", "b.out")]), strict=True):
+        assert ours == pytest.approx(theirs, rel=1e-5, abs=1e-8 * np.abs(theirs).max())
+
+
+def test_noise_that_first_order_cannot_hold_is_loud() -> None:
+    parts, loads, joints, _ = pair(1)
+    known = {name: fs.frequency_response(part, at=OMEGA, loads=loads[name]) for name, part in parts.items()}
+    a = known["a"]
+    given = fs.FrequencyResponse.measured(OMEGA, a.receptance, a.responses, a.loads, level=0.05)
+    with pytest.warns(fs.FemsubWarning, match=r"too large for first order at \d+ of 12 frequencies, most at ω = 0\.1 "):
+        found = fs.couple_responses({"a": given, "b": known["b"]}, joints)
+    little = fs.FrequencyResponse.measured(OMEGA, a.receptance, a.responses, a.loads, level=0.005)
+    assert found.residual == pytest.approx(10 * fs.couple_responses({"a": little, "b": known["b"]}, joints).residual)
+    lost = found.residual >= 1
+    assert 0 < lost.sum() < 12 and found.scatter is not None
+    for figures in (found.scatter, found.radius(), found.ellipses()[0], found.ellipses()[0][..., 1]):
+        assert np.isinf(figures[lost]).all() and np.isfinite(figures[~lost]).all()
+    gamma, turned = found.covariance([("a.out", "b.out")])
+    assert np.isnan(gamma[lost]).all() and np.isnan(turned[lost]).all() and np.isfinite(gamma[~lost]).all()
+    for wrong, message in (([], "is empty"), ([("a.out", "c")], "unknown load 'c'"), ([("c", "b.out")], "unknown response 'c'")):
+        with pytest.raises(fs.InputError, match=message):
+            found.covariance(wrong)
+    with pytest.raises(fs.InputTypeError, match="must be a pair"):
+        found.covariance(["a.out"])  # type: ignore[list-item]
+    with pytest.raises(fs.InputError, match="no noise is known"):
+        a.covariance([("out", "out")])
+    assert np.isinf(a.ellipses()[0]).all()
+    two = fs.FrequencyResponse.measured([1.0], [[[[1.0]]], [[[2.0]]]], ["a"], ["a"])
+    assert np.isinf(two.ellipses()[0]).all() and np.isfinite(two.radius()).all()
 
 
 def test_the_bound_goes_through_the_joints() -> None:

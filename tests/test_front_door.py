@@ -261,6 +261,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                                   "interface": ["right"], "ports": {"belt": ("right", "y")}}),
         "damped": (fs.damped, {"sub": sub, "rayleigh": (0.1, 0.1), "ratios": None, "modal": None, "dashpots": {0: 0.1},
                                "structural": 0.1}),
+        "equivalent_viscous": (fs.equivalent_viscous, {"model": fs.damped(sub, structural=0.1), "omega": 0.5}),
         "damped(modal)": (fs.damped, {"sub": sub, "modal": 0.01}),
         "damped(ratios)": (fs.damped, {"sub": sub, "ratios": ((0.5, 0.01), (1.0, 0.01))}),
         "displacements": (fs.displacements, {"mesh": mesh, "dofs": brick.dofs, "u": np.zeros(brick.size)}),

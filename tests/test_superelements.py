@@ -204,11 +204,11 @@ def frequencies(model: fs.Substructure) -> Any:
 def test_what_is_written_for_nastran_is_read_back(arm: Any, tmp_path: Path, program: str) -> None:
     if program == "nastran":
         pytest.importorskip("pyyeti.nastran.op4")
-    rom = arm[1].with_damping(1e-6 * arm[1].K)
+    rom = fs.damped(arm[1].with_damping(1e-6 * arm[1].K), structural=0.02)
     fs.write_superelement(tmp_path, rom, program, number=7)
     found = read(tmp_path / "arm.pch")
     digits = 1e-15 if program == "nastran" else 1e-10  # of DMIG, ten
-    for ours, theirs in ((rom.M, found.M), (rom.K, found.K), (rom.D, found.D)):
+    for ours, theirs in ((rom.M, found.M), (rom.K, found.K), (rom.D, found.D), (rom.H, found.H)):
         assert np.abs(ours - theirs).max() <= digits * np.abs(ours).max()
     assert rom.full_dofs is not None and found.full_dofs is not None
     place = {(node, kind): at for at, (node, kind) in enumerate(zip(rom.full_dofs.nodes, rom.full_dofs.components, strict=True))}
@@ -221,8 +221,6 @@ def test_what_is_written_for_nastran_is_read_back(arm: Any, tmp_path: Path, prog
     assert "superelement" in found.method and ("7 " in found.method) == (program == "nastran" or found.modes == 7)
     if program == "nastran":
         assert np.abs(frequencies(found)[6:] / frequencies(rom)[6:] - 1).max() < 1e-12
-        with pytest.raises(fs.InputError, match="damping"):
-            fs.write_superelement(tmp_path / "c", rom, "calculix")
 
 
 def test_pynastran_reads_what_is_written(arm: Any, tmp_path: Path) -> None:
@@ -251,11 +249,25 @@ def test_matrices_for_abaqus_and_calculix(arm: Any, tmp_path: Path) -> None:
     deck = (tmp_path / "abaqus" / "arm.inp").read_text()
     assert "*MATRIX INPUT, NAME=FEMSUB_K, INPUT=K.mtx\n" in deck and deck.endswith("STIFFNESS=FEMSUB_K, MASS=FEMSUB_M\n")
     assert "cut-off 25688.1 rad" in deck
+    fs.write_superelement(tmp_path, fs.damped(rom, rayleigh=(1.0, 1e-6), structural=0.02), "abaqus")
+    assert "VISCOUS DAMPING=FEMSUB_D, STRUCTURAL DAMPING=FEMSUB_H\n" in (tmp_path / "arm.inp").read_text()
+    for name, ours in (("D", 1.0 * rom.M + 1e-6 * rom.K), ("H", 0.02 * rom.K)):
+        assert np.abs(fs.read_matrix(tmp_path / f"{name}.mtx") - ours).max() < 1e-15 * np.abs(ours).max()
     deck = (tmp_path / "calculix" / "arm.inp").read_text()
     assert deck.endswith("*BOUNDARY\n101003, 2, 2\n101003, 3, 3\n")  # seven modal coordinates, three at a node
 
 
 def test_how_far_it_may_be_trusted_stands_beside_it(tmp_path: Path) -> None:
+    mesh = fs.block((1.0, 0.1, 0.1), (3, 1, 1), "hexahedron")
+    part = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), interface=["left"], name="arm")
+    rom = fs.reduce(part, fs.CraigBampton(band=(0.0, 8e3), tol=1e-2))
+    for program in ("dmig", "abaqus", "calculix", "exudyn", *(["nastran"] if find_spec("pyyeti") else [])):
+        files = fs.write_superelement(tmp_path / program, rom, program, full=part)
+        about = json.loads((tmp_path / program / "validity.json").read_text())
+        assert about["cutoff"] == rom.cutoff and rom.estimate is not None and about["estimate"] == rom.estimate.record()
+        told = [path.name for path in files if path.suffix in (".inp", ".pch", ".asm") and
+                f"cut-off {rom.cutoff:.6g} rad per unit of time, estimated error" in path.read_text()]
+        assert len(told) == {"nastran": 2, "exudyn": 0}.get(program, 1)
     rom = fs.reduce(fs.chain(10), fs.CraigBampton(band=(0.0, 0.8), tol=1e-2))
     fs.write_superelement(tmp_path, rom, "dmig")
     about = json.loads((tmp_path / "validity.json").read_text())
@@ -269,7 +281,10 @@ def test_what_no_program_takes_is_refused(arm: Any, tmp_path: Path) -> None:
     for model, program, more, message in (
             (arm[1], "ansys", {}, "unknown program"), (craig_chang, "dmig", {}, "no coordinates"),
             (arm[1], "exudyn", {}, "the full one"), (arm[1], "dmig", {"number": 1000}, "at most 999"),
-            (arm[1], "exudyn", {"full": fs.chain(10)}, "the full one")):
+            (arm[1], "exudyn", {"full": fs.chain(10)}, "the full one"),
+            (fs.damped(arm[1], structural=0.1), "calculix", {}, "no matrix for it"),
+            (fs.damped(arm[1], rayleigh=(1.0, 0.0)), "calculix", {}, "no matrix for it"),
+            (fs.damped(arm[1], rayleigh=(1.0, 0.0)), "exudyn", {"full": arm[0]}, "no matrix for it")):
         with pytest.raises(fs.InputError, match=message):
             fs.write_superelement(tmp_path, model, program, **more)
 

@@ -106,6 +106,7 @@ class System(Substructure):
     spurious: int = 0
     assembly: str = "primal"
     estimate: Estimate | None = field(default=None, init=False)
+    own_damping: bool = field(default=False, init=False)  #: whether D or H was changed since the parts were joined
     rigid_motion: Carried = None
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -204,16 +205,26 @@ class System(Substructure):
         Raises
         ------
         InputError, InputTypeError
-            A name that is no part; see `couple`.
+            A name that is no part; damping that the system got after its parts were joined; see `couple`.
         """
         for name in mapping("parts", parts, "names and substructures, as {'disc': rom}"):
             choice("part", name, self.parts)
+        if self.own_damping:
+            raise InputError(f"the damping of {self.name!r} was changed after its parts were joined, and the parts do not have "
+                             "it. Give it to the parts before they are joined, or to the system of reduced parts")
         ends = [(name, self.parts[name].interface_numbers[places]) for name, places in self.open.items() if len(places)]
         return couple(dict(self.parts) | dict(parts), self.joints, self.name, assembly=self.assembly, interface=ends)
 
     def with_damping(self, D: Any) -> Self:
         """A copy with another D, shape (n, n), and without the estimate, which is not valid for it."""
-        return super().with_damping(D).estimated_by(None)
+        return super().with_damping(D).estimated_by(None)._damped_here()
+
+    def with_structural_damping(self, H: Any) -> Self:
+        """A copy with another H, shape (n, n), symmetric; None removes it."""
+        return super().with_structural_damping(H)._damped_here()
+
+    def _damped_here(self) -> Self:
+        return self._with(own_damping=True, pencil=self.pencil)
 
     def estimated_by(self, estimate: Estimate | None) -> Self:
         """A copy that carries an estimate of its errors, whose cut-off is not above the system's."""

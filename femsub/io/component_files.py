@@ -74,7 +74,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     Warns
     -----
     FemsubWarning
-        A superelement without `cutoff`, or with structural damping.
+        A superelement without `cutoff`.
 
     Examples
     --------

@@ -26,6 +26,8 @@ LARGEST_ID = 99_999_999  # what eight columns hold
 MOST_NODES = 255  # of a user element of CalculiX
 MOST_PARTS, PER_PART = 999, 100_000  # numbers of superelements, and of the scalar points of each
 PER_PART_COMPACT = 1_000  # CalculiX' memory and time grow with the highest number of a node
+DMIG = {"K": "KAAX", "M": "MAAX", "D": "BAAX", "H": "K4AAX"}
+CASE = {"K": "K2GG", "M": "M2GG", "D": "B2GG", "H": "K42GG"}  # the case control that takes them
 PACKED = 3  # modal coordinates at a node of CalculiX, which has three DOF or six
 #: what EXTSEOUT writes into OP4 and in this order; matrices that a model does not have are a zero
 EXTSEOUT = ("kaa", "maa", "baa", "k4xx", "pa", "gpxx", "gdxx", "rvax", "va", "mug1", "mug1o", "mes1", "mes1o", "mee1", "mee1o",
@@ -63,13 +65,14 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     program      files                                               used there
     ===========  ==================================================  =========================================
     nastran      NAME.op4, NAME.asm, NAME.pch, as of EXTSEOUT         SEBULK, EXTOP4
-    dmig         NAME.pch with KAAX, MAAX, BAAX, MUG1T; 10 digits     K2GG = KAAX, M2GG = MAAX
-    abaqus       NAME.inp with `*MATRIX INPUT`, K.mtx, M.mtx, D.mtx   `*INCLUDE`
+    dmig         NAME.pch with KAAX, MAAX, MUG1T; 10 digits           K2GG = KAAX, M2GG = MAAX
+    abaqus       NAME.inp with `*MATRIX INPUT`, K.mtx, M.mtx          `*INCLUDE`
     calculix     NAME.inp with `*MATRIX ASSEMBLE`, K.mtx, M.mtx       `*INCLUDE`; from version 2.21
     exudyn       NAME.npz                                             `ObjectFFRFreducedOrderInterface`
     ===========  ==================================================  =========================================
 
-    NAME is the model's name with '_' for whatever is no letter or digit. CalculiX has no damping matrix and at most 255 nodes.
+    NAME is the model's name with '_' for whatever is no letter or digit. Damping D is BAA, BAAX (B2GG) or D.mtx. Structural
+    damping H is K4XX, K4AAX (K42GG) or H.mtx. CalculiX and Exudyn have no matrix for them. CalculiX takes at most 255 nodes.
     Exudyn gets the elastic modes Ψ = V Φ of the model, with the shape integrals of Zwölfer and Gerstmayr (2020) over the full
     mass. `read_component` reads the files for Nastran back, `read_matrix` those of Abaqus and CalculiX.
 
@@ -188,10 +191,10 @@ def trust(model: Substructure) -> str:
 
 
 def _ordered(model: Substructure, places: Places) -> dict[str, Array]:
-    """K, M and, if there is one, D in the order of the places, dense."""
-    parts = {"K": model.K, "M": model.M, "D": model.D}
+    """K, M and, where they are not 0, D and H in the order of the places, dense."""
+    parts = {"K": model.K, "M": model.M, "D": model.D} | ({} if model.H is None else {"H": model.H})
     dense = {key: part.toarray() if sp.issparse(part) else np.asarray(part) for key, part in parts.items()}
-    return {key: part[np.ix_(places.order, places.order)] for key, part in dense.items() if key != "D" or np.any(part)}
+    return {key: part[np.ix_(places.order, places.order)] for key, part in dense.items() if key in "KM" or np.any(part)}
 
 
 def _recovery(model: Substructure, places: Places) -> tuple[list[tuple[int, int]], Array]:
@@ -261,7 +264,7 @@ def _nastran(model: Substructure, places: Places, name: str) -> dict[str, Writer
     size, number = model.size, places.number
     parts: dict[str, Any] = {key: np.zeros((1, 1)) for key in EXTSEOUT}
     parts |= {"kaa": matrices["K"], "maa": matrices["M"], "va": np.ones((size, 1))}
-    parts |= {"baa": matrices["D"]} if "D" in matrices else {}
+    parts |= {name: matrices[key] for key, name in (("D", "baa"), ("H", "k4xx")) if key in matrices}
     parts |= {"mug1": table} if recovered else {}
     inner = {}
     if isinstance(model, ReducedSubstructure) and model.full_dofs is not None and model.full_dofs.points is not None:
@@ -295,13 +298,12 @@ def _dmig(model: Substructure, places: Places, name: str) -> dict[str, Writer]:
     labels = places.labels[places.order].tolist()
 
     def write(file: BinaryIO) -> None:
-        _write_lines(file, [*_head(model, "Superelement"), "$ K2GG = KAAX, M2GG = MAAX" + ", B2GG = BAAX" * ("D" in matrices),
+        _write_lines(file, [*_head(model, "Superelement"), "$ " + ", ".join(f"{CASE[key]} = {DMIG[key]}" for key in matrices),
                             *_grid_lines(points), *_scalar_lines(places, "SPOINT"), *_scalar_lines(places, "QSET1", 0),
                             *_tug1(recovered, model.size)])
         for key, matrix in matrices.items():
             form = 6 if np.array_equal(matrix, matrix.T) else 1
-            name = {"K": "KAAX", "M": "MAAX", "D": "BAAX"}[key]
-            _write_dmig(file, name, form, np.tril(matrix) if form == 6 else matrix, labels, labels)
+            _write_dmig(file, DMIG[key], form, np.tril(matrix) if form == 6 else matrix, labels, labels)
         if recovered:
             _write_dmig(file, "MUG1T", 9, table.T, labels, [[column, 0] for column in range(1, len(table) + 1)])
 
@@ -324,8 +326,8 @@ def _matrix_input(model: Substructure, places: Places, name: str, calculix: bool
     labels = places.labels[places.order].copy()
     labels[:, 1] = np.maximum(labels[:, 1], 1)  # a scalar point is the first DOF of a node of its own
     nodes = np.unique(labels[:, 0])
-    if calculix and "D" in matrices:
-        raise InputError(f"{model.name!r} has damping, and CalculiX has no matrix for it: write model.with_damping(None)")
+    if calculix:
+        _undamped(model, "CalculiX")
     if calculix and len(nodes) > MOST_NODES:
         raise InputError(f"the superelement of {model.name!r} would have {len(nodes)} nodes, and CalculiX takes {MOST_NODES} at "
                          "most: reduce its interface")
@@ -344,7 +346,7 @@ def _matrix_input(model: Substructure, places: Places, name: str, calculix: bool
         lines += ["** DOF that the superelement does not have", "*BOUNDARY"] * bool(idle)
         lines += [f"{node}, {direction}, {direction}" for node, direction in idle]
     else:
-        names = {"K": "STIFFNESS", "M": "MASS", "D": "VISCOUS DAMPING"}
+        names = {"K": "STIFFNESS", "M": "MASS", "D": "VISCOUS DAMPING", "H": "STRUCTURAL DAMPING"}
         lines += [f"*MATRIX INPUT, NAME=FEMSUB_{key}, INPUT={key}.mtx" + ", TYPE=UNSYMMETRIC" * (not full[key])
                   for key in matrices]
         lines.append("*MATRIX ASSEMBLE, " + ", ".join(f"{names[key]}=FEMSUB_{key}" for key in matrices))
@@ -361,6 +363,13 @@ def _matrix_input(model: Substructure, places: Places, name: str, calculix: bool
     return files
 
 
+def _undamped(model: Substructure, program: str) -> None:
+    D = model.D.data if sp.issparse(model.D) else model.D
+    if np.any(D) or model.H is not None:
+        raise InputError(f"{model.name!r} has damping, and {program} has no matrix for it: write "
+                         "model.with_damping(None).with_structural_damping(None), and tell the damping there")
+
+
 def _write_triplets(file: BinaryIO, matrix: Array, keep: Array, labels: Array) -> None:
     i, j = np.nonzero(keep)
     table = zip(labels[i].tolist(), labels[j].tolist(), matrix[i, j].tolist(), strict=True)
@@ -371,6 +380,7 @@ def _exudyn(model: Substructure, full: Substructure | None, name: str) -> dict[s
     """What `ObjectFFRFreducedOrderInterface.LoadFromFile` of Exudyn takes, version 1 of its files."""
     if not isinstance(model, ReducedSubstructure) or full is None or full.dofs is None or full.dofs.points is None:
         raise InputError("Exudyn needs a reduced model, and the full one, full=, with a DOF map that tells where its nodes are")
+    _undamped(model, "Exudyn's file")
     dofs = full.dofs
     if full.size != len(model.V) or set(dofs.labels) - set(DIRECTIONS[:3]):
         raise InputError(f"full has {full.size} DOF and the motions {', '.join(dofs.labels)}; Exudyn's bodies move by ux, uy, "

@@ -196,6 +196,7 @@ class _Raw:
     M: Array
     K: Array
     D: Array | None
+    H: Array | None
     rows: list[tuple[int, int]]
     recovery: Array  # (m, n)
     recovered: list[tuple[int, int]]
@@ -216,9 +217,10 @@ def _pair(path: Path, matrices: Mapping[str, Matrix]) -> str:
     return ends[0]
 
 
-def _structural(path: Path, matrices: Mapping[str, Matrix], names: Iterable[str], size: int) -> None:
-    if any(name in matrices and matrices[name].shape == (size, size) and sp.coo_array(matrices[name]).nnz for name in names):
-        warn(f"{path} has structural damping (K4), which no real D can hold: it is left out")
+def _of_size(found: Mapping[str, Matrix], size: tuple[int, ...], *names: str) -> Matrix | None:
+    """The first matrix of this name and size that is not 0."""
+    return next((found[name] for name in names if name in found and found[name].shape == size and sp.coo_array(found[name]).nnz),
+                None)
 
 
 def _from_op4(deck: _Deck, file: Path | None) -> _Raw:
@@ -231,8 +233,7 @@ def _from_op4(deck: _Deck, file: Path | None) -> _Raw:
     if len(rows) != len(K):
         raise InputError(f"{file}: K{end.upper()} has {len(K)} rows, but the cards beside it name {len(rows)} DOF. They belong "
                          "to different runs, or the .pch with EXTRN is missing")
-    damping = [found[name] for name in (f"b{end}", f"b{end}1") if name in found and found[name].shape == K.shape]
-    _structural(file, found, (f"k4{end}", f"k4{end}1", "k4xx"), len(K))
+    D, H = (_of_size(found, K.shape, *names) for names in ((f"b{end}", f"b{end}1"), (f"k4{end}", f"k4{end}1", "k4xx")))
     tug, recovery, names = deck.recovered(), np.zeros((0, len(K))), list[tuple[int, int]]()
     table = found.get("mug1")
     if tug and table is not None and table.shape[1] == len(K):
@@ -241,15 +242,16 @@ def _from_op4(deck: _Deck, file: Path | None) -> _Raw:
             raise InputError(f"{file}: MUG1 has {table.shape[0]} rows, but DTI TUG1 names row {max(row for _, _, row in at) + 1}")
         recovery = _dense(file, table)[[row for _, _, row in at]]
         names = [(grid, direction + 1) for grid, direction, _ in at]
-    return _Raw(M, K, _dense(file, damping[0]) if damping else None, rows, recovery, names)
+    D, H = (None if part is None else _dense(file, part) for part in (D, H))
+    return _Raw(M, K, D, H, rows, recovery, names)
 
 
 def _from_dmig(deck: _Deck) -> _Raw:
     found = dmig_of(deck.path, deck.cards)
     end = _pair(deck.path, {name: item.matrix for name, item in found.items()})
-    K, M, B = (found.get(f"{letter}{end}") for letter in "kmb")
+    K, M, B, K4 = (found.get(f"{name}{end}") for name in ("k", "m", "b", "k4"))
     assert K is not None and M is not None
-    known = [item for item in (K, M, B) if item is not None and item.square]
+    known = [item for item in (K, M, B, K4) if item is not None and item.square]
     rows = sorted({(int(grid), int(direction)) for item in known for grid, direction in item.rows})
     place = {row: at for at, row in enumerate(rows)}
     check_room(deck.path, 8 * 10 * len(rows) ** 2)  # the matrices, as they are and turned
@@ -260,7 +262,6 @@ def _from_dmig(deck: _Deck) -> _Raw:
         whole[np.ix_(at, at)] = _dense(deck.path, item.matrix)
         return whole
 
-    _structural(deck.path, {name: item.matrix for name, item in found.items()}, (f"k4{end}",), len(rows))
     recovery, names, table = np.zeros((0, len(rows))), list[tuple[int, int]](), found.get("mug1t")
     if table is not None and {(int(grid), int(direction)) for grid, direction in table.rows} <= place.keys():
         at = [place[int(grid), int(direction)] for grid, direction in table.rows]
@@ -270,7 +271,8 @@ def _from_dmig(deck: _Deck) -> _Raw:
         recovery = np.zeros((len(listed), len(rows)))
         recovery[:, at] = _dense(deck.path, table.matrix).T[[column for _, _, column in listed]]
         names = [(grid, direction) for grid, direction, _ in listed]
-    return _Raw(spread(M), spread(K), spread(B) if B is not None and B.square else None, rows, recovery, names)
+    D, H = (spread(item) if item is not None and item.square else None for item in (B, K4))
+    return _Raw(spread(M), spread(K), D, H, rows, recovery, names)
 
 
 def _dense(path: Path, matrix: Matrix) -> Array:
@@ -287,7 +289,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     path = deck.path
     if len(set(raw.rows)) < len(raw.rows):
         raise InputError(f"{path}: a DOF stands twice in the order of the superelement's DOF")
-    checked = Substructure(raw.M, raw.K, raw.D)
+    checked = Substructure(raw.M, raw.K, raw.D, H=raw.H)
     points = deck.modal()
     modal = np.array([grid in points or direction == 0 for grid, direction in raw.rows])
     used = (raw.K != 0).any(axis=0) | (raw.M != 0).any(axis=0)
@@ -297,6 +299,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
         raise InputError(f"{path}: the superelement has no boundary grids, only scalar points")
     nb, square = len(boundary), np.ix_(order, order)
     K, M, D = checked.K[square], checked.M[square], None if raw.D is None else checked.D[square]
+    H = None if checked.H is None else checked.H[square]
     systems, cd = deck.systems()
     missing = sorted({grid for grid, _ in boundary} - cd.keys())
     if missing:
@@ -305,7 +308,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     place = dict(zip(systems.numbers.tolist(), systems.points(), strict=True)) if cd else {}
     turn, labels = _turned(boundary, systems, cd, place)
     T = la.block_diag(turn, np.eye(len(order) - nb))
-    K, M = ((A + A.T) / 2 for A in (T.T @ K @ T, T.T @ M @ T))
+    K, M, *lossy = ((A + A.T) / 2 for A in (T.T @ part @ T for part in (K, M, H) if part is not None))
     extra, recovery = _extra(raw, order, set(boundary), T)
     back, names = _turned(extra, systems, cd, place)
     V = np.vstack([np.eye(nb, len(order)), back.T @ recovery])
@@ -320,7 +323,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     dofs = _map(nodes[:nb], labels, where[:nb])
     number = f" {next(iter(deck.supers))}" if deck.supers else ""
     return ReducedSubstructure(
-        M, K, D, {}, name, V=V, kinds=("constraint",) * nb + (kind,) * kept, modes=kept,
+        M, K, D, {}, name, H=lossy[0] if lossy else None, V=V, kinds=("constraint",) * nb + (kind,) * kept, modes=kept,
         method=f"Nastran superelement{number} with {kept} modes", cutoff=cutoff, full_interface=np.arange(nb),
         full_dofs=_map(nodes, labels + names, where if np.isfinite(where).all() else None), interface_dofs=dofs,
         rigid_motion=_rigid(M, D, K, dofs),

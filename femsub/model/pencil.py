@@ -236,7 +236,11 @@ class Pencil(Frozen):
     def residual(self, eigenvalues: Array, shapes: Array) -> Array:
         """R = MXΛ² + DXΛ + KX, column by column P(λ_j) x_j; shapes (k,) and (n, k) give (n, k)."""
         lam = np.asarray(eigenvalues)
-        return (self.M @ shapes) * lam**2 + (self.D @ shapes) * lam + self.K @ shapes
+        return (self.M @ shapes) * lam**2 + (self.D @ shapes) * lam + self.restoring(lam, shapes)
+
+    def restoring(self, eigenvalues: Array, shapes: Array) -> Array:
+        """KX (n, k), the part of P(λ_j) x_j that does not grow with λ."""
+        return np.asarray(self.K @ shapes)
 
     def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
         """(|λ|²|M| + |λ||D| + |K|)|x| entry by entry: EPS times this is the rounding in P(λ)x."""

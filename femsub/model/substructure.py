@@ -51,7 +51,8 @@ class Substructure(Frozen):
         The named sets as positions in `interface`, counted from 0. A mapping given as `interface` sets them.
     H : array_like or sparse, shape (n, n), optional
         Structural damping, symmetric: the stiffness is K + iH for harmonic motion. A loss factor η has H = ηK, see `damped` and
-        `Material`. It acts in `frequency_response` alone. Complex modes and motion in time leave it out: use D there.
+        `Material`. `frequency_response`, `complex_modes` and `harmonic_balance` take it along. Analyses that cannot take it
+        refuse the model. `equivalent_viscous` makes D of it.
 
     Raises
     ------
@@ -146,11 +147,18 @@ class Substructure(Frozen):
         """λ²M + λD + K without any contact."""
         return Pencil(self.M, self.D, self.K).carrying(self.rigid_motion, self.noise)
 
-    def linearised(self, contacts: Contacts = None) -> Pencil:
+    def linearised(self, contacts: Contacts = None, *, structural: bool = False) -> Pencil:
         """The pencil linearised about steady sliding: with D + Σ W C_D Wᵀ and K + Σ W C_K Wᵀ over the given contacts.
 
-        K may become unsymmetric.
+        K may become unsymmetric. Structural damping H is not in it: with `structural` the caller adds H.
+
+        Raises
+        ------
+        InputError
+            The model has structural damping, and the caller does not add it.
         """
+        if not structural:
+            self.viscous_only("λ²M + λD + K")
         pencil = self.pencil
         for contact in contacts_of(contacts):
             W, damping, stiffness = small_matrices(self, contact)
@@ -165,6 +173,13 @@ class Substructure(Frozen):
     def with_structural_damping(self, H: Any) -> Self:
         """A copy with another H, shape (n, n), symmetric; None removes it."""
         return self._with(H=None if H is None else _structural(H, self.K), pencil=self.pencil)
+
+    def viscous_only(self, what: str) -> None:
+        """An InputError if the model has structural damping, which has no place in `what`."""
+        if self.H is not None:
+            raise InputError(f"{self.name!r} has structural damping H, which has no place in {what}: K + iH holds in harmonic "
+                             "motion alone. Take fs.equivalent_viscous(model, omega), which damps motion at ω as much, or "
+                             "model.with_structural_damping(None)")
 
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
         """What a model made of others knows from them."""

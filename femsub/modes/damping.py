@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Matrix, finite_number, whole_number
+from femsub.checks import Matrix, finite_number, instance, positive_number, whole_number
 from femsub.components import not_negative, pair, proportional
 from femsub.errors import InputError, InputTypeError
 from femsub.model import ReducedSubstructure, Substructure
@@ -43,8 +43,8 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
         ground), or by a pair of DOF (between the two). For a reduced model the DOF are those of the component it
         was made from, the rows of V.
     structural : float
-        The loss factor η of all of K: harmonic motion has the stiffness K(1 + iη). It acts in `frequency_response` alone.
-        In a system each part may have its own, given before they are joined.
+        The loss factor η of all of K: harmonic motion has the stiffness K(1 + iη), see `equivalent_viscous`. In a system each
+        part may have its own, given before they are joined.
 
     Raises
     ------
@@ -85,6 +85,44 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
         H = not_negative("structural", structural) * sub.K
         found = found.with_structural_damping(H if sub.H is None else sub.H + H)
     return found
+
+
+def equivalent_viscous(model: Model, omega: float) -> Model:
+    """A copy with viscous damping in place of structural damping: D + H/ω, shape (n, n), and no H.
+
+    At ω the damping force is the same. A mode at ω_j has the loss factor η ω_j/ω in place of η: less below ω, more above. With ω
+    at the top of a band no mode in it gets more damping than H gives. It is for analyses that cannot take H along.
+
+    Parameters
+    ----------
+    model : Substructure
+        Full, reduced or joined, with structural damping.
+    omega : float
+        ω in radians per unit of time.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A model without structural damping; ω that is not positive.
+
+    References
+    ----------
+    R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics, 2006, sec. 4.6 (equivalent viscous damping). Nastran does the
+    same for its transients by PARAM,W3 and W4.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub = fs.damped(fs.chain(5, damping=0.0), structural=0.02)
+    >>> viscous = fs.equivalent_viscous(sub, 0.5)
+    >>> viscous.H is None, bool(abs(viscous.D - 0.04 * sub.K).max() < 1e-15)
+    (True, True)
+    """
+    H = instance("model", model, Substructure).H
+    if H is None:
+        raise InputError(f"{model.name!r} has no structural damping: give it a loss factor by damped(model, structural=0.02) or "
+                         "by its materials")
+    return model.with_structural_damping(None).with_damping(model.D + H / positive_number("omega", omega))
 
 
 def _through(ratios: Any) -> tuple[float, float]:

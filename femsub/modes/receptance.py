@@ -21,6 +21,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,6 +44,7 @@ from femsub.checks import (
 )
 from femsub.errors import FemsubError, InputError, InputTypeError, SingularMatrixError, unknown_name
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, small_matrices
+from femsub.modes.noise import Noise
 from femsub.modes.normal_modes import modes_below, modes_under
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.modes.static_shapes import independent
@@ -90,12 +92,8 @@ class FrequencyResponse(Frozen):
         Modes that were used.
     tally : Tally
         The frequencies, and the number of those at which the bound is within the tolerance.
-    scatter : ndarray, shape (nf, nr, nl), optional
-        Of measurements: the standard deviation σ of each entry by noise, σ² = E|δ|². Not part of `bound`.
-    deviations : ndarray, shape (ns, nf, nr, nl), optional
-        Of repeated measurements: those of each from their mean.
-    repeated : int
-        The number of measurements that `scatter` follows from, the least of all parts; 0 where it is stated.
+    noise : tuple of Noise
+        That of the measurements which the receptance follows from, see `scatter`, `ellipses` and `covariance`.
 
     Examples
     --------
@@ -116,9 +114,7 @@ class FrequencyResponse(Frozen):
     direct: Array
     modes: int = 0
     tally: Tally = field(default=Tally(0))
-    scatter: Array | None = None
-    deviations: Array | None = None
-    repeated: int = 0
+    noise: tuple[Noise, ...] = ()
 
     @classmethod
     def measured(cls, at: Any, receptance: Any, responses: Sequence[str], loads: Sequence[str], *, level: float | None = None,
@@ -130,11 +126,11 @@ class FrequencyResponse(Frozen):
         at : array_like, shape (nf,)
             Radians per unit of time.
         receptance : array_like, shape (nf, nr, nl), or (ns, nf, nr, nl) of repeated measurements
-            Of the latter the mean is taken, and `scatter` is that of the mean.
+            Of the latter the mean is taken, and its noise follows from them, with all correlation between the entries.
         responses, loads : sequence of str
             Names of the rows and columns.
         level : float, optional
-            The stated noise: σ of each entry relative to its size.
+            The stated noise: σ of each entry relative to its size. The entries are taken as independent.
         scatter : array_like, shape (nf, nr, nl), optional
             σ of each entry, instead of `level`.
 
@@ -159,39 +155,111 @@ class FrequencyResponse(Frozen):
             if len(h) < 2:
                 raise InputError("repeated measurements are at least two; one alone tells nothing of the noise")
             deviations, h = h - h.mean(axis=0), h.mean(axis=0)
-            scatter = np.sqrt((np.abs(deviations) ** 2).sum(axis=0) / (len(deviations) * (len(deviations) - 1)))
         elif level is not None:
             scatter = positive_number("level", level) * np.abs(h)
         elif scatter is not None:
             scatter = real_array("scatter", scatter)
             if scatter.shape != shape or scatter.min(initial=0.0) < 0:
                 raise InputError(f"scatter must be of shape {shape}, none of it negative, but its shape is {scatter.shape}")
+        told = scatter is not None or deviations is not None
         return cls(np.array(omega), np.array(h, dtype=complex), np.zeros(shape), np.zeros(len(omega)), names[0], names[1],
-                   np.zeros(len(omega), dtype=bool), scatter=scatter, deviations=deviations,
-                   repeated=0 if deviations is None else len(deviations))
+                   np.zeros(len(omega), dtype=bool),
+                   noise=(Noise.of(*shape[1:], scatter=scatter, deviations=deviations),) if told else ())
 
-    def transformed(self, left: Array, right: Array) -> Array:
-        """σ² of left Y right by the noise of Y, to first order: from the repeated measurements, or of independent entries."""
-        if self.scatter is None:
-            return np.zeros(1)
-        if self.deviations is None:
-            return np.abs(left) ** 2 @ self.scatter**2 @ np.abs(right) ** 2
-        count = len(self.deviations)
-        return sum((np.abs(left @ one @ right) ** 2 for one in self.deviations), np.zeros(1)) / (count * (count - 1))
+    @property
+    def repeated(self) -> int:
+        """The number of measurements that the noise follows from, the least of all parts; 0 where it is stated."""
+        return min((one.repeated for one in self.noise if one.repeated), default=0)
+
+    @cached_property
+    def _moments(self) -> tuple[Array, Array]:
+        """E|δ|² and E[δ²] of each entry."""
+        found = [one.moments() for one in self.noise]
+        return sum(part[0] for part in found), sum(part[1] for part in found)  # type: ignore[return-value]
+
+    @property
+    def scatter(self) -> Array | None:
+        """The standard deviation σ of each entry by noise, σ² = E|δ|², (nf, nr, nl); None where no noise is known.
+
+        It is no part of `bound`, and inf where the noise is too large for first order.
+        """
+        return np.sqrt(self._moments[0]) if self.noise else None
+
+    def covariance(self, entries: Sequence[tuple[str, str]]) -> tuple[Array, Array]:
+        """Γ = E[δ δᴴ] and C = E[δ δᵀ] of the noise δ of k entries, (nf, k, k) each: covariance and pseudo-covariance.
+
+        The real parts x and imaginary parts y have E[x xᵀ] = Re(Γ + C)/2, E[y yᵀ] = Re(Γ - C)/2, E[y xᵀ] = Im(Γ + C)/2.
+        NaN where the noise is too large for first order.
+
+        Parameters
+        ----------
+        entries : sequence of (response, load)
+            Names.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            No noise is known; unknown names.
+
+        Examples
+        --------
+        >>> import femsub as fs
+        >>> drawn = 1.0 + 0.01 * np.random.default_rng(0).standard_normal((8, 1, 1, 2))  # real noise
+        >>> found = fs.FrequencyResponse.measured([5.0], drawn, ["tip"], ["a", "b"])
+        >>> gamma, turned = found.covariance([("tip", "a"), ("tip", "b")])
+        >>> gamma.shape, bool(np.allclose(gamma, turned))
+        ((1, 2, 2), True)
+        """
+        if not self.noise:
+            raise InputError("no noise is known of this receptance. Give `level`, `scatter` or repeated measurements to "
+                             "FrequencyResponse.measured")
+        rows, columns_ = [], []
+        for pair in items("entries", entries, "pairs (response, load)"):
+            if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+                raise InputTypeError(f"each of entries must be a pair (response, load), not {shown(pair)}")
+            rows.append(self._place("response", pair[0]))
+            columns_.append(self._place("load", pair[1]))
+        if not rows:
+            raise InputError("entries is empty: name at least one pair (response, load)")
+        found = [one.covariance(np.array(rows), np.array(columns_)) for one in self.noise]
+        return sum(part[0] for part in found), sum(part[1] for part in found)  # type: ignore[return-value]
+
+    def ellipses(self, share: float = 0.95) -> tuple[Array, Array]:
+        """Ellipses around the entries that hold the true ones with this probability: semi-axes, and direction of the longer one.
+
+        The semi-axes are √(q (Γ ± |C|)/2) with Γ = E|δ|² and C = E[δ²]. The longer one is turned by arg(C)/2 from the real axis.
+        q is -2 ln(1 - p) for stated noise. Of n measurements it is (n - 1)((1 - p)^(-2/(n - 2)) - 1), which is 2 (n - 1)/(n - 2)
+        times F with 2 and n - 2 degrees of freedom (Hotelling). The noise is taken as normal. Its real and imaginary parts may
+        have any sizes and correlation. Two measurements are too few.
+
+        Returns
+        -------
+        axes : ndarray, shape (nf, nr, nl, 2)
+            The longer one first. inf where no noise is known, or where it is too large for first order.
+        angle : ndarray, shape (nf, nr, nl)
+            In radians, -π/2 to π/2.
+        """
+        _probability(share)
+        shape, n = self.receptance.shape, self.repeated
+        if not self.noise or n == 2:
+            return np.full((*shape, 2), np.inf), np.zeros(shape)
+        q = (n - 1) * ((1 - share) ** (-2 / (n - 2)) - 1) if n else -2 * np.log(1 - share)
+        size, turned = self._moments
+        both = np.stack([size + np.abs(turned), np.maximum(size - np.abs(turned), 0.0)], axis=-1)
+        return np.sqrt(q * both / 2), np.angle(turned) / 2
 
     def radius(self, share: float = 0.95) -> Array:
         """The distance from the entries within which the true ones lie with this probability, shape (nf, nr, nl).
 
         It is σ √(-ln(1 - p)), or σ √((n - 1)((1 - p)^(-1/(n - 1)) - 1)) where σ follows from n measurements (F distribution with
         2 and 2n - 2 degrees of freedom). The noise is taken as normal, its real and imaginary parts as independent and of one
-        size. It is inf where no noise is known.
+        size. It is inf where no noise is known. `ellipses` takes real and imaginary parts as they are.
         """
-        if not 0 < share < 1:
-            raise InputError(f"share must lie between 0 and 1, but is {shown(share)}")
-        if self.scatter is None:
+        _probability(share)
+        if (scatter := self.scatter) is None:
             return np.full(self.receptance.shape, np.inf)
         n = self.repeated - 1
-        return self.scatter * np.sqrt(n * ((1 - share) ** (-1 / n) - 1) if self.repeated else -np.log(1 - share))
+        return scatter * np.sqrt(n * ((1 - share) ** (-1 / n) - 1) if self.repeated else -np.log(1 - share))
 
     def __post_init__(self) -> None:
         self._set(**{item.name: getattr(self, item.name) for item in fields(self)})  # read-only
@@ -213,10 +281,13 @@ class FrequencyResponse(Frozen):
 
     def entry(self, response: str, load: str) -> Array:
         """The receptance from a load to a response, by their names, shape (nf,)."""
-        for what, name, names in (("response", response, self.responses), ("load", load, self.loads)):
-            if name not in names:
-                raise unknown_name(what, name, names)
-        return self.receptance[:, self.responses.index(response), self.loads.index(load)]
+        return self.receptance[:, self._place("response", response), self._place("load", load)]
+
+    def _place(self, what: str, name: str) -> int:
+        names = self.responses if what == "response" else self.loads
+        if name not in names:
+            raise unknown_name(what, name, names)
+        return names.index(name)
 
     def error(self, full: FrequencyResponse) -> Array:
         """A bound of |h - h_full| of this (reduced) model against the full one, entry by entry, shape (nf, nr, nl).
@@ -238,6 +309,11 @@ class FrequencyResponse(Frozen):
         how = f", {int(self.direct.sum())} solved directly" + (f", {self.modes} modes" if self.modes else "")
         return (f"FrequencyResponse: {_counted(len(self.responses), 'response')} to {_counted(len(self.loads), 'load')} at "
                 f"{len(self.omega)} frequencies{span}{how}, {self.evidence}")
+
+
+def _probability(share: float) -> None:
+    if not 0 < share < 1:
+        raise InputError(f"share must lie between 0 and 1, but is {shown(share)}")
 
 
 def frequency_response(model: Substructure, contacts: Contacts = None, *, at: Any, loads: Any = None, responses: Any = None,
@@ -305,7 +381,7 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     outputs, C = (names, F) if responses is None else columns(model, responses, "responses")
     choice("method", method, ("auto", "direct", "modal"))
     positive_number("tol", tol)
-    pencil = model.linearised(contacts)
+    pencil = model.linearised(contacts, structural=True)
     basis: Modal | None = None
     if method == "modal" or (method == "auto" and pencil.is_sparse and pencil.size > SMALL and len(omega) >= MANY):
         try:

@@ -282,17 +282,19 @@ class Change:
         return np.where(small & (np.abs(smooth - change) <= self.rounding), smooth, change)
 
 
-def sliding(model: Substructure, contacts: Any, what: str = "the nonlinear model") -> Sliding:
-    """A model with its contacts, checked.
+def sliding(model: Substructure, contacts: Any, what: str = "the nonlinear model", *, structural: bool = False) -> Sliding:
+    """A model with its contacts, checked; `structural` where its structural damping is taken along.
 
     Raises
     ------
     InputError, InputTypeError
         No contact, a belt without a friction law (a slope alone is not enough for nonlinear motion), two belts on one port, an
-        unknown port, a contact that does not say what it exerts.
+        unknown port, a contact that does not say what it exerts, structural damping.
     """
     if not isinstance(model, Substructure):
         raise InputTypeError(f"{what} takes a Substructure with a port, not {type(model).__name__}")
+    if not structural:
+        model.viscous_only(what)
     given = contacts_of(contacts)
     if not given:
         raise InputError(f"{what} needs at least one contact, such as a Belt")

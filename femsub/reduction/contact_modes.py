@@ -103,7 +103,7 @@ class ContactModes(FreeInterface):
             pencil = pencil.with_contact(0.0, W, C0)
             terms.append(contact_matrix(W, C1 - C0))  # a difference of two K would take the memory of both
         K0 = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) * 0.5
-        damping = None if self.band is None else sub.linearised(self.contacts).D - sub.D
+        damping = None if self.band is None else sub.linearised(self.contacts, structural=True).D - sub.D
         return Rubbing(Substructure(sub.M, K0, None, sub.interface, sub.ports, sub.name), slice(None), friction=sum(terms),
                        damping=damping)
 
@@ -117,7 +117,7 @@ class ContactModes(FreeInterface):
 
     def judged(self, sub: Substructure, contacts: Contacts) -> Pencil:
         """The system with its friction, and with the further contacts."""
-        return sub.linearised([*contacts_of(self.contacts), *contacts_of(contacts)])
+        return sub.linearised([*contacts_of(self.contacts), *contacts_of(contacts)], structural=True)
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """A given number of modes, or as many as the tolerance requires; see `FrictionSpace`."""

@@ -138,7 +138,7 @@ class Method(ABC):
         InputError
             A contact with stiffness: its forces are none of those that the basis of the method is made for.
         """
-        pencil = sub.linearised(contacts)
+        pencil = sub.linearised(contacts, structural=True)
         if pencil.K is not sub.pencil.K:
             raise InputError("the estimate of a tolerance takes contacts that add to D only, such as belts. Use "
                              "ContactModes(band=..., tol=..., contacts=...) for friction between surfaces, or give a number of "

@@ -41,6 +41,8 @@ def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstr
     check_workers(workers, executor)
     for name in methods:
         choice("part", name, system.parts)
+    if system.own_damping:
+        system.with_parts({})  # refuses, before any work
     if (wanted := _common_goal(methods)) is not None:
         if workers is not None or executor is not None:
             raise InputError("workers reduce parts by given numbers of modes; with a tolerance the modes of all parts are chosen "

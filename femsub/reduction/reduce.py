@@ -57,6 +57,7 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubs
 
     The estimate needs no solution of the full model. Its figures are in ``.estimate`` (see `Nested.bounds` and
     `Nested.doubt`). A DOF with damping but no mass has a real λ of its own. It is kept only if the DOF is interface or port.
+    Structural damping is carried along as VᵀHV. The estimate is that of the model without it.
 
     Of a system, band and tolerance are the system's. All parts that have one have the same, and are reduced by `CraigBampton`
     or `Hurty`. The modes of each part are then chosen so that the system is within `tol`, with few modes in all, and with all

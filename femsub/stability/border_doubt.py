@@ -123,6 +123,6 @@ def _wider(model: Any, omega: Array, q: Array, port: str) -> Substructure | None
         found = {name: _wider(part, omega, own, port.removeprefix(f"{name}.") if port.startswith(f"{name}.") else "")
                  for name, part, own in _shares(model, q)}
         wide = {name: part for name, part in found.items() if part is not None}
-        return model.with_parts(wide) if wide else None
+        return model.with_parts(wide) if wide and not model.own_damping else None
     widened = getattr(model, "wider", None)
     return None if widened is None else widened(model, omega, q, port)

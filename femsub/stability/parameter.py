@@ -198,7 +198,7 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
             raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
         return PencilOver(parameter, lambda p: model.at(**{parameter: p}),
                           (Share("the Affine", lambda p: (model.factors(**{parameter: p}),), model.affine_in(parameter)),))
-    instance("model", model, Substructure, "or an Affine")
+    instance("model", model, Substructure, "or an Affine").viscous_only("an analysis over a parameter")
     given = contacts_of(contacts)
     known = [fields_of(contact) for contact in given]
     if not any(parameter in names for names in known):

@@ -216,7 +216,8 @@ class Question:
     def at_rest(self, model: Substructure) -> Substructure:
         """The model without damping, with the symmetric part of the contacts' stiffness at the least value of the parameter."""
         least = min([*(self.between or ()), *self.values], default=None)
-        pencil = model.linearised(self.contacts if least is None else with_value(self.contacts, self.parameter, least))
+        contacts = self.contacts if least is None else with_value(self.contacts, self.parameter, least)
+        pencil = model.linearised(contacts, structural=True)
         return model if pencil.K is model.pencil.K else Substructure(model.M, (pencil.K + pencil.K.T) / 2, name=model.name)
 
     def row(self, full: Tried, one: Tried, modes: NormalModes, rates: Sequence[Array]) -> Row:

@@ -76,7 +76,8 @@ class PartKeys:
         paths = {name: Path(folder) / getattr(self, name) for name in ("M", "K", "D", "dofs") if getattr(self, name)}
         found = read_component(paths["M"], paths["K"], paths.get("D"), dofs=paths.get("dofs"), interface=self.interface,
                                ports={"belt": self.port} if self.port else {}, name=self.name, massless=self.massless)
-        return Substructure(found.M, found.K, found.D, {ALL: found.interface}, found.ports, self.name, found.dofs), None
+        return Substructure(found.M, found.K, found.D, {ALL: found.interface}, found.ports, self.name, found.dofs,
+                            H=found.H), None
 
 
 @dataclass(frozen=True)

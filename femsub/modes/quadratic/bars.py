@@ -50,7 +50,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     # |y|ᵀ|r| and not ‖y‖‖r‖: the bar then does not depend on the units of the DOF (displacements, rotations).
     inertia = (pencil.M @ X) * values
     rest = inertia + pencil.D @ X
-    residual = rest * values + pencil.K @ X
+    residual = rest * values + pencil.restoring(values, X)
     slope = inertia + rest  # P'(λ)x = 2λMx + Dx
     whole = pencil.magnitude(values, X)
     # twice: with the vectors off by a half, the residual is that far from the error to first order

@@ -109,8 +109,8 @@ def _least_mac(models: tuple[Substructure, Substructure], values: Array, x: Arra
 
 
 def turnover(model: Substructure, contacts: Contacts, modes: ComplexModes) -> Array:
-    """(|xᴴDx| + Σ |u|ᵀ(|C_D| + |C_K - C_Kᵀ| / 2|λ|)|u|) / 2xᴴMx, u = Wᵀx: the sum of the rates at which D dissipates energy and
-    contacts supply it; for a belt F|μ'| |u|².
+    """(|xᴴDx| + |xᴴHx| / |λ| + Σ |u|ᵀ(|C_D| + |C_K - C_Kᵀ| / 2|λ|)|u|) / 2xᴴMx, u = Wᵀx: the sum of the rates at which D and H
+    dissipate energy and contacts supply it; for a belt F|μ'| |u|².
 
     For a complex λ of a symmetric pencil, |Re λ| is the difference of these rates, which vanishes at the stability border.
     Without a contact the value is |Re λ|.
@@ -118,6 +118,8 @@ def turnover(model: Substructure, contacts: Contacts, modes: ComplexModes) -> Ar
     x = modes.shapes
     taken = np.abs(np.einsum("ij,ij->j", x.conj(), model.D @ x).real)
     size = np.maximum(np.abs(modes.eigenvalues), np.finfo(float).tiny)
+    if model.H is not None:
+        taken = taken + np.abs(np.einsum("ij,ij->j", x.conj(), model.H @ x)) / size
     for contact in contacts_of(contacts):
         W, damping, stiffness = small_matrices(model, contact)
         moved = np.abs(W.T @ x)

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import QUADRATIC, Handle, is_symmetric, orthonormal, shared_factor
-from femsub.checks import Array
+from femsub.checks import Array, Matrix
 from femsub.model import Pencil
 from femsub.modes import ModalForm, ShiftInvert, lowest_modes, modal_form, port_responses
 
@@ -86,9 +86,11 @@ _KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
 def compliance(contact: Sliding) -> Compliance:
     """The compliance of a model under its belts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves.
 
-    A model is decomposed once.
+    A model is decomposed once. One with structural damping is solved at each frequency.
     """
     model = contact.model
+    if model.H is not None:
+        return Lossy(model.pencil, contact.W, model.H)
     if model.pencil.is_sparse and model.size > QUADRATIC:
         return Solved(model.pencil, contact.W)
     if model not in _KNOWN:
@@ -247,3 +249,27 @@ class Solved(Compliance):
     def response(self, s: Array, force: Array) -> Array:
         """x (n, m) with P(s_k) x_k = W f_k."""
         return np.einsum("mnp,mp->nm", self._responses(np.asarray(s, dtype=complex))[0], force)
+
+
+class Lossy(Compliance):
+    """Y(s) of a model with structural damping H, by one solve with s²M + sD + K + iH for each s = iω, ω > 0."""
+
+    def __init__(self, pencil: Pencil, W: Array, H: Matrix) -> None:
+        self.pencil, self.W, self.H = pencil, W, H
+
+    def mobility(self, s: Array) -> tuple[Array, Array]:
+        """Y(s) and dY/ds = h - s yᵀ(2sM + D)x, shape (m, p, p) each."""
+        Y, slope = (np.empty((len(s), self.W.shape[1], self.W.shape[1]), dtype=complex) for _ in range(2))
+        for k, value in enumerate(np.asarray(s, dtype=complex)):
+            x, y = self._solved(value)
+            h = self.W.T @ x
+            Y[k], slope[k] = value * h, h - value * (y.T @ (2 * value * (self.pencil.M @ x) + self.pencil.D @ x))
+        return Y, slope
+
+    def response(self, s: Array, force: Array) -> Array:
+        """x (n, m) with (P(s_k) + iH) x_k = W f_k."""
+        return np.column_stack([self._solved(value)[0] @ f for value, f in zip(s, force, strict=True)])
+
+    def _solved(self, s: complex) -> tuple[Array, Array]:
+        self.solves += 1
+        return port_responses(self.pencil, s, self.W, self.H)

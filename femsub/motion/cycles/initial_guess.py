@@ -206,6 +206,9 @@ def orbits(contact: Sliding, flexibility: Compliance, near: float | None) -> Ite
     NoCycleError
         With the belts' own laws steady sliding is stable and no frequency was given, or no amplitude balances.
     """
+    if contact.model.H is not None:
+        raise InputError(f"{contact.model.name!r} has structural damping, with which no start is found by itself. Give start=, "
+                         "e.g. the cycle of fs.equivalent_viscous(model, omega)")
     if not isinstance(flexibility, Fractions):
         raise InputError(f"a model of {contact.model.size} DOF is too large for an automatic start. Give start=, e.g. the cycle "
                          "of a reduced model (start=cycle) or a signal in time (start=(t, v))")

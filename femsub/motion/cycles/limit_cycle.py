@@ -131,7 +131,9 @@ class LimitCycle:
 
     @cached_property
     def floquet(self) -> Multipliers | None:
-        """The Floquet multipliers; None for more than 2,000 DOF, forces that depend on displacements, or without `stability`."""
+        """The Floquet multipliers; None for more than 2,000 DOF, structural damping, or forces that depend on displacements, and
+        without `stability`.
+        """
         if not self.stability or not self.contact.by_speed or not isinstance(self.flexibility, Fractions):
             return None
         return multipliers(self.contact, self.flexibility, self.orbit)
@@ -157,7 +159,9 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
     """A limit cycle of a full or reduced model under its contacts, by harmonic balance.
 
     M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇) is solved for the periodic speeds v = Wᵀq̇: v_k = Y(ikω) f_k(v), k = 1 … H, with the
-    mobility Y(s) = s Wᵀ(s²M + sD + K)⁻¹W (p, p). The frequency ω is an unknown as well.
+    mobility Y(s) = s Wᵀ(s²M + sD + K)⁻¹W (p, p). The frequency ω is an unknown as well. Structural damping H acts exactly: every
+    harmonic has K + iH. Then a `start` is needed that is no frequency, such as the cycle of `equivalent_viscous(model, ω)`, and
+    there are no multipliers.
 
     Parameters
     ----------
@@ -205,7 +209,7 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
     >>> print(f"{cycle.omega:.4f} {cycle.rms:.4f}")
     0.7305 0.1166
     """
-    contact = sliding(model, contacts, "harmonic balance")
+    contact = sliding(model, contacts, "harmonic balance", structural=True)
     if harmonics is not None:
         whole_number("harmonics", harmonics, least=1, most=MOST_ASKED)
     if not 0 < finite_number("tol", tol) < 1:

@@ -58,7 +58,7 @@ class JoinedSpace(Space):
 
     def __init__(self, system: System, statics: Mapping[str, Statics], contacts: Contacts = None,
                  top: float = np.inf, given: Mapping[str, int] = MappingProxyType({})) -> None:
-        pencil, self.system = system.linearised(contacts), system
+        pencil, self.system = system.linearised(contacts, structural=True), system
         self.damped, self.symmetric = pencil.norms[1] > 0, pencil.symmetric[1]
         self.all = damped_parts(system, contacts)
         whole = {name: part.size for name, part in system.parts.items() if name not in statics}
@@ -126,7 +126,7 @@ def damped_parts(system: System, contacts: Contacts) -> dict[str, Substructure]:
     for contact in contacts_of(contacts):
         ports, sets = contact.ports, tuple(getattr(contact, "sets", ()))
         owner, *more = {name.partition(".")[0] for name in (*ports, *sets)}
-        if more or system.linearised(contact).K is not system.pencil.K:
+        if more or system.linearised(contact, structural=True).K is not system.pencil.K:
             raise InputError(f"no estimate can be had of {system.name!r} under {contact!r}: it takes contacts that add to D "
                              "alone, each on one part, such as belts. Leave the contact out, or give numbers of modes")
         part = found[owner]
@@ -197,7 +197,7 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
     values = None
     if space.damped:
-        modes = complex_modes(rom.linearised(contacts).dense())
+        modes = complex_modes(rom.linearised(contacts, structural=True).dense())
         keep = upper(modes.eigenvalues) & ~modes.rigid & (modes.eigenvalues != 0)
         values = modes.eigenvalues[keep], modes.error_bar[keep]
     while True:

@@ -1,0 +1,105 @@
+"""Noise of measured receptances, and what it does to all that follows from them to first order.
+
+A measured Y (a, b) is off by δ, of mean 0. A figure that follows from it is off by e = L δ R, with L (nr, a) and R (b, nl). Two
+entries e and e' have the covariance Γ = E[e ē'] and the pseudo-covariance C = E[e e']. From n repeated measurements with the
+deviations d from their mean, of the mean,
+
+    Γ = Σ (L d R) conj(L d R)' / (n (n - 1)),   C = Σ (L d R) (L d R)' / (n (n - 1)),
+
+so noise that entries have in common, as of one sensor, is in them. A stated σ for each entry stands for independent entries with
+real and imaginary parts of one size: Γ = Σ L R σ² conj(L R)', C = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from femsub.checks import Array
+
+CHUNK = 2_000_000  # entries of a temporary array
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """The noise of one measurement, and how it comes through.
+
+    Attributes
+    ----------
+    left, right : ndarray, shapes (nf or 1, nr, a) and (nf or 1, b, nl)
+        L and R.
+    scatter : ndarray, shape (nf, a, b), optional
+        σ of independent entries.
+    deviations : ndarray, shape (ns, nf, a, b), optional
+        Those of repeated measurements from their mean.
+    small : ndarray of bool, shape (nf or 1,)
+        Where the noise is small enough for first order.
+    """
+
+    left: Array
+    right: Array
+    small: Array
+    scatter: Array | None = None
+    deviations: Array | None = None
+
+    @classmethod
+    def of(cls, rows: int, columns: int, *, scatter: Array | None = None, deviations: Array | None = None) -> Noise:
+        """That of a measurement itself."""
+        return cls(np.eye(rows)[None], np.eye(columns)[None], np.ones(1, dtype=bool), scatter, deviations)
+
+    def through(self, left: Array, right: Array, small: Array | None = None) -> Noise:
+        """That of left Y right."""
+        return replace(self, left=left @ self.left, right=self.right @ right,
+                       small=self.small if small is None else self.small & small)
+
+    @property
+    def repeated(self) -> int:
+        """The number of measurements; 0 of a stated σ."""
+        return 0 if self.deviations is None else len(self.deviations)
+
+    def _samples(self) -> Iterator[Array]:
+        """L d R / √(n (n - 1)), one measurement after the other."""
+        assert self.deviations is not None
+        for one in self.deviations:
+            yield self.left @ one @ self.right / np.sqrt(self.repeated * (self.repeated - 1))
+
+    def moments(self) -> tuple[Array, Array]:
+        """E|e|² and E[e²] of each entry, (nf, nr, nl) each; inf and 0 where the noise is not small."""
+        if self.scatter is not None:
+            size = np.abs(self.left) ** 2 @ self.scatter**2 @ np.abs(self.right) ** 2
+            turned = np.zeros(size.shape, dtype=complex)
+        else:
+            size, turned = 0.0, 0.0  # type: ignore[assignment]
+            for e in self._samples():
+                size, turned = size + np.abs(e) ** 2, turned + e**2
+        small = self.small[:, None, None]
+        return np.where(small, size, np.inf), np.where(small, turned, 0.0)
+
+    def covariance(self, rows: Array, columns: Array) -> tuple[Array, Array]:
+        """Γ and C of the entries (rows, columns), (nf, k, k) each; NaN where the noise is not small."""
+        left, right = self.left[:, rows], np.swapaxes(self.right[:, :, columns], 1, 2)  # (nf, k, a), (nf, k, b)
+        if self.deviations is None:
+            assert self.scatter is not None
+            gamma, turned = self._independent(left, right), np.zeros(())
+        else:
+            e = np.array([np.einsum("fka,fka->fk", left, right @ np.swapaxes(one, 1, 2)) for one in self.deviations])
+            e = np.moveaxis(e, 0, -1) / np.sqrt(self.repeated * (self.repeated - 1))
+            gamma, turned = (e @ np.swapaxes(other, 1, 2) for other in (e.conj(), e))
+        small = self.small[:, None, None]
+        return np.where(small, gamma, np.nan), np.where(small, turned, np.nan) + np.zeros(gamma.shape, dtype=complex)
+
+    def _independent(self, left: Array, right: Array) -> Array:
+        """Σ L R σ² conj(L R)', one frequency after the other and in blocks of the rows of σ."""
+        assert self.scatter is not None
+        k = left.shape[1]
+        found = np.zeros((len(self.scatter), k, k), dtype=complex)
+        step = max(1, CHUNK // (k * right.shape[2]))
+        for at, sigma in enumerate(self.scatter):
+            L, R = (part[at if len(part) > 1 else 0] for part in (left, right))
+            for start in range(0, len(sigma), step):
+                block = slice(start, start + step)
+                each = (L[:, block, None] * R[:, None] * sigma[block]).reshape(k, -1)
+                found[at] += each @ each.conj().T
+        return found
