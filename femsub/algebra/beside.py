@@ -14,7 +14,7 @@ from pathlib import Path
 
 from femsub.algebra.factor import inertia
 from femsub.algebra.matrices import Difference
-from femsub.algebra.memory import COUNT_BYTES
+from femsub.algebra.memory import count_bytes
 from femsub.algebra.process_memory import available
 from femsub.algebra.threads import threads
 from femsub.algebra.workers import BASE, MEMORY, environment_of_workers, has_room, load, store, task_folder
@@ -46,7 +46,7 @@ class CountBeside:
     @classmethod
     def started(cls, K: Matrix, M: Matrix, nonzeros: float) -> CountBeside | None:
         """The process, if a core and the memory are free for it and a factor of so many nonzeros is worth it; else None."""
-        need = SPARE * COUNT_BYTES * nonzeros + BASE
+        need = SPARE * count_bytes(K, nonzeros) + BASE
         if nonzeros < WORTH or not _two_cores() or not sys.executable or not has_room(16 * (K.nnz + M.nnz)):
             return None
         if (free := available()) is None or free < need:

@@ -15,7 +15,8 @@ from femsub.checks import Array, Matrix
 from femsub.errors import NotEnoughMemoryError
 
 MODEL = 1.7  # empirical correction, since METIS finds better separators; within a factor of 1.7 on 14 models
-COUNT_BYTES = 1.25 * FACTOR_BYTES  # bytes per nonzero of the factor of an inertia count, with the room MUMPS takes for its work
+COUNT_BYTES = 0.25 * FACTOR_BYTES  # bytes per nonzero of the factor of an inertia count, which is thrown away while it is made
+COUNTED = 50  # bytes per nonzero of K that the count takes for matrices and their graph
 BLOCKS = 200  # columns of blocks in work while constraint modes are computed
 LOADED = 8e7  # bytes of the libraries that the first factorisation loads, and of their buffers
 LIBRARIES = "petsc4py.PETSc"
@@ -114,7 +115,7 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
 
     - constraint modes: blocks of loads and solutions;
     - block Lanczos: V, and the modes;
-    - the inertia count: the first factor is gone, that of LDLᵀ is larger;
+    - the inertia count: the first factor is gone, and that of LDLᵀ is not kept;
     - static shapes: the responses, their orthogonal combinations, and V or a temporary;
     - the projection: V, and small matrices.
 
@@ -137,11 +138,16 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
     nonzeros = factor_nonzeros(inner)
     small = 9 * 8.0 * size**2  # M, D, K of the model, and their decompositions
     stages = [(FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + max(BLOCKS, (3.5 * modes + 100) * (modes > 0)))),
-              (COUNT_BYTES * nonzeros * (modes > 0), 8.0 * n * (constraint + modes + 3 * static)),
+              (count_bytes(K, nonzeros) * (modes > 0), 8.0 * n * (constraint + modes + 3 * static)),
               (FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + 2 * modes + 3 * static) + small)]
     factor, held_columns = max(stages, key=sum)
     blocks = 12 * K.nnz if held is None else 30 * K.nnz  # K and M of the interior are copies
     return {"factorisation": factor, "matrices": blocks, "columns": held_columns}
+
+
+def count_bytes(K: Matrix, nonzeros: float) -> float:
+    """Bytes of an inertia count of K - σM, of whose factor so many nonzeros are made."""
+    return COUNT_BYTES * nonzeros + COUNTED * K.nnz
 
 
 def factor_nonzeros(A: Matrix) -> float:
