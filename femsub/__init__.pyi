@@ -34,11 +34,11 @@ from .errors import (
 )
 from .io.component_files import read_component as read_component
 from .io.matrix_files import read_matrix as read_matrix
+from .io.measurements import read_modes as read_modes, read_response as read_response
 from .io.mesh_files import read_mesh as read_mesh, write_mesh as write_mesh
 from .io.model_folder import write_matrices as write_matrices
 from .io.pieces import cut_to_files as cut_to_files
 from .io.superelement_files import write_superelement as write_superelement
-from .io.universal_responses import read_response as read_response
 from .model.affine import Affine as Affine
 from .model.contact import LinearContact as LinearContact
 from .model.dof_map import DofMap as DofMap
@@ -47,6 +47,7 @@ from .model.pencil import Pencil as Pencil
 from .model.substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure
 from .modes.damping import damped as damped, equivalent_viscous as equivalent_viscous
 from .modes.frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
+from .modes.mode_set import ModeSet as ModeSet
 from .modes.normal_modes import NormalModes as NormalModes, normal_modes as normal_modes
 from .modes.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
 from .modes.quadratic.refinement import Refined as Refined, refine as refine

@@ -7,8 +7,6 @@ import signal
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -129,16 +127,15 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         return fs.cut_to_files(folder, mesh, build, into=into, material=fs.Material(1.0, 0.3, 1.0), supports=supports,
                                interface=interface, ports=ports)
 
-    def measured(path: Any, level: Any) -> Any:
-        """Without pyuff only the path is looked at."""
-        with suppress(*[] if find_spec("pyuff") else [fs.MissingPackageError]):
-            return fs.read_response(path, level=level)
-
     (folder / "hammer.uff").write_text("\n".join([
         "    -1", "    58", *"abcde", "    4         0    1         0       NONE         1   1       NONE         1   1",
         "         6         1         0  0.00000e+00  0.00000e+00  0.00000e+00",
         *(f"{kind:10}    0    0    0 NONE                 NONE" for kind in (18, 12, 13, 0)),
         "  1.00000e+00   1.00000000000e+00   0.00000000000e+00", "    -1", ""]))
+    (folder / "modes.uff").write_text("\n".join([
+        "    -1", "    55", *"abcde", "         1         2         2         8         2         3",
+        "         2         4         0         1", "  1.00000e+01  1.00000e+00  0.00000e+00  0.00000e+00",
+        "         7", "  1.00000e+00  2.00000e+00  3.00000e+00", "    -1", ""]))
     tip = fs.frequency_response(sub, at=[0.1, 0.2], loads="belt")
     places = {f"s{k}": ((k % 2, k // 2 % 2, k // 4), tuple(np.eye(3)[k % 3])) for k in range(9)}
     sensed = fs.FrequencyResponse.measured([1.0], np.ones((1, 9, 9)), list(places), list(places))
@@ -273,7 +270,9 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "couple_responses": (fs.couple_responses, {"parts": {"a": tip, "b": tip}, "joints": [(("a", "belt"), ("b", "belt"))]}),
         "frequency_response": (fs.frequency_response, {"model": sub, "contacts": slope, "at": [0.1, 0.2], "loads": ["belt"],
                                                        "responses": 0, "method": "auto", "tol": 1e-6}),
-        "read_response": (measured, {"path": folder / "hammer.uff", "level": 0.1}),
+        "ModeSet": (fs.ModeSet, {"eigenvalues": [1j], "shapes": np.ones((2, 1)), "dofs": fs.DofMap([1, 2], [0, 0]), "notes": ()}),
+        "read_modes": (fs.read_modes, {"path": folder / "modes.uff"}),
+        "read_response": (fs.read_response, {"path": folder / "hammer.uff", "level": 0.1}),
         "virtual_point": (fs.virtual_point, {"response": sensed, "point": (0, 0, 0), "sensors": places, "impacts": None,
                                              "name": "point"}),
         "frequency_bounds": (fs.frequency_bounds, {"model": fs.reduce(sub, fs.CraigBampton(3), ports=True), "count": 1}),

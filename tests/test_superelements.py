@@ -6,7 +6,6 @@ import json
 import shutil
 import subprocess
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -162,31 +161,6 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(fs.MissingPackageError, match="pip install pyyeti"):
         fs.read_component(DATA / "inboard.asm")
-
-
-@pytest.mark.slow
-def test_a_full_file_of_ansys_has_the_frequencies_of_pyansys(tmp_path: Path) -> None:
-    """The beam in the reader's examples, and the frequencies of its examples.py. A cut file ends no process of ours."""
-    if find_spec("ansys") is None or (found := find_spec("ansys.mapdl.reader")) is None or found.origin is None:
-        pytest.skip("ansys-mapdl-reader is not installed")
-    file = Path(found.origin).parent / "examples" / "file.full"
-    try:
-        beam = fs.read_component(file, interface=["200:*"])
-    except fs.MissingPackageError as error:
-        pytest.skip(str(error))
-    assert (beam.size, len(beam.interface)) == (900, 3)  # 963 with those that are held
-    known = [1283.20036921, 1283.20036921, 5781.97486169, 6919.39887714]
-    assert fs.normal_modes(beam, count=4).frequencies / (2 * np.pi) == pytest.approx(known, rel=1e-11)
-    (tmp_path / "cut.full").write_bytes(file.read_bytes()[:600_000])
-    with pytest.raises(fs.InputError, match="its reader stopped"):
-        fs.read_component(tmp_path / "cut.full")
-
-
-def test_a_full_file_needs_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.io.ansys.find_spec", lambda name: None)
-    (tmp_path / "a.full").write_bytes(b"")
-    with pytest.raises(fs.MissingPackageError, match="pip install ansys-mapdl-reader"):
-        fs.read_matrix(tmp_path / "a.full", "K")
 
 
 @pytest.fixture(scope="module")

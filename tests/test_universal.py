@@ -1,4 +1,4 @@
-"""Meshes of universal files: each kind of element, groups, systems, and what is refused."""
+"""Universal files: meshes with each kind of element, groups, trace lines; modes; and what is refused."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def universal(kind: str) -> tuple[str, np.ndarray]:
     lines = [numbers(*names[start:start + 8]) for start in range(0, len(names), 8)]
     element = numbers(5, type_, 1, 1, 7, len(names)) + "".join(lines)
     group = numbers(1, 0, 0, 0, 0, 0, 0, 2) + "rim\n" + numbers(7, 11, 0, 0, 8, 5, 0, 0)
-    bodies = {2411: nodes, 2412: element, 2467: group, 164: "  1\n"}
+    bodies = {2411: nodes, 2412: element, 2467: group, 2400: "  1\n"}
     return SYSTEM + "".join(f"    -1\n{number:6d}\n{body}    -1\n" for number, body in bodies.items()), places
 
 
@@ -62,7 +62,7 @@ def test_each_kind_of_element(tmp_path: Path, kind: str) -> None:
     middles = [corners[[int(digit) for digit in edge]].mean(axis=0) for edge in EDGES[shape].split()]
     expected = corners if kind == shape else np.vstack([corners, middles])
     assert found.cells[0].type == kind and np.array_equal(found.points[found.cells[0].data[0]], expected)
-    assert found.points_id.tolist() == list(range(11, 11 + len(places))) and notes == ["data set 164 skipped"]
+    assert found.points_id.tolist() == list(range(11, 11 + len(places))) and notes == ["data set 2400 skipped"]
     if shape == "wedge":
         return  # femsub has no such element
     mesh = fs.read_mesh(tmp_path / "part.unv")
@@ -78,8 +78,6 @@ def test_the_content_tells_what_it_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    ("1.0000000000000000E+0    0.0000000000000000E+0    0.0000000000000000E+0\n",
-     "0.0000000000000000E+0    1.0000000000000000E+0    0.0000000000000000E+0\n", "coordinate system 7"),
     ("        12         7", "        11         7", "node 11 twice"),
     ("        12         7", "        x2         7", "whole number"),
     ("1.0000000000000000D+00", "1.0000000x00000000D+00", "not all numbers"),
@@ -87,7 +85,8 @@ def test_the_content_tells_what_it_is(tmp_path: Path) -> None:
     ("         4\n        11        12", "         5\n        11        12", "announces 5 nodes"),
     ("rim\n", "\n", "head of a group"),
     ("        11        12        13        14\n", "        11        12        13        15\n", "node 15"),
-    ("  2467\n", "  58b\n", "number of a data set in text"), ("  1\n    -1\n", "", "without its end"),
+    ("  2467\n", "  58b\n", "does not end where it says"), ("  2467\n", "  x\n", "number of a data set"),
+    ("  1\n    -1\n", "", "without its end"),
     ("         2\nrim", "         3\nrim", "announces 3 members"), ("  2411\n", "  2499\n", "0 nodes")])
 def test_faults_are_told(tmp_path: Path, old: str, new: str, message: str) -> None:
     text, _ = universal("tetra")
@@ -95,3 +94,142 @@ def test_faults_are_told(tmp_path: Path, old: str, new: str, message: str) -> No
     (tmp_path / "part.unv").write_text(text.replace(old, new, 1))
     with pytest.raises(fs.InputError, match=message):
         fs.read_mesh(tmp_path / "part.unv")
+
+
+def reals(*values: float) -> str:
+    return "".join(f"{value:13.5E}" for value in values) + "\n"
+
+
+#: a test model: program and units, four nodes of the old data set, a trace line with the pen up before the last two nodes
+BENCH = ("    -1\n   151\nfile\nabout\nMaker\nx\nx\nBench 3\nx\n    -1\n"
+         "    -1\n   164\n         5mm (milli-newton)\n  1.0\n    -1\n"
+         "    -1\n    15\n" + "".join(numbers(node, 0, 1, 8)[:-1] + reals(node, 0.0, 0.5) for node in (3, 4, 7, 9)) + "    -1\n"
+         "    -1\n    82\n" + numbers(1, 5, 8) + "Rim\n" + numbers(3, 4, 0, 7, 9, 0, 0, 0) + "    -1\n")
+
+
+def old_mode(hertz: float, damping: float, shape: np.ndarray) -> str:
+    """Data set 55 of a normal mode."""
+    body = "".join(numbers(node) + reals(*row) for node, row in zip((3, 4, 7, 9), shape, strict=True))
+    return "    -1\n    55\n" + "NONE\n" * 5 + numbers(1, 2, 2, 8, 2, 3) + numbers(2, 4, 0, 1) + reals(hertz, 1, damping, 0) + \
+        body + "    -1\n"
+
+
+def new_mode(value: complex, shape: np.ndarray) -> str:
+    """Data set 2414 of a complex mode with rotations, whose twelve numbers for each node stand on two lines."""
+    body = "".join(numbers(node) + reals(*row[:3].view(float)) + reals(*row[3:].view(float))
+                   for node, row in zip((3, 4, 7, 9), shape, strict=True))
+    return "    -1\n  2414\n" + numbers(1) + "mode\n" + numbers(1) + "NONE\n" * 5 + numbers(1, 7, 3, 8, 5, 6) + \
+        numbers(*[0] * 8) + numbers(0, 0) + reals(*[0] * 6) + reals(value.real, value.imag, *[0] * 4) + body + "    -1\n"
+
+
+SHAPES = np.random.default_rng(2).standard_normal((2, 4, 3))
+
+
+def test_a_test_model_is_a_mesh_of_lines(tmp_path: Path) -> None:
+    (tmp_path / "bench.uff").write_text(BENCH)
+    mesh = fs.read_mesh(tmp_path / "bench.uff")
+    assert mesh.kind == "line" and mesh.numbers[mesh.cells].tolist() == [[3, 4], [7, 9]]
+    assert mesh.groups["Rim"].tolist() == [0, 1] and np.array_equal(mesh.points[1], [4.0, 0.0, 0.5])
+    assert mesh.repairs[:2] == ("written by Bench 3", "its units: mm (milli-newton); nothing is converted")
+
+
+def test_places_are_in_the_global_frame(tmp_path: Path) -> None:
+    """A node of data set 15 names the frame of its place; one of 2411 names a frame for export, its place is in the part's."""
+    system = "    -1\n    18\n" + numbers(7, 0, 0, 8, 1) + "CS\n" + reals(0, 0, 0, 0, 1, 0) + reals(0, 0, 1) + "    -1\n"
+    (tmp_path / "old.uff").write_text(system + BENCH.replace(numbers(4, 0, 1, 8).rstrip(), numbers(4, 7, 1, 8).rstrip()))
+    with pytest.raises(fs.InputError, match="coordinate system 7, which is turned"):
+        fs.read_mesh(tmp_path / "old.uff")
+    text = universal("tetra")[0]
+    (tmp_path / "new.unv").write_text(system + text)
+    assert fs.read_mesh(tmp_path / "new.unv").kind == "tetra" and SYSTEM in text
+
+
+def test_modes_of_a_bench(tmp_path: Path) -> None:
+    (tmp_path / "bench.uff").write_text(BENCH + old_mode(12.0, 0.0, SHAPES[1]) + old_mode(10.0, 0.01, SHAPES[0]))
+    found = fs.read_modes(tmp_path / "bench.uff")
+    assert found.frequencies == pytest.approx(2 * np.pi * np.array([10.0, 12.0])) and found.damping == pytest.approx([0.01, 0.0])
+    assert found.shapes == pytest.approx(SHAPES.reshape(2, 12).T, rel=1e-5) and found.shapes.dtype == float
+    assert found.dofs.name(5) == "uz at node 4" and found.dofs.points is not None and found.dofs.points[5].tolist() == [4, 0, 0.5]
+    assert found.notes == ("written by Bench 3", "its units: mm (milli-newton); nothing is converted")
+
+
+def test_complex_modes_with_rotations(tmp_path: Path) -> None:
+    shape = np.concatenate([SHAPES[0] + 1j * SHAPES[1], SHAPES[1] + 2j * SHAPES[0]], axis=1)
+    shape[:, 4] = 0  # not measured
+    (tmp_path / "bench.uff").write_text(new_mode(-0.5 - 40j, shape) + new_mode(-0.25 + 30j, shape.conj()))
+    found = fs.read_modes(tmp_path / "bench.uff")
+    assert found.eigenvalues == pytest.approx([-0.25 + 30j, -0.5 + 40j], rel=1e-5) and found.dofs.points is None
+    assert found.dofs.size == 20 and found.dofs.labels[found.dofs.components[4]] == "rz"
+    assert found.shapes[:, 1] == pytest.approx(shape[:, [0, 1, 2, 3, 5]].ravel(), rel=1e-5)
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    (numbers(7), numbers(4), "a node twice"), (numbers(7), "         x\n", "whole number"), ("E+00", "x+00", "not all numbers"),
+    (numbers(1, 2, 2, 8, 2, 3), numbers(1, 2, 2, 8, 2, 6), "6 values for each node"),
+    (numbers(1, 2, 2, 8, 2, 3), numbers(1, 1, 2, 8, 2, 3), "holds no modes"), (numbers(7), "", "lines, but 2 for each"),
+    (reals(10.0, 1, 0.01, 0), reals(10.0, 1, 1.5, 0), "damping ratio 1.5"), (reals(10.0, 1, 0.01, 0), "\n", "real parameters"),
+    (reals(10.0, 1, 0.01, 0), "   nan   1.0   0.0   0.0\n", "nan Hz"), ("NONE\n" * 3, "", "should be six numbers")])
+def test_faults_of_modes_are_told(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = BENCH + old_mode(10.0, 0.01, SHAPES[0])
+    start = text.index("    55\n")
+    assert old in text[start:]
+    (tmp_path / "bench.uff").write_text(text[:start] + text[start:].replace(old, new, 1))
+    with pytest.raises(fs.InputError, match=message):
+        fs.read_modes(tmp_path / "bench.uff")
+
+
+def test_a_mode_that_lacks_a_node(tmp_path: Path) -> None:
+    """Nodes without motion need not be listed in data set 55, but a mode of 2414 says nothing about nodes that are missing."""
+    whole = old_mode(10.0, 0.0, SHAPES[0])
+    less = whole.replace(numbers(9) + reals(*SHAPES[0, 3]), "")
+    (tmp_path / "old.uff").write_text(whole + less)
+    assert not fs.read_modes(tmp_path / "old.uff").shapes[9:, 1].any()
+    shape = np.tile(SHAPES[0] + 0j, 2)
+    other = new_mode(40j, shape)
+    cut = other.replace(numbers(9) + other.split(numbers(9))[1].split("    -1")[0], "")
+    (tmp_path / "new.uff").write_text(other + cut)
+    with pytest.raises(fs.InputError, match="does not tell how node 9 moves"):
+        fs.read_modes(tmp_path / "new.uff")
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_real_files_say_what_pyuff_says(tmp_path: Path, binary: bool) -> None:
+    """Functions as pyuff writes them, in text or binary, whose length it writes too small for complex values."""
+    pyuff = pytest.importorskip("pyuff")
+    h, x = np.random.default_rng(1).standard_normal((2, 9)).T.copy().view(complex).ravel(), np.arange(1.0, 10.0)
+    head = {"type": 58, "func_type": 4, "rsp_node": 2, "rsp_dir": 3, "ref_node": 5, "ref_dir": 1, "abscissa_spacing": 1,
+            "abscissa_min": 1.0, "abscissa_inc": 1.0, "ord_data_type": 6, "abscissa_spec_data_type": 18,
+            "ordinate_spec_data_type": 8, "orddenom_spec_data_type": 13, "x": x, "data": h, "num_pts": 9, "rsp_ent_name": "NONE",
+            "ref_ent_name": "NONE", "ver_num": 1, "load_case_id": 0, "z_axis_value": 0.0, **{f"id{k}": "x" for k in range(1, 6)}}
+    pyuff.UFF(str(tmp_path / "a.uff")).write_sets([head | {"binary": 0}, head | {"binary": int(binary)}], "overwrite")
+    found = fs.read_response(tmp_path / "a.uff")
+    assert found.repeated == 2 and found.receptance[:, 0, 0] == pytest.approx(h, rel=1e-10)
+
+
+def test_modes_are_paired_by_their_shapes() -> None:
+    """At some DOF, by numbers or by places; a double mode by its plane; rows in another order and scale."""
+    part = fs.solid(fs.block((1.0, 0.1, 0.1), (6, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
+    supported = fs.Substructure(part.M[12:, 12:], part.K[12:, 12:], dofs=part.dofs.kept(np.arange(12, part.size)))
+    own = fs.normal_modes(supported, count=8)
+    rng, rows = np.random.default_rng(0), np.random.default_rng(0).permutation(supported.size)[:30]
+    turned = own.shapes.copy()
+    turned[:, :2] = own.shapes[:, :2] @ [[0.6, -0.8], [0.8, 0.6]]  # two modes of one frequency are two of any in their plane
+    order = rng.permutation(8)
+    dofs = supported.dofs.kept(rows)
+    known = fs.ModeSet(1j * own.frequencies[order], (turned * rng.uniform(1, 9, 8))[rows][:, order], dofs)
+    pairs = known.compare(supported, own)
+    assert own.frequencies[1] == pytest.approx(own.frequencies[0], rel=1e-9)
+    assert pairs.mac == pytest.approx(np.ones(8)) and pairs.dofs == 30 and np.abs(pairs.change).max() < 1e-12
+    assert sorted(pairs.found) == list(range(8)) and (order[pairs.known] == pairs.found)[pairs.found > 1].all()
+    other = fs.DofMap(dofs.nodes + 1000, dofs.components, dofs.labels, dofs.points + 1e-3)
+    moved = fs.ModeSet(known.eigenvalues, known.shapes, other)
+    assert moved.compare(supported, own, tol=0.01).mac == pytest.approx(np.ones(8))
+    for tol in (None, 1e-4):
+        with pytest.raises(fs.InputError, match="no DOF in common"):
+            moved.compare(supported, own, tol=tol)
+    rom = fs.reduce(part, fs.CraigBampton(12))
+    free = fs.ModeSet(1j * (own := fs.normal_modes(part, count=6)).frequencies, own.shapes, part.dofs)
+    found = free.compare(rom, fs.normal_modes(rom, count=6))
+    assert found.mac[6:].min() > 0.99 and repr(found).startswith("ModePairs: 12 of 12 modes at 84 DOF, smallest MAC ")
+    with pytest.raises(fs.InputError, match="of another model"):
+        free.compare(supported, own)

@@ -1,4 +1,4 @@
-"""Ansys' .full files, K and M with node and direction of each row, read by PyAnsys' reader in a process of its own."""
+"""Ansys' binary files: K and M of .full files, modes of .rst files, read by PyAnsys' reader in a process of its own."""
 
 from __future__ import annotations
 
@@ -6,28 +6,67 @@ import subprocess
 import sys
 import tempfile
 from functools import lru_cache
+from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import installed_by
+from femsub.checks import Array, installed_by
 from femsub.errors import InputError, MissingPackageError
 from femsub.io.abaqus_calculix import TextMatrix
 
 MODULE = "ansys.mapdl.reader"
-SECONDS = 600  # for a file; PyAnsys needs 5 to start
+SECONDS = 600  # for a file
 MEMORY = 16  # GB of addresses that reading may take
-#: reads the file that is named first into arrays in the second; the reader's compiled part aborts at files that are cut short
-READ = """
-import resource, sys
+WORDS = 103  # of four bytes: the first record with its length and type, that is the standard header
+FULL, RESULT = 4, 12  # kinds of files, by the first word of the standard header
+MODAL = 2  # the type of a modal analysis
+NOTHING = 2.0 ** 100  # in place of a value that there is not
+LENGTH, LONG = 26, slice(96, 98)  # words that tell the length of the file, in words
+#: the process: its memory is limited, and it takes the reader's modules without their __init__, which loads VTK for some 5 s
+BEGIN = f"""
+import resource, sys, types
+from importlib.util import find_spec
 import numpy as np
-resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[3]) << 30,) * 2)
+path, target, most = sys.argv[1], sys.argv[2], int(sys.argv[3]) << 30
+hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
+bare = types.ModuleType("{MODULE}")
+bare.__path__ = list(find_spec("{MODULE}").submodule_search_locations)
+sys.modules["{MODULE}"] = bare
+"""
+MATRICES = """
 from ansys.mapdl.reader.full import FullFile
-dofs, K, M = FullFile(sys.argv[1]).load_km(sort=True)
+dofs, K, M = FullFile(path).load_km(sort=True)
 K, M = K.tocoo(), M.tocoo()
-np.savez(sys.argv[2], dofs=dofs, K=K.data, K_row=K.row, K_col=K.col, M=M.data, M_row=M.row, M_col=M.col)
+np.savez(target, dofs=dofs, K=K.data, K_row=K.row, K_col=K.col, M=M.data, M_row=M.row, M_col=M.col)
+"""
+#: records of the result file as they are; what they mean is told by `read_rst`
+SETS = """
+from ansys.mapdl.reader import _binary_reader, _rst_keys
+from ansys.mapdl.reader.common import parse_header
+def record(at, **more):
+    return _binary_reader.c_read_record(path, int(at), **more)
+head = parse_header(record(103), _rst_keys.result_header_keys)
+geometry = parse_header(record(head["ptrGEO"]), _rst_keys.geometry_header_keys)
+count, known = int(head["nsets"]), record(head["ptrNOD"])
+pointers = record(head["ptrDSI"]).reshape(2, -1)[:, :count].astype(np.int64)
+nodes, numbers = np.zeros((int(geometry["nnod"]), 6)), np.zeros(int(geometry["nnod"]), np.int32)
+_binary_reader.load_nodes(path, int(geometry["ptrLOC"]), len(numbers), nodes, numbers)
+found = {"analysis": head["kan"], "cyclic": head["nSector"], "at": record(head["ptrTIM"])[:count], "nodes": nodes,
+         "numbers": numbers, "whole": head["Glbnnod"]}
+for index, (low, high) in enumerate(pointers.T):
+    start = int(low % 2**32 + (high << 32))
+    one = parse_header(record(start), _rst_keys.solution_data_header_keys)
+    width = int(one["numdof"] + one["nfldof"])
+    values, size = record(start + one["ptrNSL"], return_bufsize=1)
+    values = values.reshape(-1, width)[:int(one["nnod"])].astype(float)
+    rows = np.arange(len(values)) if len(values) == one["nnod"] else record(start + one["ptrNSL"] + size) - 1
+    found |= {f"complex{index}": one["kcmplx"], f"dofs{index}": np.array(one["DOFS"])[:width], f"values{index}": values,
+              f"at{index}": known[rows]}
+np.savez(target, **found)
 """
 
 
@@ -37,11 +76,12 @@ def read_full(path: Path) -> dict[str, TextMatrix]:
     ===================  =======================================================================================
     it reads             symmetric stiffness and mass in .full files of Ansys (WRFULL, or a modal analysis)
     it leaves out        DOF that a constraint holds
-    it refuses           a lumped mass, unsymmetric matrices, whatever the reader refuses or crashes at
+    it refuses           a lumped mass, unsymmetric matrices, a file that is shorter than its header tells, whatever the
+                         reader refuses or crashes at
     it cannot know       whether a number is wrong: there is no checksum
     ===================  =======================================================================================
 
-    The reader's compiled part crashes at files that are cut short, so it runs in a process of its own.
+    The reader's compiled part crashes at files that are damaged, so it runs in a process of its own.
 
     Raises
     ------
@@ -50,33 +90,17 @@ def read_full(path: Path) -> dict[str, TextMatrix]:
     MissingPackageError
         ansys-mapdl-reader is not installed.
     """
-    if find_spec("ansys") is None or find_spec(MODULE) is None:
-        raise MissingPackageError(f"Ansys' .full files need PyAnsys' reader: {installed_by('ansys-mapdl-reader')}")
-    stamp = path.stat()
-    found = _read(path, stamp.st_mtime_ns, stamp.st_size)
+    stamp = _checked(path, FULL, ".full").stat()
+    found = _matrices(path, stamp.st_mtime_ns, stamp.st_size)
     return {key: TextMatrix(item.matrix.copy(), item.labels) for key, item in found.items()}
 
 
 @lru_cache(maxsize=1)  # K and M are asked for one after the other
-def _read(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "matrices.npz"
-        try:
-            command = [sys.executable, "-c", READ, str(path.absolute()), str(target), str(MEMORY)]
-            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=SECONDS, errors="replace")
-        except subprocess.TimeoutExpired:
-            raise InputError(f"{path} was not read within {SECONDS} s; it may be damaged") from None
-        if done.returncode or not target.is_file():
-            last = (done.stderr.strip().splitlines() or [""])[-1]
-            if last.startswith("ModuleNotFoundError"):
-                raise MissingPackageError(f"Ansys' .full files need PyAnsys' reader and all it needs ({last}): "
-                                          f"{installed_by('ansys-mapdl-reader')}")
-            reason = last if done.returncode > 0 and last else f"its reader stopped with status {done.returncode}"
-            raise InputError(f"{path} cannot be read ({reason:.160}); it may be cut short or damaged, write it again")
-        with np.load(target) as found:
-            dofs = found["dofs"].astype(np.int64)
-            part = {key: sp.coo_array((found[key], (found[f"{key}_row"], found[f"{key}_col"])), shape=(len(dofs), len(dofs)))
-                    for key in "KM"}
+def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
+    found = _asked(path, MATRICES)
+    dofs = found["dofs"].astype(np.int64)
+    part = {key: sp.coo_array((found[key], (found[f"{key}_row"], found[f"{key}_col"])), shape=(len(dofs), len(dofs)))
+            for key in "KM"}
     whole = {key: sp.csr_array(matrix + sp.triu(matrix, 1).T + sp.tril(matrix, -1).T) for key, matrix in part.items()}
     if not all(np.isfinite(matrix.data).all() for matrix in whole.values()):
         raise InputError(f"{path} holds a NaN or Inf")
@@ -85,3 +109,107 @@ def _read(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
     if not len(used) or len(np.unique(labels, axis=0)) < len(labels) or labels.min() < 1:
         raise InputError(f"{path} holds no DOF, or some of them twice; it may be damaged, write it again")
     return {key: TextMatrix(sp.csr_array(matrix[used][:, used]), labels) for key, matrix in whole.items()}
+
+
+def read_rst(path: Path) -> tuple[Array, Array, Array, Array, Array, list[str]]:
+    """λ (k,) and shapes (m, k) of a .rst file, node, direction (0 to 5) and place of each row, and what there is to tell.
+
+    ===================  =======================================================================================
+    it reads             real modes of a modal analysis (ANTYPE,MODAL): motions of nodes, compressed or not
+    it turns             motions in a frame of a node's own into those along the global axes
+    it leaves out        temperatures, pressures and other DOF that are no motions; nodes without a solution
+    it refuses           other analyses, complex modes, cyclic sectors, one of several files of a distributed run, a file that
+                         is shorter than its header tells, whatever the reader crashes at
+    it cannot know       units
+    ===================  =======================================================================================
+
+    Raises
+    ------
+    InputError
+        See the table.
+    MissingPackageError
+        ansys-mapdl-reader is not installed.
+    """
+    found = _asked(_checked(path, RESULT, ".rst"), SETS)
+    at, nodes, numbers = found["at"].astype(float), found["nodes"], found["numbers"].astype(np.int64)
+    if found["analysis"] != MODAL or not len(at):
+        raise InputError(f"{path} holds no modes: its analysis is of the type {found['analysis']}, a modal one is {MODAL}")
+    if found["cyclic"] > 1 or any(found[f"complex{mode}"] for mode in range(len(at))):
+        raise InputError(f"{path} holds modes of a cyclic sector, or complex ones, which are not read: expand them (/EXPAND), or "
+                         "solve for real modes of the whole")
+    if found["whole"] > len(found["at0"]):
+        raise InputError(f"{path} holds {len(found['at0'])} of {found['whole']} nodes, one file of a distributed run: write one "
+                         "for all (COMBINE)")
+    if not (np.isfinite(at).all() and at.min() >= 0 and np.isfinite(nodes).all()) or len(np.unique(numbers)) < len(numbers):
+        raise InputError(f"{path} has frequencies, places or numbers of nodes that cannot be; it may be damaged, write it again")
+    place = {number: row for row, number in enumerate(numbers.tolist())}
+    listed = found["at0"].tolist()
+    if len(set(listed)) < len(listed) or not set(listed) <= place.keys():
+        raise InputError(f"{path} gives a solution at nodes that it does not have, or twice; it may be damaged, write it again")
+    rows = np.array([place[number] for number in listed])
+    motions = np.zeros((len(listed), 6, len(at)))
+    for mode in range(len(at)):
+        values, kinds = found[f"values{mode}"], found[f"dofs{mode}"]
+        if not np.array_equal(found[f"at{mode}"], found["at0"]) or not np.isfinite(values).all():
+            raise InputError(f"{path}: mode {mode + 1} has other nodes than the first, or a NaN; it may be damaged")
+        for column in np.flatnonzero((kinds >= 1) & (kinds <= 6)):
+            motions[:, kinds[column] - 1, mode] = np.where(values[:, column] == NOTHING, 0.0, values[:, column])
+    axes = _axes(nodes[rows, 3:])
+    for start in (0, 3):
+        motions[:, start:start + 3] = axes @ motions[:, start:start + 3]
+    return (2j * np.pi * at, motions.reshape(-1, len(at)), np.repeat(numbers[rows], 6), np.tile(np.arange(6), len(rows)),
+            np.repeat(nodes[rows, :3], 6, axis=0), [])
+
+
+def _axes(angles: Array) -> Array:
+    """Axes of nodes as columns, shape (n, 3, 3), turned about z, then their own x, then their own y, by angles in degrees."""
+    turned = np.tile(np.eye(3), (len(angles), 1, 1))
+    for angle, (one, other) in zip(np.deg2rad(angles.T), ((0, 1), (1, 2), (2, 0)), strict=True):
+        step = np.tile(np.eye(3), (len(angles), 1, 1))
+        step[:, one, one] = step[:, other, other] = np.cos(angle)
+        step[:, other, one], step[:, one, other] = np.sin(angle), -np.sin(angle)
+        turned = turned @ step
+    return turned
+
+
+def _place() -> ModuleSpec | None:
+    try:
+        return find_spec(MODULE)
+    except ModuleNotFoundError:  # another package of Ansys, without this part
+        return None
+
+
+def _checked(path: Path, kind: int, ending: str) -> Path:
+    """The path, if the package is there, and the file begins as one of Ansys of this kind and is as long as it says."""
+    if _place() is None:
+        raise MissingPackageError(f"Ansys' {ending} files need PyAnsys' reader: {installed_by('ansys-mapdl-reader')}")
+    if not path.is_file():
+        raise InputError(f"there is no file {path}")
+    head = np.fromfile(path, "<i4", WORDS)
+    if len(head) < WORDS or head[0] != 100 or head[2] != kind:
+        raise InputError(f"{path} is no {ending} file of Ansys, or one of a machine with the other order of bytes")
+    words = head[2:]
+    told = max(int(words[LENGTH]), int(words[LONG][0]) % 2 ** 32 + (int(words[LONG][1]) << 32))
+    if path.stat().st_size < 4 * told:
+        raise InputError(f"{path} announces {4 * told} bytes, but has {path.stat().st_size}; it is cut short or damaged")
+    return path
+
+
+def _asked(path: Path, script: str) -> dict[str, Array]:
+    """The arrays that a script in a process of its own finds in a file of Ansys."""
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "found.npz"
+        try:
+            command = [sys.executable, "-c", BEGIN + script, str(path.absolute()), str(target), str(MEMORY)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=SECONDS, errors="replace")
+        except subprocess.TimeoutExpired:
+            raise InputError(f"{path} was not read within {SECONDS} s; it may be damaged") from None
+        if done.returncode or not target.is_file():
+            last = (done.stderr.strip().splitlines() or [""])[-1]
+            if last.startswith("ModuleNotFoundError"):
+                raise MissingPackageError(f"Ansys' {path.suffix} files need PyAnsys' reader and all it needs ({last}): "
+                                          f"{installed_by('ansys-mapdl-reader')}")
+            reason = last if done.returncode > 0 and last else f"its reader stopped with status {done.returncode}"
+            raise InputError(f"{path} cannot be read ({reason:.160}); it may be cut short or damaged, write it again")
+        with np.load(target) as found:
+            return dict(found)

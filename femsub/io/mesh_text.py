@@ -34,9 +34,10 @@ def texts_read() -> Iterator[list[Path]]:
         _asked.reset(token)
 
 
-def text_of(path: Path) -> str:
-    """The file's text with newlines only: UTF-8 or UTF-16 with or without a byte-order mark, else Latin-1."""
-    raw = path.read_bytes()
+def text_of(path: Path, raw: bytes | None = None) -> str:
+    """The file's text, or that of its bytes given, with newlines only: UTF-8 or UTF-16 with or without a byte-order mark, else
+    Latin-1."""
+    raw = path.read_bytes() if raw is None else raw
     if (asked := _asked.get()) is not None:
         asked.append(path)
     try:

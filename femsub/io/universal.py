@@ -1,6 +1,7 @@
-"""Universal files of I-deas (.unv, .uff): nodes, elements and groups, as Salome, Simcenter, NX and test benches write them.
+"""Universal files of I-deas (.unv, .uff): their data sets, in text and binary, and the meshes in them.
 
-pyuff reads these too. But it stops at elements of more than eight nodes, whose nodes stand on several lines.
+Salome, Simcenter, NX and test benches write them. pyuff reads them, too. But it stops at elements of more than eight nodes and at
+complex shapes of six values, which stand on several lines, and it passes over a data set without an end.
 """
 
 from __future__ import annotations
@@ -8,8 +9,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,10 +19,15 @@ from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.io.mesh_text import as_numbers, once, rows_of, text_of
 
-NODES, OLD_NODES, ELEMENTS, SYSTEMS = 2411, 15, 2412, (18, 2420)
+NODES, OLD_NODES, ELEMENTS, SYSTEMS, TRACES = 2411, 15, 2412, 18, 82
 GROUPS = (2435, 2452, 2467, 2477)
+HEADER, UNITS, EXPORT = 151, 164, 2420  # the last has systems that the nodes of 2411 do not need
 BEAMS = (11, 21, 22, 23, 24)  # elements with a line more, of orientation and sections
 NODE, ELEMENT = 7, 8  # kinds of members of a group
+#: of the values of functions, by their type: what they are in binary, and how many numbers a value has
+NUMBERS = {2: ("f4", 1), 4: ("f8", 1), 5: ("f4", 2), 6: ("f8", 2)}
+#: the beginning of a binary data set: its number, then order of bytes, kind of numbers, lines of text and bytes behind them
+_BINARY = re.compile(rb"(?m)^[ \t]*-1[ \t]*\r?\n[ \t]*(\d{1,4})b([ \t\d]*)\r?\n")
 #: number of the element's type: kind, and at which of our nodes each of theirs is (they go around the bottom, up, around the top)
 _CELLS: dict[int, tuple[str, list[int]]] = {
     **dict.fromkeys((11, 21, 22, 23), ("line", [0, 1])), **dict.fromkeys((24,), ("line3", [0, 2, 1])),
@@ -39,17 +46,30 @@ def is_universal(head: bytes) -> bool:
     return re.match(rb"\s*-1[ \t]*\r?\n[ \t]*\d{1,4}b?\b", head) is not None
 
 
+class DataSet(NamedTuple):
+    """The number of a data set, its lines, and what follows them if it is binary, with the order of its bytes, < or >."""
+
+    kind: int
+    lines: list[str]
+    values: bytes | None = None
+    order: str = "<"
+
+
 def read_universal(path: Path) -> tuple[Any, list[str]]:
     """A meshio.Mesh with `points_id`, `cells_id` and the groups as sets, and what was skipped.
 
     ==============  ==========================================================================================================
-    reads           nodes (2411, 15), elements (2412) with straight and curved edges, groups (2467, 2477, 2452, 2435)
+    reads           nodes (2411, 15), elements (2412) with straight and curved edges, groups (2467, 2477, 2452, 2435); where there
+                    are no elements, the trace lines of a test model (82) as lines with a group for each
+    tells           who wrote it (151), units (164): nothing is converted
     skips, tells    other data sets, elements that are no cells, members of groups that are neither nodes nor elements
-    refuses         nodes in a coordinate system that is turned or moved (18, 2420), nodes and elements given twice, an
-                    element of the wrong number of nodes, binary data sets (58b), a data set without its end
+    refuses         nodes (15) whose coordinates are in a system that is turned or moved (18), nodes and elements given twice, an
+                    element of the wrong number of nodes, a data set without its end
     cannot know     whether nodes or elements are missing between two others: the format counts nothing. The unit of
                     length: coordinates are not converted
     ==============  ==========================================================================================================
+
+    Nodes of the data set 2411 are in the frame of the part, whatever system they name for export.
 
     Raises
     ------
@@ -58,34 +78,27 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
     """
     import meshio
 
-    nodes, elements = dict[int, tuple[int, list[str]]](), dict[int, list[tuple[int, list[int]]]]()
-    groups, turned, notes = dict[str, list[tuple[int, int]]](), set[int](), Counter[str]()
-    for kind, lines in _data_sets(path):
-        if kind in (NODES, OLD_NODES):
-            for number, system, place in _nodes(path, kind, lines):
-                if number in nodes:
-                    raise InputError(f"{path} gives the node {number} twice")
-                nodes[number] = system, place
-        elif kind == ELEMENTS:
+    elements = dict[int, list[tuple[int, list[int]]]]()
+    groups, traces, notes = dict[str, list[tuple[int, int]]](), dict[str, list[list[int]]](), Counter[str]()
+    sets = list(data_sets(path))
+    for kind, lines, *_ in sets:
+        if kind == ELEMENTS:
             for number, type_, corners in _elements(path, lines):
                 elements.setdefault(type_, []).append((number, corners))
         elif kind in GROUPS:
             for name, members in _groups(path, kind, lines):
                 groups[name] = [*groups.get(name, []), *members]
-        elif kind in SYSTEMS:
-            turned |= _turned(path, kind, lines)
-        else:
+        elif kind == TRACES:
+            for name, line in _traces(path, lines):
+                traces[name] = [*traces.get(name, []), *line]
+        elif kind not in (NODES, OLD_NODES, SYSTEMS, EXPORT, HEADER, UNITS):
             notes[f"data set {kind} skipped"] += 1
-    if not nodes or not elements:
-        raise InputError(f"{path} has {len(nodes)} nodes (data sets 2411, 15) and {len(elements)} types of elements (2412)")
-    if used := {system for system, _ in nodes.values()} & turned:
-        raise InputError(f"{path} has nodes in the coordinate system {min(used)}, which is turned or moved: write "
-                         "it in the global one")
-    numbers = np.array(list(nodes), dtype=np.int64)
+    notes.update(told(sets))
+    numbers, points = nodes_of(path, sets)
+    if not len(numbers) or not (elements or traces):
+        raise InputError(f"{path} has {len(numbers)} nodes (data sets 2411, 15), {len(elements)} types of elements (2412) and "
+                         f"{len(traces)} trace lines (82)")
     order = np.argsort(numbers)
-    points = as_numbers(f"{path}: the coordinates of nodes", " ".join(" ".join(place) for _, place in nodes.values()), float)
-    if len(points) != 3 * len(numbers):
-        raise InputError(f"{path}: the coordinates of nodes are not three numbers each")
     once(path, "elements", np.array([number for some in elements.values() for number, _ in some], dtype=np.int64))
     cells, ids = [], []
     for type_, some in elements.items():
@@ -98,6 +111,15 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
         table = np.array([members for _, members in some], dtype=np.int64)[:, np.argsort(where)]
         cells.append((name, order[rows_of(path, f"a {name} element", "node", numbers[order], table)]))
         ids.append(np.array([number for number, _ in some], dtype=np.int64))
+    if traces and elements:
+        notes[f"{len(traces)} trace line{'s' * (len(traces) != 1)} skipped"] += 1
+    elif traces:
+        pairs = np.array([pair for line in traces.values() for pair in line], dtype=np.int64)
+        cells = [("line", order[rows_of(path, "a trace line", "node", numbers[order], pairs)])]
+        ids = [np.arange(1, len(pairs) + 1)]
+        ends = np.cumsum([0, *map(len, traces.values())])
+        for name, start, stop in zip(traces, ends, ends[1:], strict=False):
+            groups[name] = [*groups.get(name, []), *((ELEMENT, number) for number in range(start + 1, stop + 1))]
     points_in, cells_in = {}, {}
     for name, members in groups.items():
         of_nodes, of_cells = ([number for kind, number in members if kind == wanted] for wanted in (NODE, ELEMENT))
@@ -107,29 +129,103 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
             cells_in[name] = [np.flatnonzero(np.isin(part, of_cells)) for part in ids]
         if other := len(members) - len(of_nodes) - len(of_cells):
             notes[f"{other} members of the group {name} are neither nodes nor elements: skipped"] += 1
-    mesh = meshio.Mesh(points.reshape(-1, 3), cells, point_sets=points_in, cell_sets=cells_in)
+    mesh = meshio.Mesh(points, cells, point_sets=points_in, cell_sets=cells_in)
     mesh.points_id, mesh.cells_id = numbers, ids
     return mesh, [f"{text} ({count} times)" if count > 1 else text for text, count in notes.items()]
 
 
-def _data_sets(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """The number of each data set and its lines."""
-    lines = text_of(path).split("\n")
+def data_sets(path: Path) -> Iterator[DataSet]:
+    """The data sets of a universal file, one after the other.
+
+    Raises
+    ------
+    InputError
+        A data set without its end, or without its number.
+    """
+    raw, at = path.read_bytes(), 0
+    parts, values = list[bytes](), list[tuple[bytes, str]]()
+    while (head := _BINARY.search(raw, at)) is not None:
+        words = [int(word[:18]) for word in head[2].split()]
+        start = head.end()
+        for _ in range(min(words[2], 100) if len(words) > 3 else 0):
+            start = raw.find(b"\n", start) + 1 or len(raw)
+        sizes = (words[3], _bytes_of(raw[head.end():start])) if len(words) > 3 else ()
+        stops = [start + size for size in sizes if re.match(rb"\s*-1[ \t]*(\r?\n|\Z)", raw[start + size:start + size + 90])]
+        if not stops:
+            raise InputError(f"{path}: a binary data set {head[1].decode()}b does not end where it says: it is cut short or "
+                             "damaged")
+        stop = stops[0]
+        parts, at = [*parts, raw[at:start], b"\n"], stop
+        values.append((raw[start:stop], ">" if words[0] == 2 else "<"))
+    lines = text_of(path, b"".join([*parts, raw[at:]]) if parts else raw).split("\n")
     ends = [at for at, line in enumerate(lines) if line.strip() == "-1"]
     if len(ends) % 2 or not ends:
-        raise InputError(f"{path} has a data set without its end, a line -1: it is cut short, or holds binary data")
+        raise InputError(f"{path} has a data set without its end, a line -1: it is cut short or damaged")
     for begin, end in zip(ends[::2], ends[1::2], strict=True):
-        head = lines[begin + 1].split() if end > begin + 1 else []
-        if not head or not re.fullmatch("[0-9]{1,4}", head[0]):
-            raise InputError(f"{path}, line {begin + 2}: {lines[begin + 1]!r:.40} is not the number of a data set in text")
-        yield int(head[0]), lines[begin + 2:end]
+        kind = [*(lines[begin + 1].split() if end > begin + 1 else []), ""][0]
+        if not re.fullmatch("[0-9]{1,4}b?", kind) or (kind[-1] == "b" and not values):
+            raise InputError(f"{path}, line {begin + 2}: {lines[begin + 1]!r:.40} is not the number of a data set")
+        content = values.pop(0) if kind[-1] == "b" else ()
+        yield DataSet(int(kind.rstrip("b")), lines[begin + 2:end], *content)
 
 
-def _whole(path: Path, what: str, words: list[str]) -> list[int]:
+def _bytes_of(head: bytes) -> int:
+    """The length of a binary data set 58 by its count of values; pyuff writes too small a number of bytes for complex values."""
+    words = (b"\n".join(head.split(b"\n")[6:7]).split() + [b"0"] * 3)[:3]
+    if not all(re.fullmatch(rb"\d{1,12}", word) for word in words):
+        return 0
+    kind, count, even = map(int, words)
+    name, width = NUMBERS.get(kind, ("f4", 1))
+    return count * (width + (even == 0)) * int(name[1])
+
+
+def told(sets: list[DataSet]) -> list[str]:
+    """The program that wrote the file (data set 151) and its units (164), in words."""
+    said = []
+    for kind, lines, *_ in sets:
+        if kind == HEADER and (names := [lines[at].strip() for at in (5, 2) if at < len(lines) and lines[at].strip()]):
+            said.append(f"written by {names[0]:.60}")
+        if kind == UNITS and lines and (unit := lines[0][10:30].strip()):
+            said.append(f"its units: {unit}; nothing is converted")
+    return said
+
+
+def nodes_of(path: Path, sets: list[DataSet]) -> tuple[Array, Array]:
+    """Numbers, shape (n,), and places, shape (n, 3), of the nodes in the data sets 2411 and 15.
+
+    Raises
+    ------
+    InputError
+        A node that is given twice or whose place is in a frame of its own.
+    """
+    nodes, turned = dict[int, tuple[int, list[str]]](), set[int]()
+    for kind, lines, *_ in sets:
+        if kind == SYSTEMS:
+            turned |= _turned(path, lines)
+        for number, system, place in _nodes(path, kind, lines) if kind in (NODES, OLD_NODES) else ():
+            if number in nodes:
+                raise InputError(f"{path} gives the node {number} twice")
+            nodes[number] = system if kind == OLD_NODES else 0, place
+    if used := {system for system, _ in nodes.values()} & turned:
+        raise InputError(f"{path} has nodes in the coordinate system {min(used)}, which is turned or moved: write "
+                         "it in the global one")
+    points = as_numbers(f"{path}: the coordinates of nodes", " ".join(" ".join(place) for _, place in nodes.values()), float)
+    if len(points) != 3 * len(nodes):
+        raise InputError(f"{path}: the coordinates of nodes are not three numbers each")
+    return np.array(list(nodes), dtype=np.int64), points.reshape(-1, 3)
+
+
+def whole(path: Path, what: str, words: list[str]) -> list[int]:
+    """Whole numbers of at most 15 digits."""
     bad = [word for word in words if not re.fullmatch("-?[0-9]{1,15}", word)]
     if bad:
         raise InputError(f"{path}: {bad[0]!r:.30} in {what} is not a whole number")
     return [int(word) for word in words]
+
+
+def apart(text: str) -> str:
+    """Numbers of fixed width with a blank between them, also where a sign fills the field."""
+    return re.sub(r"(?<=[\d.])(?=[+-]\d*\.)", " ", text)
 
 
 def _nodes(path: Path, kind: int, lines: list[str]) -> Iterator[tuple[int, int, list[str]]]:
@@ -142,7 +238,7 @@ def _nodes(path: Path, kind: int, lines: list[str]) -> Iterator[tuple[int, int, 
         if len(words) != 7:
             raise InputError(f"{path}: {lines[start].strip()!r:.60} and its coordinates should be seven numbers (data set "
                              f"{kind})")
-        number, system, *_ = _whole(path, f"data set {kind}", words[:4])
+        number, system, *_ = whole(path, f"data set {kind}", words[:4])
         if number < 1:
             raise InputError(f"{path}: a node has the number {number}; they count from 1")
         yield number, system, words[4:]
@@ -152,7 +248,7 @@ def _elements(path: Path, lines: list[str]) -> Iterator[tuple[int, int, list[int
     """Number, type and nodes of each element; the nodes are eight on a line."""
     at = 0
     while at < len(lines):
-        head = _whole(path, "data set 2412", lines[at].split())
+        head = whole(path, "data set 2412", lines[at].split())
         if len(head) != 6 or head[5] < 1 or head[0] < 1:
             raise InputError(f"{path}: {lines[at].strip()!r:.60} is no head of an element (data set 2412)")
         at += 2 if head[1] in BEAMS else 1
@@ -161,40 +257,47 @@ def _elements(path: Path, lines: list[str]) -> Iterator[tuple[int, int, list[int
             words, at = [*words, *lines[at].split()], at + 1
         if len(words) != head[5]:
             raise InputError(f"{path}: element {head[0]} announces {head[5]} nodes, but has {len(words)}")
-        yield head[0], head[1], _whole(path, f"element {head[0]}", words)
+        yield head[0], head[1], whole(path, f"element {head[0]}", words)
 
 
 def _groups(path: Path, kind: int, lines: list[str]) -> Iterator[tuple[str, list[tuple[int, int]]]]:
     """Name and members (kind, number) of each group; two members of four numbers on a line."""
     at = 0
     while at < len(lines):
-        head = _whole(path, f"data set {kind}", lines[at].split())
+        head = whole(path, f"data set {kind}", lines[at].split())
         name = lines[at + 1].strip() if at + 1 < len(lines) else ""
         if len(head) < 2 or not 0 <= head[-1] < 10 ** 9 or not name:
             raise InputError(f"{path}: {lines[at].strip()!r:.60} is no head of a group (data set {kind})")
         stop = at + 2 + (head[-1] + 1) // 2
-        words = _whole(path, f"the group {name}", " ".join(lines[at + 2:stop]).split())
+        words = whole(path, f"the group {name}", " ".join(lines[at + 2:stop]).split())
         if len(words) != 4 * head[-1]:
             raise InputError(f"{path}: the group {name} announces {head[-1]} members, but has {len(words) / 4:g}")
         yield name, list(zip(words[::4], words[1::4], strict=True))
         at = stop
 
 
-def _turned(path: Path, kind: int, lines: list[str]) -> set[int]:
+def _traces(path: Path, lines: list[str]) -> Iterator[tuple[str, list[list[int]]]]:
+    """Name and pieces (two nodes each) of each trace line; the pen is up before a node behind a 0."""
+    at = 0
+    while at < len(lines):
+        head = whole(path, "data set 82", lines[at].split())
+        if len(head) < 2 or head[1] < 1 or at + 1 >= len(lines):
+            raise InputError(f"{path}: {lines[at].strip()!r:.60} is no head of a trace line (data set 82)")
+        name, at, nodes = lines[at + 1].strip() or f"trace-{head[0]}", at + 2, list[int]()
+        while len(nodes) < head[1] and at < len(lines):
+            nodes += whole(path, f"the trace line {name}", lines[at].split())
+            at += 1
+        if len(nodes) < head[1] or any(nodes[head[1]:]):  # the last line may be filled up with 0
+            raise InputError(f"{path}: the trace line {name} announces {head[1]} nodes, but has {len(nodes)}")
+        yield name, [[one, other] for one, other in pairwise(nodes[:head[1]]) if one and other and one != other]
+
+
+def _turned(path: Path, lines: list[str]) -> set[int]:
     """Coordinate systems that are not the global one: of another type, turned or moved."""
     found: set[int] = set()
-    if kind == SYSTEMS[0]:  # heads of five numbers and a name, then origin, a point on x and one in the plane of x and z
-        for start in range(0, len(lines), 4):
-            number, type_ = [*_whole(path, "data set 18", lines[start].split()[:2]), 0, 0][:2]
-            words = " ".join(lines[start + 2:start + 4]).split()
-            place = as_numbers(f"{path}: data set 18", " ".join(words), float)
-            same = len(place) == 9 and not place[:3].any() and place[3] > 0 and not place[4:6].any() and place[8] > 0 \
-                and not place[7]
-            found |= set() if same and type_ == 0 else {number}
-        return found
-    for start in range(2, len(lines), 6):  # behind number and name of the part: head, name, and four lines of the matrix
-        number, type_ = [*_whole(path, "data set 2420", lines[start].split()[:2]), 0, 0][:2]
-        matrix: Array = as_numbers(f"{path}: data set 2420", " ".join(lines[start + 2:start + 6]), float)
-        same = len(matrix) == 12 and np.allclose(matrix.reshape(4, 3)[:3], np.eye(3)) and not matrix[9:].any()
+    for start in range(0, len(lines), 4):  # five numbers, a name, then origin, a point on x and one in the plane of x and z
+        number, type_ = [*whole(path, "data set 18", lines[start].split()[:2]), 0, 0][:2]
+        place = as_numbers(f"{path}: data set 18", " ".join(lines[start + 2:start + 4]), float)
+        same = len(place) == 9 and not place[:3].any() and place[3] > 0 and not place[4:6].any() and place[8] > 0 and not place[7]
         found |= set() if same and type_ == 0 else {number}
     return found

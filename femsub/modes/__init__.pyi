@@ -1,4 +1,5 @@
 from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
+from .mode_set import ModeSet as ModeSet
 from .normal_modes import (
     NormalModes as NormalModes,
     all_modes as all_modes,

@@ -1,0 +1,265 @@
+"""`read_response` and `read_modes`: what a test bench has measured (universal files), or another program has computed (Ansys)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from femsub.checks import Array, path_of
+from femsub.errors import InputError
+from femsub.io.mesh_text import as_numbers
+from femsub.io.universal import NUMBERS, DataSet, apart, data_sets, nodes_of, told, whole
+from femsub.modes import FrequencyResponse, ModeSet
+
+FUNCTION, HEAD = 58, 11  # the data set, and the lines before its numbers
+RESPONSE = 4  # function type of data set 58
+FORCE = 13  # data type of the denominator
+ORDERS = {8: 0, 11: 1, 12: 2}  # of the numerator: displacement, velocity, acceleration
+DIRECTIONS = ("s", "ux", "uy", "uz", "rx", "ry", "rz")  # by number; scalar first
+OLD_SHAPES, SHAPES = 55, 2414  # data at nodes
+NORMAL, COMPLEX, OTHER_COMPLEX = 2, 3, 7  # analysis types of these: normal modes, complex ones of first and second order
+WIDTHS = {2: 3, 3: 6}  # values of a node, by the kind of data: translations in the global frame, and rotations
+SAME = 1e-6  # relative difference of frequencies that count as equal: text has six digits
+
+
+def read_response(path: str | Path, *, level: float | None = None) -> FrequencyResponse:
+    """The receptances of a part from a universal file: all frequency response functions in it, as a matrix.
+
+    ===================  =======================================================================================
+    it reads             data set 58 of function type 4, text and binary: displacement, velocity or acceleration
+                         over force, converted to displacement over force; other data sets are passed over
+    it refuses           a pair of response and load that is missing, different frequencies, other quantities, real values,
+                         NaN, a data set without an end, fewer or more values than it says
+    it cannot know       the units of the numbers: they must be those of the other parts. The directions are those of each
+                         node's own frame
+    ===================  =======================================================================================
+
+    A response or load is named by node and direction, '12:uz'; directions against an axis are turned. A frequency of 0 is left
+    out, where velocity and acceleration tell nothing. Of a pair that is there several times, each is a repeated measurement.
+
+    Parameters
+    ----------
+    path : str or Path
+    level : float, optional
+        The stated noise, relative to each entry; see `FrequencyResponse.measured`.
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    InputError
+        See the table.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> part = fs.read_response("hammer.uff", level=0.01)  # doctest: +SKIP
+    >>> joined = fs.couple_responses({"part": part, "rest": rest}, [(("part", "3:uz"), ("rest", "DOF 7"))])  # doctest: +SKIP
+    """
+    file = path_of("path", path)
+    if not file.is_file():
+        raise InputError(f"there is no file {file}")
+    sets = list(data_sets(file))
+    functions = [one for one in sets if one.kind == FUNCTION]
+    if short := [one for one in functions if len(one.lines) < HEAD]:
+        raise InputError(f"{file}: a data set 58 has {len(short[0].lines)} lines, but its head alone has {HEAD}")
+    found = [one for one in functions if one.lines[5][:5].strip() == str(RESPONSE)]
+    if not found:
+        raise InputError(f"{file} holds no frequency response function (data set 58 of function type {RESPONSE}); its data sets "
+                         f"are {', '.join(map(str, sorted({one.kind for one in sets})))}")
+    pairs: dict[tuple[str, str], list[Array]] = {}
+    at: Array | None = None
+    for one in found:
+        pair, x, h = _receptance(file, one)
+        at = x if at is None else at
+        if x.shape != at.shape or not np.allclose(x, at, rtol=SAME, atol=0):
+            raise InputError(f"{file}: the response from {pair[1]} to {pair[0]} has other frequencies than the first one")
+        pairs.setdefault(pair, []).append(h)
+    responses, loads = (tuple(dict.fromkeys(pair[side] for pair in pairs)) for side in (0, 1))
+    counts = {len(many) for many in pairs.values()}
+    missing = [(row, column) for row in responses for column in loads if (row, column) not in pairs]
+    if missing or len(counts) > 1:
+        what = (f"from {missing[0][1]} to {missing[0][0]} is missing" if missing else
+                f"is there {min(counts)} times for some pairs and {max(counts)} times for others")
+        raise InputError(f"{file}: the response {what}. Each pair of the {len(responses)} responses and {len(loads)} loads is "
+                         "needed equally often")
+    assert at is not None
+    h = np.array([[pairs[row, column] for column in loads] for row in responses])  # (nr, nl, ns, nf)
+    moving = at > 0
+    h = h.transpose(2, 3, 0, 1)[:, moving]
+    return FrequencyResponse.measured(2 * np.pi * at[moving], h if len(h) > 1 else h[0], responses, loads, level=level)
+
+
+def _receptance(file: Path, one: DataSet) -> tuple[tuple[str, str], Array, Array]:
+    """The names of response and load, the frequencies [Hz], and displacement over force there."""
+    names, sign, dofs = [], 1.0, one.lines[5]
+    for end, start in (("response", 41), ("load", 66)):
+        ends = [dofs[start:start + 10].strip(), dofs[start + 10:start + 14].strip()]
+        node, direction = whole(file, f"the {end} of a data set 58", ends)
+        if abs(direction) >= len(DIRECTIONS):
+            raise InputError(f"{file}: node {node} has the direction {direction}, but -6 to 6 are known")
+        names.append(f"{node}:{DIRECTIONS[abs(direction)]}")
+        sign = -sign if direction < 0 else sign
+    where = f"{file}: the response from {names[1]} to {names[0]}"
+    top, bottom = (whole(file, where, [one.lines[line][:10].strip()])[0] for line in (8, 9))
+    if top not in ORDERS or bottom != FORCE:
+        raise InputError(f"{where} has the data types {top} over {bottom}, but displacement (8), velocity (11) or acceleration "
+                         f"(12) over force ({FORCE}) is needed")
+    x, h = _values(file, where, one)
+    if not (np.isfinite(x).all() and np.isfinite(h).all() and len(x) and x.min() >= 0 and np.any(x > 0)):
+        raise InputError(f"{where} holds a NaN, an infinite number or no positive frequency")
+    rate = (2j * np.pi * np.where(x > 0, x, 1.0)) ** ORDERS[top]
+    return (names[0], names[1]), x, sign * h / rate
+
+
+def _values(file: Path, where: str, one: DataSet) -> tuple[Array, Array]:
+    """Frequencies, evenly spaced or listed, and complex values."""
+    kind, count, even = whole(file, where, [one.lines[6][at:at + 10].strip() for at in (0, 10, 20)])
+    if kind not in NUMBERS or NUMBERS[kind][1] < 2:
+        raise InputError(f"{where} has values of the type {kind}; complex ones (5, 6) are needed")
+    name, width = NUMBERS[kind]
+    if one.values is None:
+        values = as_numbers(f"{where}: its values", apart(" ".join(one.lines[HEAD:])), float)
+    else:
+        values = np.frombuffer(one.values[:len(one.values) // int(name[1]) * int(name[1])], f"{one.order}{name}").astype(float)
+    width += even == 0
+    if len(values) != count * width:
+        raise InputError(f"{where} announces {count} values, but has {len(values) / width:g}; it is damaged")
+    table = values.reshape(count, width)
+    start, step = as_numbers(f"{where}: its frequencies", apart(one.lines[6][30:56]), float)[:2]
+    return table[:, 0] if even == 0 else start + step * np.arange(count), table[:, -2] + 1j * table[:, -1]
+
+
+def read_modes(path: str | Path) -> ModeSet:
+    """Modes of a test bench or of another program: frequencies, damping and shapes at the nodes of its file.
+
+    ===================  =======================================================================================
+    it reads             universal files: data at nodes (55, 2414) of normal modes and of complex ones, real or complex
+                         shapes of three or six global motions, with places from 15 or 2411; Ansys' .rst files of a modal
+                         analysis (needs ansys-mapdl-reader): see `femsub.io.ansys.read_rst`
+    it leaves out        motions that are 0 in every mode: they were not measured, or are held; other data sets and analyses
+    it refuses           nodes that another mode of data sets 2414 does not have, the same node twice, NaN, a data set without
+                         an end, values missing
+    it cannot know       units; whether modes are missing; which of two programs' scales a shape has
+    ===================  =======================================================================================
+
+    Frequencies in Hz become radians per second. A loss factor η of a mode counts as the damping ratio η / 2.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    ModeSet
+        By ascending frequency.
+
+    Raises
+    ------
+    InputError
+        See the table.
+    MissingPackageError
+        .rst without ansys-mapdl-reader.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> known = fs.read_modes("test.uff")  # doctest: +SKIP
+    >>> pairs = known.compare(part, fs.normal_modes(part, count=20), tol=5.0)  # doctest: +SKIP
+    """
+    file = path_of("path", path)
+    if not file.is_file():
+        raise InputError(f"there is no file {file}")
+    if file.suffix.lower() == ".rst":
+        from femsub.io.ansys import read_rst
+
+        return ModeSet.of(*read_rst(file))
+    sets = list(data_sets(file))
+    found = [mode for mode in (_mode(file, one) for one in sets if one.kind in (OLD_SHAPES, SHAPES)) if mode is not None]
+    if not found:
+        raise InputError(f"{file} holds no modes (data sets 55 and 2414 of normal or complex modes, motions of nodes); its "
+                         f"data sets are {', '.join(map(str, sorted({one.kind for one in sets})))}")
+    nodes = sorted({node for mode in found for node in mode.values})
+    if short := [mode for mode in found if not mode.old and len(mode.values) < len(nodes)]:
+        missing = next(node for node in nodes if node not in short[0].values)
+        raise InputError(f"{file}: the mode of {abs(short[0].eigenvalue) / 2 / np.pi:g} Hz does not tell how node {missing} "
+                         "moves, as another mode does")
+    width = max(len(value) for mode in found for value in mode.values.values())
+    table = np.zeros((len(nodes), width, len(found)), dtype=complex)
+    for column, mode in enumerate(found):
+        for row, node in enumerate(nodes):  # where a node is missing in a data set 55, it does not move
+            value = mode.values.get(node, np.zeros(0))
+            table[row, :len(value), column] = value
+    shapes = table.reshape(len(nodes) * width, len(found))
+    numbers, places = nodes_of(file, sets)
+    at = dict(zip(numbers.tolist(), places, strict=True))
+    points = np.repeat([at[node] for node in nodes], width, axis=0) if set(nodes) <= at.keys() else None
+    return ModeSet.of(np.array([mode.eigenvalue for mode in found]), shapes if shapes.imag.any() else shapes.real,
+                      np.repeat(nodes, width), np.tile(np.arange(width), len(nodes)), points, told(sets))
+
+
+class _Mode(NamedTuple):
+    eigenvalue: complex
+    values: Mapping[int, Array]
+    old: bool  # of data set 55, where a node without motion need not be listed
+
+
+def _mode(file: Path, one: DataSet) -> _Mode | None:
+    """The mode in a data set, or None if it holds another analysis or other data."""
+    old = one.kind == OLD_SHAPES
+    head, real = (5, 7) if old else (8, 11)  # the line of the types, and that of the real parameters
+    if len(one.lines) < real + 1 + (not old):
+        raise InputError(f"{file}: a data set {one.kind} has {len(one.lines)} lines, which is less than its head")
+    types = whole(file, f"the head of a data set {one.kind}", one.lines[head].split())
+    if len(types) != 6:
+        raise InputError(f"{file}: {one.lines[head].strip()!r:.60} should be six numbers (data set {one.kind})")
+    _, analysis, kind, _, data, width = types
+    located = old or one.lines[2].split() == ["1"]  # data at nodes
+    if analysis not in (NORMAL, COMPLEX, OTHER_COMPLEX) or kind not in WIDTHS or data not in NUMBERS or not located:
+        return None
+    where = f"{file}: a mode (data set {one.kind})"
+    if width != WIDTHS[kind]:
+        raise InputError(f"{where} announces {width} values for each node, but has motions of {WIDTHS[kind]}")
+    begin = real + 1 if old else real + 2
+    numbers = as_numbers(where, apart(" ".join(one.lines[real:begin])), float)
+    return _Mode(_eigenvalue(where, numbers, analysis, old), _values_at_nodes(file, where, one.lines[begin:], width,
+                                                                              NUMBERS[data][1]), old)
+
+
+def _eigenvalue(where: str, numbers: Array, analysis: int, old: bool) -> complex:
+    """λ of the real parameters: frequency [Hz] and ratios of damping of a normal mode, λ itself of a complex one."""
+    if analysis == NORMAL:
+        need, at = (4, (0, 2, 3)) if old else (6, (1, 4, 5))
+        if len(numbers) < need:
+            raise InputError(f"{where} has {len(numbers)} real parameters, but frequency and damping need {need}")
+        omega, viscous, structural = 2 * np.pi * numbers[at[0]], numbers[at[1]], numbers[at[2]]
+        ratio = viscous + structural / 2
+        if not (np.isfinite(omega) and omega >= 0 and -1 < ratio < 1):
+            raise InputError(f"{where} has the frequency {numbers[at[0]]:g} Hz and the damping ratio {ratio:g}")
+        return complex(-ratio * omega, omega * np.sqrt(1 - ratio**2))
+    first = 0 if old else 6
+    value = complex(*numbers[first:first + 2]) if len(numbers) > first + 1 else complex(np.nan)
+    if not np.isfinite(value):
+        raise InputError(f"{where} does not tell its complex eigenvalue")
+    return complex(value.real, abs(value.imag))
+
+
+def _values_at_nodes(file: Path, where: str, lines: list[str], width: int, parts: int) -> dict[int, Array]:
+    """Motions by node: its number on a line, then real or complex values, six on a line."""
+    step = 1 + -(-width * parts // 6)
+    if len(lines) % step:
+        raise InputError(f"{where} has {len(lines)} lines, but {step} for each node")
+    nodes = whole(file, where, [line.strip() for line in lines[::step]])
+    text = " ".join(line for at, line in enumerate(lines) if at % step)
+    values = as_numbers(where, apart(text), float)
+    if len(set(nodes)) < len(nodes) or len(values) != len(nodes) * width * parts:
+        raise InputError(f"{where} gives a node twice, or {len(values)} numbers for {len(nodes)} nodes of {width * parts}")
+    if not np.isfinite(values).all() or not nodes:
+        raise InputError(f"{where} holds a NaN, an infinite number or no node")
+    table = values.reshape(len(nodes), width * parts)
+    return dict(zip(nodes, table[:, ::2] + 1j * table[:, 1::2] if parts == 2 else table, strict=True))
