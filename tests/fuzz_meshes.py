@@ -17,6 +17,7 @@ CARDS = (b"GRID", b"GRDSET", b"CHEXA", b"CTETRA", b"CQUAD4", b"INCLUDE", b"ENDDA
          b"*", b"=")
 SECTIONS = (b"$Nodes", b"$EndNodes", b"$Elements", b"$EndElements", b"$Entities", b"$EndEntities", b"$PhysicalNames",
             b"$NodeData", b"$MeshFormat", b"$EndMeshFormat")
+ARCHIVE = (b"NBLOCK", b"EBLOCK", b"CMBLOCK", b"SOLID", b"NODE", b"ELEM", b"ET,", b"CSYS,", b"LOCAL,12", b"185", b"187", b"-1")
 WHOLE = frozenset({"word"})  # where a file cut at the end of a line is a file again
 
 
@@ -69,6 +70,20 @@ def gmsh(mesh: fs.Mesh, version: str) -> str:
     return "\n".join([*head, "$EndElements", ""])
 
 
+def archive(mesh: fs.Mesh) -> str:
+    """What Ansys writes with CDWRITE,DB."""
+    nodes = "".join(f"{number:9d}{0:9d}{0:9d}" + "".join(f"{value:21.13E}" for value in place) + "\n"
+                    for number, place in zip(mesh.numbers, mesh.points, strict=True))
+    cells = "".join("".join(f"{value:9d}" for value in (1 + at % 2, 1, 1, 1, 0, 0, 0, 0, 8, 0, 11 + at, *mesh.numbers[cell])) + "\n"
+                    for at, cell in enumerate(mesh.cells))
+    left = mesh.numbers[mesh.sets["left"]]
+    return "\n".join(["/PREP7", "ET,1,185", "CSYS,0", f"NBLOCK,6,SOLID,{max(mesh.numbers)},{len(mesh.points)}",
+                      f"(3i9,6e21.13e3)\n{nodes}N,R5.3,LOC,       -1,", f"EBLOCK,19,SOLID,13,{len(mesh.cells)}",
+                      f"(19i9)\n{cells}       -1", f"CMBLOCK,LEFT    ,NODE,{len(left)}  ! nodes", "(8i10)",
+                      "".join(f"{number:10d}" for number in left), "CMBLOCK,LOW     ,ELEM,       2", "(8i10)",
+                      f"{11:10d}{-12:10d}", "FINISH", ""])
+
+
 def subjects(folder: Path) -> list[Subject]:
     bricks, tetra = fs.block((3.0, 1.0, 1.0), (3, 1, 1), "hexahedron"), fs.block((1.0, 1.0, 1.0), (1, 1, 1), "tetra")
     named = fs.Mesh(bricks.points, bricks.cells, "hexahedron", {"left": bricks.nodes("left"), "right": bricks.nodes("right")},
@@ -112,4 +127,5 @@ def subjects(folder: Path) -> list[Subject]:
                        + "".join(f"{value + 1:10d}" for value in cell) + "\n" for at, cell in enumerate(bricks.cells))
     add("unv", "m.unv", vocabulary=(b"2411", b"2412", b"2467", b"2420", b"15", b"-1", b"115", b"118")).write_text(
         f"    -1\n  2411\n{nodes}    -1\n    -1\n  2412\n{elements}    -1\n")
+    add("cdb", "m.cdb", vocabulary=ARCHIVE, strict=WHOLE).write_text(archive(named))
     return made

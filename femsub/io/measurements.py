@@ -10,8 +10,8 @@ import numpy as np
 
 from femsub.checks import Array, path_of
 from femsub.errors import InputError
-from femsub.io.mesh_text import as_numbers
-from femsub.io.universal import NUMBERS, DataSet, apart, data_sets, nodes_of, told, whole
+from femsub.io.mesh_text import as_numbers, whole
+from femsub.io.universal import NUMBERS, DataSet, apart, data_sets, nodes_of, told
 from femsub.modes import FrequencyResponse, ModeSet
 
 FUNCTION, HEAD = 58, 11  # the data set, and the lines before its numbers

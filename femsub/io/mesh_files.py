@@ -17,6 +17,7 @@ from femsub.checks import Array, choice, instance, mapping, path_of, word
 from femsub.components import CELLS, Mesh, checked
 from femsub.errors import InputError
 from femsub.io.atomic import write_whole
+from femsub.io.cdb import read_cdb
 from femsub.io.foreign_meshes import meshio, quietly, read_foreign, read_tetgen
 from femsub.io.gmsh import BODIES, is_gmsh, read_gmsh
 from femsub.io.inp import read_inp
@@ -34,6 +35,7 @@ _OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": re
 HEAD = 1 << 20  # bytes at a file's beginning that tell whose it is
 #: lines of Nastran's decks, and of Abaqus' and CalculiX', whatever the file is called
 _NASTRAN = re.compile(rb"(?mi)^(CEND\b|[ \t]*BEGIN[ \t]+BULK\b|[ \t]*INCLUDE[ \t]+['\"]|GRID\*?[ \t,]+\d)")
+_ARCHIVE = re.compile(rb"(?mi)^[ \t]*[NE]BLOCK[ \t]*,")  # of Ansys
 _TECPLOT = re.compile(rb"(?mi)^[ \t]*(TITLE|VARIABLES|ZONE)\b")  # what .dat means to meshio
 _KEYWORD = re.compile(rb"(?mi)^[ \t]*\*(NODE|ELEMENT|HEADING|INCLUDE|PART)\b")
 _ABAQUS = {"hexahedron": b"C3D8", "hexahedron20": b"C3D20", "tetra": b"C3D4", "tetra10": b"C3D10", "triangle": b"S3",
@@ -50,11 +52,11 @@ class _Block(NamedTuple):
 def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = None, includes: str | Path | None = None) -> Mesh:
     """Read a mesh file: the cells of the highest dimension with their named sets, checked (see `mesh_checks.checked`).
 
-    Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh, TetGen and universal files (.unv, .uff) have their own readers; meshio
-    reads all other formats. Decks and universal files may have any name: their content tells which they are. Tables of what
-    each reads, refuses and cannot detect are in `femsub.io.inp.read_inp`, `femsub.io.nastran.read_nastran`,
-    `femsub.io.gmsh.read_gmsh`, `femsub.io.universal.read_universal`, `femsub.io.foreign_meshes.read_tetgen` and
-    `read_foreign`. Cells of lower dimension only define
+    Abaqus and CalculiX .inp, Nastran .bdf, Ansys .cdb, Gmsh .msh, TetGen and universal files (.unv, .uff) have their own
+    readers; meshio reads all other formats. Decks and universal files may have any name: their content tells which they are.
+    Tables of what each reads, refuses and cannot detect are in `femsub.io.inp.read_inp`, `femsub.io.nastran.read_nastran`,
+    `femsub.io.cdb.read_cdb`, `femsub.io.gmsh.read_gmsh`, `femsub.io.universal.read_universal`,
+    `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension only define
     sets. Coordinates are not converted; they are in the file's unit of length.
 
     ============================  =====================  ==============================================
@@ -63,6 +65,8 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     Gmsh physical groups          all                    those of the highest dimension
     \\*NSET, \\*ELSET               all                    \\*ELSET
     Nastran property 7            property-7             property-7
+    Ansys components              of nodes and elements  of elements
+    Ansys, several materials      material-7             material-7
     VTU, VTK of `write_mesh`      point data set:NAME    cell data group:NAME
     ============================  =====================  ==============================================
 
@@ -82,7 +86,7 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     Returns
     -------
     Mesh
-        `numbers` are the file's node numbers for .inp, .bdf, .unv and femsub's VTU; else they count from 1 in the file's order.
+        `numbers` are the file's node numbers for .inp, .bdf, .cdb, .unv and femsub's VTU; else they count from 1 in its order.
         `repairs` lists repairs and anything unusual.
 
     Raises
@@ -169,6 +173,8 @@ def _reader(path: Path) -> Callable[[Path], tuple[Any, list[str]]]:
             return read_inp
         if is_universal(head):
             return read_universal
+        if suffix == ".cdb" or _ARCHIVE.search(head):
+            return read_cdb
         if suffix not in _OWN and not (suffix == ".dat" and _TECPLOT.search(head)):
             raise InputError(f"{path}: neither the ending {suffix!r} nor the content is that of a mesh file that femsub reads")
     return _OWN.get(suffix, read_foreign)

@@ -172,6 +172,14 @@ def whole_numbers(what: str, values: Array) -> Array:
     return values.astype(np.int64)
 
 
+def whole(path: Path, what: str, words: list[str]) -> list[int]:
+    """Whole numbers of at most 15 digits."""
+    bad = [word for word in words if not re.fullmatch("-?[0-9]{1,15}", word)]
+    if bad:
+        raise InputError(f"{path}: {bad[0]!r:.30} in {what} is not a whole number")
+    return [int(word) for word in words]
+
+
 def once(path: Path, what: str, numbers: Array) -> Array:
     order = np.argsort(numbers, kind="stable")
     again = numbers[order][1:][numbers[order][1:] == numbers[order][:-1]]

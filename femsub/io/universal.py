@@ -17,7 +17,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.mesh_text import as_numbers, once, rows_of, text_of
+from femsub.io.mesh_text import as_numbers, once, rows_of, text_of, whole
 
 NODES, OLD_NODES, ELEMENTS, SYSTEMS, TRACES = 2411, 15, 2412, 18, 82
 GROUPS = (2435, 2452, 2467, 2477)
@@ -213,14 +213,6 @@ def nodes_of(path: Path, sets: list[DataSet]) -> tuple[Array, Array]:
     if len(points) != 3 * len(nodes):
         raise InputError(f"{path}: the coordinates of nodes are not three numbers each")
     return np.array(list(nodes), dtype=np.int64), points.reshape(-1, 3)
-
-
-def whole(path: Path, what: str, words: list[str]) -> list[int]:
-    """Whole numbers of at most 15 digits."""
-    bad = [word for word in words if not re.fullmatch("-?[0-9]{1,15}", word)]
-    if bad:
-        raise InputError(f"{path}: {bad[0]!r:.30} in {what} is not a whole number")
-    return [int(word) for word in words]
 
 
 def apart(text: str) -> str:
