@@ -74,8 +74,8 @@ def archive(mesh: fs.Mesh) -> str:
     """What Ansys writes with CDWRITE,DB."""
     nodes = "".join(f"{number:9d}{0:9d}{0:9d}" + "".join(f"{value:21.13E}" for value in place) + "\n"
                     for number, place in zip(mesh.numbers, mesh.points, strict=True))
-    cells = "".join("".join(f"{value:9d}" for value in (1 + at % 2, 1, 1, 1, 0, 0, 0, 0, 8, 0, 11 + at, *mesh.numbers[cell])) + "\n"
-                    for at, cell in enumerate(mesh.cells))
+    rows = [(1 + at % 2, 1, 1, 1, 0, 0, 0, 0, 8, 0, 11 + at, *mesh.numbers[cell]) for at, cell in enumerate(mesh.cells)]
+    cells = "".join("".join(f"{value:9d}" for value in row) + "\n" for row in rows)
     left = mesh.numbers[mesh.sets["left"]]
     return "\n".join(["/PREP7", "ET,1,185", "CSYS,0", f"NBLOCK,6,SOLID,{max(mesh.numbers)},{len(mesh.points)}",
                       f"(3i9,6e21.13e3)\n{nodes}N,R5.3,LOC,       -1,", f"EBLOCK,19,SOLID,13,{len(mesh.cells)}",

@@ -1,4 +1,4 @@
-"""Files of Ansys: matrices and modes by PyAnsys' reader, where it is installed; what is said where it is not."""
+"""Files of Ansys: archives; matrices and modes by PyAnsys' reader, where it is installed; what is said where it is not."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fuzz_ansys import examples
+from test_universal import CORNERS, EDGES
 
 import femsub as fs
 from femsub.io.ansys import _axes
+from femsub.io.cdb import read_cdb
 
 BEAM = [1283.20036921, 1283.20036921, 5781.97486169, 6919.39887714]  # Hz, in the examples.py of the reader
 
@@ -60,3 +62,100 @@ def test_files_of_ansys_need_a_package(tmp_path: Path, monkeypatch: pytest.Monke
         (tmp_path / name).write_bytes(b"")
         with pytest.raises(fs.MissingPackageError, match="pip install ansys-mapdl-reader"):
             read(tmp_path / name)
+
+
+#: element type, and which corner of the cell each of the element's is: some forms have corners that fall together
+FORMS = {"hexahedron": (185, "01234567"), "hexahedron20": (186, "01234567"),
+         "wedge": (185, "01223455"), "wedge15": (186, "01223455"),
+         "pyramid": (185, "01234444"), "pyramid13": (186, "01234444"), "tetra": (185, "01223333"), "tetra10": (186, "01223333"),
+         "quad": (181, "0123"), "quad8": (281, "0123"), "triangle": (182, "0122"), "triangle6": (183, "0122")}
+ORDER = {8: "01 12 23 03 45 56 67 47 04 15 26 37", 4: "01 12 23 03"}  # edges of an element, whose middles follow the corners
+SHAPES = CORNERS | {"pyramid": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1]], "quad": CORNERS["hexahedron"][:4],
+                    "triangle": CORNERS["tetra"][:3]}
+ENDS = EDGES | {"pyramid": "01 12 23 03 04 14 24 34", "quad": "01 12 23 03", "triangle": "01 12 02"}
+
+
+def archive(kind: int, places: list[list[float]], elements: list[list[int]], more: str = "") -> str:
+    """An archive of these nodes, from 11, and elements, from 5 and each of a material of its own."""
+    lines = ["/PREP7", f"ET,3,{kind}", "CSYS,0", f"NBLOCK,6,SOLID,99,{len(places)}", "(3i9,6e20.13)"]
+    for number, place in enumerate(places):
+        last = max((at for at in range(3) if place[at]), default=-1)  # Ansys leaves out zeros at the end
+        lines.append(f"{11 + number:9d}{0:9d}{0:9d}" + "".join(f"{value:20.13E}" for value in place[:last + 1]))
+    lines += ["N,R5.3,LOC,       -1,", f"EBLOCK,19,SOLID,99,{len(elements)}", "(19i9)"]
+    for number, nodes in enumerate(elements):
+        words = [1 + number, 3, 1, 1, 0, 0, 0, 0, len(nodes), 0, 5 + number, *nodes]
+        lines += ["".join(f"{word:9d}" for word in part) for part in (words[:19], words[19:]) if part]
+    return "\n".join([*lines, "       -1", more, "FINISH", ""])
+
+
+@pytest.mark.parametrize("form", list(FORMS))
+def test_each_form_of_element(tmp_path: Path, form: str) -> None:
+    kind, corners = FORMS[form]
+    shape = form.rstrip("0123456789")
+    points = np.array(SHAPES[shape], dtype=float)
+    own = [points[int(digit)] for digit in corners]
+    if form != shape:
+        own += [(own[int(one)] + own[int(other)]) / 2 for one, other in ORDER[len(corners)].split()]
+    places = [list(place) for place in dict.fromkeys(map(tuple, own))]
+    numbers = {tuple(place): 11 + at for at, place in enumerate(places)}
+    (tmp_path / "a.cdb").write_text(archive(kind, places, [[numbers[tuple(place)] for place in own]]))
+    found, notes = read_cdb(tmp_path / "a.cdb")
+    middles = [points[[int(digit) for digit in edge]].mean(axis=0) for edge in ENDS[shape].split()] if form != shape else []
+    assert found.cells[0].type == form and found.cells_id[0].tolist() == [5] and not notes
+    assert np.array_equal(found.points[found.cells[0].data[0]], np.array([*points, *middles]))
+
+
+LINE = [[float(x), y, z] for x in range(3) for y, z in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))]
+BRICKS = [[11, 12, 13, 14, 15, 16, 17, 18], [15, 16, 17, 18, 19, 20, 21, 22]]
+PARTS = "CMBLOCK,LEFT    ,NODE,       2  ! of a user\n(8i10)\n        11       -14\nCMBLOCK,ONE,ELEM,       1\n(8i10)\n         6"
+
+
+def test_components_and_materials_are_sets(tmp_path: Path) -> None:
+    (tmp_path / "bar.cdb").write_text(archive(185, LINE, BRICKS, PARTS))
+    mesh = fs.read_mesh(tmp_path / "bar.cdb")
+    assert mesh.numbers[mesh.sets["LEFT"]].tolist() == [11, 12, 13, 14]
+    assert {name: rows.tolist() for name, rows in mesh.groups.items()} == {"ONE": [1], "material-1": [0], "material-2": [1]}
+    moved = np.tile([1.0, 0.0, 0.0], len(LINE))
+    assert float(moved @ (fs.solid(mesh, fs.Material(1.0, 0.3, 1.0)).M @ moved)) == pytest.approx(2.0)
+    (tmp_path / "job.dat").write_text(archive(185, LINE, BRICKS).replace("ET,3,185", "et,3,SOLID185").replace("CSYS", "csys"))
+    assert fs.read_mesh(tmp_path / "job.dat").kind == "hexahedron"
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("CSYS,0", "LOCAL,12,1", "coordinate system of LOCAL"), ("       12        0", "       11        0", "node 11"),
+    ("       12        0", "      1.5        0", "whole number"), ("0000000E+00", "0000000x+00", "not all numbers"),
+    ("        8        0        5", "        9        0        5", "announces 9 nodes"),
+    ("N,R5.3,LOC,       -1,\n", "", None),
+    ("SOLID,99,12", "SOLID,99,13", "NBLOCK announces 13"), ("SOLID,99,2\n", "SOLID,99,3\n", "EBLOCK announces 3"),
+    ("ET,3,185", "ET,3,174", "no elements that are cells: 2 elements of type 174"), ("ET,3,185\n", "", "which no ET tells"),
+    ("NODE,       2", "NODE,       3", "announces 3 numbers, but has 2"), ("       -14", "        -9", "goes from 11 to 9"),
+    ("       -1\nCM", "CM", None), ("       16       17       18\n", "       16       17       99\n", "names node 99"),
+    ("(19i9)", "(19x9)", "is not the format"), ("        6        15", "        5        15", "element 5")])
+def test_faults_of_archives_are_told(tmp_path: Path, old: str, new: str, message: str | None) -> None:
+    text = archive(185, LINE, BRICKS, PARTS)
+    if old not in text:
+        old, new = old.replace("        15", "       15"), new.replace("        15", "       15")
+    assert old in text
+    (tmp_path / "bar.cdb").write_text(text.replace(old, new, 1))
+    if message is None:  # a command ends a block as well
+        assert fs.read_mesh(tmp_path / "bar.cdb").kind == "hexahedron"
+        return
+    with pytest.raises(fs.InputError, match=message):
+        fs.read_mesh(tmp_path / "bar.cdb")
+
+
+def test_an_element_that_lacks_a_node_in_the_middle(tmp_path: Path) -> None:
+    nodes = [11, 12, 13, 14, 15, 16, 17, 18, *[0] * 11, 19]
+    (tmp_path / "bar.cdb").write_text(archive(186, LINE, [nodes]))
+    with pytest.raises(fs.InputError, match=r"element 5 lacks some of its nodes in the middle of edges; add them \(EMID\)"):
+        fs.read_mesh(tmp_path / "bar.cdb")
+    (tmp_path / "bar.cdb").write_text(archive(186, LINE, [nodes[:8] + [0] * 12]))
+    assert fs.read_mesh(tmp_path / "bar.cdb").kind == "hexahedron"  # all edges are straight
+
+
+def test_modes_of_ansys_are_those_of_its_mesh(folder: Path) -> None:
+    """The free beam of titanium in the examples: our elements against Ansys' own, which have reduced integration."""
+    beam = fs.solid(fs.read_mesh(folder / "HexBeam.cdb"), fs.Material(16.9e6, 0.31, 4.1408e-4))
+    pairs = fs.read_modes(folder / "file.rst").compare(beam, fs.normal_modes(beam, count=6))
+    assert pairs.mac.min() > 0.99998 and pairs.found.tolist() == [6, 7, 8, 9, 10, 11] and pairs.dofs == 963
+    assert np.abs(pairs.change) == pytest.approx([2.3e-4, 2.3e-4, 3.7e-3, 9.4e-4, 9.4e-4, 4.0e-6], rel=0.05)

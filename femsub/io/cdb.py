@@ -16,6 +16,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
+from femsub.io.foreign_meshes import meshio
 from femsub.io.mesh_text import as_numbers, once, rows_of, text_of, whole
 
 HEAD = 11  # fields of an element before its nodes: material, type, ..., count of nodes, 0, number
@@ -66,8 +67,6 @@ def read_cdb(path: Path) -> tuple[Any, list[str]]:
     InputError
         What is refused, by command and number.
     """
-    import meshio
-
     deck = _Deck(path)
     if not deck.numbers or not deck.elements:
         count = sum(map(len, deck.elements.values()))
@@ -89,7 +88,7 @@ def read_cdb(path: Path) -> tuple[Any, list[str]]:
     several = np.unique(np.concatenate(materials))
     if len(several) > 1:
         cells_in |= {f"material-{number}": [np.flatnonzero(part == number) for part in materials] for number in several}
-    mesh = meshio.Mesh(np.concatenate(deck.points), cells, point_sets=points_in, cell_sets=cells_in)
+    mesh = meshio().Mesh(np.concatenate(deck.points), cells, point_sets=points_in, cell_sets=cells_in)
     mesh.points_id, mesh.cells_id = numbers, ids
     return mesh, [f"{text} ({count} times)" if count > 1 else text for text, count in notes.items()]
 
@@ -154,8 +153,10 @@ class _Deck:
             if self.at >= len(self.lines):
                 raise InputError(f"{self.path} ends inside of {what}: is it cut short?")
             line = self.lines[self.at].rstrip()
+            if count is None and _COMMAND.match(line):
+                break
             self.at += 1
-            if count is None and (line.strip() == "-1" or _COMMAND.match(line)):
+            if count is None and line.strip() == "-1":
                 break
             if not 0 < len(line) <= ends[-1]:
                 raise InputError(f"{self.path}, line {self.at}: {line[:40]!r} is empty, or longer than the format of {what} says")

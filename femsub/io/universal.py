@@ -17,6 +17,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
+from femsub.io.foreign_meshes import meshio
 from femsub.io.mesh_text import as_numbers, once, rows_of, text_of, whole
 
 NODES, OLD_NODES, ELEMENTS, SYSTEMS, TRACES = 2411, 15, 2412, 18, 82
@@ -76,8 +77,6 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
     InputError
         What is refused, by data set and number.
     """
-    import meshio
-
     elements = dict[int, list[tuple[int, list[int]]]]()
     groups, traces, notes = dict[str, list[tuple[int, int]]](), dict[str, list[list[int]]](), Counter[str]()
     sets = list(data_sets(path))
@@ -129,7 +128,7 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
             cells_in[name] = [np.flatnonzero(np.isin(part, of_cells)) for part in ids]
         if other := len(members) - len(of_nodes) - len(of_cells):
             notes[f"{other} members of the group {name} are neither nodes nor elements: skipped"] += 1
-    mesh = meshio.Mesh(points, cells, point_sets=points_in, cell_sets=cells_in)
+    mesh = meshio().Mesh(points, cells, point_sets=points_in, cell_sets=cells_in)
     mesh.points_id, mesh.cells_id = numbers, ids
     return mesh, [f"{text} ({count} times)" if count > 1 else text for text, count in notes.items()]
 
