@@ -91,7 +91,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
             raise InputError(f"{M} is a superelement, whose files have D, interface and DOF map: give M, ports, name and cutoff")
         limit = None if cutoff is None else positive_number("cutoff", cutoff)
         return _with_ports(guarded(path_of("M", M), lambda path: read_superelement(path, name, limit)), ports or {})
-    if K is None and path_of("M", M).suffix.lower() == ".full":
+    if K is None and path_of("M", M).suffix.lower() in (".full", ".sub"):
         K = M
     if K is None:
         if dofs is not None or ports is not None or not (isinstance(interface, Sized) and len(interface) == 0):
