@@ -1,6 +1,6 @@
 """Ansys' archives (.cdb, and the .dat of Workbench): nodes, elements and components in blocks of text (CDWRITE).
 
-PyAnsys reads these, too. But its compiled part ends the process at damaged files, or does not end, and it needs VTK.
+PyAnsys reads these, too. But its compiled part ends the process at damaged files, or reads nonsense as numbers, and it needs VTK.
 """
 
 from __future__ import annotations

@@ -131,8 +131,8 @@ def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matr
         with open(path, "rb") as file:
             head = file.read(HEAD)
         if ending == ".sub":
-            raise InputError(f"{path}: superelements of Ansys (.sub) are not read. Write their matrices there with *DMAT and *EXPORT "
-                             "in the format MMF, and read these (.mtx)")
+            raise InputError(f"{path}: superelements of Ansys (.sub) are not read. Write their matrices there with *DMAT and "
+                             "*EXPORT in the format MMF, and read these (.mtx)")
         market = head[:14].lower() == b"%%matrixmarket"
         lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"**")]
         if not (market or ending in (*TEXT, ".mtx") or (lines and _LINE.fullmatch(lines[0]))):
