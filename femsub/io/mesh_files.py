@@ -54,8 +54,8 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
 
     Abaqus and CalculiX .inp, Nastran .bdf, Ansys .cdb, Gmsh .msh, TetGen and universal files (.unv, .uff) have their own
     readers; meshio reads all other formats. Decks and universal files may have any name: their content tells which they are.
-    Tables of what each reads, refuses and cannot detect are in `femsub.io.inp.read_inp`, `femsub.io.nastran.read_nastran`,
-    `femsub.io.cdb.read_cdb`, `femsub.io.gmsh.read_gmsh`, `femsub.io.universal.read_universal`,
+    Tables of what each reads, refuses and cannot detect stand at the readers: `femsub.io.inp.read_inp`,
+    `femsub.io.nastran.read_nastran`, `femsub.io.cdb.read_cdb`, `femsub.io.gmsh.read_gmsh`, `femsub.io.universal.read_universal`,
     `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension only define
     sets. Coordinates are not converted; they are in the file's unit of length.
 
@@ -65,8 +65,7 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     Gmsh physical groups          all                    those of the highest dimension
     \\*NSET, \\*ELSET               all                    \\*ELSET
     Nastran property 7            property-7             property-7
-    Ansys components              of nodes and elements  of elements
-    Ansys, several materials      material-7             material-7
+    Ansys                         components             components, material-7
     VTU, VTK of `write_mesh`      point data set:NAME    cell data group:NAME
     ============================  =====================  ==============================================
 
