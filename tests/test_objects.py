@@ -54,6 +54,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "MacNeal": lambda: fs.MacNeal(modes=3),
     "Material": lambda: fs.Material(2.1e11, 0.3, 7850.0),
     "Mesh": lambda: fs.rectangle((1.0, 1.0), (2, 2)),
+    "ModeSet": lambda: fs.ModeSet([1j, -0.1 + 2j], np.eye(3)[:, :2], made("DofMap"), ["a note"]),
     "NormalModes": lambda: fs.normal_modes(full(), count=3),
     "Pencil": lambda: full().linearised(BELT),
     "ReducedSubstructure": lambda: quietly(lambda: fs.reduce(full(), fs.CraigBampton(band=(0.0, 0.5), tol=1e-2))),
