@@ -107,10 +107,10 @@ BENCH = ("    -1\n   151\nfile\nabout\nMaker\nx\nx\nBench 3\nx\n    -1\n"
          "    -1\n    82\n" + numbers(1, 5, 8) + "Rim\n" + numbers(3, 4, 0, 7, 9, 0, 0, 0) + "    -1\n")
 
 
-def old_mode(hertz: float, damping: float, shape: np.ndarray) -> str:
+def old_mode(hertz: float, damping: float, shape: np.ndarray, loss: float = 0.0) -> str:
     """Data set 55 of a normal mode."""
     body = "".join(numbers(node) + reals(*row) for node, row in zip((3, 4, 7, 9), shape, strict=True))
-    return "    -1\n    55\n" + "NONE\n" * 5 + numbers(1, 2, 2, 8, 2, 3) + numbers(2, 4, 0, 1) + reals(hertz, 1, damping, 0) + \
+    return "    -1\n    55\n" + "NONE\n" * 5 + numbers(1, 2, 2, 8, 2, 3) + numbers(2, 4, 0, 1) + reals(hertz, 1, damping, loss) + \
         body + "    -1\n"
 
 
@@ -145,9 +145,9 @@ def test_places_are_in_the_global_frame(tmp_path: Path) -> None:
 
 
 def test_modes_of_a_bench(tmp_path: Path) -> None:
-    (tmp_path / "bench.uff").write_text(BENCH + old_mode(12.0, 0.0, SHAPES[1]) + old_mode(10.0, 0.01, SHAPES[0]))
+    (tmp_path / "bench.uff").write_text(BENCH + old_mode(12.0, 0.0, SHAPES[1], 0.06) + old_mode(10.0, 0.01, SHAPES[0], 0.02))
     found = fs.read_modes(tmp_path / "bench.uff")
-    assert found.frequencies == pytest.approx(2 * np.pi * np.array([10.0, 12.0])) and found.damping == pytest.approx([0.01, 0.0])
+    assert found.frequencies == pytest.approx(2 * np.pi * np.array([10.0, 12.0])) and found.damping == pytest.approx([0.01, 0.03])
     assert found.shapes == pytest.approx(SHAPES.reshape(2, 12).T, rel=1e-5) and found.shapes.dtype == float
     assert found.dofs.name(5) == "uz at node 4" and found.dofs.points is not None and found.dofs.points[5].tolist() == [4, 0, 0.5]
     assert found.notes == ("written by Bench 3", "its units: mm (milli-newton); nothing is converted")

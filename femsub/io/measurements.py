@@ -148,7 +148,7 @@ def read_modes(path: str | Path) -> ModeSet:
     it cannot know       units; whether modes are missing; which of two programs' scales a shape has
     ===================  =======================================================================================
 
-    Frequencies in Hz become radians per second. A loss factor η of a mode counts as the damping ratio η / 2.
+    Frequencies in Hz become radians per second. The damping ratio is the viscous one; where that is 0, half the loss factor.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def _eigenvalue(where: str, numbers: Array, analysis: int, old: bool) -> complex
         if len(numbers) < need:
             raise InputError(f"{where} has {len(numbers)} real parameters, but frequency and damping need {need}")
         omega, viscous, structural = 2 * np.pi * numbers[at[0]], numbers[at[1]], numbers[at[2]]
-        ratio = viscous + structural / 2
+        ratio = viscous or structural / 2  # some programs tell the same damping in both ways
         if not (np.isfinite(omega) and omega >= 0 and -1 < ratio < 1):
             raise InputError(f"{where} has the frequency {numbers[at[0]]:g} Hz and the damping ratio {ratio:g}")
         return complex(-ratio * omega, omega * np.sqrt(1 - ratio**2))
