@@ -110,8 +110,8 @@ BENCH = ("    -1\n   151\nfile\nabout\nMaker\nx\nx\nBench 3\nx\n    -1\n"
 def old_mode(hertz: float, damping: float, shape: np.ndarray, loss: float = 0.0) -> str:
     """Data set 55 of a normal mode."""
     body = "".join(numbers(node) + reals(*row) for node, row in zip((3, 4, 7, 9), shape, strict=True))
-    return "    -1\n    55\n" + "NONE\n" * 5 + numbers(1, 2, 2, 8, 2, 3) + numbers(2, 4, 0, 1) + reals(hertz, 1, damping, loss) + \
-        body + "    -1\n"
+    head = numbers(1, 2, 2, 8, 2, 3) + numbers(2, 4, 0, 1) + reals(hertz, 1, damping, loss)
+    return "    -1\n    55\n" + "NONE\n" * 5 + head + body + "    -1\n"
 
 
 def new_mode(value: complex, shape: np.ndarray) -> str:
