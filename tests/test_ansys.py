@@ -56,6 +56,13 @@ def test_frames_of_nodes() -> None:
         assert found == pytest.approx(np.array(columns).T, abs=1e-15)
 
 
+def test_superelements_of_ansys_are_refused_with_advice(tmp_path: Path) -> None:
+    (tmp_path / "part.sub").write_bytes(b"")
+    for read in (fs.read_component, fs.read_matrix):
+        with pytest.raises(fs.InputError, match=r"\*EXPORT in the format MMF"):
+            read(tmp_path / "part.sub")
+
+
 def test_files_of_ansys_need_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.io.ansys.find_spec", lambda name: None)
     for name, read in (("a.full", lambda path: fs.read_matrix(path, "K")), ("a.rst", fs.read_modes)):

@@ -6,8 +6,21 @@ from pathlib import Path
 
 import fuzz_ansys
 import fuzz_measured
+import numpy as np
 import pytest
 from fuzzing import fuzz
+
+import femsub as fs
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_functions_in_text_and_binary(tmp_path: Path, binary: bool) -> None:
+    """Accelerations over force, from 1 Hz in steps of 0.5 Hz, of the nodes 2 and 3 to a load at node 5."""
+    h = np.random.default_rng(4).standard_normal((2, 16)).view(complex)
+    (tmp_path / "a.uff").write_bytes(b"".join(fuzz_measured.function(2 + row, h[row], binary) for row in (0, 1)))
+    found, omega = fs.read_response(tmp_path / "a.uff"), 2 * np.pi * (1 + 0.5 * np.arange(8))
+    assert found.responses == ("2:uz", "3:uz") and found.loads == ("5:ux",) and found.omega == pytest.approx(omega)
+    assert found.receptance[:, :, 0] == pytest.approx(-h.T / omega[:, None] ** 2, rel=1e-9)
 
 
 def test_damaged_universal_files(tmp_path: Path) -> None:
