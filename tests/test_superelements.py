@@ -15,6 +15,7 @@ import pytest
 import scipy.linalg
 
 import femsub as fs
+from femsub.app.cli import main
 
 DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
 DATA = Path(__file__).parent.parent / "meshes" / "nastran"
@@ -65,6 +66,7 @@ def test_two_superelements_of_nastran_have_the_frequencies_of_its_own_assembly()
     theirs = np.sqrt(np.loadtxt(DATA / "eigenvalues.txt")[6:])
     assert found.rigid == 6
     assert np.abs(found.frequencies[6:] / theirs - 1).max() < 5e-8  # they have nine digits
+    np.testing.assert_allclose(system.collected(system.expand(found.shapes)), found.shapes, atol=1e-12)  # as a full part's
     grids = fs.couple(parts, [fs.Rigid(("in", grid), ("out", grid)) for grid in ("3", "11", "19", "27")])
     assert np.abs(fs.normal_modes(grids, count=48).frequencies - found.frequencies).max() < 1e-8 * theirs[-1]
 
@@ -72,7 +74,7 @@ def test_two_superelements_of_nastran_have_the_frequencies_of_its_own_assembly()
 def test_what_a_superelement_knows() -> None:
     pytest.importorskip("pyyeti.nastran.op4")
     part = read(DATA / "inboard.pch", ports={"belt": "11:uy"}, name="wing")
-    assert (part.size, len(part.V), part.modes, part.name, part.cutoff) == (32, 36, 8, "wing", 300.0)
+    assert (part.size, len(part.V), part.modes, part.name, part.cutoff) == (32, 44, 8, "wing", 300.0)
     assert list(part.sets) == ["boundary", "3", "11", "19", "27"]
     assert part.interface.tolist() == list(range(24)) and set(part.kinds) == {"constraint", "fixed-interface"}
     assert part.interface_dofs is not None and part.full_dofs is not None
@@ -85,8 +87,8 @@ def test_what_a_superelement_knows() -> None:
     assert x @ part.M @ x == pytest.approx(1.7551, abs=1e-4)
     assert part.ports["belt"][:24].tolist() == [float(at == 7) for at in range(24)]
     # grids 4 and 16 are recovered; a rigid motion moves them as well, whatever their frames
-    assert np.hypot.reduce((part.V @ x)[24:27]) == pytest.approx(1.0, abs=1e-7)  # MUG1 has single precision
-    assert part.full_dofs.name(24) == "ux@own at node 4"
+    assert np.hypot.reduce((part.V @ x)[32:35]) == pytest.approx(1.0, abs=1e-7)  # MUG1 has single precision
+    assert part.full_dofs.name(32) == "ux@own at node 4" and part.full_dofs.name(24) == "q at node 2995001"
 
 
 def test_a_cut_off_is_asked_for(tmp_path: Path) -> None:
@@ -212,10 +214,11 @@ def test_what_is_written_for_nastran_is_read_back(arm: Any, tmp_path: Path, prog
         assert np.abs(ours - theirs).max() <= digits * np.abs(ours).max()
     assert rom.full_dofs is not None and found.full_dofs is not None
     place = {(node, kind): at for at, (node, kind) in enumerate(zip(rom.full_dofs.nodes, rom.full_dofs.components, strict=True))}
-    rows = [place[node, DIRECTIONS.index(found.full_dofs.labels[kind][:2])]
-            for node, kind in zip(found.full_dofs.nodes, found.full_dofs.components, strict=True)]
-    assert sorted(rows) == list(range(84))
-    assert np.abs(rom.V[rows] - found.V).max() <= digits * np.abs(rom.V).max()
+    labels = [found.full_dofs.labels[kind][:2] for kind in found.full_dofs.components]
+    motions = [at for at, label in enumerate(labels) if label in DIRECTIONS]  # the others are the coordinates themselves
+    rows = [place[found.full_dofs.nodes[at], DIRECTIONS.index(labels[at])] for at in motions]
+    assert sorted(rows) == list(range(84)) and len(motions) == len(labels) - found.modes
+    assert np.abs(rom.V[rows] - found.V[motions]).max() <= digits * np.abs(rom.V).max()
     assert found.interface_dofs is not None and rom.interface_dofs is not None
     assert np.abs(found.interface_dofs.points - rom.interface_dofs.points).max() < 1e-10
     assert "superelement" in found.method and ("7 " in found.method) == (program == "nastran" or found.modes == 7)
@@ -329,3 +332,42 @@ def test_calculix_solves_a_superelement(arm: Any, tmp_path: Path) -> None:
     free = np.setdiff1d(np.arange(rom.size), rom.interface[rom.sets["left"]])
     ours = np.sqrt(scipy.linalg.eigh(rom.K[np.ix_(free, free)], rom.M[np.ix_(free, free)], eigvals_only=True))
     assert len(theirs) == 6 and np.abs(theirs / ours[:6] - 1).max() < 1e-5
+
+
+def scene(folder: Path, text: str) -> dict[str, Any]:
+    (folder / "scene.toml").write_text(f'scene = "superelements"\nrepeats = 1\n{text}', encoding="utf-8")
+    assert main(["run", str(folder / "scene.toml"), "--out", str(folder / "out"), "--no-figures"]) == 0
+    found: dict[str, Any] = json.loads((folder / "out" / "results.json").read_text())
+    return found
+
+
+def test_the_scene_tells_what_was_read_and_how_far_it_is_from_nastran(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+    theirs = np.sqrt(np.loadtxt(DATA / "eigenvalues.txt")[6:12])
+    parts = "".join(f'[[parts]]\nname = "{name}"\nfile = "{DATA / name}board.asm"\ncutoff = 314.0\n' for name in ("in", "out"))
+    data = scene(tmp_path, f'band = [0.0, 60.0]\nmethods = ["CC"]\nmodes = [4, 8]\nreference = {[*theirs, 1e4]}\n'
+                           f'interface = ["out.3"]\n{parts}[[joints]]\nbetween = ["in", "out"]\n')
+    assert "6 of 7 reference frequencies are met by modes of the system, within" in capsys.readouterr().out
+    rows = data["modes"][6:]
+    assert [row["reference"] for row in rows] == theirs.tolist() and max(row["difference"] for row in rows) < 5e-8
+    assert [(row["size"], row["grids"], row["modes"], row["own_frame"], row["faults"]) for row in data["superelements"]] == [
+        (32, 4, 8, 12, 0), (46, 4, 22, 12, 0)]
+    assert "6 interface DOF" in data["methods"]["system"]
+    four, eight = (row["error_frequency"] for row in data["methods"]["rows"][1:])
+    assert eight < 1e-6 < four < 1e-2 and data["methods"]["rows"][2]["error_force"] < 1e-3
+
+
+def test_the_scene_joins_a_superelement_and_a_model_of_ours_and_tells_a_fault(arm: Any, tmp_path: Path,
+                                                                             capsys: pytest.CaptureFixture[str]) -> None:
+    fs.write_superelement(tmp_path, arm[1], "dmig")
+    fs.write_matrices(tmp_path / "own", arm[1], "npz")
+    text = (tmp_path / "arm.pch").read_text()
+    mass, one = text.index("DMIG    MAAX"), "1.0000000000D+00\n"
+    (tmp_path / "arm.pch").write_text(text[:mass] + text[mass:].replace(one, one.replace("1", "4", 1), 1))
+    data = scene(tmp_path, 'band = [0.0, 2e3]\noutputs = ["parts", "modes"]\n[[parts]]\nname = "theirs"\nfile = "arm.pch"\n'
+                           'cutoff = 1e4\n[[parts]]\nname = "ours"\nfile = "own/model.json"\n[[joints]]\nkind = "spring"\n'
+                           'between = ["theirs.1", "ours:0,1,2"]\nstiffness = 1e3\n')
+    assert [(row["part"], row["faults"]) for row in data["superelements"]] == [("theirs", 1), ("ours", 0)]
+    assert "theirs: modes orthonormal" in " ".join(capsys.readouterr().out.split()) and len(data["modes"]) >= 9
+    fault = next(row for row in data["checks"] if row["verdict"] == "fault")
+    assert (fault["part"], fault["check"]) == ("theirs", "modes orthonormal")

@@ -39,6 +39,7 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
                          (EXTSEOUT DMIGPCH, K2GG, M2GG) with .pch, .asm or their own deck; EXTRN, SECONCT, GRID,
                          CORD1x, CORD2x, SPOINT, QSET, QSET1, DTI TUG1
     it turns             the motions of a boundary grid in a frame of its own (CD) into those along the basic axes
+    it recovers          u = V q: the boundary, the modal coordinates themselves, called 'q', and other grids (MUG1)
     it refuses           an order of DOF that does not fit the matrices, grids that are missing, several
                          superelements in a file, whatever `read_op4` and `read_dmig` refuse
     it cannot know       up to which frequency modes were kept; units; the frame of recovered grids that the files
@@ -311,21 +312,22 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     K, M, *lossy = ((A + A.T) / 2 for A in (T.T @ part @ T for part in (K, M, H) if part is not None))
     extra, recovery = _extra(raw, order, set(boundary), T)
     back, names = _turned(extra, systems, cd, place)
-    V = np.vstack([np.eye(nb, len(order)), back.T @ recovery])
-    kept = len(order) - nb
+    V, kept = np.vstack([np.eye(len(order)), back.T @ recovery]), len(order) - nb
     D = None if D is None else T.T @ D @ T
     scale = np.sqrt(np.abs(np.outer(K.diagonal()[nb:], K.diagonal()[:nb])))
     kind = "free" if (np.abs(K[nb:, :nb]) > FREE * scale).any() else "fixed-interface"
     if cutoff is None:
         cutoff = _highest(path, name, K[nb:, nb:], M[nb:, nb:])
-    nodes = [grid for grid, _ in boundary + extra]
-    where = np.array([place.get(grid, [np.nan] * 3) for grid in nodes])
+    scalar = [raw.rows[row] for row in order[nb:]]
+    nodes = [grid for grid, _ in boundary + scalar + extra]
+    where = np.array([[0.0] * 3 if grid in points else place.get(grid, [np.nan] * 3) for grid in nodes])  # q lies nowhere
     dofs = _map(nodes[:nb], labels, where[:nb])
     number = f" {next(iter(deck.supers))}" if deck.supers else ""
     return ReducedSubstructure(
         M, K, D, {}, name, H=lossy[0] if lossy else None, V=V, kinds=("constraint",) * nb + (kind,) * kept, modes=kept,
         method=f"Nastran superelement{number} with {kept} modes", cutoff=cutoff, full_interface=np.arange(nb),
-        full_dofs=_map(nodes, labels + names, where if np.isfinite(where).all() else None), interface_dofs=dofs,
+        full_dofs=_map(nodes, [*labels, *(f"q{direction or ''}" for _, direction in scalar), *names],
+                       where if np.isfinite(where).all() else None), interface_dofs=dofs,
         rigid_motion=_rigid(M, D, K, dofs),
         sets={BOUNDARY: np.arange(nb)} | {str(grid): np.flatnonzero(dofs.nodes == grid) for grid in dict.fromkeys(nodes[:nb])})
 
