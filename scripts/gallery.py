@@ -46,7 +46,6 @@ dofs = "{meshes}/calculix/beam.dof"
 interface = ["17:*", "18:*", "19:*", "20:*"]
 '''
 SUPERELEMENTS = """band = [0.0, 60.0]
-slope = -0.1
 reference = [10.67387655, 11.10545089, 11.67240184, 21.48605746]
 
 [[parts]]
@@ -58,7 +57,6 @@ cutoff = 314.0
 name = "out"
 file = "{meshes}/nastran/outboard.asm"
 cutoff = 314.0
-port = ["11:uy"]
 
 [[joints]]
 between = ["in", "out"]
@@ -123,8 +121,9 @@ stiffness = 1e6
 damping = 10.0
 """),
     "superelements": Shown(
-        "methods", "Errors over run time of two superelements of Nastran, joined and reduced once more by five methods",
-        "TODO. TODO.", "superelements", SUPERELEMENTS),
+        "methods", "Errors over run time of two superelements of Nastran, joined and reduced once more by three methods",
+        "Two parts that Nastran reduced are joined, with its frequencies to eight digits, and reduced once more. With 44 of 54 DOF "
+        "Craig-Bampton keeps the frequencies within 1.1e-4.", "superelements", SUPERELEMENTS),
     "brake": Shown(
         "flutter", "Frequencies and growth rates of a brake over the coefficient of friction",
         "Two modes of a disc brake meet over the coefficient of friction, and one of them squeals. A model of 190 DOF follows "

@@ -27,7 +27,8 @@ class SuperelementsScene(OwnPartsScene):
         PartKeys("in", file="inboard.asm", cutoff=314.0), PartKeys("out", file="outboard.asm", cutoff=314.0, port=["11:uy"])])
     joints: list[JointKeys] = key([], "the joints; an end is a grid, 'in.11', or a part's whole boundary, 'in'", required=True,
                                   example=[JointKeys(["in", "out"])])
-    modes: list[int] = field(default_factory=lambda: [2, 4, 8])
+    methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang", "rubin"])
+    modes: list[int] = field(default_factory=lambda: [4, 8, 12])
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("parts", "modes", "methods")
     ON_REQUEST: ClassVar[tuple[str, ...]] = ()
