@@ -122,8 +122,8 @@ damping = 10.0
 """),
     "superelements": Shown(
         "methods", "Errors over run time of two superelements of Nastran, joined and reduced once more by three methods",
-        "Two parts that Nastran reduced are joined, with its frequencies to eight digits, and reduced once more. With 44 of 54 DOF "
-        "Craig-Bampton keeps the frequencies within 1.1e-4.", "superelements", SUPERELEMENTS),
+        "Two parts that Nastran reduced are joined, with its frequencies to seven digits, and reduced once more. With 44 of 54 "
+        "DOF Craig-Bampton keeps the frequencies within 1.1e-4.", "superelements", SUPERELEMENTS),
     "brake": Shown(
         "flutter", "Frequencies and growth rates of a brake over the coefficient of friction",
         "Two modes of a disc brake meet over the coefficient of friction, and one of them squeals. A model of 190 DOF follows "
