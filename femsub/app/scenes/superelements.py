@@ -16,7 +16,8 @@ from femsub.app.scenes.own_parts import JointKeys, OwnPartsScene, PartKeys
 from femsub.studies import Remark, Table, column
 
 COLUMNS = ("part", "size", column("grids", "grids", "d"), "interface", "modes", "cutoff", column("recovered", "motions", "d"),
-           column("own_frame", "own frame", "d"), column("faults", "faults", "d"), column("unknown", "unknown", "d"))
+           column("own_frame", "own frame", "d"), column("trusted", "trusted ω", ".5g", unit="rad/time"),
+           column("faults", "faults", "d"))
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,8 @@ def _parts(scene: SuperelementsScene, progress: Progress, system: System) -> Res
         progress(f"{scene.name}: checking {name}")
         found = audit(part, units=scene.units)
         rows.append({"part": name, "size": part.size, "interface": len(part.interface_numbers), "modes": part.modes,
-                     "cutoff": part.cutoff, "recovered": len(part.V), **_grids(part), "faults": len(found.faults),
-                     "unknown": len(found.unknown)})
+                     "cutoff": part.cutoff, "recovered": len(part.V), **_grids(part), "trusted": found.trusted,
+                     "faults": len(found.faults), "unknown": len(found.unknown)})
         checks += [{"part": name, **row} for row in found.tables[0].rows]
         masses += [f"{name}: {one.said}" for one in found.findings if one.what == "mass and inertia"]
         faults += [f"{name}: {one.what}: {one.said}. {one.todo}." for one in found.faults]
