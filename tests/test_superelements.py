@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
+from matrixhelp import Op2Writer, superelement_op2
 
 import femsub as fs
 from femsub.app.cli import main
@@ -371,3 +372,70 @@ def test_the_scene_joins_a_superelement_and_a_model_of_ours_and_tells_a_fault(ar
     assert "theirs: modes orthonormal" in " ".join(capsys.readouterr().out.split()) and len(data["modes"]) >= 9
     fault = next(row for row in data["checks"] if row["verdict"] == "fault")
     assert (fault["part"], fault["check"]) == ("theirs", "modes orthonormal")
+
+
+@pytest.mark.parametrize(("order", "word"), [("<", 4), (">", 4), ("<", 8)])
+def test_matrices_of_op2_of_every_kind(tmp_path: Path, order: str, word: int) -> None:
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((7, 5)) * (rng.random((7, 5)) > 0.4)
+    A[:, 2] = 0.0
+    file = Op2Writer(order, word).matrix("A", A).table("OUGV1", b"results ").matrix("B", A + 2j * A, 4)
+    file.matrix("S", A.astype(np.float32), 1).matrix("C", (A + 1j * A).astype(np.complex64), 3).matrix("A", 2 * A)
+    file.write(tmp_path / "a.op2")
+    found = {name: fs.read_matrix(tmp_path / "a.op2", name).toarray() for name in ("a", "B", "s", "c", "a#2")}
+    for name, expected in {"a": A, "B": A + 2j * A, "s": A.astype(np.float32), "c": (A + 1j * A).astype(np.complex64),
+                           "a#2": 2 * A}.items():
+        assert np.array_equal(found[name], expected), name
+    with pytest.raises(fs.InputError, match="5 matrices"):
+        fs.read_matrix(tmp_path / "a.op2")
+
+
+@pytest.mark.slow
+def test_matrices_of_op2_as_pyyeti_reads_them(tmp_path: Path) -> None:
+    op2 = pytest.importorskip("pyyeti.nastran.op2")
+    A = np.triu(np.random.default_rng(1).standard_normal((7, 5)))
+    Op2Writer().matrix("A", A).table("OUGV1", b"results ").matrix("B", A + 2j * A, 4).write(tmp_path / "a.op2")
+    for name, theirs in op2.OP2(str(tmp_path / "a.op2")).rdop2mats(which=0, lower=True).items():
+        assert np.array_equal(theirs, fs.read_matrix(tmp_path / "a.op2", name).toarray()), name
+
+
+def test_a_superelement_in_one_op2_file(arm: Any, tmp_path: Path) -> None:
+    ours, found = arm[1], read(superelement_op2(tmp_path / "arm.op2", arm[1]))
+    assert found.interface_dofs is not None and ours.interface_dofs is not None and found.full_dofs is not None
+    place = [ours.interface_dofs.find(node, label)[0] for node, label in zip(
+        found.interface_dofs.nodes, np.array(found.interface_dofs.labels)[found.interface_dofs.components], strict=True)]
+    at = [*np.array(ours.interface)[place], *np.setdiff1d(np.arange(ours.size), ours.interface)]
+    for A, B in ((ours.K, found.K), (ours.M, found.M)):
+        assert np.abs(A[np.ix_(at, at)] - B).max() <= 1e-15 * np.abs(A).max()
+    assert np.array_equal(found.interface_dofs.points, ours.interface_dofs.points[place]) and found.modes == 7
+    x = np.zeros(found.size)
+    x[found.interface[found.interface_dofs.components == 1]] = 1.0
+    assert np.allclose((found.V @ x)[found.size:][found.full_dofs.components[found.size:] == 1], 1.0)
+
+
+def test_op2_with_the_cards_beside_it(tmp_path: Path) -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+    for ending in ("asm", "pch"):
+        shutil.copy(DATA / f"inboard.{ending}", tmp_path / f"part.{ending}")
+    K, M = (fs.read_matrix(DATA / "inboard.op4", name) for name in ("kxx", "mxx"))
+    Op2Writer().matrix("KAA", K).matrix("MAA", M).write(tmp_path / "part.op2")
+    assert np.array_equal(read(tmp_path / "part.op2").K, read(DATA / "inboard.op4").K)
+
+
+def test_faults_of_op2_are_told(arm: Any, tmp_path: Path) -> None:
+    whole = superelement_op2(tmp_path / "arm.op2", arm[1]).read_bytes()
+    for stop in [*np.linspace(0, len(whole) - 13, 20, dtype=int)]:
+        (tmp_path / "arm.op2").write_bytes(whole[:stop])
+        with pytest.raises(fs.InputError, match=r"arm\.op2"):
+            read(tmp_path / "arm.op2")
+    good = Op2Writer().matrix("A", np.eye(3))
+    for old, new, message in ((good.words(101, 3, 3), good.words(101, 2, 3), "row 3 of column 3 in the matrix A of 3 x 2"),
+                              (good.words(101, 3, 3), good.words(101, 4, 3), "3 columns in the matrix A"),
+                              (good.words(101, 3, 3), good.words(101, 3, 2), "entries from row 3"),
+                              (good.words(2, 0, 0), good.words(9, 0, 0), "type 9")):
+        (tmp_path / "a.op2").write_bytes(good.bytes.replace(old, new))
+        with pytest.raises(fs.InputError, match=message):
+            fs.read_matrix(tmp_path / "a.op2")
+    (tmp_path / "a.op2").write_text("      4      4 NASTRAN FORMATTED")
+    with pytest.raises(fs.InputError, match=r"no \.op2 file"):
+        fs.read_matrix(tmp_path / "a.op2")

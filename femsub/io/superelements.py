@@ -17,13 +17,14 @@ from femsub.checks import Array, Matrix
 from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS
 from femsub.io.damage import check_end, check_room
-from femsub.io.dmig import dmig_of, quadruples, real, whole
+from femsub.io.dmig import Dmig, dmig_of, quadruples, real, whole
 from femsub.io.nastran import entries_of
 from femsub.io.nastran_systems import NAMES, Systems
+from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
 from femsub.model import DofMap, ReducedSubstructure, Substructure
 
-ENDINGS = (".op4", ".asm", ".pch", ".bdf", ".nas", ".dat")
+ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat")
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
 ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
 FREE = 1e-6  # of sqrt(k_ii k_jj): coupling of modal coordinates and boundary in K that fixed-interface modes do not have
@@ -35,7 +36,8 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     """An external superelement of Nastran (EXTSEOUT) from any one of its files, which stand beside each other.
 
     ===================  =======================================================================================
-    it reads             .op4 (EXTSEOUT MATOP4, KAA or KXX, MAA or MXX, BAA, MUG1) with .asm or .pch; DMIG cards
+    it reads             .op4 (EXTSEOUT MATOP4, KAA or KXX, MAA or MXX, BAA, MUG1) with .asm or .pch; .op2 with
+                         them, or alone (EXTSEOUT DMIGOP2); DMIG cards
                          (EXTSEOUT DMIGPCH, K2GG, M2GG) with .pch, .asm or their own deck; EXTRN, SECONCT, GRID,
                          CORD1x, CORD2x, SPOINT, QSET, QSET1, DTI TUG1
     it turns             the motions of a boundary grid in a frame of its own (CD) into those along the basic axes
@@ -54,17 +56,22 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
         .op4 without pyyeti.
     """
     files = _beside(path)
-    deck = _Deck(path)
-    for ending in (".asm", ".pch"):
-        if ending in files and path.suffix.lower() in (".op4", ".asm", ".pch"):
-            deck.add(files[ending])
-    if path.suffix.lower() not in (".op4", ".asm", ".pch"):
+    deck, ending = _Deck(path), path.suffix.lower()
+    op2 = read_op2(path) if ending == ".op2" else None
+    deck.cards += op2.cards if op2 else []
+    for other in (".asm", ".pch"):
+        if other in files and ending in (".op4", ".op2", ".asm", ".pch") and not (op2 and op2.cards):
+            deck.add(files[other])
+    if ending not in (".op4", ".op2", ".asm", ".pch"):
         deck.add(path)
     if not deck.cards:
         raise InputError(f"{path} has neither {path.stem}.asm nor {path.stem}.pch beside it, which tell the DOF of a "
                          f"superelement. Copy them there, or read its matrices alone, "
                          f"read_component('{path.name}:maa', '{path.name}:kaa')")
-    raw = _from_dmig(deck) if any(card == "DMIG" for card, _ in deck.cards) else _from_op4(deck, files.get(".op4"))
+    if op2:
+        raw = _from_matrices(deck, path, _in_order(op2.matrices, deck.order()))
+    else:
+        raw = _from_dmig(deck) if any(card == "DMIG" for card, _ in deck.cards) else _from_op4(deck, files.get(".op4"))
     return _assembled(deck, raw, path.stem if name is None else name, cutoff)
 
 
@@ -117,12 +124,13 @@ class _Deck:
     def order(self) -> list[tuple[int, int]]:
         """(grid, direction) of the rows, as EXTRN tells them, else the grids of SECONCT with six directions each."""
         found: list[tuple[int, int]] = []
+        scalar = self.scalar()
         for card, fields in self.of("EXTRN"):
             for grid, directions in quadruples(fields, 2):
-                found += _directions(self.path, whole(self.path, card, grid, 1), directions)
+                number = whole(self.path, card, grid, 1)
+                found += [(number, 0)] if number in scalar else _directions(self.path, number, directions)
         if found:
             return found
-        scalar = self.scalar()
         for card, fields in self.of("SECONCT"):
             words = [word for word in fields[8:] if word]
             while words:
@@ -228,7 +236,23 @@ def _from_op4(deck: _Deck, file: Path | None) -> _Raw:
     if file is None:
         raise InputError(f"{deck.path} has no DMIG cards, and there is no {deck.path.stem}.op4 beside it with the "
                          "matrices")
-    found = read_op4(file)
+    return _from_matrices(deck, file, read_op4(file))
+
+
+def _in_order(found: Mapping[str, Matrix | Dmig], rows: list[tuple[int, int]]) -> dict[str, Matrix]:
+    """Matrices of OP2, those of DMIG tables in the order of the superelement's DOF, if they have no others."""
+    place, ordered = {row: at for at, row in enumerate(rows)}, dict[str, Matrix]()
+    for name, item in found.items():
+        ordered[name] = item.matrix if isinstance(item, Dmig) else item
+        at = [place.get((grid, direction), -1) for grid, direction in item.rows.tolist()] if isinstance(item, Dmig) else []
+        if isinstance(item, Dmig) and item.square and min(at) >= 0:
+            turn = sp.csr_array((np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(rows), len(at)))
+            ordered[name] = sp.csr_array(turn @ item.matrix @ turn.T)
+    return ordered
+
+
+def _from_matrices(deck: _Deck, file: Path, found: Mapping[str, Matrix]) -> _Raw:
+    """The matrices of a file, whose rows are in the order that the cards tell."""
     end, rows = _pair(file, found), deck.order()
     K, M = (_dense(file, found[f"{letter}{end}"]) for letter in "km")
     if len(rows) != len(K):
