@@ -22,9 +22,11 @@ from femsub.io.nastran import entries_of
 from femsub.io.nastran_systems import NAMES, Systems
 from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
+from femsub.io.sierra import read_cbr
 from femsub.model import DofMap, ReducedSubstructure, Substructure
 
-ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat")
+NETCDF = (".nc", ".nc4")  # of Sierra/SD
+ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
 ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
 FREE = 1e-6  # of sqrt(k_ii k_jj): coupling of modal coordinates and boundary in K that fixed-interface modes do not have
@@ -33,13 +35,14 @@ MOST = 3_000_000  # points that the lists of a file may name
 
 
 def read_superelement(path: Path, name: str | None, cutoff: float | None) -> ReducedSubstructure:
-    """An external superelement of Nastran (EXTSEOUT) from any one of its files, which stand beside each other.
+    """An external superelement of Nastran (EXTSEOUT) from any one of its files, which stand beside each other; or of Sierra/SD.
 
     ===================  =======================================================================================
     it reads             .op4 (EXTSEOUT MATOP4, KAA or KXX, MAA or MXX, BAA, MUG1) with .asm or .pch; .op2 with
                          them, or alone (EXTSEOUT DMIGOP2); DMIG cards
                          (EXTSEOUT DMIGPCH, K2GG, M2GG) with .pch, .asm or their own deck; EXTRN, SECONCT, GRID,
                          CORD1x, CORD2x, SPOINT, QSET, QSET1, DTI TUG1
+                         .nc of Sierra/SD, see `femsub.io.sierra.read_cbr`
     it turns             the motions of a boundary grid in a frame of its own (CD) into those along the basic axes
     it recovers          u = V q: the boundary, the modal coordinates themselves, called 'q', and other grids (MUG1)
     it refuses           an order of DOF that does not fit the matrices, grids that are missing, several
@@ -57,6 +60,8 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     """
     files = _beside(path)
     deck, ending = _Deck(path), path.suffix.lower()
+    if ending in NETCDF:
+        return _assembled(deck, _from_cbr(deck), path.stem if name is None else name, cutoff)
     op2 = read_op2(path) if ending == ".op2" else None
     deck.cards += op2.cards if op2 else []
     for other in (".asm", ".pch"):
@@ -92,6 +97,7 @@ class _Deck:
     cards: list[tuple[str, list[str]]] = field(default_factory=list)
     supers: set[str] = field(default_factory=set)
     named: int = 0  # points in lists so far
+    program: str = "Nastran"
 
     def add(self, file: Path) -> None:
         check_end(file)
@@ -300,6 +306,21 @@ def _from_dmig(deck: _Deck) -> _Raw:
     return _Raw(spread(M), spread(K), D, H, rows, recovery, names)
 
 
+def _from_cbr(deck: _Deck) -> _Raw:
+    """A Craig-Bampton model of Sierra/SD: its nodes as grids, its modes as scalar points behind the last of them."""
+    found = read_cbr(deck.path)
+    deck.program = "Sierra/SD"
+    modes = found.rows[:, 0] == 0
+    numbers = np.where(modes, max(found.points) + np.cumsum(modes), found.rows[:, 0])
+    deck.cards += [("GRID", [str(node), "", *(f"{one:.17e}" for one in place)]) for node, place in found.points.items()]
+    deck.cards.append(("SPOINT", [str(number) for number in numbers[modes]]))
+    rows = [(int(number), int(direction)) for number, direction in zip(numbers, np.where(modes, 0, found.rows[:, 1]), strict=True)]
+    if any(not 0 <= direction <= 6 for _, direction in rows) or min(found.points) < 1:
+        raise InputError(f"{deck.path} is damaged: cbmap has a direction beyond 6, or a node below 1")
+    K, M, D = (_dense(deck.path, A) for A in (found.K, found.M, found.D))
+    return _Raw(M, K, D if D.any() else None, None, rows, np.zeros((0, len(K))), [])
+
+
 def _dense(path: Path, matrix: Matrix) -> Array:
     check_room(path, 8 * matrix.shape[0] * matrix.shape[1])
     dense = matrix.toarray() if sp.issparse(matrix) else np.asarray(matrix)
@@ -349,7 +370,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     number = f" {next(iter(deck.supers))}" if deck.supers else ""
     return ReducedSubstructure(
         M, K, D, {}, name, H=lossy[0] if lossy else None, V=V, kinds=("constraint",) * nb + (kind,) * kept, modes=kept,
-        method=f"Nastran superelement{number} with {kept} modes", cutoff=cutoff, full_interface=np.arange(nb),
+        method=f"{deck.program} superelement{number} with {kept} modes", cutoff=cutoff, full_interface=np.arange(nb),
         full_dofs=_map(nodes, [*labels, *(f"q{direction or ''}" for _, direction in scalar), *names],
                        where if np.isfinite(where).all() else None), interface_dofs=dofs,
         rigid_motion=_rigid(M, D, K, dofs),
