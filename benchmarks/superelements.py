@@ -1,9 +1,10 @@
-"""Superelements of Nastran in public test data, joined or solved by femsub, against Nastran's own runs.
+"""Superelements of Nastran and Sierra/SD in public test data, joined or solved by femsub, against these programs' own runs.
 
-    python benchmarks/superelements.py PYYETI PYNASTRAN
+    python benchmarks/superelements.py PYYETI PYNASTRAN SDYNPY
 
-with clones of github.com/twmacro/pyyeti (read at commit 034fb7b) and github.com/SteveDoyle2/pyNastran (v1.4), which are not
-part of this repository. It needs pyyeti and pyNastran installed. Prints one line per case.
+with clones of github.com/twmacro/pyyeti (read at commit 034fb7b), github.com/SteveDoyle2/pyNastran (v1.4) and
+github.com/sandialabs/sdynpy (acac752), which are not part of this repository. It needs
+pyyeti and pyNastran installed. Prints one line per case.
 """
 
 from __future__ import annotations
@@ -79,6 +80,25 @@ def op2_matrices(folders: Sequence[Path]) -> None:
     print(f".op2: {read} of {len(files)} files read, {equal} of {count} matrices of pyYeti the same")
 
 
+def sierra(folder: Path) -> None:
+    """Full matrices of Sierra/SD, and two of its Craig-Bampton models joined, against its frequencies of the full models."""
+    from scipy.io import netcdf_file
+
+    def theirs(name: str) -> Any:
+        with netcdf_file(folder / f"{name}-eig.exo", mmap=False) as found:
+            return 2 * np.pi * found.variables["time_whole"][6:].copy()
+
+    for name in ("block_a", "block_a2", "block_c"):
+        part = fs.read_component(folder / f"{name}_Maa.m", folder / f"{name}_Kaa.m", interface=[0])
+        apart = fs.normal_modes(part, count=20).frequencies[6:] / theirs(name)[:20] - 1
+        print(f"Sierra/SD, {name}: {part.size} DOF, 20 frequencies, relative difference {np.abs(apart).max():.1e}")
+    parts = {f"p{at}": fs.read_component(folder / f"block_{at}-cbr.nc4", cutoff=1e4) for at in (1, 2)}
+    system = fs.couple(parts, [fs.Rigid(("p1", "boundary"), ("p2", "boundary"))])
+    apart = fs.normal_modes(system, count=20).frequencies[6:] / theirs("block_all")[:20] - 1
+    print(f"Sierra/SD, two Craig-Bampton models joined: 20 frequencies, above those of the full model by {apart.min():.1e} to "
+          f"{apart.max():.1e}")
+
+
 def bushes(folder: Path) -> tuple[Any, Any]:
     """MSC Nastran 2017: sizes of the forces and moments in three bushes that hold a superelement with frames of its own."""
     from pyNastran.op2.op2 import OP2
@@ -107,7 +127,7 @@ def bushes(folder: Path) -> tuple[Any, Any]:
     return ours.transpose(2, 1, 0), theirs
 
 
-def main(pyyeti: Path, pynastran: Path) -> None:
+def main(pyyeti: Path, pynastran: Path, sdynpy: Path) -> None:
     cases = {"NX Nastran 9, two parts joined": joined(pyyeti / "pyyeti/tests/nas2cam_extseout")}
     for run in ("msc2017", "msc2017_b", "nx2021"):
         cases[f"{run}, one part free"] = free(pyyeti / "pyyeti/tests/nas2cam_extseout", run)
@@ -119,9 +139,10 @@ def main(pyyeti: Path, pynastran: Path) -> None:
         worst = np.abs(forces[:, at] - others[:, at]).max() / others[:, at].max()
         print(f"MSC Nastran 2017, a part held by three bushes: 9 {what}, difference {worst:.1e} of the largest")
     op2_matrices([pynastran, pyyeti])
+    sierra(sdynpy / "docs/book/assets")
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
+    if len(sys.argv) != 4:
         sys.exit(__doc__)
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main(*map(Path, sys.argv[1:]))

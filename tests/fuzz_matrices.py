@@ -11,7 +11,7 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 from fuzzing import Subject
-from matrixhelp import Op2Writer, abaqus, numbered, superelement_op2
+from matrixhelp import Op2Writer, abaqus, numbered, sierra_netcdf, sierra_text, superelement_op2
 
 import femsub as fs
 
@@ -223,6 +223,8 @@ def subjects(folder: Path) -> list[Subject]:
     made.append(Subject("op2", Op2Writer().matrix("K", K).matrix("M", K).write(folder / "o" / "K.op2"), "fuzz_matrices:read_op2",
                         header=400, **binary))
     made.append(Subject("op2-superelement", superelement_op2(folder / "o" / "arm.op2", super_), reader, header=400, **binary))
+    made.append(Subject("sierra", sierra_text(folder / "o", "arm", arm)[1], read))
+    made.append(Subject("sierra-netcdf", sierra_netcdf(folder / "o" / "arm.nc", super_), reader, header=400, **binary))
     rom = fs.reduce(part, fs.CraigBampton(modes=5), ports=True)
     for form in ("mtx", "npz", "mat"):
         for name, whole in (("model", part), ("reduced", rom)):

@@ -122,3 +122,45 @@ def superelement_op2(path: Path, part: fs.ReducedSubstructure) -> Path:
     tug1 = [word for at, node in enumerate(inner) for word in (1, node, 6, 6 * at + 1, 0)]
     file.table("EXTDB", file.words(1, 0), file.words(*[0] * 10, *tug1))
     return file.matrix("EXTDB", table).write(path)
+
+
+def sierra_text(folder: Path, name: str, part: fs.Substructure) -> tuple[Path, Path]:
+    """NAME_Maa.m, NAME_Kaa.m, NAME_gid.m and NAME_ASetMap.m as Sierra/SD writes them; the first two."""
+    assert part.dofs is not None
+    for key, matrix in (("Maa", part.M), ("Kaa", part.K)):
+        half = sp.coo_array(sp.tril(matrix))
+        lines = "".join(f"{i + 1} {j + 1} {value:.17g};\n" for i, j, value in zip(half.row, half.col, half.data, strict=True))
+        n = part.size
+        (folder / f"{name}_{key}.m").write_text(
+            f"function a={key}()\nNumRows = {n};\na=[\n{lines}];\na=sparse(a(:,1),a(:,2),a(:,3),{n},{n});\n"
+            f"disp('This Matrix is in a Symmetric Sparse Format (Lower Triangular)')\n%% matrix written from lmatrix {key}\n")
+    nodes = np.unique(part.dofs.nodes)[::-1]  # not in ascending order
+    place = 9 * (len(nodes) - 1 - np.searchsorted(nodes[::-1], part.dofs.nodes)) + part.dofs.components
+    for key, size, pairs in (("gid", len(nodes), enumerate(nodes.tolist())),
+                             ("ASetMap", 9 * len(nodes), sorted(zip(place.tolist(), range(1, part.size + 1), strict=True)))):
+        text = "".join(f"x({at + 1}) = {value};\n" for at, value in pairs)
+        (folder / f"{name}_{key}.m").write_text(f"function x = {name}()\n% vector output\nx = zeros({size}, 1);\n{text}")
+    return folder / f"{name}_Maa.m", folder / f"{name}_Kaa.m"
+
+
+def sierra_netcdf(path: Path, part: fs.ReducedSubstructure, without: str = "") -> Path:
+    """A Craig-Bampton model as Sierra/SD writes it with format = netcdf: its modes come first."""
+    from scipy.io import netcdf_file
+
+    dofs = part.interface_dofs
+    assert dofs is not None and dofs.points is not None
+    order = [*np.setdiff1d(np.arange(part.size), part.interface), *part.interface]
+    nodes, first = np.unique(dofs.nodes, return_index=True)
+    rows = np.zeros((part.size, 2), dtype=np.int32)
+    rows[part.modes:] = np.stack([dofs.nodes, dofs.components + 1], axis=1)
+    square = np.ix_(order, order)
+    with netcdf_file(path, "w", version=2) as file:
+        for name, size in (("NumDof", part.size), ("two", 2), ("num_nodes", len(nodes))):
+            file.createDimension(name, size)
+        for name, values in {"Kr": part.K[square], "Mr": part.M[square], "Cr": part.D[square], "cbmap": rows,
+                             "node_num_map": nodes.astype(np.int32),
+                             **{f"coord{'xyz'[k]}": dofs.points[first, k] for k in range(3)}}.items():
+            if name != without:
+                sizes = ("num_nodes",) if values.ndim == 1 else ("NumDof", "two" if name == "cbmap" else "NumDof")
+                file.createVariable(name, values.dtype.char, sizes)[:] = values
+    return path

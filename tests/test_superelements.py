@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
-from matrixhelp import Op2Writer, superelement_op2
+from matrixhelp import Op2Writer, sierra_netcdf, sierra_text, superelement_op2
 
 import femsub as fs
 from femsub.app.cli import main
@@ -439,3 +439,48 @@ def test_faults_of_op2_are_told(arm: Any, tmp_path: Path) -> None:
     (tmp_path / "a.op2").write_text("      4      4 NASTRAN FORMATTED")
     with pytest.raises(fs.InputError, match=r"no \.op2 file"):
         fs.read_matrix(tmp_path / "a.op2")
+
+
+def test_full_matrices_of_sierra(arm: Any, tmp_path: Path) -> None:
+    full = arm[0]
+    paths = sierra_text(tmp_path, "block_a", full)
+    found = fs.read_component(*paths, interface=["3:*"])
+    assert found.dofs is not None and found.dofs.nodes.tolist() == sorted(found.dofs.nodes)
+    at = [full.dofs.find(node, found.dofs.labels[kind])[0]
+          for node, kind in zip(found.dofs.nodes, found.dofs.components, strict=True)]
+    for ours, theirs in ((full.K, found.K), (full.M, found.M)):
+        assert abs(ours[at][:, at] - theirs).max() <= 1e-15 * abs(ours).max()
+    for name in ("gid", "ASetMap"):
+        (tmp_path / f"block_a_{name}.m").rename(tmp_path / f"other_{name}.m")
+    assert abs(fs.read_matrix(paths[1]) - full.K).max() <= 1e-15 * abs(full.K).max()
+    text = paths[1].read_text()
+    for old, new, message in ((text[-200:], "", "no matrix of Sierra"), ("2 1 ", "1 2 ", "above the diagonal"),
+                              ("NumRows = 84", "NumRows = 83", "two numbers of rows"), ("2 2 ", "1 1 ", "twice")):
+        assert old in text
+        paths[1].write_text(text.replace(old, new, 1))
+        with pytest.raises(fs.InputError, match=message):
+            fs.read_matrix(paths[1])
+    paths[1].write_text(text)
+    (tmp_path / "other_gid.m").rename(tmp_path / "block_a_gid.m")
+    (tmp_path / "block_a_ASetMap.m").write_text("function x = a()\nx = zeros(252, 1);\nx(1) = 1;\n")
+    with pytest.raises(fs.InputError, match="name 1 DOF of 28 nodes, and the matrix has 84 rows"):
+        fs.read_matrix(paths[1])
+
+
+def test_a_craig_bampton_model_of_sierra(arm: Any, tmp_path: Path) -> None:
+    rom = arm[1].with_damping(1e-6 * arm[1].K)
+    found = read(sierra_netcdf(tmp_path / "arm.nc4", rom))
+    dofs = rom.interface_dofs
+    assert dofs is not None and found.interface_dofs is not None and "Sierra/SD superelement" in found.method
+    assert found.interface_dofs.nodes.tolist() == dofs.nodes.tolist() and np.array_equal(found.interface_dofs.points, dofs.points)
+    at = np.array([*rom.interface, *np.setdiff1d(np.arange(rom.size), rom.interface)])
+    for ours, theirs in ((rom.K, found.K), (rom.M, found.M), (rom.D, found.D)):
+        assert np.abs(ours[np.ix_(at, at)] - theirs).max() <= 1e-15 * np.abs(ours).max()
+    whole = (tmp_path / "arm.nc4").read_bytes()
+    for content, message in ((whole[:700], "cannot be read|has no"), (b"\x89HDF\r\n\x1a\n", "netCDF 4"),
+                             (b"12345", "no netCDF file")):
+        (tmp_path / "arm.nc4").write_bytes(content)
+        with pytest.raises(fs.InputError, match=message):
+            read(tmp_path / "arm.nc4")
+    with pytest.raises(fs.InputError, match="it has no cbmap"):
+        read(sierra_netcdf(tmp_path / "arm.nc", rom, without="cbmap"))

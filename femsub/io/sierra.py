@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,7 +49,8 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
     """
     found = MATRIX.match(path.read_bytes())
     if not found:
-        raise InputError(f"{path} is no matrix of Sierra/SD, 'function a=Kaa()' to 'Symmetric Sparse Format'; it may be cut short")
+        raise InputError(f"{path} is no matrix of Sierra/SD, 'function a=Kaa()' to 'Symmetric Sparse Format'. It may be cut "
+                         "short")
     sizes = {int(found[at]) for at in (2, 4, 5)}
     table = np.array(found[3].replace(b";", b" ").split(), dtype=float).reshape(-1, 3)
     i, j = (table[:, at].astype(np.int64) - 1 for at in (0, 1))
@@ -75,8 +77,8 @@ def _labels(path: Path, size: int) -> Array | None:
     nodes, rows = _map(gid), _map(places)
     at = np.flatnonzero(rows)
     if len(rows) != PER_NODE * len(nodes) or not np.array_equal(np.sort(rows[at]), np.arange(1, size + 1)):
-        raise InputError(f"{places} and {gid} do not fit {path}: they name {len(at)} DOF of {len(nodes)} nodes, and the matrix has "
-                         f"{size} rows")
+        raise InputError(f"{places} and {gid} do not fit {path}: they name {len(at)} DOF of {len(nodes)} nodes, and the matrix "
+                         f"has {size} rows")
     labels = np.zeros((size, 2), dtype=np.int64)
     labels[rows[at] - 1] = np.stack([nodes[at // PER_NODE], at % PER_NODE + 1], axis=1)
     return labels
@@ -112,14 +114,13 @@ def read_cbr(path: Path) -> Cbr:
     """
     from scipy.io import netcdf_file
 
-    with open(path, "rb") as file:
-        head = file.read(4)
-    if head[:4] == b"\x89HDF":
+    check_room(path, 2 * path.stat().st_size)
+    content = path.read_bytes()
+    if content[:4] == b"\x89HDF":
         raise InputError(f"{path} is of netCDF 4. Convert it: nccopy -k classic {path.name} new.nc")
-    if head[:3] != b"CDF":
+    if content[:3] != b"CDF":
         raise InputError(f"{path} is no netCDF file")
-    check_room(path, path.stat().st_size)
-    with netcdf_file(path, mmap=False) as found:
+    with netcdf_file(io.BytesIO(content), mmap=False) as found:  # of a file SciPy would take all memory that a wrong size asks
         needed = ("Kr", "Mr", "cbmap", "node_num_map", "coordx", "coordy", "coordz")
         if missing := [name for name in needed if name not in found.variables]:
             raise InputError(f"{path} is no Craig-Bampton model of Sierra/SD: it has no {', '.join(missing)}")
@@ -131,4 +132,5 @@ def read_cbr(path: Path) -> Cbr:
     points = {int(node): [float(one) for one in place] for node, *place in zip(nodes, *where, strict=True)}
     if strange := sorted({int(node) for node in rows[:, 0] if node} - points.keys()):
         raise InputError(f"{path} has no place of node {strange[0]}, which cbmap names")
-    return Cbr(*(np.asarray(A, dtype=float) for A in (M, K, D)), rows.astype(np.int64), points)
+    M, K, D = (np.asarray(A, dtype=float) for A in (M, K, D))
+    return Cbr(M, K, D, rows.astype(np.int64), points)

@@ -314,7 +314,8 @@ def _from_cbr(deck: _Deck) -> _Raw:
     numbers = np.where(modes, max(found.points) + np.cumsum(modes), found.rows[:, 0])
     deck.cards += [("GRID", [str(node), "", *(f"{one:.17e}" for one in place)]) for node, place in found.points.items()]
     deck.cards.append(("SPOINT", [str(number) for number in numbers[modes]]))
-    rows = [(int(number), int(direction)) for number, direction in zip(numbers, np.where(modes, 0, found.rows[:, 1]), strict=True)]
+    directions = np.where(modes, 0, found.rows[:, 1])
+    rows = [(int(number), int(direction)) for number, direction in zip(numbers, directions, strict=True)]
     if any(not 0 <= direction <= 6 for _, direction in rows) or min(found.points) < 1:
         raise InputError(f"{deck.path} is damaged: cbmap has a direction beyond 6, or a node below 1")
     K, M, D = (_dense(deck.path, A) for A in (found.K, found.M, found.D))

@@ -46,9 +46,9 @@ class PartKeys:
     name: str = key("", "the part's name, a word without a dot", required=True, example="disc")
     M: str = key("", "the file of the mass matrix, relative to the scene file", otherwise="the part comes from its mesh",
                  example="disc-M.mtx", file=True)
-    file: str = key("", "a superelement of another program, any one of its files (.asm, .pch, .op4), a .full file, or the "
-                    "model.json of a folder of write_matrices", otherwise="the part comes from its matrices or its mesh",
-                    example="wing.asm", file=True)
+    file: str = key("", "a superelement of another program, any one of its files (.asm, .pch, .op4, .op2, .nc), a .full "
+                    "file, or the model.json of a folder of write_matrices", otherwise="the part comes from its matrices "
+                    "or its mesh", example="wing.asm", file=True)
     cutoff: float = key(0.0, "of a superelement: up to which frequency its author kept modes", unit="rad/time", least=0,
                         otherwise="that of its highest mode, with a warning")
     K: str = key("", "the file of the stiffness matrix", otherwise="the part comes from its mesh", required_with="M",
