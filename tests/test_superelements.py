@@ -92,6 +92,14 @@ def test_what_a_superelement_knows() -> None:
     assert part.full_dofs.name(32) == "ux@own at node 4" and part.full_dofs.name(24) == "q at node 2995001"
 
 
+def test_an_audit_bounds_the_frequencies_of_a_part_whose_k_lost_digits() -> None:
+    """Without the rigid motion that the part carries, K counted as singular, and nothing was known of its frequencies."""
+    pytest.importorskip("pyyeti.nastran.op4")
+    found = fs.audit(fs.read_component(DATA / "outboard.asm", cutoff=314.0))
+    assert not found.faults and found.trusted == pytest.approx(96.85, abs=0.01)
+    assert (found.lower <= found.omega).all() and found.error.max() < 0.01
+
+
 def test_a_cut_off_is_asked_for(tmp_path: Path) -> None:
     pytest.importorskip("pyyeti.nastran.op4")
     with pytest.warns(fs.FemsubWarning, match="up to which frequency"):
