@@ -4,8 +4,8 @@
     python scripts/gallery.py --run beam plate   runs these first; `--run all`: every scene, one after the other
 
 A run is one process of one thread. docs/gallery/runs.json keeps its processor time, which other work on the machine does not
-change much, the commit, and the numbers that its picture shows; docs/pictures/gallery/ has the picture. Two scenes need files
-of their own: those in meshes/.
+change much, the commit, and the numbers that its picture shows; docs/pictures/gallery/ has the picture. Three scenes need
+files of their own: those in meshes/.
 """
 
 from __future__ import annotations
@@ -45,6 +45,22 @@ K = "{meshes}/calculix/beam.sti"
 dofs = "{meshes}/calculix/beam.dof"
 interface = ["17:*", "18:*", "19:*", "20:*"]
 '''
+SUPERELEMENTS = """band = [0.0, 60.0]
+reference = [10.67387655, 11.10545089, 11.67240184, 21.48605746]
+
+[[parts]]
+name = "in"
+file = "{meshes}/nastran/inboard.asm"
+cutoff = 314.0
+
+[[parts]]
+name = "out"
+file = "{meshes}/nastran/outboard.asm"
+cutoff = 314.0
+
+[[joints]]
+between = ["in", "out"]
+"""
 GALLERY = {
     "chain": Shown(
         "size-sweep", "Critical slope of the chain and its relative error, over the DOF of the reduced model",
@@ -104,6 +120,10 @@ between = ["left", "right"]
 stiffness = 1e6
 damping = 10.0
 """),
+    "superelements": Shown(
+        "methods", "Errors over run time of two superelements of Nastran, joined and reduced once more by three methods",
+        "Two parts that Nastran reduced are joined, with its frequencies to seven digits, and reduced once more. With 44 of 54 "
+        "DOF Craig-Bampton keeps the frequencies within 1.1e-4.", "superelements", SUPERELEMENTS),
     "brake": Shown(
         "flutter", "Frequencies and growth rates of a brake over the coefficient of friction",
         "Two modes of a disc brake meet over the coefficient of friction, and one of them squeals. A model of 190 DOF follows "
@@ -187,8 +207,8 @@ def page(runs: dict[str, Any]) -> str:
     lines = ["# Gallery", "",
              "Every scene as it stands, without a key changed. `scripts/femsub run NAME --out out` repeats a run, and",
              "`scripts/femsub new NAME > my.toml` begins a file of your own with its keys.",
-             "Times are processor time of one thread. `matrices` and `own-parts` need files of your own.",
-             "Here they take those in `meshes/calculix`.", "",
+             "Times are processor time of one thread. `matrices`, `own-parts` and `superelements` need files of your own.",
+             "Here they take those in `meshes`.", "",
              "[The paper's figures](paper.md) stand on a page of their own, beside ours.", "",
              "| scene | what it does | run time |", "|---|---|---|",
              *(f"| [{scene}](#{scene}) | {line} | {seconds(runs[scene])} |" for scene, (_, line) in SCENES.items())]

@@ -104,6 +104,29 @@ def how_many_modes() -> Any:
     return figure
 
 
+def superelements() -> Any:
+    """Errors of the joined superelements' frequencies: of the system against Nastran, and of three reduced ones against it."""
+    files, band = ROOT / "meshes" / "nastran", (0.0, 60.0)
+    parts = {name: fs.read_component(files / f"{name}board.asm", cutoff=314.0) for name in ("in", "out")}
+    system = fs.couple(parts, [fs.Rigid(("in", "boundary"), ("out", "boundary"))])
+    theirs = np.sqrt(np.loadtxt(files / "eigenvalues.txt")[6:])
+    ours = fs.normal_modes(system, count=48).frequencies[6:]
+    figure = new_figure(8, 4.2)
+    axis = figure.subplots()
+    axis.loglog(theirs, np.abs(ours / theirs - 1), "k.", ms=5, label=f"joined, {system.size} DOF, against Nastran")
+    for tol, colour in ((1e-2, "#882255"), (1e-3, "#cc6677"), (1e-4, "#ddcc77")):
+        small = fs.reduce(system, dict.fromkeys(parts, fs.CraigBampton(band=band, tol=tol)))
+        found = fs.normal_modes(small, count=10).frequencies[6:]
+        axis.loglog(ours[:10], np.abs(found / ours[:10] - 1), "s-", color=colour, ms=4, lw=1,
+                    label=f"tol={tol:g}, {small.size} DOF")
+        axis.axhline(tol, color=colour, lw=0.8, ls=":")
+    axis.axvline(band[1], color="#555555", lw=1, ls="--", label="end of the band")
+    axis.set(xlabel="frequency ω  [rad/s]", ylabel="relative error of ω  [-]", ylim=(1e-14, 1e1))
+    axis.grid()
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
 def beyond_the_border() -> Any:
     """Limit cycles over the belt's speed, full and reduced, and runs in time with rising and falling speed."""
     full = fs.damped(fs.chain(20, belt=20, damping=0.0, interface=[20]), rayleigh=(0.01, 0.2))
@@ -195,8 +218,9 @@ def flutter() -> Any:
     return figure
 
 
-FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices, "how-many-modes": how_many_modes,
-                                       "beyond-the-border": beyond_the_border, "flutter": flutter}
+FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices, "superelements": superelements,
+                                       "how-many-modes": how_many_modes, "beyond-the-border": beyond_the_border,
+                                       "flutter": flutter}
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 from fuzzing import Subject
-from matrixhelp import abaqus, numbered
+from matrixhelp import Op2Writer, abaqus, numbered, sierra_netcdf, sierra_text, superelement_op2
 
 import femsub as fs
 
@@ -131,6 +131,10 @@ DMIG = (b"DMIG", b"DMIG*", b"KAAX", b"MAAX", b"GRID*", b"SPOINT", b"THRU", b"QSE
         b"BEGIN SUPER", b"ENDDATA", b"CORD2R", b"INCLUDE", b"$", b"*", b"MUG1T")
 
 
+def read_op2(path: Path) -> Any:
+    return {name: fs.read_matrix(path, name) for name in "KM"}
+
+
 def read_dmig(path: Path) -> Any:
     return fs.read_matrix(path, "KAAX")
 
@@ -215,6 +219,12 @@ def subjects(folder: Path) -> list[Subject]:
         (folder / "n" / "validity.json").unlink()
         made.append(Subject("superelement", folder / "n", reader, vocabulary=DMIG, strict=frozenset(),
                             text_file=lambda name: name.endswith((".asm", ".pch"))))
+    (folder / "o").mkdir()
+    made.append(Subject("op2", Op2Writer().matrix("K", K).matrix("M", K).write(folder / "o" / "K.op2"), "fuzz_matrices:read_op2",
+                        header=400, **binary))
+    made.append(Subject("op2-superelement", superelement_op2(folder / "o" / "arm.op2", super_), reader, header=400, **binary))
+    made.append(Subject("sierra", sierra_text(folder / "o", "arm", arm)[1], read))
+    made.append(Subject("sierra-netcdf", sierra_netcdf(folder / "o" / "arm.nc", super_), reader, header=400, **binary))
     rom = fs.reduce(part, fs.CraigBampton(modes=5), ports=True)
     for form in ("mtx", "npz", "mat"):
         for name, whole in (("model", part), ("reduced", rom)):

@@ -35,6 +35,8 @@ SCENES = {
                  'K = "{0}/model.mat:K"\ninterface = [19]\n[[joints]]\nbetween = ["a", "b"]\n',
     "affine": 'between = [0.0, 3.0]\npoints = 11\nM = {{file = "{0}/M.npz"}}\nK = [{{file = "{0}/model.mat:K", '
               'factor = "1 + p**2"}}, {{file = "{0}/M.npz", factor = "-p / q"}}]\nfixed = {{name = "q", value = 40.0}}\n',
+    "superelements": 'band = [0.0, 1e4]\nreference = [3000.0]\n[[parts]]\nname = "a"\nfile = "{0}/arm.pch"\ncutoff = 2e4\n'
+                     '[[joints]]\nkind = "spring"\nbetween = ["a", "ground"]\nstiffness = 1e7\n',
     "brake": 'size = 0.08\nfull = [0.5]\nband = [1e4, 1.2e4]\nE = [1.1e11, 8e9, 2.1e11]\nnu = [0.26, 0.3, 0.3]\n'
              'rho = [7200.0, 2600.0, 7850.0]\nmodes = [8]\noutputs = ["unstable"]\n',
 }

@@ -248,11 +248,12 @@ def _changed(folder: Path, text: str) -> Path:
     (('name = "back"', 'name = "front"'), "the name 'front' is given 2 times"),
     (('name = "back"', 'name = "b.1"'), "the name 'b.1' must be a word without a dot"),
     (('name = "back"', 'name = "ground"'), "other than 'ground'"),
-    (('M = "front-M.mtx"\n', ""), "needs either the matrices M and K, or a mesh, but neither"),
+    (('M = "front-M.mtx"\n', ""), "needs one of the matrices M and K, a mesh, or the file of a superelement, but none"),
     (('method = "full"', 'method = "ful"'), "did you mean 'full'"),
     (("slope = -0.1", 'slope = -0.1\nbelt = "back"'), "the part 'back' has no port"),
     (("slope = -0.1", 'slope = -0.1\nbelt = "bck"'), "unknown part 'bck'; did you mean 'back'"),
     (('kind = "spring"\n', 'kind = "tied"\n'), "a tied joint glues surfaces of meshes"),
+    (("interface = 0\n", ""), "the part 'back' has no interface"),
     (("port = 2", "port = 2\ncontact = 'top'"), "has matrices: name its port"),
     (("stiffness", "stifness"), r"did you mean 'joints\[2\].stiffness'"),
 ])

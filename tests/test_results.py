@@ -39,6 +39,9 @@ SMALL = {
     "own-parts": 'methods = ["CC"]\nmodes = [3]\nband = [0.0, 0.4]\nslope = -0.1\nrepeats = 1\n[[parts]]\nname = "a"\n'
                  'M = "M.npz"\nK = "model.mat:K"\ninterface = [19]\nport = 1\n[[parts]]\nname = "b"\nM = "M.npz"\n'
                  'K = "model.mat:K"\ninterface = [19]\n[[joints]]\nbetween = ["a", "b"]\n',
+    "superelements": 'methods = ["CC"]\nmodes = [3]\nband = [0.0, 1e4]\nrepeats = 1\nreference = [3000.0]\n[[parts]]\n'
+                     'name = "a"\nfile = "arm.pch"\ncutoff = 2e4\n[[joints]]\nkind = "spring"\nbetween = ["a", "ground"]\n'
+                     'stiffness = 1e7\n',
     "brake": 'size = 0.08\nfull = [0.5]\nband = [1e4, 1.2e4]\nE = [1.1e11, 8e9, 2.1e11]\nnu = [0.26, 0.3, 0.3]\n'
              'rho = [7200.0, 2600.0, 7850.0]\nmodes = [8]\noutputs = ["unstable"]\n',
     "chain-transient": 'time = [0, 300]\nwindow = [100, 300]\nlength = 100\n',
@@ -71,6 +74,10 @@ def scene_file(folder: Path, name: str, text: str | None = None) -> str:
         block = fs.block((0.1, 0.06, 0.01), (4, 3, 1), "hexahedron20")
         fs.write_mesh(folder / "nodes.inp", block)
         (folder / "part.inp").write_text("*INCLUDE, INPUT=nodes.inp\n")
+    if name == "superelements":
+        mesh, steel = fs.block((1.0, 0.1, 0.1), (4, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0)
+        arm = fs.solid(mesh, steel, interface=["left"], name="arm")
+        fs.write_superelement(folder, fs.reduce(arm, fs.CraigBampton(6)), "dmig")
     path = folder / "scene.toml"
     path.write_text(f'scene = "{name}"\n{SMALL[name] if text is None else text}', encoding="utf-8")
     return str(path)

@@ -132,8 +132,8 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == ["chain", "matrices", "beam", "plate", "solid", "frequency-response",
-                                                   "chain-parts", "plate-parts", "solid-parts", "own-parts", "brake",
-                                                   "chain-transient", "solid-transient", "chain-limit-cycle",
+                                                   "chain-parts", "plate-parts", "solid-parts", "own-parts", "superelements",
+                                                   "brake", "chain-transient", "solid-transient", "chain-limit-cycle",
                                                    "plate-limit-cycle", "two-mode", "affine", "ziegler", "audit"]
 
 

@@ -394,3 +394,15 @@ def test_reasons_that_are_the_same_are_told_once() -> None:
     assert [line for line in said if "no critical slope" in line] == [
         f"no critical slope of {label} with 4, 6 DOF: M is singular" for label in ("MacNeal", "Guyan")]
     assert "take MacNeal with 1 mode (4 DOF)" in Study("x", (0.0, 1.0), 1, full, rows).recommendation()
+
+
+def test_without_damping_the_frequencies_decide() -> None:
+    """All growth rates are 0 then: the smallest model was recommended, whatever its frequencies."""
+    full = fs.chain(20, damping=0.0)
+    found = fs.study(full, [fs.CraigBampton(3), fs.CraigBampton(6), fs.CraigBampton(12)], (0.0, 0.2), repeats=1)
+    errors = [row.error_frequency for row in found.rows]
+    assert errors[0] > errors[1] > errors[2] and not any(row.error_growth for row in found.rows)
+    tol = float(np.sqrt(errors[0] * errors[1]))
+    assert found.decisive == "error_frequency" and found.recommended(tol) is found.rows[1]
+    assert "of the undamped frequencies" in found.recommendation(tol) and "err ω" in found.brief(tol)
+    assert "the undamped frequencies in the band are within" in study_choice(found, tol).decides[0]

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
+from matrixhelp import Op2Writer, sierra_netcdf, sierra_text, superelement_op2
 
 import femsub as fs
+from femsub.app.cli import main
 
 DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
 DATA = Path(__file__).parent.parent / "meshes" / "nastran"
@@ -65,6 +67,7 @@ def test_two_superelements_of_nastran_have_the_frequencies_of_its_own_assembly()
     theirs = np.sqrt(np.loadtxt(DATA / "eigenvalues.txt")[6:])
     assert found.rigid == 6
     assert np.abs(found.frequencies[6:] / theirs - 1).max() < 5e-8  # they have nine digits
+    np.testing.assert_allclose(system.collected(system.expand(found.shapes)), found.shapes, atol=1e-12)  # as a full part's
     grids = fs.couple(parts, [fs.Rigid(("in", grid), ("out", grid)) for grid in ("3", "11", "19", "27")])
     assert np.abs(fs.normal_modes(grids, count=48).frequencies - found.frequencies).max() < 1e-8 * theirs[-1]
 
@@ -72,7 +75,7 @@ def test_two_superelements_of_nastran_have_the_frequencies_of_its_own_assembly()
 def test_what_a_superelement_knows() -> None:
     pytest.importorskip("pyyeti.nastran.op4")
     part = read(DATA / "inboard.pch", ports={"belt": "11:uy"}, name="wing")
-    assert (part.size, len(part.V), part.modes, part.name, part.cutoff) == (32, 36, 8, "wing", 300.0)
+    assert (part.size, len(part.V), part.modes, part.name, part.cutoff) == (32, 44, 8, "wing", 300.0)
     assert list(part.sets) == ["boundary", "3", "11", "19", "27"]
     assert part.interface.tolist() == list(range(24)) and set(part.kinds) == {"constraint", "fixed-interface"}
     assert part.interface_dofs is not None and part.full_dofs is not None
@@ -85,8 +88,16 @@ def test_what_a_superelement_knows() -> None:
     assert x @ part.M @ x == pytest.approx(1.7551, abs=1e-4)
     assert part.ports["belt"][:24].tolist() == [float(at == 7) for at in range(24)]
     # grids 4 and 16 are recovered; a rigid motion moves them as well, whatever their frames
-    assert np.hypot.reduce((part.V @ x)[24:27]) == pytest.approx(1.0, abs=1e-7)  # MUG1 has single precision
-    assert part.full_dofs.name(24) == "ux@own at node 4"
+    assert np.hypot.reduce((part.V @ x)[32:35]) == pytest.approx(1.0, abs=1e-7)  # MUG1 has single precision
+    assert part.full_dofs.name(32) == "ux@own at node 4" and part.full_dofs.name(24) == "q at node 2995001"
+
+
+def test_an_audit_bounds_the_frequencies_of_a_part_whose_k_lost_digits() -> None:
+    """Without the rigid motion that the part carries, K counted as singular, and nothing was known of its frequencies."""
+    pytest.importorskip("pyyeti.nastran.op4")
+    found = fs.audit(fs.read_component(DATA / "outboard.asm", cutoff=314.0))
+    assert not found.faults and found.trusted == pytest.approx(96.85, abs=0.01)
+    assert (found.lower <= found.omega).all() and found.error.max() < 0.01
 
 
 def test_a_cut_off_is_asked_for(tmp_path: Path) -> None:
@@ -187,10 +198,11 @@ def test_what_is_written_for_nastran_is_read_back(arm: Any, tmp_path: Path, prog
         assert np.abs(ours - theirs).max() <= digits * np.abs(ours).max()
     assert rom.full_dofs is not None and found.full_dofs is not None
     place = {(node, kind): at for at, (node, kind) in enumerate(zip(rom.full_dofs.nodes, rom.full_dofs.components, strict=True))}
-    rows = [place[node, DIRECTIONS.index(found.full_dofs.labels[kind][:2])]
-            for node, kind in zip(found.full_dofs.nodes, found.full_dofs.components, strict=True)]
-    assert sorted(rows) == list(range(84))
-    assert np.abs(rom.V[rows] - found.V).max() <= digits * np.abs(rom.V).max()
+    labels = [found.full_dofs.labels[kind][:2] for kind in found.full_dofs.components]
+    motions = [at for at, label in enumerate(labels) if label in DIRECTIONS]  # the others are the coordinates themselves
+    rows = [place[found.full_dofs.nodes[at], DIRECTIONS.index(labels[at])] for at in motions]
+    assert sorted(rows) == list(range(84)) and len(motions) == len(labels) - found.modes
+    assert np.abs(rom.V[rows] - found.V[motions]).max() <= digits * np.abs(rom.V).max()
     assert found.interface_dofs is not None and rom.interface_dofs is not None
     assert np.abs(found.interface_dofs.points - rom.interface_dofs.points).max() < 1e-10
     assert "superelement" in found.method and ("7 " in found.method) == (program == "nastran" or found.modes == 7)
@@ -304,3 +316,154 @@ def test_calculix_solves_a_superelement(arm: Any, tmp_path: Path) -> None:
     free = np.setdiff1d(np.arange(rom.size), rom.interface[rom.sets["left"]])
     ours = np.sqrt(scipy.linalg.eigh(rom.K[np.ix_(free, free)], rom.M[np.ix_(free, free)], eigvals_only=True))
     assert len(theirs) == 6 and np.abs(theirs / ours[:6] - 1).max() < 1e-5
+
+
+def scene(folder: Path, text: str) -> dict[str, Any]:
+    (folder / "scene.toml").write_text(f'scene = "superelements"\nrepeats = 1\n{text}', encoding="utf-8")
+    assert main(["run", str(folder / "scene.toml"), "--out", str(folder / "out"), "--no-figures"]) == 0
+    found: dict[str, Any] = json.loads((folder / "out" / "results.json").read_text())
+    return found
+
+
+def test_the_scene_tells_what_was_read_and_how_far_it_is_from_nastran(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+    theirs = np.sqrt(np.loadtxt(DATA / "eigenvalues.txt")[6:12])
+    parts = "".join(f'[[parts]]\nname = "{name}"\nfile = "{DATA / name}board.asm"\ncutoff = 314.0\n' for name in ("in", "out"))
+    data = scene(tmp_path, f'band = [0.0, 60.0]\nmethods = ["CC"]\nmodes = [4, 8]\nreference = {[*theirs, 1e4]}\n'
+                           f'interface = ["out.3"]\n{parts}[[joints]]\nbetween = ["in", "out"]\n')
+    assert "6 of 7 reference frequencies are met by modes of the system, within" in capsys.readouterr().out
+    rows = data["modes"][6:]
+    assert [row["reference"] for row in rows] == theirs.tolist() and max(row["difference"] for row in rows) < 5e-8
+    assert [(row["size"], row["grids"], row["modes"], row["own_frame"], row["faults"]) for row in data["superelements"]] == [
+        (32, 4, 8, 12, 0), (46, 4, 22, 12, 0)]
+    assert "6 interface DOF" in data["methods"]["system"]
+    four, eight = (row["error_frequency"] for row in data["methods"]["rows"][1:])
+    assert eight < 1e-6 < four < 1e-2 and data["methods"]["rows"][2]["error_force"] < 1e-3
+
+
+def test_the_scene_joins_a_superelement_and_a_model_of_ours_and_tells_a_fault(arm: Any, tmp_path: Path,
+                                                                             capsys: pytest.CaptureFixture[str]) -> None:
+    fs.write_superelement(tmp_path, arm[1], "dmig")
+    fs.write_matrices(tmp_path / "own", arm[1], "npz")
+    text = (tmp_path / "arm.pch").read_text()
+    mass, one = text.index("DMIG    MAAX"), "1.0000000000D+00\n"
+    (tmp_path / "arm.pch").write_text(text[:mass] + text[mass:].replace(one, one.replace("1", "4", 1), 1))
+    data = scene(tmp_path, 'band = [0.0, 2e3]\noutputs = ["parts", "modes"]\n[[parts]]\nname = "theirs"\nfile = "arm.pch"\n'
+                           'cutoff = 1e4\n[[parts]]\nname = "ours"\nfile = "own/model.json"\n[[joints]]\nkind = "spring"\n'
+                           'between = ["theirs.1", "ours:0,1,2"]\nstiffness = 1e3\n')
+    assert [(row["part"], row["faults"]) for row in data["superelements"]] == [("theirs", 1), ("ours", 0)]
+    assert "theirs: modes orthonormal" in " ".join(capsys.readouterr().out.split()) and len(data["modes"]) >= 9
+    fault = next(row for row in data["checks"] if row["verdict"] == "fault")
+    assert (fault["part"], fault["check"]) == ("theirs", "modes orthonormal")
+
+
+@pytest.mark.parametrize(("order", "word"), [("<", 4), (">", 4), ("<", 8)])
+def test_matrices_of_op2_of_every_kind(tmp_path: Path, order: str, word: int) -> None:
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((7, 5)) * (rng.random((7, 5)) > 0.4)
+    A[:, 2] = 0.0
+    file = Op2Writer(order, word).matrix("A", A).table("OUGV1", b"results ").matrix("B", A + 2j * A, 4)
+    file.matrix("S", A.astype(np.float32), 1).matrix("C", (A + 1j * A).astype(np.complex64), 3).matrix("A", 2 * A)
+    file.write(tmp_path / "a.op2")
+    found = {name: fs.read_matrix(tmp_path / "a.op2", name).toarray() for name in ("a", "B", "s", "c", "a#2")}
+    for name, expected in {"a": A, "B": A + 2j * A, "s": A.astype(np.float32), "c": (A + 1j * A).astype(np.complex64),
+                           "a#2": 2 * A}.items():
+        assert np.array_equal(found[name], expected), name
+    with pytest.raises(fs.InputError, match="5 matrices"):
+        fs.read_matrix(tmp_path / "a.op2")
+
+
+@pytest.mark.slow
+def test_matrices_of_op2_as_pyyeti_reads_them(tmp_path: Path) -> None:
+    op2 = pytest.importorskip("pyyeti.nastran.op2")
+    A = np.triu(np.random.default_rng(1).standard_normal((7, 5)))
+    Op2Writer().matrix("A", A).table("OUGV1", b"results ").matrix("B", A + 2j * A, 4).write(tmp_path / "a.op2")
+    for name, theirs in op2.OP2(str(tmp_path / "a.op2")).rdop2mats(which=0, lower=True).items():
+        assert np.array_equal(theirs, fs.read_matrix(tmp_path / "a.op2", name).toarray()), name
+
+
+def test_a_superelement_in_one_op2_file(arm: Any, tmp_path: Path) -> None:
+    ours, found = arm[1], read(superelement_op2(tmp_path / "arm.op2", arm[1]))
+    assert found.interface_dofs is not None and ours.interface_dofs is not None and found.full_dofs is not None
+    place = [ours.interface_dofs.find(node, label)[0] for node, label in zip(
+        found.interface_dofs.nodes, np.array(found.interface_dofs.labels)[found.interface_dofs.components], strict=True)]
+    at = [*np.array(ours.interface)[place], *np.setdiff1d(np.arange(ours.size), ours.interface)]
+    for A, B in ((ours.K, found.K), (ours.M, found.M)):
+        assert np.abs(A[np.ix_(at, at)] - B).max() <= 1e-15 * np.abs(A).max()
+    assert np.array_equal(found.interface_dofs.points, ours.interface_dofs.points[place]) and found.modes == 7
+    x = np.zeros(found.size)
+    x[found.interface[found.interface_dofs.components == 1]] = 1.0
+    assert np.allclose((found.V @ x)[found.size:][found.full_dofs.components[found.size:] == 1], 1.0)
+
+
+def test_op2_with_the_cards_beside_it(tmp_path: Path) -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+    for ending in ("asm", "pch"):
+        shutil.copy(DATA / f"inboard.{ending}", tmp_path / f"part.{ending}")
+    K, M = (fs.read_matrix(DATA / "inboard.op4", name) for name in ("kxx", "mxx"))
+    Op2Writer().matrix("KAA", K).matrix("MAA", M).write(tmp_path / "part.op2")
+    assert np.array_equal(read(tmp_path / "part.op2").K, read(DATA / "inboard.op4").K)
+
+
+def test_faults_of_op2_are_told(arm: Any, tmp_path: Path) -> None:
+    whole = superelement_op2(tmp_path / "arm.op2", arm[1]).read_bytes()
+    for stop in [*np.linspace(0, len(whole) - 13, 20, dtype=int)]:
+        (tmp_path / "arm.op2").write_bytes(whole[:stop])
+        with pytest.raises(fs.InputError, match=r"arm\.op2"):
+            read(tmp_path / "arm.op2")
+    good = Op2Writer().matrix("A", np.eye(3))
+    for old, new, message in ((good.words(101, 3, 3), good.words(101, 2, 3), "row 3 of column 3 in the matrix A of 3 x 2"),
+                              (good.words(101, 3, 3), good.words(101, 4, 3), "3 columns in the matrix A"),
+                              (good.words(101, 3, 3), good.words(101, 3, 2), "entries from row 3"),
+                              (good.words(2, 0, 0), good.words(9, 0, 0), "type 9")):
+        (tmp_path / "a.op2").write_bytes(good.bytes.replace(old, new))
+        with pytest.raises(fs.InputError, match=message):
+            fs.read_matrix(tmp_path / "a.op2")
+    (tmp_path / "a.op2").write_text("      4      4 NASTRAN FORMATTED")
+    with pytest.raises(fs.InputError, match=r"no \.op2 file"):
+        fs.read_matrix(tmp_path / "a.op2")
+
+
+def test_full_matrices_of_sierra(arm: Any, tmp_path: Path) -> None:
+    full = arm[0]
+    paths = sierra_text(tmp_path, "block_a", full)
+    found = fs.read_component(*paths, interface=["3:*"])
+    assert found.dofs is not None and found.dofs.nodes.tolist() == sorted(found.dofs.nodes)
+    at = [full.dofs.find(node, found.dofs.labels[kind])[0]
+          for node, kind in zip(found.dofs.nodes, found.dofs.components, strict=True)]
+    for ours, theirs in ((full.K, found.K), (full.M, found.M)):
+        assert abs(ours[at][:, at] - theirs).max() <= 1e-15 * abs(ours).max()
+    for name in ("gid", "ASetMap"):
+        (tmp_path / f"block_a_{name}.m").rename(tmp_path / f"other_{name}.m")
+    assert abs(fs.read_matrix(paths[1]) - full.K).max() <= 1e-15 * abs(full.K).max()
+    text = paths[1].read_text()
+    for old, new, message in ((text[-200:], "", "no matrix of Sierra"), ("2 1 ", "1 2 ", "above the diagonal"),
+                              ("NumRows = 84", "NumRows = 83", "two numbers of rows"), ("2 2 ", "1 1 ", "twice")):
+        assert old in text
+        paths[1].write_text(text.replace(old, new, 1))
+        with pytest.raises(fs.InputError, match=message):
+            fs.read_matrix(paths[1])
+    paths[1].write_text(text)
+    (tmp_path / "other_gid.m").rename(tmp_path / "block_a_gid.m")
+    (tmp_path / "block_a_ASetMap.m").write_text("function x = a()\nx = zeros(252, 1);\nx(1) = 1;\n")
+    with pytest.raises(fs.InputError, match="name 1 DOF of 28 nodes, and the matrix has 84 rows"):
+        fs.read_matrix(paths[1])
+
+
+def test_a_craig_bampton_model_of_sierra(arm: Any, tmp_path: Path) -> None:
+    rom = arm[1].with_damping(1e-6 * arm[1].K)
+    found = read(sierra_netcdf(tmp_path / "arm.nc4", rom))
+    dofs = rom.interface_dofs
+    assert dofs is not None and found.interface_dofs is not None and "Sierra/SD superelement" in found.method
+    assert found.interface_dofs.nodes.tolist() == dofs.nodes.tolist() and np.array_equal(found.interface_dofs.points, dofs.points)
+    at = np.array([*rom.interface, *np.setdiff1d(np.arange(rom.size), rom.interface)])
+    for ours, theirs in ((rom.K, found.K), (rom.M, found.M), (rom.D, found.D)):
+        assert np.abs(ours[np.ix_(at, at)] - theirs).max() <= 1e-15 * np.abs(ours).max()
+    whole = (tmp_path / "arm.nc4").read_bytes()
+    for content, message in ((whole[:700], "cannot be read|has no"), (b"\x89HDF\r\n\x1a\n", "netCDF 4"),
+                             (b"12345", "no netCDF file")):
+        (tmp_path / "arm.nc4").write_bytes(content)
+        with pytest.raises(fs.InputError, match=message):
+            read(tmp_path / "arm.nc4")
+    with pytest.raises(fs.InputError, match="it has no cbmap"):
+        read(sierra_netcdf(tmp_path / "arm.nc", rom, without="cbmap"))

@@ -48,6 +48,7 @@ SCENES = {
     "plate-parts": ("plate_parts", "a plate cut into 8 parts: methods compared, and how many modes each part needs"),
     "solid-parts": ("solid_parts", "8 solids, bolted and glued, whose meshes do not match: the same"),
     "own-parts": ("own_parts", "your own parts, from matrices and meshes, joined: methods compared part by part"),
+    "superelements": ("superelements", "superelements of other programs, joined: checked, frequencies, reduced further"),
     "brake": ("brake", "a disc brake: flutter by friction over μ, full and reduced by several methods"),
     "chain-transient": ("chain_transient", "the chain in time: full and reduced, spectrograms (Fig. 5)"),
     "solid-transient": ("solid_transient", "a disc in time: limit cycle, full against reduced, time per period"),

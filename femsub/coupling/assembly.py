@@ -177,6 +177,8 @@ class System(Substructure):
     def collected(self, u: Mapping[str, Array]) -> Array:
         """The x whose L x comes nearest to given displacements of the parts, as `expand` lists them; shape (n,) or (n, k).
 
+        A superelement of another program, whose coordinates are the first of its DOF, counts as a full part.
+
         Raises
         ------
         InputError
@@ -185,13 +187,14 @@ class System(Substructure):
         blocks = []
         mapping("u", u, "names and displacements, as expand gives them")
         for name, part in self.parts.items():
-            if isinstance(part, ReducedSubstructure):
+            if isinstance(part, ReducedSubstructure) and not np.array_equal(part.V[:part.size], np.eye(part.size)):
                 raise InputError(f"the part {name!r} is reduced: its coordinates do not follow from displacements")
             inner = {key.removeprefix(f"{name}."): one for key, one in u.items() if key.startswith(f"{name}.")}
-            if not isinstance(part, System) and np.shape(u.get(name, 0.0))[:1] != (part.size,):
+            rows = np.shape(u.get(name, 0.0))[:1]
+            if not isinstance(part, System) and rows != (part.size,) and rows != np.shape(getattr(part, "V", ()))[:1]:
                 raise InputError(f"u must have {part.size} rows for the part {name!r}, but {list(u)} are given, and its shape is "
                                  f"{np.shape(u.get(name, 0.0))}")
-            blocks.append(part.collected(inner) if isinstance(part, System) else u[name])
+            blocks.append(part.collected(inner) if isinstance(part, System) else u[name][:part.size])
         L = sp.csc_array(self.L)
         gram, load = L.T @ L, L.T @ np.concatenate(blocks)
         factor = splu(sp.csc_array(gram + sp.diags_array((gram.diagonal() == 0) * 1.0)))  # multipliers move nothing, and are 0

@@ -37,7 +37,8 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         Files as for `read_matrix`. If a .mat, .npz, .op4, .pch or .full file holds several matrices, the one called M, K or D
         is taken, or the one named after a colon: 'model.mat:Kff'. M alone may be a folder of `write_matrices`: the model is
         restored exactly, a reduced model as a reduced one. M alone may also be a .full file of Ansys, or a file of an external
-        superelement of Nastran, with its other files beside it: 'part.op4', 'part.asm', 'part.pch'.
+        superelement of Nastran, with its other files beside it ('part.op4', 'part.asm', 'part.pch', 'part.op2'), or of Sierra/SD
+        ('part.nc4').
     dofs : DofMap, str or Path, optional
         The map, or its file: CalculiX' .dof ('12.3' a line) or text with 'node,component[,x,y,z]' a line. Abaqus' files of
         FORMAT=MATRIX INPUT contain it.

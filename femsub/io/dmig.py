@@ -19,6 +19,7 @@ from femsub.io.damage import check_end
 from femsub.io.nastran import entries_of
 
 SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; the columns of NUMBERED have numbers only
+FORMS = (SQUARE, 2, SYMMETRIC, NUMBERED)
 _REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([EDed][+-]?\d+|[+-]\d+)?", re.ASCII)
 
 
@@ -36,7 +37,9 @@ class Dmig:
 
 
 @dataclass
-class _Entries:
+class Entries:
+    """Places (row grid, row direction, column grid, column direction) and values, as they stand in a file."""
+
     form: int
     is_complex: bool
     width: int
@@ -94,7 +97,7 @@ def read_dmig(path: Path) -> dict[str, Dmig]:
 
 def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
     """`read_dmig` of cards that were read already."""
-    found: dict[str, _Entries] = {}
+    found: dict[str, Entries] = {}
     for card, fields in cards:
         if card != "DMIG":
             continue
@@ -106,19 +109,19 @@ def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
             if name in found:
                 raise InputError(f"{path} has two heads of the matrix {fields[0]}: it may hold two runs")
             form, kind = (whole(path, what, text) for text in fields[2:4])
-            if form not in (SQUARE, 2, SYMMETRIC, NUMBERED) or kind not in (1, 2, 3, 4):
+            if form not in FORMS or kind not in (1, 2, 3, 4):
                 raise InputError(f"{path}: {what} has the form {form} and the type {kind}; forms are 1, 2, 6, 9, types 1 to 4")
             if fields[5:6] == ["1"]:
                 raise InputError(f"{path}: {what} has amplitude and phase; only real and imaginary parts are read")
-            found[name] = _Entries(form, kind > 2, whole(path, what, "".join(fields[7:8])))
+            found[name] = Entries(form, kind > 2, whole(path, what, "".join(fields[7:8])))
         elif name not in found:
             raise InputError(f"{path}: {what} has a column, but no head (DMIG NAME 0 ...) before it")
         else:
             _column(path, what, fields, found[name])
-    return {name: _assembled(path, name, entries) for name, entries in found.items()}
+    return {name: assembled(path, name, entries) for name, entries in found.items()}
 
 
-def _column(path: Path, what: str, fields: list[str], entries: _Entries) -> None:
+def _column(path: Path, what: str, fields: list[str], entries: Entries) -> None:
     at = whole(path, what, fields[1], 1), whole(path, what, fields[2])
     if entries.form == NUMBERED and entries.width and at[0] > entries.width:
         raise InputError(f"{path}: {what} announces {entries.width} columns, but has column {at[0]}")
@@ -128,7 +131,8 @@ def _column(path: Path, what: str, fields: list[str], entries: _Entries) -> None
         entries.values.append(complex(real(path, what, one), imaginary))
 
 
-def _assembled(path: Path, name: str, entries: _Entries) -> Dmig:
+def assembled(path: Path, name: str, entries: Entries) -> Dmig:
+    """The matrix of its entries, checked."""
     if not entries.values:
         raise InputError(f"{path}: DMIG {name.upper()} has no entries; the file may be cut short")
     places = np.array(entries.places, dtype=np.int64)

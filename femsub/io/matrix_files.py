@@ -24,8 +24,8 @@ NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
 HEAD = 4096  # bytes at a file's beginning that tell whether it is text of a matrix
 DECK = 1 << 20  # bytes that tell whether it has cards of Nastran
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
-ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4 and .pch (Nastran), .full "
-           "(Ansys); text of Matrix Market, Abaqus and CalculiX may have any ending")
+ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4, .op2 and .pch (Nastran), "
+           ".full (Ansys), .m (Sierra/SD); text of Matrix Market, Abaqus and CalculiX may have any ending")
 KNOWN = (".mtx", ".npz", ".npy", ".mat", ".op4", *TEXT)
 PUNCHES = (".pch", ".bdf", ".nas", ".dmig")  # decks of Nastran; others are known by their DMIG cards
 #: a line of Abaqus' or CalculiX' matrices: places, then the entry
@@ -40,9 +40,10 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     path : str or Path
         .mtx (Matrix Market, or what Abaqus writes with `*MATRIX OUTPUT`: it uses the same ending), .sti and .mas (CalculiX,
         SOLVER=MATRIXSTORAGE); text of these with any other ending; .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed),
-        .op4 (Nastran, needs pyyeti), .pch and other decks with DMIG cards (Nastran), .full (Ansys, needs ansys-mapdl-reader).
+        .op4 (Nastran, needs pyyeti), .op2, .pch and other decks with DMIG cards (Nastran), .full (Ansys, needs
+        ansys-mapdl-reader), X_Kaa.m and X_Maa.m (Sierra/SD).
     variable : str, optional
-        The name of the matrix, if a .mat, .npz, .op4, .pch or .full file holds several.
+        The name of the matrix, if a .mat, .npz, .op4, .op2, .pch or .full file holds several.
 
     Returns
     -------
@@ -54,8 +55,8 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     -----
     Each reader's docstring lists what it reads, what it refuses and what it cannot detect:
     `femsub.io.matrix_market.read_market` (Matrix Market), `femsub.io.abaqus_calculix.read_text_matrix` (Abaqus, CalculiX),
-    `femsub.io.matlab.read_matlab`, `femsub.io.op4.read_op4`, `femsub.io.dmig.read_dmig`,
-    `femsub.io.ansys.read_full`. For files of NumPy and SciPy:
+    `femsub.io.matlab.read_matlab`, `femsub.io.op4.read_op4`, `femsub.io.op2.read_op2`,
+    `femsub.io.dmig.read_dmig`, `femsub.io.ansys.read_full`, `femsub.io.sierra.labelled_mfile`. For files of NumPy and SciPy:
 
     ===================  =======================================================================================
     .npy, .npz read      real, integer, complex and logical arrays; all formats of `scipy.sparse.save_npz`;
@@ -101,6 +102,14 @@ def _labelled(path: Path) -> Callable[[Path], dict[str, TextMatrix]] | None:
     ending = path.suffix.lower()
     if ending in KNOWN or not path.is_file():
         return None
+    if ending == ".op2":
+        from femsub.io.op2 import labelled_op2
+
+        return labelled_op2
+    if ending == ".m":
+        from femsub.io.sierra import labelled_mfile
+
+        return labelled_mfile
     if ending == ".full":
         from femsub.io.ansys import read_full
 

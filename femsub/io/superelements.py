@@ -17,13 +17,16 @@ from femsub.checks import Array, Matrix
 from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS
 from femsub.io.damage import check_end, check_room
-from femsub.io.dmig import dmig_of, quadruples, real, whole
+from femsub.io.dmig import Dmig, dmig_of, quadruples, real, whole
 from femsub.io.nastran import entries_of
 from femsub.io.nastran_systems import NAMES, Systems
+from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
+from femsub.io.sierra import read_cbr
 from femsub.model import DofMap, ReducedSubstructure, Substructure
 
-ENDINGS = (".op4", ".asm", ".pch", ".bdf", ".nas", ".dat")
+NETCDF = (".nc", ".nc4")  # of Sierra/SD
+ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
 ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
 FREE = 1e-6  # of sqrt(k_ii k_jj): coupling of modal coordinates and boundary in K that fixed-interface modes do not have
@@ -32,13 +35,16 @@ MOST = 3_000_000  # points that the lists of a file may name
 
 
 def read_superelement(path: Path, name: str | None, cutoff: float | None) -> ReducedSubstructure:
-    """An external superelement of Nastran (EXTSEOUT) from any one of its files, which stand beside each other.
+    """An external superelement of Nastran (EXTSEOUT) from any one of its files, which stand beside each other; or of Sierra/SD.
 
     ===================  =======================================================================================
-    it reads             .op4 (EXTSEOUT MATOP4, KAA or KXX, MAA or MXX, BAA, MUG1) with .asm or .pch; DMIG cards
+    it reads             .op4 (EXTSEOUT MATOP4, KAA or KXX, MAA or MXX, BAA, MUG1) with .asm or .pch; .op2 with
+                         them, or alone (EXTSEOUT DMIGOP2); DMIG cards
                          (EXTSEOUT DMIGPCH, K2GG, M2GG) with .pch, .asm or their own deck; EXTRN, SECONCT, GRID,
                          CORD1x, CORD2x, SPOINT, QSET, QSET1, DTI TUG1
+                         .nc of Sierra/SD, see `femsub.io.sierra.read_cbr`
     it turns             the motions of a boundary grid in a frame of its own (CD) into those along the basic axes
+    it recovers          u = V q: the boundary, the modal coordinates themselves, called 'q', and other grids (MUG1)
     it refuses           an order of DOF that does not fit the matrices, grids that are missing, several
                          superelements in a file, whatever `read_op4` and `read_dmig` refuse
     it cannot know       up to which frequency modes were kept; units; the frame of recovered grids that the files
@@ -53,17 +59,24 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
         .op4 without pyyeti.
     """
     files = _beside(path)
-    deck = _Deck(path)
-    for ending in (".asm", ".pch"):
-        if ending in files and path.suffix.lower() in (".op4", ".asm", ".pch"):
-            deck.add(files[ending])
-    if path.suffix.lower() not in (".op4", ".asm", ".pch"):
+    deck, ending = _Deck(path), path.suffix.lower()
+    if ending in NETCDF:
+        return _assembled(deck, _from_cbr(deck), path.stem if name is None else name, cutoff)
+    op2 = read_op2(path) if ending == ".op2" else None
+    deck.cards += op2.cards if op2 else []
+    for other in (".asm", ".pch"):
+        if other in files and ending in (".op4", ".op2", ".asm", ".pch") and not (op2 and op2.cards):
+            deck.add(files[other])
+    if ending not in (".op4", ".op2", ".asm", ".pch"):
         deck.add(path)
     if not deck.cards:
         raise InputError(f"{path} has neither {path.stem}.asm nor {path.stem}.pch beside it, which tell the DOF of a "
                          f"superelement. Copy them there, or read its matrices alone, "
                          f"read_component('{path.name}:maa', '{path.name}:kaa')")
-    raw = _from_dmig(deck) if any(card == "DMIG" for card, _ in deck.cards) else _from_op4(deck, files.get(".op4"))
+    if op2:
+        raw = _from_matrices(deck, path, _in_order(op2.matrices, deck.order()))
+    else:
+        raw = _from_dmig(deck) if any(card == "DMIG" for card, _ in deck.cards) else _from_op4(deck, files.get(".op4"))
     return _assembled(deck, raw, path.stem if name is None else name, cutoff)
 
 
@@ -84,6 +97,7 @@ class _Deck:
     cards: list[tuple[str, list[str]]] = field(default_factory=list)
     supers: set[str] = field(default_factory=set)
     named: int = 0  # points in lists so far
+    program: str = "Nastran"
 
     def add(self, file: Path) -> None:
         check_end(file)
@@ -116,12 +130,13 @@ class _Deck:
     def order(self) -> list[tuple[int, int]]:
         """(grid, direction) of the rows, as EXTRN tells them, else the grids of SECONCT with six directions each."""
         found: list[tuple[int, int]] = []
+        scalar = self.scalar()
         for card, fields in self.of("EXTRN"):
             for grid, directions in quadruples(fields, 2):
-                found += _directions(self.path, whole(self.path, card, grid, 1), directions)
+                number = whole(self.path, card, grid, 1)
+                found += [(number, 0)] if number in scalar else _directions(self.path, number, directions)
         if found:
             return found
-        scalar = self.scalar()
         for card, fields in self.of("SECONCT"):
             words = [word for word in fields[8:] if word]
             while words:
@@ -227,7 +242,23 @@ def _from_op4(deck: _Deck, file: Path | None) -> _Raw:
     if file is None:
         raise InputError(f"{deck.path} has no DMIG cards, and there is no {deck.path.stem}.op4 beside it with the "
                          "matrices")
-    found = read_op4(file)
+    return _from_matrices(deck, file, read_op4(file))
+
+
+def _in_order(found: Mapping[str, Matrix | Dmig], rows: list[tuple[int, int]]) -> dict[str, Matrix]:
+    """Matrices of OP2, those of DMIG tables in the order of the superelement's DOF, if they have no others."""
+    place, ordered = {row: at for at, row in enumerate(rows)}, dict[str, Matrix]()
+    for name, item in found.items():
+        ordered[name] = item.matrix if isinstance(item, Dmig) else item
+        at = [place.get((grid, direction), -1) for grid, direction in item.rows.tolist()] if isinstance(item, Dmig) else []
+        if isinstance(item, Dmig) and item.square and min(at) >= 0:
+            turn = sp.csr_array((np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(rows), len(at)))
+            ordered[name] = sp.csr_array(turn @ item.matrix @ turn.T)
+    return ordered
+
+
+def _from_matrices(deck: _Deck, file: Path, found: Mapping[str, Matrix]) -> _Raw:
+    """The matrices of a file, whose rows are in the order that the cards tell."""
     end, rows = _pair(file, found), deck.order()
     K, M = (_dense(file, found[f"{letter}{end}"]) for letter in "km")
     if len(rows) != len(K):
@@ -275,6 +306,22 @@ def _from_dmig(deck: _Deck) -> _Raw:
     return _Raw(spread(M), spread(K), D, H, rows, recovery, names)
 
 
+def _from_cbr(deck: _Deck) -> _Raw:
+    """A Craig-Bampton model of Sierra/SD: its nodes as grids, its modes as scalar points behind the last of them."""
+    found = read_cbr(deck.path)
+    deck.program = "Sierra/SD"
+    modes = found.rows[:, 0] == 0
+    numbers = np.where(modes, max(found.points) + np.cumsum(modes), found.rows[:, 0])
+    deck.cards += [("GRID", [str(node), "", *(f"{one:.17e}" for one in place)]) for node, place in found.points.items()]
+    deck.cards.append(("SPOINT", [str(number) for number in numbers[modes]]))
+    directions = np.where(modes, 0, found.rows[:, 1])
+    rows = [(int(number), int(direction)) for number, direction in zip(numbers, directions, strict=True)]
+    if any(not 0 <= direction <= 6 for _, direction in rows) or min(found.points) < 1:
+        raise InputError(f"{deck.path} is damaged: cbmap has a direction beyond 6, or a node below 1")
+    K, M, D = (_dense(deck.path, A) for A in (found.K, found.M, found.D))
+    return _Raw(M, K, D if D.any() else None, None, rows, np.zeros((0, len(K))), [])
+
+
 def _dense(path: Path, matrix: Matrix) -> Array:
     check_room(path, 8 * matrix.shape[0] * matrix.shape[1])
     dense = matrix.toarray() if sp.issparse(matrix) else np.asarray(matrix)
@@ -311,21 +358,22 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     K, M, *lossy = ((A + A.T) / 2 for A in (T.T @ part @ T for part in (K, M, H) if part is not None))
     extra, recovery = _extra(raw, order, set(boundary), T)
     back, names = _turned(extra, systems, cd, place)
-    V = np.vstack([np.eye(nb, len(order)), back.T @ recovery])
-    kept = len(order) - nb
+    V, kept = np.vstack([np.eye(len(order)), back.T @ recovery]), len(order) - nb
     D = None if D is None else T.T @ D @ T
     scale = np.sqrt(np.abs(np.outer(K.diagonal()[nb:], K.diagonal()[:nb])))
     kind = "free" if (np.abs(K[nb:, :nb]) > FREE * scale).any() else "fixed-interface"
     if cutoff is None:
         cutoff = _highest(path, name, K[nb:, nb:], M[nb:, nb:])
-    nodes = [grid for grid, _ in boundary + extra]
-    where = np.array([place.get(grid, [np.nan] * 3) for grid in nodes])
+    scalar = [raw.rows[row] for row in order[nb:]]
+    nodes = [grid for grid, _ in boundary + scalar + extra]
+    where = np.array([[0.0] * 3 if grid in points else place.get(grid, [np.nan] * 3) for grid in nodes])  # q lies nowhere
     dofs = _map(nodes[:nb], labels, where[:nb])
     number = f" {next(iter(deck.supers))}" if deck.supers else ""
     return ReducedSubstructure(
         M, K, D, {}, name, H=lossy[0] if lossy else None, V=V, kinds=("constraint",) * nb + (kind,) * kept, modes=kept,
-        method=f"Nastran superelement{number} with {kept} modes", cutoff=cutoff, full_interface=np.arange(nb),
-        full_dofs=_map(nodes, labels + names, where if np.isfinite(where).all() else None), interface_dofs=dofs,
+        method=f"{deck.program} superelement{number} with {kept} modes", cutoff=cutoff, full_interface=np.arange(nb),
+        full_dofs=_map(nodes, [*labels, *(f"q{direction or ''}" for _, direction in scalar), *names],
+                       where if np.isfinite(where).all() else None), interface_dofs=dofs,
         rigid_motion=_rigid(M, D, K, dofs),
         sets={BOUNDARY: np.arange(nb)} | {str(grid): np.flatnonzero(dofs.nodes == grid) for grid in dict.fromkeys(nodes[:nb])})
 

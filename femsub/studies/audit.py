@@ -308,7 +308,7 @@ def _of_model(reduced: Substructure | Pencil) -> dict[str, Any]:
     own |= {"places": reduced.interface if len(reduced.interface) else None, "dofs": reduced.interface_dofs}
     if isinstance(reduced, ReducedSubstructure):
         own |= {"V": np.asarray(reduced.V), "kinds": tuple(reduced.kinds), "rows": reduced.full_interface,
-                "cutoff": reduced.cutoff, "motion": motion_in(reduced)}
+                "cutoff": reduced.cutoff, "carried": motion_in(reduced)}
     return own
 
 
@@ -374,7 +374,7 @@ def _bounds(model: Model) -> FrequencyBounds | str:
     try:
         M, K = ((A + A.T) / 2 for A in (model.M, model.K))
         rom = ReducedSubstructure(M, K, None, {}, model.name, V=np.eye(model.size) if model.V is None else model.V,
-                                  kinds=tuple(model.kinds or kinds.tolist()), cutoff=model.cutoff)
+                                  kinds=tuple(model.kinds or kinds.tolist()), cutoff=model.cutoff, rigid_motion=model.carried)
         elastic = int(np.count_nonzero(model.free_frequencies > 1e-4 * model.free_frequencies.max(initial=0.0)))
         return frequency_bounds(rom, max(1, min(LOWEST, elastic)))
     except FemsubError as error:

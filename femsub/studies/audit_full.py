@@ -15,6 +15,7 @@ from femsub.studies.audit_alone import FREE, STATED, factor, strain
 from femsub.studies.audit_model import FAULT, GOOD, UNKNOWN, Finding, Model, listed, units, within
 
 if TYPE_CHECKING:
+    from femsub.algebra import RigidMotion
     from femsub.model import Substructure
     from femsub.modes import NormalModes
 
@@ -448,10 +449,9 @@ def _ritz(model: Model, omega: Array) -> Iterator[Finding]:
                      "M, K or both are of another model, or in other units")
 
 
-def motion_in(model: Substructure) -> Array | None:
-    """The rigid motion that a reduced model carries (r, k), if it carries one."""
-    motion = motion_of(model.rigid_motion)
-    return None if motion is None else motion.shapes
+def motion_in(model: Substructure) -> RigidMotion | None:
+    """The rigid motion that a reduced model carries, if it carries one."""
+    return motion_of(model.rigid_motion)
 
 
 def digits(model: Model) -> Finding:

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from femsub.checks import EPS, Array
 
 if TYPE_CHECKING:
+    from femsub.algebra import RigidMotion
     from femsub.model import DofMap
 
 GOOD, FAULT, UNKNOWN = "good", "fault", "unknown"
@@ -60,8 +61,8 @@ class Finding:
 class Model:
     """The matrices (r, r) of a reduced model and what is stated of it; what is not stated is None, or NaN.
 
-    `places` are the coordinates that are interface DOF, `rows` the interface as rows of V (n, r). `motion` (r, k) is the rigid
-    motion that the model carries.
+    `places` are the coordinates that are interface DOF, `rows` the interface as rows of V (n, r). `carried` is the rigid motion
+    that the model carries.
     """
 
     name: str
@@ -74,7 +75,7 @@ class Model:
     rows: Array | None = None
     dofs: DofMap | None = None
     cutoff: float = np.nan
-    motion: Array | None = None
+    carried: RigidMotion | None = None
     mass: float | None = None
     floating: bool | None = None
     gyroscopic: bool = False
@@ -83,6 +84,11 @@ class Model:
     @property
     def size(self) -> int:
         return len(self.M)
+
+    @property
+    def motion(self) -> Array | None:
+        """The shapes (r, k) of the rigid motion that the model carries."""
+        return None if self.carried is None else self.carried.shapes
 
     @cached_property
     def B(self) -> Array:

@@ -232,10 +232,11 @@ class Study:
         """The smallest reduced model that may replace the full one, or None; with `held` also where its interface is held.
 
         It has fewer DOF than the full model. Over a range of the parameter it misses no unstable mode, and error_critical is
-        within the tol. Without a range error_growth is; no eigenvalue is missing and none is spurious in the band; and the
-        whole band is below the cut-off. Of these models the one with the fewest DOF is taken: it is solved fastest, and the
-        choice does not depend on timing noise. Among models of equal size the one with the smallest error is taken, unless its
-        fastest run is slower than the slowest run of another one by a quarter. With `held`, error_held is within the tol, too.
+        within the tol. Without a range error_growth is, or error_frequency where nothing is damped; no eigenvalue is missing and
+        none is spurious in the band; and the whole band is below the cut-off. Of these models the one with the fewest DOF is
+        taken: it is solved fastest, and the choice does not depend on timing noise. Among models of equal size the one with the
+        smallest error is taken, unless its fastest run is slower than the slowest run of another one by a quarter. With `held`,
+        error_held is within the tol, too.
         """
         positive_number("tol", tol)
         return self._best([row for row in self.rows if not held or row.error_held <= tol], tol)
@@ -249,7 +250,14 @@ class Study:
 
     def _error(self, row: Row) -> float:
         """The error that decides."""
-        return row.error_growth if self.between is None else row.error_critical
+        return float(getattr(row, self.decisive))
+
+    @property
+    def decisive(self) -> str:
+        """The error that decides: that of growth rates, over a range of the critical value, without damping of frequencies."""
+        if self.between is not None:
+            return "error_critical"
+        return "error_growth" if any(row.error_growth != 0 for row in self.rows) else "error_frequency"
 
     def _sound(self, row: Row) -> bool:
         """Whether a model is not wrong about modes, whatever its error."""
@@ -263,7 +271,8 @@ class Study:
     def recommendation(self, tol: float = 1e-3) -> str:
         """`recommended` in words."""
         row = self.recommended(tol)
-        what = "the rates of damping and growth" if self.between is None else f"the critical {self.symbol} of the full model"
+        what = {"error_growth": "the rates of damping and growth", "error_frequency": "the undamped frequencies",
+                "error_critical": f"the critical {self.symbol} of the full model"}[self.decisive]
         where = f"{100 * tol:.3g} % of {what} from {span(self.band)}"
         if row is None:
             whole = [row for row in self.rows if (row.sound if self.between is None else not row.missed)
@@ -293,7 +302,8 @@ class Study:
             own = [row for row in self.rows if row.method == method]
             rows.append(best if best in own else self._best(own, tol) or min(
                 own, key=lambda row: (not self._sound(row), np.nan_to_num(self._error(row), nan=np.inf))))
-        kept = [one for one in self._columns() if one.key in BRIEF and (one.key != "missing" or any(row.missing for row in rows))]
+        kept = [one for one in self._columns() if one.key in (*BRIEF, self.decisive)
+                and (one.key != "missing" or any(row.missing for row in rows))]
         first = replace(kept[0], cell=lambda row: f"{'>' if row['recommended'] else ' '} {label(row['method'])}")
         told = Table("", [row.flat() | {"recommended": row is best} for row in rows], [first, *kept[1:]], keys=2).text()
         return "\n".join([told, *(["> recommended"] if best else []), *map(fitted, self.left_out)])

@@ -113,7 +113,7 @@ def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Choice:
         choice = replace(choice, unchecked=[f"The full model was solved at {found.symbol} = {at} alone."])
     if row is None:
         return choice
-    said = _over_range(found, row) if found.between else _in_band(row, full, tol)
+    said = _over_range(found, row) if found.between else _in_band(found, row, tol)
     return replace(choice, decides=said, model=row.named, size=row.size, condition=_conditions(found, row, tol))
 
 
@@ -144,10 +144,13 @@ def _over_range(found: Study, row: Row) -> list[str]:
             f"{_shown(row.error_real, '.1e')}."]
 
 
-def _in_band(row: Row, full: Row, tol: float) -> list[str]:
+def _in_band(found: Study, row: Row, tol: float) -> list[str]:
     """What makes a model fit in the band."""
+    full = found.full
     said = [f"{row.named}: the growth rates in the band are within {_shown(row.error_growth, '.1e')} of the rates of "
-            f"damping and friction; the tolerance is {tol:g}.",
+            f"damping and friction; the tolerance is {tol:g}." if found.decisive == "error_growth" else
+            f"{row.named}: the undamped frequencies in the band are within {_shown(row.error_frequency, '.1e')}; the tolerance "
+            f"is {tol:g}. Nothing is damped.",
             "No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off."]
     if row.critical == -math.inf and row.error_critical == 0:
         said.append("At no slope does it lose its stability in the band, and neither does the full model.")

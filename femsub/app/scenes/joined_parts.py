@@ -28,7 +28,18 @@ from femsub.app.scenes.outputs import Drawn, mode_rows, mode_views, vtu
 from femsub.checks import Array
 from femsub.modes import NEAR, match
 from femsub.reduction import METHODS, PORT_LIMIT, Method
-from femsub.studies import Row, Study, Table, all_frequencies, column, elastic, errors_chart, friction_errors_chart, study_choice
+from femsub.studies import (
+    Remark,
+    Row,
+    Study,
+    Table,
+    all_frequencies,
+    column,
+    elastic,
+    errors_chart,
+    friction_errors_chart,
+    study_choice,
+)
 
 if TYPE_CHECKING:
     from femsub.model import Contacts
@@ -225,21 +236,40 @@ def chosen_modes(scene: JoinedScene, system: System, name: str, progress: Progre
         Table(name, rows, columns, "Modes of each part"), words])
 
 
-def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh]) -> Result:
-    """The modes as a table; of parts that have meshes a figure and a file for each kind of cells."""
+def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh], reference: Sequence[float] = ()) -> Result:
+    """The modes as a table, beside frequencies that another program found; of parts that have meshes a figure and a file for
+    each kind of cells.
+    """
     found = normal_modes(system, band=(scene.band[0], scene.band[1]))
     rows = mode_rows(found)
+    compared = _with_reference(rows, found.rigid, reference)
     if not rows:
         return Result({"modes": rows}, [f"{scene.name}: the system has no normal mode in the band"])
     shown: list[Shown] = [
         f"Normal modes of {system.name!r} in the band in rad/time, {found.rigid} of them rigid; {found.evidence}",
-        Table("modes", rows, ("mode", "omega", "residual"), "Normal modes", most=LISTED)]
+        Table("modes", rows, ("mode", "omega", "residual", *[column("reference", "reference ω", ".9g"), column(
+            "difference", "rel. difference", ".1e")][:2 * bool(reference)]), "Normal modes", most=LISTED), *compared]
     if bare := [name for name in system.parts if meshes and name not in meshes]:
         shown.append(f"not drawn, since they have no mesh: {', '.join(bare)}")
     if not meshes or not scene.figures:
         return Result({"modes": rows}, shown)
     pictures, files = mode_views(scene, found.frequencies, by_kind(system, meshes, found.shapes), {})
     return Result({"modes": rows}, [*shown, *pictures], files)
+
+
+def _with_reference(rows: list[dict[str, Any]], rigid: int, reference: Sequence[float]) -> list[Remark]:
+    """Puts frequencies of another program beside the elastic ones that are nearest, and says how far they are apart."""
+    if not reference:
+        return []
+    own, theirs = np.array([row["omega"] for row in rows[rigid:]]), np.array(reference)
+    apart: list[float] = []
+    for at, to in zip(*match(own, theirs), strict=True):
+        difference = abs(float(own[at] / theirs[to] - 1))
+        if difference <= NEAR:
+            rows[rigid + at] |= {"reference": float(theirs[to]), "difference": difference}
+            apart.append(difference)
+    within = f", within {max(apart):.1e}" if apart else ""
+    return [Remark([f"{len(apart)} of {len(theirs)} reference frequencies are met by modes of the system{within}."])]
 
 
 def by_kind(system: System, meshes: Mapping[str, Mesh], shapes: Array) -> dict[str, Drawn]:

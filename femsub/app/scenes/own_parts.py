@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import FrictionContact, Material, Mesh, Rigid, Spring, Substructure, Tied, couple, read_component, read_mesh, solid
+from femsub import (
+    FrictionContact,
+    Material,
+    Mesh,
+    ReducedSubstructure,
+    Rigid,
+    Spring,
+    Substructure,
+    System,
+    Tied,
+    couple,
+    read_component,
+    read_mesh,
+    solid,
+)
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, other_method_names, run_outputs
+from femsub.app.scenes.audit import MODEL
 from femsub.app.scenes.joined_parts import Choice, JoinedScene, Over, compared, system_modes
 from femsub.app.scenes.solid import motions
 from femsub.components import DIRECTIONS
@@ -24,11 +41,16 @@ KINDS = ("rigid", "spring", "tied")
 
 @dataclass(frozen=True)
 class PartKeys:
-    """One part: matrices M, D, K from files, or a solid from a mesh."""
+    """One part: matrices M, D, K from files, a solid from a mesh, or a superelement of another program."""
 
     name: str = key("", "the part's name, a word without a dot", required=True, example="disc")
     M: str = key("", "the file of the mass matrix, relative to the scene file", otherwise="the part comes from its mesh",
                  example="disc-M.mtx", file=True)
+    file: str = key("", "a superelement of another program, any one of its files (.asm, .pch, .op4, .op2, .nc), a .full "
+                    "file, or the model.json of a folder of write_matrices", otherwise="the part comes from its matrices "
+                    "or its mesh", example="wing.asm", file=True)
+    cutoff: float = key(0.0, "of a superelement: up to which frequency its author kept modes", unit="rad/time", least=0,
+                        otherwise="that of its highest mode, with a warning")
     K: str = key("", "the file of the stiffness matrix", otherwise="the part comes from its mesh", required_with="M",
                  example="disc-K.mtx", file=True)
     D: str = key("", "the file of the damping matrix", otherwise="no damping", example="disc-D.mtx", file=True)
@@ -45,11 +67,12 @@ class PartKeys:
     supports: list[str] = key([], "sets of the mesh that are held, in all directions or as 'set:xy' in some", otherwise="none",
                               example=["back"])
     interface: list[int | str] = key([], "where the part is joined: sets of the mesh; of matrices DOF, counted from 0, or by the "
-                                     "map as '12:uz' or '12:*'", least=0, required=True, example=["front"])
+                                     "map as '12:uz' or '12:*'", least=0, otherwise="that of the superelement",
+                                     example=["front"])
     contact: str = key("", "the set of the mesh under the belt", otherwise="none", example="rubbing")
     direction: str | list[float] = key("y", "along which the contact slides: an axis, the surface's normal, or a vector",
                                        form="[x, y, z]", choices=lambda _: DIRECTIONS)
-    port: list[int | str] = key([], "of matrices the DOF under the belt, as for interface", least=0, example=[1],
+    port: list[int | str] = key([], "of matrices or a superelement the DOF under the belt, '12:uz'", least=0, example=[1],
                                 otherwise="none")
     method: str = key("", "the method for this part in every model; 'full' keeps it as it is", example=FULL,
                       otherwise="each of methods in turn", choices=lambda _: [FULL, *METHODS], also=other_method_names)
@@ -57,9 +80,13 @@ class PartKeys:
                            example=[5, 10])
 
     def _check(self) -> None:
-        if bool(self.M) == bool(self.mesh):
-            found = "both are given" if self.M else "neither is given"
-            raise InputError(f"the part {self.name!r} needs either the matrices M and K, or a mesh, but {found}")
+        given = [name for name in ("M", "mesh", "file") if getattr(self, name)]
+        if len(given) != 1:
+            found = f"{' and '.join(given)} are given" if given else "none is given"
+            raise InputError(f"the part {self.name!r} needs one of the matrices M and K, a mesh, or the file of a superelement, "
+                             f"but {found}")
+        if not self.file and not self.interface:
+            raise InputError(f"the part {self.name!r} has no interface: name where it is joined")
         if self.mesh and self.port:
             raise InputError(f"the part {self.name!r} has a mesh: name its contact, not a port")
         if not self.mesh and self.contact:
@@ -73,9 +100,16 @@ class PartKeys:
             return solid(mesh, Material(self.E, self.nu, self.rho), supports=motions(self.supports), name=self.name,
                          interface=motions([str(one) for one in self.interface]), rayleigh=(self.rayleigh[0], self.rayleigh[1]),
                          ports={"belt": (self.contact, self.direction)} if self.contact else {}), mesh
-        paths = {name: Path(folder) / getattr(self, name) for name in ("M", "K", "D", "dofs") if getattr(self, name)}
-        found = read_component(paths["M"], paths["K"], paths.get("D"), dofs=paths.get("dofs"), interface=self.interface,
-                               ports={"belt": self.port} if self.port else {}, name=self.name, massless=self.massless)
+        named = ("M", "K", "D", "dofs", "file")
+        paths: dict[str, Any] = {name: Path(folder) / getattr(self, name) for name in named if getattr(self, name)}
+        file = paths.pop("file", None)
+        first = paths.pop("M") if file is None else file.parent if file.name == MODEL else file
+        ports = {"belt": self.port} if self.port else {}
+        given: dict[str, Any] = {"interface": self.interface, "ports": ports, "cutoff": self.cutoff}
+        found = read_component(first, **paths, name=self.name, massless=self.massless,
+                               **{name: value for name, value in given.items() if value})
+        if isinstance(found, ReducedSubstructure) or found.sets:
+            return found, None
         return Substructure(found.M, found.K, found.D, {ALL: found.interface}, found.ports, self.name, found.dofs,
                             H=found.H), None
 
@@ -148,6 +182,10 @@ class OwnPartsScene(JoinedScene):
                                           ContactKeys(["pad.face", "disc.track"], 2e11, axis=[0.0, 0.0, 1.0])])
     mu: list[float] = key([0.0, 1.0], "the range of their coefficient of friction in which stability may be lost", least=0,
                           form="[lo, hi]")
+    interface: list[str] = key([], "the interface of the system: ends as of joints", otherwise="what is not joined",
+                               example=["disc.front"])
+    reference: list[float] = key([], "frequencies of the system that another program found, to compare with", unit="rad/time",
+                                 above=0, otherwise="none", example=[10.67387655, 11.10545089])
     full: list[float] = key([], "values of mu at which the full model is solved", least=0, distinct=True,
                             otherwise="the end of the range", example=[0.2, 0.4])
     belt: str = key("", "the part under the belt", otherwise="the first one with a port or a contact; none", example="disc")
@@ -170,14 +208,15 @@ class OwnPartsScene(JoinedScene):
 SCENE = OwnPartsScene
 
 
-def run(scene: OwnPartsScene, progress: Progress) -> Result:
-    """The study over methods."""
+def run(scene: OwnPartsScene, progress: Progress, more: Mapping[str, Callable[[System], Result]] | None = None) -> Result:
+    """The study over methods; `more` are outputs of a scene's own."""
     progress(f"{scene.name}: reading the parts")
     made = {part.name: part.model(scene.folder) for part in scene.parts}
     parts = {name: sub for name, (sub, _) in made.items()}
     meshes = {name: mesh for name, (_, mesh) in made.items() if mesh is not None}
     surfaces = [contact.made(meshes) for contact in scene.contacts]
-    system = couple(parts, [*(joint.made(parts, meshes) for joint in scene.joints), *surfaces], scene.name)
+    system = couple(parts, [*(joint.made(parts, meshes) for joint in scene.joints), *surfaces], scene.name,
+                    interface=[_end(one, parts) for one in scene.interface] or None)
     rubbing = scene.belt or next((name for name, sub in parts.items() if sub.ports), "")
     if scene.belt and not parts[scene.belt].ports:
         raise InputError(f"belt: the part {scene.belt!r} has no port; give it a port (of matrices) or a contact (of a mesh)")
@@ -189,8 +228,9 @@ def run(scene: OwnPartsScene, progress: Progress) -> Result:
     text = [f"{scene.name}: {len(parts)} parts, {joined}" + (f", {scene.friction_words}" if rubbing else "")]
     text += [repr(sub) for sub in (*parts.values(), *surfaces)]
     outputs = {"methods": lambda: compared(scene, system, [*surfaces, *belt], scene.name, "methods", progress, choices, over),
-               "modes": lambda: system_modes(scene, system, meshes)}
-    return run_outputs(scene.outputs, lambda output: outputs[output](), data, text)
+               "modes": lambda: system_modes(scene, system, meshes, scene.reference)}
+    own = {name: partial(output, system) for name, output in (more or {}).items()}
+    return run_outputs(scene.outputs, lambda output: (outputs | own)[output](), data, text)
 
 
 def _end(said: str, parts: dict[str, Substructure]) -> Any:
@@ -206,6 +246,5 @@ def _end(said: str, parts: dict[str, Substructure]) -> Any:
         return name, [int(number) for number in rest.split(",")]
     if mark:
         return name, rest
-    if len(sets := list(parts[name].sets)) == 1:  # a named set is matched by place, a list of DOF in its order
-        return name, sets[0]
-    return name, parts[name].interface.tolist()
+    whole = [one for one, rows in parts[name].sets.items() if len(rows) == len(parts[name].interface_numbers)]
+    return name, whole[0] if whole else parts[name].interface.tolist()  # a set is matched by place, a list in its order

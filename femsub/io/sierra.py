@@ -1,0 +1,136 @@
+"""Sierra/SD: the text files of its full matrices (Kaa, Maa, gid, ASetMap), and its Craig-Bampton models in netCDF."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array
+from femsub.errors import InputError
+from femsub.io.abaqus_calculix import TextMatrix
+from femsub.io.damage import check_extent, check_room
+
+NUMBER = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+MATRIX = re.compile(rb"\s*function a=(\w+)\(\)\s+NumRows = (\d+);\s+a=\[\s+((?:\d+ \d+ " + NUMBER + rb";\s+)+)\];?\s+"
+                    rb"a=sparse\(a\(:,1\),a\(:,2\),a\(:,3\),(\d+),(\d+)\);\s+"
+                    rb"disp\('This Matrix is in a Symmetric Sparse Format \(Lower Triangular\)'\)\s")
+MAP = re.compile(rb"\s*function x = \w+\(\)\s+(?:%[^\n]*\s+)*x = zeros\((\d+), ?1\);\s+((?:x\(\d+\) = \d+;\s+)*)\Z")
+PER_NODE = 9  # places of a node in ASetMap: three translations, three rotations, and three of other physics
+
+
+class Cbr(NamedTuple):
+    """A Craig-Bampton model: matrices (n, n), (node, direction from 1) of each row, 0 of modes, and the places of the nodes."""
+
+    M: Array
+    K: Array
+    D: Array
+    rows: Array
+    points: dict[int, list[float]]
+
+
+def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
+    """The matrix of X_Kaa.m or X_Maa.m, shape (n, n); with node and direction of its rows, if X_gid.m and X_ASetMap.m are there.
+
+    ===================  =======================================================================================
+    it reads             the lower triangle of a symmetric matrix, as Sierra/SD writes it (KAA, MAA, MFILE)
+    it refuses           all other text, an entry twice or outside, a file without its end, maps of another size
+    it cannot know       whether lines or digits are missing: the format counts nothing
+    ===================  =======================================================================================
+
+    Raises
+    ------
+    InputError
+        See the table.
+    """
+    found = MATRIX.match(path.read_bytes())
+    if not found:
+        raise InputError(f"{path} is no matrix of Sierra/SD, 'function a=Kaa()' to 'Symmetric Sparse Format'. It may be cut "
+                         "short")
+    sizes = {int(found[at]) for at in (2, 4, 5)}
+    table = np.array(found[3].replace(b";", b" ").split(), dtype=float).reshape(-1, 3)
+    i, j = (table[:, at].astype(np.int64) - 1 for at in (0, 1))
+    size = sizes.pop()
+    if sizes or j.min() < 0 or (j > i).any() or i.max() >= size:
+        raise InputError(f"{path} is damaged: an entry above the diagonal or outside of {size} rows, or two numbers of rows")
+    check_extent(path, (size, size), len(table))
+    half: Any = sp.csr_array(sp.coo_array((table[:, 2], (i, j)), shape=(size, size)))
+    if half.nnz < len(table):
+        raise InputError(f"{path} lists an entry twice; it is damaged")
+    matrix = sp.csr_array(half + sp.tril(half, -1).T)
+    labels = _labels(path, size)
+    if labels is not None:
+        order = np.lexsort((labels[:, 1], labels[:, 0]))
+        matrix, labels = sp.csr_array(matrix[order][:, order]), labels[order]
+    return {found[1].decode().lower(): TextMatrix(matrix, labels)}
+
+
+def _labels(path: Path, size: int) -> Array | None:
+    """(node, direction) of each row by the maps beside the file, or None if they are not there."""
+    gid, places = (path.with_name(f"{path.stem.rpartition('_')[0]}_{what}.m") for what in ("gid", "ASetMap"))
+    if not gid.is_file() or not places.is_file():
+        return None
+    nodes, rows = _map(gid), _map(places)
+    at = np.flatnonzero(rows)
+    if len(rows) != PER_NODE * len(nodes) or not np.array_equal(np.sort(rows[at]), np.arange(1, size + 1)):
+        raise InputError(f"{places} and {gid} do not fit {path}: they name {len(at)} DOF of {len(nodes)} nodes, and the matrix "
+                         f"has {size} rows")
+    labels = np.zeros((size, 2), dtype=np.int64)
+    labels[rows[at] - 1] = np.stack([nodes[at // PER_NODE], at % PER_NODE + 1], axis=1)
+    return labels
+
+
+def _map(path: Path) -> Array:
+    """The vector of a map's file; 0 where it says nothing."""
+    found = MAP.match(path.read_bytes())
+    if not found:
+        raise InputError(f"{path} is no map of Sierra/SD, 'x = zeros(n, 1)' and lines 'x(1) = 26;'; it may be cut short")
+    size, pairs = int(found[1]), np.array(re.findall(rb"\d+", found[2]), dtype=np.int64).reshape(-1, 2)
+    check_extent(path, (size, 1), len(pairs))
+    if len(pairs) and (pairs[:, 0].min() < 1 or pairs[:, 0].max() > size or len(np.unique(pairs[:, 0])) < len(pairs)):
+        raise InputError(f"{path} names a place beyond its {size}, or one twice; it is damaged")
+    vector = np.zeros(size, dtype=np.int64)
+    vector[pairs[:, 0] - 1] = pairs[:, 1]
+    return vector
+
+
+def read_cbr(path: Path) -> Cbr:
+    """A Craig-Bampton model of Sierra/SD (CBMODEL, format = netcdf).
+
+    ===================  =======================================================================================
+    it reads             Kr, Mr, Cr, cbmap and the nodes' places from a file of netCDF 3
+    it refuses           netCDF 4, variables that are missing or of another size, nodes without a place
+    it cannot know       whether a number is wrong; up to which frequency modes were kept
+    ===================  =======================================================================================
+
+    Raises
+    ------
+    InputError
+        See the table.
+    """
+    from scipy.io import netcdf_file
+
+    check_room(path, 2 * path.stat().st_size)
+    content = path.read_bytes()
+    if content[:4] == b"\x89HDF":
+        raise InputError(f"{path} is of netCDF 4. Convert it: nccopy -k classic {path.name} new.nc")
+    if content[:3] != b"CDF":
+        raise InputError(f"{path} is no netCDF file")
+    with netcdf_file(io.BytesIO(content), mmap=False) as found:  # of a file SciPy would take all memory that a wrong size asks
+        needed = ("Kr", "Mr", "cbmap", "node_num_map", "coordx", "coordy", "coordz")
+        if missing := [name for name in needed if name not in found.variables]:
+            raise InputError(f"{path} is no Craig-Bampton model of Sierra/SD: it has no {', '.join(missing)}")
+        K, M, rows, nodes, *where = (np.array(found.variables[name][:]) for name in needed)
+        D = np.array(found.variables["Cr"][:]) if "Cr" in found.variables else np.zeros_like(K)
+    n = len(K)
+    if {A.shape for A in (K, M, D)} != {(n, n)} or rows.shape != (n, 2) or len({len(nodes), *map(len, where)}) != 1:
+        raise InputError(f"{path} is damaged: Kr, Mr, Cr and cbmap, or nodes and places, are of different sizes")
+    points = {int(node): [float(one) for one in place] for node, *place in zip(nodes, *where, strict=True)}
+    if strange := sorted({int(node) for node in rows[:, 0] if node} - points.keys()):
+        raise InputError(f"{path} has no place of node {strange[0]}, which cbmap names")
+    M, K, D = (np.asarray(A, dtype=float) for A in (M, K, D))
+    return Cbr(M, K, D, rows.astype(np.int64), points)
