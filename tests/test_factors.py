@@ -54,7 +54,7 @@ def plate(cells: tuple[int, int] = (14, 12)) -> fs.Substructure:
 @pytest.fixture
 def nothing_shared(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     shared.drop()
-    monkeypatch.setattr("femsub.algebra.shared._kept", Forgetful())
+    monkeypatch.setattr("femsub.algebra.cache._kept", Forgetful())
     yield
 
 

@@ -1,4 +1,5 @@
 from .beside import CountBeside as CountBeside
+from .cache import shared as shared
 from .constraints import Freed as Freed, freed as freed
 from .elimination import (
     DEPENDENT as DEPENDENT,

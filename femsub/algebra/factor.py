@@ -10,10 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.cache import FACTOR_BYTES, drop, forget, shared
 from femsub.algebra.matrices import Difference, equilibration
 from femsub.algebra.ordering import leaves_first
 from femsub.algebra.petsc import Factor, Kind
-from femsub.algebra.shared import FACTOR_BYTES, drop, forget, shared
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
 

@@ -8,9 +8,9 @@ from zlib import crc32
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.cache import FACTOR_BYTES, give_up_until, kept_bytes
 from femsub.algebra.ordering import layers as distance_layers, neighbours, quotient
 from femsub.algebra.process_memory import available, left_of_limit
-from femsub.algebra.shared import FACTOR_BYTES, give_up_until, kept_bytes
 from femsub.checks import Array, Matrix
 from femsub.errors import NotEnoughMemoryError
 

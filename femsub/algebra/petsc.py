@@ -27,11 +27,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.cache import FACTOR_BYTES, drop
 from femsub.algebra.matrices import Difference, equilibrated
 from femsub.algebra.memory import room_for_factor
 from femsub.algebra.ordering import good_order, slender
 from femsub.algebra.process_memory import give_back_freed_memory
-from femsub.algebra.shared import FACTOR_BYTES, drop
 from femsub.checks import EPS, Array, Matrix, installed_by
 from femsub.errors import BreakdownError, InputError, MissingPackageError, NotConvergedError, SingularMatrixError
 

@@ -23,11 +23,11 @@ from femsub.algebra import (
     is_symmetric,
     norm,
     scaled,
+    shared,
     unit_length,
     units as energy_units,
     without_rounding,
 )
-from femsub.algebra.shared import shared
 from femsub.checks import Array, Matrix
 
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled

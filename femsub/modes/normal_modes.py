@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import SMALL, Difference, inertia, massless_apart, negative_eigenvalues, one_thread, phase, times
-from femsub.algebra.shared import shared
+from femsub.algebra import SMALL, Difference, inertia, massless_apart, negative_eigenvalues, one_thread, phase, shared, times
 from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
 from femsub.errors import (
     ConditionWarning,

@@ -26,12 +26,12 @@ from femsub.algebra import (
     orthonormal,
     phase,
     rank_of_mass,
+    shared,
     shared_factor,
     smooth_shape,
     translations,
     unit_length,
 )
-from femsub.algebra.shared import shared
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, SingularMatrixError, warn
 from femsub.modes.rounding import rounding_of

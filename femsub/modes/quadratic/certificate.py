@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from femsub.algebra import QUADRATIC
-from femsub.algebra.shared import shared
+from femsub.algebra import QUADRATIC, shared
 from femsub.checks import Array, Matrix, Tally
 from femsub.errors import MissedModesError, NotConvergedError, NotEnoughMemoryError, SingularMatrixError
 from femsub.model import beyond, in_band
