@@ -12,8 +12,7 @@ import numpy as np
 from femsub.coupling import Belt
 from femsub.errors import CutoffWarning, FemsubError, InputError
 from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, contacts_of
-from femsub.stability import critical_slope, pencil_over
-from femsub.stability.critical_value import first_value
+from femsub.stability import critical_slope, first_value, pencil_over
 
 
 class Loss(NamedTuple):
