@@ -453,3 +453,16 @@ def test_joining_takes_as_many_steps_as_there_are_joints(monkeypatch: pytest.Mon
 
     few, more, most = steps(10), steps(20), steps(40)
     assert most - more <= 2.1 * (more - few)
+
+
+def test_parts_with_spread_interfaces_in_a_row_are_joined_to_their_neighbours_alone() -> None:
+    """Each part moves with its own coordinates and the two interfaces; else a row of n parts would cost n³."""
+    ends = {0: [12], 7: [1]}
+    parts = {f"c{i}": fs.chain(12, belt=12 if i < 7 else 1, interface=ends.get(i, [1, 12]), fixed=not i) for i in range(8)}
+    joints = [fs.Rigid((one, [11]), (other, [0])) for one, other in itertools.pairwise(parts)]
+    spread = {name: fs.reduce(part, fs.CraigChang(4)) for name, part in parts.items()}
+    joined, physical = fs.couple(spread, joints), fs.couple({n: fs.reduce(p, fs.Rubin(4)) for n, p in parts.items()}, joints)
+    starts = np.cumsum([0, *(part.size for part in spread.values())])
+    for begin, end in itertools.pairwise(starts):
+        assert np.count_nonzero(np.abs(joined.L[begin:end]).max(axis=0)) == end - begin
+    agree(joined, elastic(physical), 1e-11)

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.attacks import solvers
 from femsub.stability import followed
+from femsub.stability.critical_value import first_value
 
 
 @pytest.mark.parametrize("kind", solvers.KINDS)
@@ -31,6 +32,21 @@ def test_a_range_that_falls_is_met_on_the_way_down(begin: float, end: float) -> 
     for name in ("losses", "regains"):
         assert [one.value for one in getattr(found, name)] == pytest.approx([one.value for one in getattr(same, name)], abs=1e-10)
     assert found.evidence == "confirmed" and found.method == "followed" and not found.open
+
+
+def test_the_first_loss_alone_is_that_of_all_with_fewer_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
+    chain, belt = fs.chain(10, belt=2), fs.Belt(slope=0.0)
+    made, limits = counted(monkeypatch), ("slope", (0.0, -0.1), (0.0, 2.1))
+    every = fs.critical_value(chain, belt, "slope", between=limits[1], band=limits[2], solver="followed")
+    assert made["complex_modes"] == 5 and made["ComplexFactor"] <= 4 * len(every.losses + every.regains)
+    for near, solved, end in ((np.nan, 3, -0.0486), (-0.0255, 2, -0.0305), (-0.01, 4, -0.0486), (-np.inf, 3, -0.0486)):
+        made["complex_modes"] = 0
+        found = first_value(chain, belt, *limits, near)
+        assert found.value == pytest.approx(every.value, abs=1e-11) and found.evidence == every.evidence == "confirmed"
+        assert made["complex_modes"] == found.solved == solved and found.searched[1] == pytest.approx(end)
+        assert not found.open and found.omega == pytest.approx(every.omega, rel=1e-9)
+    grown = first_value(chain, belt, "slope", (-0.03, 0.0), limits[2])
+    assert (grown.value, grown.growing, grown.solved) == (-0.03, 4, 2)
 
 
 def test_never_lost_and_unstable_from_the_begin_look_the_same_by_all_solvers() -> None:

@@ -353,14 +353,19 @@ def test_no_model_that_meets_the_tolerance_is_passed_over(seed: int, ports: bool
 
 
 def test_lower_bounds_by_lanczos_are_those_of_lapack(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And those of all Ritz modes, of which they need none."""
     for full, top in ((system(12, 180), 0.3), (system(12, 180, fixed=False), 0.3), (plates(), 1000.0)):
         space = JoinedSpace(full, {name: held_statics(part) for name, part in full.parts.items()}, None, top)
         space.reach(top)
         given = space.reference().nested
-        found = []
-        for least in (0, 10**6):
-            monkeypatch.setattr(nested_estimates, "LANCZOS", least)
-            found.append(replace(given).bounds)
-        few, every = found
+        found = [replace(given, limit=np.inf).bounds]
+        with monkeypatch.context() as patched:
+            patched.setattr(nested_estimates, "all_modes", None)
+            for least in (0, 10**6):
+                patched.setattr(nested_estimates, "LANCZOS", least)
+                found.append(replace(given).bounds)
+        by_modes, few, every = found
+        assert len(by_modes) == len(every)
+        np.testing.assert_allclose(every, by_modes, rtol=1e-7)
         assert len(few) < len(every) / 2 and every[len(few)] > 1.1 * top  # all up to the end of the band, by Lanczos
         np.testing.assert_allclose(few, every[:len(few)], rtol=1e-9)

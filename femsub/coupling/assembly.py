@@ -44,6 +44,7 @@ from femsub.coupling.joined import (
     sprung,
     unjoined,
     whole_sets,
+    with_interfaces,
 )
 from femsub.coupling.joints import End, Joint, Link, spatial
 from femsub.errors import InputError
@@ -270,8 +271,9 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     dampers and springs on the motions R q.
 
     The parts may be full, reduced by any method, or systems, in any mix. DOF that are equal become one coordinate. A DOF that
-    is equal to a sum of others is replaced by that sum. Equations between generalised coordinates alone (Craig-Chang joined
-    with Craig-Chang) are fulfilled by a basis of their null space. Parts reduced by `DualCraigBampton` are joined weakly, by
+    is equal to a sum of others is replaced by that sum. Where an interface is spread over generalised coordinates (Craig-Chang),
+    its joined displacements become coordinates first. Where they are not independent, a basis of the equations' null space is
+    taken. Parts reduced by `DualCraigBampton` are joined weakly, by
     their interface forces.
 
     Parameters
@@ -331,7 +333,9 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
                              f"{coordinates} coordinates they couple: keep more modes in these parts, or join fewer DOF")
 
     dual = np.array(weak, dtype=bool)[owner]
-    found = eliminate(equations.chosen(~dual), refuse)
+    turn, between = with_interfaces(parts, C[np.flatnonzero(~dual)], equations.chosen(~dual))
+    found = eliminate(between, refuse)
+    found = replace(found, L=sp.csr_array(turn @ found.L))
     joined = Multiplied(found.L, sp.csr_array((0, found.L.shape[1])), equations.A[:0], found.unit, owner[:0])
     redundant, spurious, dense = found.redundant, 0, not any(sp.issparse(part.K) for part in parts.values())
     weakly = False

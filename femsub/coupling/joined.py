@@ -10,13 +10,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.algebra import Equations, block_diagonal, product, units
+from femsub.algebra import Equations, block_diagonal, product, recovered, units
 from femsub.checks import Array, Matrix, instance, items, mapping, word
 from femsub.coupling.dual import FORCE, by_forces
 from femsub.coupling.joints import End, Joint, Link, site
 from femsub.errors import InputError, InputTypeError
 from femsub.model import Substructure
 
+STILL = 1e-14  # of the largest k_jj/m_jj of a part: below it a coordinate is rigid motion, with the stiffness of a rounding
 SAME = 1e-9  # of a row of the interface that two rows may differ by which are the motion of one DOF
 
 
@@ -111,6 +112,42 @@ def equations_of(parts: Mapping[str, Substructure], C: Matrix, owner: Array) -> 
     A.sort_indices()
     physical = [np.isin(np.arange(part.size), part.interface) for part in parts.values()]
     return Equations(A, units_of_energy(parts), np.concatenate(physical), owner)
+
+
+def with_interfaces(parts: Mapping[str, Substructure], C: Matrix, given: Equations) -> tuple[Matrix, Equations]:
+    """q = T z, sparse, and the `given` equations C u_b = 0 in z, which has joined interface displacements among its coordinates.
+
+    Where an interface is spread over generalised coordinates (Craig-Chang), its displacements take the place of as many of these
+    if they are independent. Else equations between such parts would couple all coordinates of all parts in a row.
+    """
+    turns, rows, kinds, start = [], [], [], 0
+    used = np.bincount(C.indices, minlength=C.shape[1]) > 0
+    for part, at in zip(parts.values(), rows_of_parts(parts), strict=True):
+        B, physical = sp.csr_array(part.interface_rows), given.physical[at]
+        joined = np.flatnonzero(used[start:start + B.shape[0]])
+        start += B.shape[0]
+        T, places = recovered(B[joined], _units_at_rest(part)) if len(joined) else (None, joined)
+        if T is not None:
+            B = sp.csr_array((np.ones(len(places)), (joined, places)), shape=B.shape)
+            physical = (np.diff(sp.csc_array(T).indptr) == 1) & (T.T @ physical.astype(float) > 0)
+            physical[places] = True
+        turns.append(sp.eye_array(part.size) if T is None else T)
+        rows.append(B)
+        kinds.append(physical)
+    T = block_diagonal(turns)
+    unit = (T.multiply(T).T @ given.unit[:, None] ** -2.0).ravel() ** -0.5
+    A = sp.csr_array(C @ block_diagonal(rows))
+    A.sort_indices()
+    return T, Equations(A, unit, np.concatenate(kinds), given.owner)
+
+
+def _units_at_rest(part: Substructure) -> Array:
+    """`units_of_energy` at the part's lowest ω², at which its displacements cost next to nothing but strain."""
+    mass, stiffness = np.abs(part.M.diagonal()), np.abs(part.K.diagonal())
+    square = np.divide(stiffness, mass, out=np.zeros(len(mass)), where=mass > 0)
+    square = square[square > STILL * square.max(initial=0.0)]
+    energy = stiffness + float(square.min() if len(square) else 1.0) * mass
+    return np.where(energy > 0, energy, 1.0) ** -0.5
 
 
 def joint_forces(parts: Mapping[str, Substructure], C: Matrix, unit: Array) -> tuple[Matrix, Array]:

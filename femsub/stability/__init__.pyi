@@ -1,4 +1,4 @@
-from .critical_value import critical_slope as critical_slope
+from .critical_value import critical_slope as critical_slope, first_value as first_value
 from .crossings import Crossing as Crossing
 from .parameter import pencil_over as pencil_over
 from .tracking import Tracked as Tracked

@@ -156,6 +156,16 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     return result
 
 
+def first_value(model: Substructure | Affine, contacts: Contacts, parameter: str, between: tuple[float, float],
+                band: tuple[float, float], near: float = np.nan) -> CriticalValue:
+    """`critical_value` by following, up to a value of the parameter beyond the first loss: for tables of many models.
+
+    It is expected `near` that of a smaller model. Wherever it is found, its evidence is that of `critical_value`.
+    """
+    question = question_of(model, contacts, parameter, between, band)
+    return _answer(question, [Followed(first=True, near=-near if question.falls else near)])
+
+
 def _held(model: Substructure, contact: Contact) -> Contact | None:
     """A contact whose own slope does not change; None if it does nothing."""
     if not hasattr(contact, "slope"):

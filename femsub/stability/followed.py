@@ -34,21 +34,30 @@ if TYPE_CHECKING:
 
 #: Of the range: where the full pencil is solved. A loss may well be at a simple fraction, and would be hard to count there.
 SAMPLES = (0.0, 0.234, 0.486, 0.771, 1.0)
+BEYOND = 0.05  # of the range: so far beyond the loss of a smaller model that of the full one is expected
 AROUND = 0.02  # of the band's width: modes so far beside the band are in the basis as well
 KEPT = 1e-3  # singular values of the basis of modes of unit length, relative to the largest
 NEW = 1e-8  # share of a vector outside the basis with which it joins
 ROUNDS = 6  # of refining
 STILL = 1e-9  # of the range: the movement of crossings at which the rounds end
-STEPS = 6  # of Newton's method, each with a factorisation,
+STEPS = 6  # of Newton's method, each with a factorisation, at most
 DIFFERENCE = 1e-6  # of the range: the step of the difference for ∂P/∂p
 FAR = 0.05  # of the range: the longest step in p,
-SETTLED = 1e-12  # and the change of ω and p, relatively, at which it ends
+SETTLED = 1e-4  # and the change of ω and p, relatively, at which it ends: the small pencil has the square of it with its vectors
 EXACT, GOOD = 1e-11, 1e-8  # backward errors on the full pencil, up to which a crossing is not refined, and is accepted
 BESIDE = 1e-9  # of |λ|: a shift beside an eigenvalue at which P is singular to working precision
 
 
+@dataclass(frozen=True)
 class Followed:
-    """Crossings of a small model on modes of the full one, refined on the full one and counted."""
+    """Crossings of a small model on modes of the full one, refined on the full one and counted.
+
+    With `first`, the range ends at the first of the values beyond its begin at which more modes grow, or some did at its begin.
+    The loss may be known to be `near` a value, by a smaller model: then the range up to there is solved at its ends alone.
+    """
+
+    first: bool = False
+    near: float = np.nan
 
     def unfit(self, question: Question) -> str:
         if not np.isfinite(question.between[1]):
@@ -60,15 +69,26 @@ class Followed:
     def solve(self, question: Question) -> CriticalValue:
         (lo, hi), over, band = question.between, question.over, question.band
         over.affine((lo, hi))  # a false declaration is told
-        values = np.union1d([*(lo + share * (hi - lo) for share in SAMPLES[:-1]), hi], over.kinks((lo, hi)))
+        beyond = self.near + BEYOND * (hi - lo)
+        places = [lo + share * (hi - lo) for share in SAMPLES[:-1]]
+        if lo < beyond < hi:
+            places = [lo, beyond, *(place for place in places if place > beyond)]
+        values = np.union1d([*places, hi], over.kinks((lo, hi)))
         margin = AROUND * (band[1] - band[0])
         wide = max(0.0, band[0] - margin), band[1] + margin
-        samples = {float(p): complex_modes(over(float(p)), band=wide) for p in values}
+        samples: dict[float, ComplexModes] = {}
+        growing: dict[float, Array] = {}
+        for p in values.tolist():
+            samples[p] = complex_modes(over(p), band=wide)
+            growing[p] = _growing(samples[p], band)
+            if self.first and p > lo and (len(growing[lo]) or weight(growing[p].imag)):
+                hi = p
+                break
+        question = replace(question, between=(lo, hi))
         found = [_refined(question, piece) for piece in _pieces(band, wide, samples)]
         losses, regains, unclear = ([one for part in found for one in getattr(part, name)] for name in
                                     ("losses", "regains", "open"))
         losses, regains = (sorted(several, key=lambda one: (one.value, one.omega)) for several in (losses, regains))
-        growing = {p: _growing(modes, band) for p, modes in samples.items()}
         begin = growing[lo]
         lost: list[float] = []
         for a, b in pairwise(samples):

@@ -12,8 +12,7 @@ import numpy as np
 from femsub.coupling import Belt
 from femsub.errors import CutoffWarning, FemsubError, InputError
 from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, contacts_of
-from femsub.stability import critical_slope, pencil_over
-from femsub.stability.critical_value import critical_value
+from femsub.stability import critical_slope, first_value, pencil_over
 
 
 class Loss(NamedTuple):
@@ -25,11 +24,12 @@ class Loss(NamedTuple):
 
 
 def first_loss(model: Substructure, contacts: Contacts, parameter: str, between: tuple[float, float] | None,
-               band: tuple[float, float]) -> Loss:
+               band: tuple[float, float], near: float = np.nan) -> Loss:
     """The first loss of stability in a band. For tables of many models: an error is the reason, and does not end the others.
 
     'slope' of a belt is the largest c ≤ 0 (`critical_slope`), of the first belt; the other contacts act as they are. Any other
-    parameter is searched from the lower end of `between` up (`critical_value`).
+    parameter is searched from the lower end of `between` up (`critical_value`), and a little beyond `near`, where a smaller model
+    loses its stability.
     """
     given = contacts_of(contacts)
     try:
@@ -46,7 +46,7 @@ def first_loss(model: Substructure, contacts: Contacts, parameter: str, between:
             if pencil_over(model, given, parameter).affine(between):  # its matrices are made once
                 asked, acting = affine_over(model, given, parameter, between), None
             # all modes of a model would be excluded at a price that a table of many models need not pay
-            found = critical_value(asked, acting, parameter, between=between, band=band, solver="followed")
+            found = first_value(asked, acting, parameter, between, band, near)
             return Loss(found.value, found.omega if found.first else abs(found.fastest.imag))
     except FemsubError as error:
         return Loss(reason=str(error))

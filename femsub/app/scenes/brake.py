@@ -252,7 +252,8 @@ class Brake:
         else:
             self.tell("the critical μ")
             look = partial(first_loss, contacts=self.contacts(0.0), parameter="mu", between=self.range, band=self.band)
-            own, full = look(self.best), look(self.system)
+            own = look(self.best)
+            full = look(self.system, near=own.value)
         if full.reason and np.isfinite(own.value):
             warn(f"the critical μ of the full model was not found: {full.reason}", FemsubWarning)
         return {"reduced": own, "full": full}

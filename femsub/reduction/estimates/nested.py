@@ -261,14 +261,14 @@ class Nested:
         """
         if not self.constraint:
             return np.sqrt(np.sort(self.values))
+        S, below = self._substitutes
+        if (found := self._bounds_of_band(S, below)) is not None:
+            return found
         kept = self._first + self.modes
         ritz = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED, self._carried(kept))
         q, r = ritz.shapes[:self.constraint], ritz.rigid
         if self.complete:
             return ritz.frequencies[r:]
-        S, below = self._substitutes
-        if (found := self._lowest_bounds(ritz.eigenvalues, r, q, S, below)) is not None:
-            return found
         L = S @ q
         a, b = len(ritz.eigenvalues), len(below)
         weight = np.concatenate([np.zeros(r), ritz.eigenvalues[r:] ** -0.5])
@@ -298,34 +298,51 @@ class Nested:
         felt = weight > EPS * np.append(dynamic, dynamic + soft)
         return sp.csr_array(sp.diags_array(weight[felt]) @ sp.vstack([coupling, coupling], format="csr")[felt]), below[felt]
 
-    def _lowest_bounds(self, values: Array, rigid: int, q: Array, S: Matrix, below: Array) -> Array | None:
-        """The `bounds` below NEAR times the limit by Lanczos; None where there is no limit, or LAPACK is to find all.
+    def _bounds_of_band(self, S: Matrix, below: Array) -> Array | None:
+        """The `bounds` below NEAR times the limit at least; None where there is no limit, or [C Φ] has other rigid motion than C.
 
-        With substitute modes L = Sq at or above θ_c, the number below ω² = λ is that of the negative eigenvalues of
-        Ω² - λ - λ² Lᵀ(1 - λ/ω_s²)⁻¹L, less the rigid-body modes. The iteration must find as many.
+        With the substitute modes among the modes, E their coupling with C scaled by stiffness and d their 1/ω², the bounds are
+        the 1/θ of the eigenvalues θ of
+
+            [ R⁻¹MR⁻ᵀ   R⁻¹Eᵀ   ]
+            [ ER⁻ᵀ      diag(d) ] - vvᵀ,   RRᵀ = K + (2 limit)² MZ(MZ)ᵀ,   v = [R⁻¹MZ; EZ],
+
+        M, K and the rigid motion Z in C alone. So no mode of [C Φ] is needed. Those below λ are as many as the negative
+        eigenvalues of 1 - λd and of K - λM - λ² Eᵀ(1 - λd)⁻¹E, less the rigid ones. Lanczos must find as many.
         """
-        limit = (NEAR * self.limit) ** 2
-        size = len(values) - rigid + len(below)
-        if size <= LANCZOS or not limit * below.max(initial=0.0) < 1:
+        if not np.isfinite(self.limit) or self.rigid:
             return None
-        felt = q.T @ ((S.T @ (sp.diags_array(limit**2 / (1 - limit * below)) @ S)) @ q)
-        count = negative_eigenvalues(np.diag(values - limit) - (felt + felt.T) / 2) - rigid
-        if not 0 < count < size / 4:
+        part, inner, limit = slice(0, self.constraint), slice(self.constraint, self.rest.start), (NEAR * self.limit) ** 2
+        M, K, Z = self.M[part, part], self.K[part, part], self._rigid
+        held = M @ Z
+        try:
+            R = la.cholesky(K + (2 * self.limit) ** 2 * (held @ held.T), lower=True, check_finite=False)
+        except la.LinAlgError:
             return None
-        weight, free = values[rigid:] ** -0.5, S @ q[:, :rigid]
-        elastic = q[:, rigid:] * weight
+        E = sp.vstack([sp.diags_array(self.values**-0.5) @ sp.csr_array(self.M[inner, part]), S], format="csr")
+        d, v = np.concatenate([1 / self.values, below]), np.concatenate([_solved(R, held), E @ Z])
+        size = len(R) + len(d)
 
         def times(x: Array) -> Array:
-            x, y = x[:len(weight)], x[len(weight):]
-            return np.concatenate([weight**2 * x + elastic.T @ (S.T @ y), S @ (elastic @ x) + below * y - free @ (free.T @ y)])
+            x, y = x[:len(R)], x[len(R):]
+            z = la.solve_triangular(R, x, lower=True, trans="T", check_finite=False)
+            return np.concatenate([_solved(R, M @ z + E.T @ y), E @ z + (y.T * d).T]) - v @ (v[:len(R)].T @ x + v[len(R):].T @ y)
 
-        with suppress(ArpackNoConvergence):
-            start = np.random.default_rng(0).standard_normal(size)
-            inverse = eigsh(LinearOperator((size, size), times, dtype=float), count, which="LA", v0=start,
-                            return_eigenvectors=False)
-            if inverse.min() * limit >= 1 - 1e-9:
-                return np.sort(inverse ** -0.5)
-        return None
+        if size > LANCZOS:
+            left = 1 - limit * d
+            left[left == 0] = np.finfo(float).tiny
+            felt = (E.T @ sp.diags_array(limit**2 / left) @ E).toarray()
+            count = int(np.count_nonzero(left < 0)) + negative_eigenvalues(K - limit * M - (felt + felt.T) / 2) - Z.shape[1]
+            if not count:
+                return np.zeros(0)
+            with suppress(ArpackNoConvergence):
+                if count < size / 4:
+                    inverse = eigsh(LinearOperator((size, size), times, dtype=float), count, which="LA",
+                                    v0=np.random.default_rng(0).standard_normal(size), return_eigenvectors=False)
+                    if inverse.min() * limit >= 1 - 1e-9:
+                        return np.sort(inverse ** -0.5)
+        inverse = np.linalg.eigvalsh(times(np.eye(size)))[::-1]
+        return inverse[inverse > 0][:self.rest.start - Z.shape[1]] ** -0.5
 
     @cached_property
     def reference(self) -> tuple[Array, Array]:
@@ -464,6 +481,12 @@ def compared(exact: Array, found: Array, band: tuple[float, float],
     distance, present = np.abs(found[to] - exact[at]), within(found, band)
     inside = wanted[at] | (present[to] & (distance < np.abs(exact[at]) / 2))
     return at, to, distance, inside, int(np.delete(wanted, at).sum() + np.delete(present, to).sum())
+
+
+def _solved(R: Array, b: Array) -> Array:
+    """R⁻¹b of a lower triangle."""
+    x: Array = la.solve_triangular(R, b, lower=True, check_finite=False)
+    return x
 
 
 def _product(A: Array, X: Array, Y: Array) -> Array:
