@@ -268,6 +268,8 @@ class Coupling:
                 where, most = np.where(high > most, s[stuck][first], where), np.maximum(high, most)
             middle = (start + stop)[~stuck] / 2
             start, stop = np.append(start[~stuck], middle), np.append(middle, stop[~stuck])
+        if far + worst < SAFE:
+            return far + worst, []
         both = 1 + any(part.sign < 0 for part in self.whole.parts)
         new = [self.whole.solve(self.whole.images[i] @ x) for i, x in wide[:both]] if far > SAFE / 2 else []
         order = np.argsort(-most)[:int(np.count_nonzero(most > 0.2 * SAFE / max(1, len(at))))]
