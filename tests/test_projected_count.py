@@ -14,7 +14,8 @@ from benchmarks.lattices import lattice
 from femsub.algebra import factors_made
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes.quadratic import dense, sparse
-from femsub.modes.quadratic.projected_count import Count, Projection
+from femsub.modes.quadratic.projected_count import Count, Coupling, Projection
+from femsub.modes.quadratic.projected_pairs import right_pairs
 from femsub.modes.quadratic.region import Contour
 
 DAMPING = ("parts", "dashpots", "gyroscopic", "any", "parts and gyroscopic", "none")
@@ -173,8 +174,6 @@ def test_a_strong_dashpot_and_a_fast_rotor() -> None:
 
 def test_the_sum_over_eigenpairs_is_the_inverse() -> None:
     projection = Projection(random_pencil(7), Contour(1.0))
-    from femsub.modes.quadratic.projected_count import Coupling
-
     small = Coupling(projection, lambda _: Contour(1.0))
     assert small.wrong < 1e-8
     s = 0.3 + 0.8j
@@ -183,6 +182,30 @@ def test_the_sum_over_eigenpairs_is_the_inverse() -> None:
         complex(part.weight(np.array([s]))[0]) * (projection.V.T @ image)
         for part, image in zip(projection.parts, projection.images, strict=True))
     assert la.norm(inverse @ P - np.eye(projection.size)) < 1e-8
+
+
+def test_a_proved_count_and_solved_pairs_cost_nothing_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No directions are solved for once the margin is safe, and pairs that will be solved leave the block."""
+    pencil = random_pencil(18)
+    hi = float(np.sort(np.abs(dense.solve(pencil.dense())[0]))[20]) * 1.01
+    projection = Projection(pencil, contour := Contour(sides=(-hi, hi, hi)))
+    assert projection.on(lambda _: contour) is not None and projection.counted is not None
+    columns: list[int] = []
+    solve = projection.solve
+
+    def counting(B: np.ndarray) -> np.ndarray:
+        columns.append(B.shape[1])
+        return solve(B)
+
+    projection.solve = counting
+    far = Coupling._far
+    with monkeypatch.context() as large:  # pairs far from the contour have the largest share, and more directions would lower it
+        large.setattr(Coupling, "_far", lambda *given: (0.6, far(*given)[1]))
+        margin, more = projection.counted.margin()
+    assert 0.6 <= margin < 0.9 and not more and not columns
+    found = right_pairs(projection.counted, pencil)
+    assert found is not None and pencil.backward_error(*found).max() < 4e-15
+    assert columns[0] == 2 * len(found[0]) > 2 * columns[-1] and columns == sorted(columns, reverse=True)
 
 
 @pytest.mark.slow

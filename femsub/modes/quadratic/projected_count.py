@@ -39,6 +39,7 @@ ROUNDS = 8  # of enrichment
 WIDER = 40  # residuals of each kind that enrich the basis in one round
 MOST = 1200  # columns of the basis
 PIECES = 20_000  # of the contour at most
+FEW_ROWS = 0.3  # share of the rows up to which the others are left out of products
 SHORT = 1e-10  # of the contour: a piece that is not halved again
 BATCH = 512  # pieces looked at together
 
@@ -76,6 +77,12 @@ class Part:
     weight: Callable[[Array], Array]
     sign: float = 1.0
     linear: bool = False  #: whether the weight is s itself
+
+    @cached_property
+    def rows(self) -> Array | slice:
+        """The rows that are not 0, where they are few, as those of a contact."""
+        found = np.flatnonzero(np.diff(self.matrix.indptr))
+        return found if len(found) < FEW_ROWS * self.matrix.shape[0] else slice(None)
 
 
 class Projection:
@@ -146,8 +153,8 @@ class Projection:
         solved = self.solve(np.hstack(fresh))
         gram = np.zeros((p, m + k, p, m + k))
         gram[:, :m, :, :m] = self.gram
-        for i, image in enumerate(self.images):
-            gram[i, :, :, m:] = (image.T @ solved).reshape(m + k, p, k)
+        for i, (part, image) in enumerate(zip(self.parts, self.images, strict=True)):
+            gram[i, :, :, m:] = (image[part.rows].T @ solved[part.rows]).reshape(m + k, p, k)
             gram[:, m:, i, :m] = gram[i, :m, :, m:].transpose(1, 2, 0)
         self.gram = gram
         return True
@@ -192,7 +199,7 @@ class Coupling:
     def __init__(self, whole: Projection, choose: Callable[[Array], Contour]) -> None:
         self.whole = whole
         m, unit = whole.size, whole.outer.size
-        inside = np.stack([whole.V.T @ image for image in whole.images])  # (p, m, m)
+        self.inside = inside = np.stack([whole.V.T @ image for image in whole.images])  # (p, m, m)
         # in coordinates in which A + |s|²M is the unit matrix, rigid motion does not swamp the rest
         T = la.inv(la.cholesky(np.eye(m) + unit**2 * (inside[0] + inside[0].T) / 2))
         own, D, one = T.T @ inside @ T, np.zeros((m, m)), np.eye(m)
@@ -261,6 +268,8 @@ class Coupling:
                 where, most = np.where(high > most, s[stuck][first], where), np.maximum(high, most)
             middle = (start + stop)[~stuck] / 2
             start, stop = np.append(start[~stuck], middle), np.append(middle, stop[~stuck])
+        if far + worst < SAFE:
+            return far + worst, []
         both = 1 + any(part.sign < 0 for part in self.whole.parts)
         new = [self.whole.solve(self.whole.images[i] @ x) for i, x in wide[:both]] if far > SAFE / 2 else []
         order = np.argsort(-most)[:int(np.count_nonzero(most > 0.2 * SAFE / max(1, len(at))))]

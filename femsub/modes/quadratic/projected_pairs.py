@@ -13,13 +13,14 @@ from femsub.modes.quadratic.multiplicity import clusters, match
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
-    from femsub.modes.quadratic.projected_count import Coupling, Projection
+    from femsub.modes.quadratic.projected_count import Coupling
 
 NEAR = 1e-3  # relative distance below which eigenvalues are corrected together
 STILL = 1e-6  # |λ|, relative to the contour, below which it may be rigid motion, which a search from a shift sets to 0
-SOLVED = EPS / 2  # backward error of a pair that needs no more correction
+SOLVED = 8 * EPS  # backward error that the last correction of a pair will lead to, at the rate of the ones before
 ROUNDED = 1e-13  # the same where further corrections do not lower it
-ROUGH = 1e-3  # share of the first backward error that is enough for a left vector
+ROUGH = 3e-3  # share of the first backward error that is enough for a left vector
+USUAL = 0.2  # the error is not relied on to fall by more in a sweep
 FALLS, SLOW = 0.6, 3  # the error falls by this factor in each sweep, but for so many
 SWEEPS = 30
 MIXED = 1e-2  # largest share of another mode in a left vector
@@ -79,33 +80,40 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
     label, among = np.arange(len(at)), clusters(values, NEAR)
     for group in among:
         label[group] = group[0]
-    here = np.arange(len(at))
-    acting = _acting(whole, left)
+    here, Xh, found = np.arange(len(at)), X, np.empty_like(X)
+    acting = _acting(small, left)
     before, least = np.full((2, len(at)), np.inf)
     first, slow = np.zeros(len(at)), np.zeros(len(at), dtype=int)
     for sweep in range(SWEEPS):
-        groups, Xh = [np.flatnonzero(label[here] == group[0]) for group in among], X[:, here]
+        groups = [np.flatnonzero(label[here] == group[0]) for group in among]
         T = S[np.ix_(here, here)]
-        XT = _times(Xh, T, groups)
-        R = _complex(M @ _real(_times(XT, T, groups)) + D @ _real(XT) + K @ _real(Xh))
+        R = _times(_complex(M @ _real(Xh)), T, groups)
+        R += _complex(D @ _real(Xh))
+        R = _times(R, T, groups)
+        R += _complex(K @ _real(Xh))
         size = np.abs(T.diagonal())
-        error = np.linalg.norm(R, axis=0) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * np.linalg.norm(Xh, axis=0))
+        error = _lengths(R) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * _lengths(Xh))
         first[here] = error if sweep == 0 else first[here]
         slow[here] += ~(error < FALLS * before[here])
+        falls = np.maximum(error / np.where(sweep, before[here], error), USUAL)
         before[here], least[here] = error, np.minimum(least[here], error)
         if ((slow > SLOW) & (before > ROUNDED)).any():
             return None
+        enough = np.maximum(SOLVED, ROUGH * first[here] * left)
         lowest = ((slow > 1) & (before <= least)) | (slow > 2 * SLOW)  # rounding lets it rise and fall
-        done = (before <= np.maximum(SOLVED, ROUGH * first * left)) | (lowest & (before < ROUNDED))
-        stay = np.isin(label[here], label[~done])
-        if not stay.any():
+        stay = np.isin(label[here], label[here[~((error <= SOLVED) | (lowest & (before < ROUNDED))[here])]])
+        if not stay.all():
+            found[:, here[~stay]] = Xh[:, ~stay]
+            here, T, R, Xh, error, falls, enough = here[stay], T[np.ix_(stay, stay)], R[:, stay], Xh[:, stay], error[stay], falls[
+                stay], enough[stay]
+            groups = [np.flatnonzero(label[here] == group[0]) for group in among]
+        if not len(here):
             break
-        here, T, R = here[stay], T[np.ix_(stay, stay)], R[:, stay]
-        groups = [np.flatnonzero(label[here] == group[0]) for group in among]
         step, rho = whole.solve(_real(R)), _complex(V.T @ _real(R))  # the change is Vρ - step, and VᵀA times it is 0
+        del R
         rest = rho.copy()
-        for power, image, inner in acting:
-            share = changed = _complex(inner @ _real(rho) - image.T @ step)
+        for power, rows, sign, image, inner in acting:
+            share = changed = _complex(inner @ _real(rho) - sign * (image.T @ step[rows]))
             for _ in range(power):
                 share = _times(share, T, groups)
             rest += share - mu * changed if power == 2 else share
@@ -116,10 +124,19 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
             apart = each[others, None, None] * np.eye(len(columns)) - T[np.ix_(columns, columns)].T
             change[np.ix_(others, columns)] = -np.linalg.solve(apart, inside[np.ix_(others, columns)][:, :, None])[:, :, 0]
             S[np.ix_(here[columns], here[columns])] += inside[np.ix_(own, columns)]
-        X[:, here] += _complex(V @ _real(rho + x @ change) - step)
-        S[:, real], X[:, real] = S[:, real].real, X[:, real].real
+        moved = V @ _real(rho + x @ change)
+        moved -= step
+        Xh = Xh + _complex(moved)
+        S[:, real], Xh[:, real[here]] = S[:, real].real, Xh[:, real[here]].real
+        stay = np.isin(label[here], label[here[error * falls > enough]])
+        if not stay.all():  # this was the last correction of the others
+            found[:, here[~stay]] = Xh[:, ~stay]
+            here, Xh = here[stay], Xh[:, stay]
+        if not len(here):
+            break
     else:
         return None
+    X = found
     values = S.diagonal().copy()
     for group in among:
         values[group], turn = np.linalg.eig(S[np.ix_(group, group)])
@@ -128,13 +145,19 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
     return (values, X / np.linalg.norm(X, axis=0)) if np.isfinite(values).all() else None
 
 
-def _acting(whole: Projection, left: bool) -> list[tuple[int, Array, Array]]:
-    """The power of λ, B and BᵀV for M, D and the skew part of K, with Bᵀ = Vᵀ times the matrix, or its transpose where `left`."""
-    images: dict[int, Array] = {}
-    for part, image in zip(whole.parts, whole.images, strict=True):
+def _acting(small: Coupling, left: bool) -> list[tuple[int, Array | slice, float, Array, Array]]:
+    """Of each part of P the power of λ, its rows, a sign, these rows of B, and ±BᵀV; ±Bᵀ is Vᵀ times it, transposed if `left`."""
+    whole, found = small.whole, []
+    for part, image, inner in zip(whole.parts, whole.images, small.inside, strict=True):
+        sign = 1.0 if left else part.sign  # image is the part times V
         power = 2 if part is whole.parts[0] else int(part.linear)
-        images[power] = images.get(power, 0.0) + (image if left or part.sign > 0 else -image)
-    return [(power, image, image.T @ whole.V) for power, image in images.items()]
+        found.append((power, part.rows, sign, image[part.rows], sign * inner.T))
+    return found
+
+
+def _lengths(A: Array) -> Array:
+    """The lengths of complex columns."""
+    return np.sqrt(np.einsum("ij,ij->j", A.real, A.real) + np.einsum("ij,ij->j", A.imag, A.imag))
 
 
 def _times(A: Array, T: Array, groups: list[Array]) -> Array:
