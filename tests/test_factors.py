@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub.algebra import memory, shared
+from femsub.algebra import cache, memory
 from femsub.algebra.factor import release, shared_factor
 from femsub.algebra.petsc import Factor
 from femsub.modes.normal_modes import _counted
@@ -53,7 +53,7 @@ def plate(cells: tuple[int, int] = (14, 12)) -> fs.Substructure:
 
 @pytest.fixture
 def nothing_shared(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    shared.drop()
+    cache.drop()
     monkeypatch.setattr("femsub.algebra.cache._kept", Forgetful())
     yield
 
@@ -159,36 +159,36 @@ def test_a_factor_dies_with_its_model() -> None:
         fs.normal_modes(sub, 3), fs.complex_modes(sub, BELT, count=4), ShiftInvert(sub.K, sub.M, sub.interior)
     handle = ShiftInvert(sub.K, sub.M, sub.interior)
     inner, outer = weakref.ref(handle.factor), weakref.ref(shared_factor(sub.K, "definite"))
-    before = shared.kept_bytes()
+    before = cache.kept_bytes()
     del handle
     gc.collect()
     assert inner() is not None and outer() is not None
     del sub
     gc.collect()
-    assert inner() is None and outer() is None and shared.kept_bytes() < before
-    assert all(at in shared._owners for owners, _ in shared._kept for at in owners)
+    assert inner() is None and outer() is None and cache.kept_bytes() < before
+    assert all(at in cache._owners for owners, _ in cache._kept for at in owners)
 
 
 def test_another_matrix_at_the_same_place_in_memory_never_passes_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = sp.csr_array(np.eye(3)), sp.csr_array(2 * np.eye(3))
     monkeypatch.setattr(shared, "id", lambda _: -1, raising=False)
-    assert [shared.shared((A,), "trace", lambda A=A: A.trace()) for A in (one, other, one, one)] == [3, 6, 3, 3]
-    shared.forget((one,), "trace")
+    assert [cache.shared((A,), "trace", lambda A=A: A.trace()) for A in (one, other, one, one)] == [3, 6, 3, 3]
+    cache.forget((one,), "trace")
 
 
 def test_the_longest_unused_gives_way_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    shared.drop()
+    cache.drop()
     subs = [lattice(14, 11, held=True) for _ in range(3)]
     one = shared_factor(subs[0].K, "definite").bytes
-    assert 0 < one == pytest.approx(shared.kept_bytes(), abs=1)
-    monkeypatch.setenv(shared.VARIABLE, str(2.5 * one))
+    assert 0 < one == pytest.approx(cache.kept_bytes(), abs=1)
+    monkeypatch.setenv(cache.VARIABLE, str(2.5 * one))
     for sub in (subs[1], subs[0], subs[2]):
         shared_factor(sub.K, "definite")
-    assert shared.kept_bytes() == pytest.approx(2 * one, abs=2)
+    assert cache.kept_bytes() == pytest.approx(2 * one, abs=2)
     assert [made(lambda sub=sub: shared_factor(sub.K, "definite")) for sub in (subs[2], subs[0], subs[1])] == [0, 0, 1]
-    monkeypatch.setenv(shared.VARIABLE, "0")
+    monkeypatch.setenv(cache.VARIABLE, "0")
     factor = shared_factor(lattice(14, 11, held=True).K, "definite")
-    assert shared.kept_bytes() == 0 and np.isfinite(factor.solve(np.ones(factor.size))).all()
+    assert cache.kept_bytes() == 0 and np.isfinite(factor.solve(np.ones(factor.size))).all()
 
 
 def test_a_factor_is_released_by_the_name_of_its_model() -> None:
@@ -203,12 +203,12 @@ def test_a_factor_is_released_by_the_name_of_its_model() -> None:
 
 def test_what_is_kept_gives_way_before_memory_is_said_to_be_short(machine: Callable[..., None]) -> None:
     sub = lattice(40, 30, held=True)
-    shared.drop()
+    cache.drop()
     shared_factor(sub.K, "definite")
     need = sum(memory.reduction_bytes(sub.K, 2, 5).values())
-    machine(free=lambda: 2 * need - shared.kept_bytes() * 2 * need, large=1000)
+    machine(free=lambda: 2 * need - cache.kept_bytes() * 2 * need, large=1000)
     memory.check_memory("lattice", sub.K, 2, 5, 2)
-    assert shared.kept_bytes() == 0
+    assert cache.kept_bytes() == 0
 
 
 def test_models_travel_without_their_factors() -> None:
@@ -221,25 +221,25 @@ def test_models_travel_without_their_factors() -> None:
 @pytest.mark.parametrize("told", ["x", "-1", "nan"])
 def test_a_limit_that_is_no_number_of_bytes_is_refused_each_time(told: str, monkeypatch: pytest.MonkeyPatch) -> None:
     sub = lattice(14, 11, held=True)
-    monkeypatch.setenv(shared.VARIABLE, told)
+    monkeypatch.setenv(cache.VARIABLE, told)
     for _ in range(2):
-        with pytest.raises(fs.InputError, match=shared.VARIABLE):
+        with pytest.raises(fs.InputError, match=cache.VARIABLE):
             shared_factor(sub.K, "definite")
-    monkeypatch.setenv(shared.VARIABLE, "")  # as if it were not set
+    monkeypatch.setenv(cache.VARIABLE, "")  # as if it were not set
     assert [made(lambda: shared_factor(sub.K, "definite")) for _ in range(2)] == [1, 0]
 
 
 def test_what_takes_no_room_does_not_give_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    shared.drop()
-    monkeypatch.setenv(shared.VARIABLE, "10")
+    cache.drop()
+    monkeypatch.setenv(cache.VARIABLE, "10")
     owners = [np.zeros(1) for _ in range(50)]
     for owner in owners:
-        shared.shared((owner,), "count", lambda: 1)
-        shared.shared((owner,), "factor", lambda: 2, lambda _: 4.0)
-    assert shared.kept_bytes() == 8
-    assert [shared.shared((owner,), "count", lambda: 2) for owner in owners] == [1] * 50
-    shared.drop(*owners)
-    assert shared.kept_bytes() == 0 and not shared._kept
+        cache.shared((owner,), "count", lambda: 1)
+        cache.shared((owner,), "factor", lambda: 2, lambda _: 4.0)
+    assert cache.kept_bytes() == 8
+    assert [cache.shared((owner,), "count", lambda: 2) for owner in owners] == [1] * 50
+    cache.drop(*owners)
+    assert cache.kept_bytes() == 0 and not cache._kept
 
 
 def test_of_many_bands_a_model_keeps_one_list_of_modes() -> None:
@@ -254,9 +254,9 @@ def test_what_was_made_of_two_matrices_leaves_no_trace_in_the_one_that_lives_on(
     M = np.eye(3)
     for _ in range(5):
         K = np.eye(3)
-        shared.shared((K, M), "count", lambda: 3)
+        cache.shared((K, M), "count", lambda: 3)
         del K
-    assert not any(id(M) in owners for owners, _ in shared._kept)
+    assert not any(id(M) in owners for owners, _ in cache._kept)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="a system without fork")
@@ -265,7 +265,7 @@ def test_a_process_forked_while_another_thread_looks_something_up_does_not_hang(
     owner, held, enough = np.zeros(1), threading.Event(), threading.Event()
 
     def hold() -> None:
-        with shared._lock:
+        with cache._lock:
             held.set()
             enough.wait(0.3)
 
@@ -275,12 +275,12 @@ def test_a_process_forked_while_another_thread_looks_something_up_does_not_hang(
     child = os.fork()
     if not child:
         signal.alarm(3)
-        shared.shared((owner,), "a", lambda: 1)
+        cache.shared((owner,), "a", lambda: 1)
         os._exit(0)
     enough.set()
     assert os.waitpid(child, 0)[1] == 0
     thread.join()
-    assert shared.shared((owner,), "a", lambda: 2) == 2
+    assert cache.shared((owner,), "a", lambda: 2) == 2
 
 
 # numbers --------------------------------------------------------------------------------------------------------------
