@@ -171,7 +171,7 @@ def test_a_factor_dies_with_its_model() -> None:
 
 def test_another_matrix_at_the_same_place_in_memory_never_passes_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = sp.csr_array(np.eye(3)), sp.csr_array(2 * np.eye(3))
-    monkeypatch.setattr(shared, "id", lambda _: -1, raising=False)
+    monkeypatch.setattr(cache, "id", lambda _: -1, raising=False)
     assert [cache.shared((A,), "trace", lambda A=A: A.trace()) for A in (one, other, one, one)] == [3, 6, 3, 3]
     cache.forget((one,), "trace")
 
