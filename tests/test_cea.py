@@ -111,7 +111,8 @@ def test_the_nearest_to_zero_are_told_apart_however_large_others_are() -> None:
     assert np.array_equal(nearest.eigenvalues, fs.complex_modes(pencil).eigenvalues[:1])
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_brake_like_pencil_by_count_and_by_band(seed: int) -> None:
     pencil = brake(300, seed)
     exact = reference(pencil)
@@ -141,6 +142,7 @@ def test_overdamped_modes_are_among_the_wanted_ones() -> None:
     assert (modes.damping_ratios[modes.eigenvalues.imag == 0] == 1).all()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("way", "by"), [
     ("disc", "54 eigenvalues were found in .*λ. < .* count gives 56"),
     ("projection", "36 eigenvalues were found in .*Re λ < .* count gives 38"),
@@ -336,6 +338,7 @@ def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch:
     assert (distance <= found.error_bar + 1e-12).all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("ask", [{"band": (0.0, 0.5)}, {"count": 12}])
 def test_belts_on_many_dof_are_counted_whatever_rounding_they_leave_in_d(ask: dict) -> None:
     """Each belt is of rank one, but D = αM + βK + Σ cwwᵀ less αM + βK is rounding on each of its DOF."""

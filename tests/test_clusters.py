@@ -19,7 +19,7 @@ from femsub.modes.quadratic.multiplicity import clear_radius, clusters, distinct
 KNOWN = (51, 91, 113, 153, 161, 167, 365, 453, 557, 873)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("first", range(0, 64, 8))
 def test_random_models_are_complete_and_none_is_refused(first: int) -> None:
     """A shortened scripts/clusters.py."""
@@ -28,6 +28,7 @@ def test_random_models_are_complete_and_none_is_refused(first: int) -> None:
         assert not (told := evaluate(case)), f"{number}: {case}: {told}"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("number", KNOWN)
 def test_models_that_failed_once(number: int) -> None:
     assert not (told := evaluate(make(number))), told

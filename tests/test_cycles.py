@@ -132,7 +132,7 @@ def test_the_jacobian_is_that_of_the_residual() -> None:
 
 # ---- three ways to the same cycle
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("name", "speed", "start", "omega"), [
     ("HCB", 0.19113, None, 0.7245), ("CC", 0.19113, None, 0.7227), ("HCB", 0.19113, 1.0, 1.0066), ("CC", 0.19113, 1.0, 0.9970),
     ("full", 0.3, 1.0, 0.9942)])

@@ -22,6 +22,7 @@ def written(path: Path, form: str, mesh: fs.Mesh = BRICKS, **options: object) ->
     return path.read_bytes()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("form", "suffix", "options"), [
     ("vtk42", ".vtk", {"binary": True}), ("vtk42", ".vtk", {"binary": False}), ("vtk", ".vtk", {"binary": True}),
     ("vtk", ".vtk", {"binary": False}), ("su2", ".su2", {})])
@@ -40,6 +41,7 @@ def test_no_cut_loses_cells(form: str, suffix: str, options: dict, tmp_path: Pat
             assert np.array_equal(mesh.cells, BRICKS.cells) and np.array_equal(mesh.points, BRICKS.points), size
 
 
+@pytest.mark.slow
 def test_cut_text_of_tetgen(tmp_path: Path) -> None:
     mesh = fs.block((1, 1, 1), (1, 1, 1), "tetra")
     written(tmp_path / "m.node", "tetgen", mesh)

@@ -148,6 +148,7 @@ def test_what_is_refused(text: str, old: str, new: str, why: str, tmp_path: Path
     assert "m.msh" in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("form", ["gmsh22", "gmsh"])
 def test_every_cut_of_a_binary_file_is_refused(form: str, tmp_path: Path) -> None:
     mesh, path = fs.block((1, 1, 1), (1, 1, 1), "hexahedron"), tmp_path / "whole.msh"

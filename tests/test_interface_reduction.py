@@ -82,6 +82,7 @@ def test_a_tenth_of_the_interface_keeps_the_frequencies() -> None:
     assert wrong.min() > -1e-9 and wrong.max() < 1e-3
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("port", ["p10.belt", "p00.amid"])  # on a joint, and amid a piece
 def test_a_tenth_of_the_interface_keeps_the_critical_slope(port: str) -> None:
     system = reduced(modes=10)
@@ -239,7 +240,7 @@ def test_parts_that_meet_share_their_shapes(key: str, held: bool) -> None:
     assert np.allclose(elastic(further, 6), elastic(fs.reduce(system, fs.InterfaceModes(24)), 6), rtol=1e-9)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("key", ["craig-bampton", "rubin"])
 @pytest.mark.parametrize("count", [8, 14])
 def test_a_floating_system_is_not_held_by_what_its_parts_share(key: str, count: int) -> None:

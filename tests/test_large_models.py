@@ -239,7 +239,7 @@ print(need / (told("VmHWM") - before))
 
 
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of a process is told by Linux")
-@pytest.mark.parametrize(("cells", "method"), [((40, 40, 3), "fs.CraigBampton(40)"),
+@pytest.mark.parametrize(("cells", "method"), [pytest.param((40, 40, 3), "fs.CraigBampton(40)", marks=pytest.mark.slow),
                                                pytest.param((40, 40, 3), "fs.Rubin(40)", marks=pytest.mark.slow),
                                                pytest.param((70, 70, 2), "fs.CraigBampton(40)", marks=pytest.mark.slow)])
 def test_the_memory_of_a_reduction_is_foretold_within_30_percent(cells: tuple[int, ...], method: str) -> None:

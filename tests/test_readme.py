@@ -78,6 +78,7 @@ def test_a_page_prints_what_it_shows(page: str, tmp_path: Path) -> None:
     assert all(path.name in TEXTS[page] or path.name in (*GIVEN, "my.toml") for path in tmp_path.iterdir())  # only what it names
 
 
+@pytest.mark.slow
 def test_your_own_matrices_lose_their_stability_where_the_full_model_does() -> None:
     code = next(block for block in blocks("python") if "n = 2000" in block)
     names: dict[str, object] = {}

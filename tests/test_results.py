@@ -117,7 +117,7 @@ def without_folders(inputs: Any) -> Any:
             for key, value in inputs.items()}
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("name", SMALL)
 def test_a_run_is_repeated_from_its_results_and_told_in_80_columns(
         tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

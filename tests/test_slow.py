@@ -26,6 +26,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.sampled(3)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("args", "ran"), [
     ((), ("test_quick",)),
     (("tests",), ("test_quick",)),

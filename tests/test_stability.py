@@ -203,6 +203,7 @@ def test_growth_faster_than_the_band_is_found_in_large_models_or_told() -> None:
         fs.sweep(large, fs.Belt(slope=0.0), "slope", [-3.0], band=(0.0, 0.02))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", [0, 2, 9])
 def test_drift_of_a_large_model_is_known_from_its_rigid_motion_however_its_basis_grows(seed: int) -> None:
     """Rounding beside the zeros of a grown basis took rigid motion for elastic; drift lies where ZᵀDZ + c ZᵀwwᵀZ is singular."""
