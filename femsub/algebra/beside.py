@@ -61,6 +61,11 @@ class CountBeside:
         with suppress(OSError):
             print(value.hex(), file=self._process.stdin, flush=True)
 
+    @property
+    def busy(self) -> bool:
+        """Whether it counts now."""
+        return self.value is not None and self._process.poll() is None
+
     def answer(self) -> int | None:
         """The number of negative eigenvalues of K - σM, told once. It waits for the process, which ends."""
         asked, self.value = self.value is not None, None

@@ -260,7 +260,7 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
                     stack: ExitStack) -> Callable[[Array, Array], None] | None:
     """A function of approximate ω² (k,) and their relative errors that begins the count once they show its limit.
 
-    From then on this process keeps one core until the stack is closed. None where the count is better made afterwards.
+    Meanwhile this process keeps one core; the stack gives the other back. None where the count is better made afterwards.
     """
     from femsub.algebra import CountBeside
 
@@ -273,6 +273,8 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
         if beside.value is None and (np.abs(values - limit) > SURE * error * values).all():
             beside.ask(limit)
             stack.enter_context(one_thread(True))
+        elif not beside.busy:
+            stack.close()
 
     return seen
 
