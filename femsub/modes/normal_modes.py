@@ -441,11 +441,12 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
     sizes = abs(K), abs(M)
     for start in range(0, shapes.shape[1], COLUMNS):
         part = slice(start, start + COLUMNS)
-        x, value = shapes[:, part], values[part]
-        residual[part] = np.linalg.norm(times(K, x) - times(M, x) * value, axis=0)
-        size = abs(x)
-        doubt = times(sizes[0], size) + times(sizes[1], size) * abs(value)
-        scale[part], weight[part] = np.linalg.norm(doubt, axis=0), unit * np.einsum("ij,ij->j", size, doubt)
+        x, value = np.ascontiguousarray(shapes[:, part]), values[part]  # as products of sparse matrices have it
+        wrong = times(K, x) - times(M, x) * value
+        size = np.abs(x)
+        doubt = times(sizes[0], size) + times(sizes[1], size) * np.abs(value)
+        residual[part], scale[part] = (np.sqrt(np.einsum("ij,ij->j", one, one)) for one in (wrong, doubt))
+        weight[part] = unit * np.einsum("ij,ij->j", size, doubt)
     return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
 
