@@ -11,6 +11,7 @@ import subprocess
 import sys
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from tempfile import gettempdir
 
 from femsub.algebra.factor import inertia
 from femsub.algebra.matrices import Difference
@@ -19,6 +20,7 @@ from femsub.algebra.process_memory import available
 from femsub.algebra.threads import threads
 from femsub.algebra.workers import BASE, MEMORY, environment_of_workers, has_room, load, store, task_folder
 from femsub.checks import Matrix
+from femsub.errors import NotEnoughMemoryError
 
 WORTH = 2e7  # nonzeros of the factor from which the count takes much longer than a process takes to start
 SPARE = 2.0  # times what the count takes must be there: the search needs memory, too
@@ -33,7 +35,8 @@ class CountBeside:
     def __init__(self, K: Matrix, M: Matrix) -> None:
         self.value: float | None = None
         with ExitStack() as stack:
-            folder = stack.enter_context(task_folder(MEMORY))
+            place = MEMORY if has_room(16 * (K.nnz + M.nnz)) else Path(gettempdir())
+            folder = stack.enter_context(task_folder(place))
             store(Path(folder, "pencil"), (K, M))
             with environment_of_workers():
                 script = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
@@ -41,25 +44,27 @@ class CountBeside:
                     [sys.executable, "-c", script, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL, text=True))
             stack.callback(self._process.kill)
+            assert self._process.stdin is not None
+            self._stdin = self._process.stdin.fileno()
             self._held = stack.pop_all()
 
     @classmethod
     def started(cls, K: Matrix, M: Matrix, nonzeros: float) -> CountBeside | None:
         """The process, if a core and the memory are free for it and a factor of so many nonzeros is worth it; else None."""
         need = SPARE * count_bytes(K, nonzeros) + BASE
-        if nonzeros < WORTH or not _two_cores() or not sys.executable or not has_room(16 * (K.nnz + M.nnz)):
+        if nonzeros < WORTH or not _two_cores() or not Path(sys.executable or "").name.startswith("python"):
             return None
         if (free := available()) is None or free < need:
             return None
-        with suppress(OSError):
+        with suppress(OSError, NotEnoughMemoryError):
             return cls(K, M)
         return None
 
     def ask(self, value: float) -> None:
         """Begin to count below σ = `value`."""
         self.value = value
-        with suppress(OSError):
-            print(value.hex(), file=self._process.stdin, flush=True)
+        with suppress(OSError):  # written at once: what is left in a buffer would be an error when the pipe is closed
+            os.write(self._stdin, f"{value.hex()}\n".encode())
 
     @property
     def busy(self) -> bool:
