@@ -20,6 +20,7 @@ from femsub.checks import Array, Matrix
 # busy machine of two cores 500 DOF took 35 s with two threads and 2 s with one
 FEW = 1500
 WORK = 1e8  # multiplications below which one thread is faster, or loses less than 0.1 s
+FULL = 10  # nonzeros per row up to which the copies cost more than a second thread gains, as in a chain
 LONG = 2e7  # multiplications of a product with a sparse matrix from which it is divided among threads
 BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  # modules that load a BLAS
 
@@ -47,7 +48,8 @@ def threads() -> int:
 
 def times(A: Matrix, X: Array) -> Array:
     """AX of A (n, n) and a block X (n, k). SciPy has one thread: rows of a large A are divided among as many as BLAS has."""
-    if not sp.issparse(A) or A.format != "csr" or A.nnz * X.shape[1] < LONG or (count := threads()) == 1:
+    if not sp.issparse(A) or A.format != "csr" or A.nnz < max(LONG / max(X.shape[1], 1), FULL * A.shape[0]) \
+            or (count := threads()) == 1:
         return np.asarray(A @ X)
     from concurrent.futures import ThreadPoolExecutor
 
