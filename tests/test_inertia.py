@@ -135,3 +135,20 @@ def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) ->
         made[-1] += factors_made()
     assert len(asked) == made[0] - made[1] == int(len(os.sched_getaffinity(0)) > 1)
     assert all(highest < value for value in asked)
+
+
+def test_the_modes_of_a_projection_are_counted_beside_its_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One factorisation less in this process, and the same count."""
+    monkeypatch.setattr("femsub.algebra.beside.WORTH", 1e5)
+    told = []
+    for threads in (1, 2):
+        sub = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0),
+                       supports={"left": "clamped"})
+        uneven = sp.diags_array(np.linspace(1.0, 2.0, sub.size))
+        pencil = fs.Pencil(sub.M, sp.csr_array(1e-7 * (uneven @ sub.K @ uneven)), sub.K)
+        before = factors_made()
+        with libraries().limit(limits=threads):
+            found = fs.complex_modes(pencil, band=(0.0, 6e3))
+        told.append((factors_made() - before, len(found), found.evidence))
+    assert told[0][0] - told[1][0] == int(len(os.sched_getaffinity(0)) > 1)
+    assert told[0][1:] == told[1][1:] and told[0][1] > 2 and told[0][2] == "certified"

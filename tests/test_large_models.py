@@ -247,6 +247,44 @@ def test_the_memory_of_a_reduction_is_foretold_within_30_percent(cells: tuple[in
     assert 1 / 1.3 < float(run.stdout) < 1.3
 
 
+KEPT = """
+import ctypes, re
+import numpy as np
+from femsub.algebra import available, reused_memory
+
+def resident():
+    return int(re.search(r"VmRSS:\\s*(\\d+)", open("/proc/self/status").read())[1]) / 1e3
+
+def work():
+    np.ones((1_000_000, 8)) + 1.0
+
+available()
+work()
+before, told = resident(), []
+with reused_memory(1_000_000):
+    work()
+    told.append(resident() - before)
+    available()
+    told.append(resident() - before)
+    with reused_memory(1_000_000):
+        work()
+    told.append(resident() - before)
+told.append(resident() - before)
+with reused_memory(100):
+    work()
+told.append(resident() - before)
+print(*told)
+"""
+
+
+@pytest.mark.skipif(not hasattr(process_memory._libc(), "malloc_trim"), reason="malloc is not that of glibc")
+def test_freed_arrays_are_kept_for_the_next_while_a_large_model_is_worked_on() -> None:
+    """Within a call, an inner one included; they count as available, and go back at its end. Small models keep nothing."""
+    run = subprocess.run([sys.executable, "-c", KEPT], capture_output=True, text=True, check=True)
+    within, asked, nested, after, small = (float(word) > 30 for word in run.stdout.split())
+    assert within and nested and not asked and not after and not small, run.stdout
+
+
 def test_memory_available_is_a_figure() -> None:
     found = memory.available()
     assert found is None or 1e6 < found < 1e15

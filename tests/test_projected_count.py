@@ -184,6 +184,15 @@ def test_the_sum_over_eigenpairs_is_the_inverse() -> None:
     assert la.norm(inverse @ P - np.eye(projection.size)) < 1e-8
 
 
+@pytest.mark.parametrize("seed", [7, 3, 10])  # with a lift, without, under circulatory forces
+def test_modes_need_no_solve_for_their_inertia(seed: int) -> None:
+    """A⁻¹Mφ = φ / (ω² + μ), so the products of these images are known; solves give the same."""
+    projection = Projection(random_pencil(seed), Contour(1.0))
+    image = projection.images[0]
+    exact = image.T @ projection.solve(image)
+    assert projection.size and la.norm(projection.gram[0, :, 0] - exact) < 1e-9 * la.norm(exact)
+
+
 def test_a_proved_count_and_solved_pairs_cost_nothing_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """No directions are solved for once the margin is safe, and pairs that will be solved leave the block."""
     pencil = random_pencil(18)

@@ -6,6 +6,12 @@ import os
 import subprocess
 import sys
 
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from femsub.algebra import times
+
 CODE = """
 import scipy.linalg
 import femsub as fs
@@ -37,3 +43,16 @@ def test_small_dense_work_takes_one_thread_and_gives_the_others_back() -> None:
     two = {**os.environ, "OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
     done = subprocess.run([sys.executable, "-c", CODE], env=two, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("long", [0.0, 1e9])  # in two threads, and in one
+def test_a_product_with_a_complex_block_is_that_of_its_parts(long: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.algebra.threads.LONG", long)
+    monkeypatch.setattr("femsub.algebra.threads.threads", lambda: 2)
+    rng = np.random.default_rng(1)
+    A = sp.csr_array(sp.random_array((60, 60), density=0.4, rng=rng))
+    X = np.asfortranarray(rng.standard_normal((60, 5)) + 1j * rng.standard_normal((60, 5)))
+    for given in (X, X.real, X[:, :1]):
+        found = times(A, given)
+        assert found.dtype == given.dtype and np.allclose(found, A.toarray() @ given, rtol=0, atol=1e-13)
+    assert np.allclose(times(A, X[:, 0]), A.toarray() @ X[:, 0], rtol=0, atol=1e-13)

@@ -63,7 +63,7 @@ from .petsc import (
     quadratic_modes as quadratic_modes,
     symmetric_modes as symmetric_modes,
 )
-from .process_memory import available as available, most_memory as most_memory
+from .process_memory import available as available, most_memory as most_memory, reused_memory as reused_memory
 from .rigid_motion import (
     SAME as SAME,
     Carried as Carried,

@@ -4,23 +4,73 @@ from __future__ import annotations
 
 import ctypes
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
+from threading import RLock
+
+OPTIONS = -3, -1, -4  # of mallopt: M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, M_MMAP_MAX
+GIVEN_BACK, KEPT_INSIDE = (1 << 25, 1 << 26, 1 << 16), (1 << 30, (1 << 31) - 1, 1 << 16)  # larger blocks go back to the system
+WORTH = 20_000  # DOF from which kept memory is faster
 
 
 def give_back_freed_memory() -> None:
-    """Make malloc return large freed blocks to the system.
+    """Make malloc return large freed blocks to the system, but not inside `reused_memory`.
 
     Loading OpenMPI disables mmap in malloc, so freed memory is not returned. This restores the default.
     """
-    libc = ctypes.CDLL(None)
+    libc = _libc()
     if hasattr(libc, "mallopt"):
-        for option, value in ((-3, 1 << 25), (-1, 1 << 26), (-4, 1 << 16)):  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, M_MMAP_MAX
+        for option, value in zip(OPTIONS, KEPT_INSIDE if _Reuse.depth else GIVEN_BACK, strict=True):
             libc.mallopt(option, value)
+
+
+class _Reuse:
+    """How many calls keep freed memory now."""
+
+    depth, lock = 0, RLock()
+
+
+@contextmanager
+def reused_memory(size: int) -> Iterator[None]:
+    """Work on a model of `size` DOF, whose freed arrays malloc keeps for the next ones; at the end the system gets all back.
+
+    Blocks of a large model would else come from the system each time. It clears their pages, which took a sixth of the time of
+    200 modes of 288,000 DOF. Small models gain nothing.
+    """
+    if size < WORTH:
+        yield
+        return
+    with _Reuse.lock:
+        _Reuse.depth += 1
+        give_back_freed_memory()
+    try:
+        yield
+    finally:
+        with _Reuse.lock:
+            _Reuse.depth -= 1
+            give_back_freed_memory()
+            if not _Reuse.depth:
+                _trim()
+
+
+def _trim() -> None:
+    """Gives the pages of freed arrays back to the system."""
+    libc = _libc()
+    if hasattr(libc, "malloc_trim"):
+        libc.malloc_trim(0)
+
+
+@cache
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None)
 
 
 def available() -> float | None:
     """Bytes that this process may still allocate, by the system's and its own limit; None if unknown."""
+    if _Reuse.depth:
+        _trim()
     found = [] if (limit := left_of_limit()) is None else [limit]
     with suppress(OSError, KeyError, ValueError):
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())

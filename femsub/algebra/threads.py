@@ -47,7 +47,14 @@ def threads() -> int:
 
 
 def times(A: Matrix, X: Array) -> Array:
-    """AX of A (n, n) and a block X (n, k). SciPy has one thread: rows of a large A are divided among as many as BLAS has."""
+    """AX of A (n, n) and X (n, k) or (n,). SciPy has one thread: rows of a large A are divided among as many as BLAS has.
+
+    Of a real sparse A and a complex X, SciPy would make a complex copy of A. Here X is taken as twice as many real columns.
+    """
+    if X.ndim == 1:
+        return np.asarray(A @ X)
+    if sp.issparse(A) and np.iscomplexobj(X) and not np.iscomplexobj(A.data):
+        return times(A, np.ascontiguousarray(X).view(float)).view(complex)
     if not sp.issparse(A) or A.format != "csr" or A.nnz < max(LONG / max(X.shape[1], 1), FULL * A.shape[0]) \
             or (count := threads()) == 1:
         return np.asarray(A @ X)

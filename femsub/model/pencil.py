@@ -24,6 +24,7 @@ from femsub.algebra import (
     norm,
     scaled,
     shared,
+    times,
     unit_length,
     units as energy_units,
     without_rounding,
@@ -240,12 +241,12 @@ class Pencil(Frozen):
 
     def restoring(self, eigenvalues: Array, shapes: Array) -> Array:
         """KX (n, k), the part of P(λ_j) x_j that does not grow with λ."""
-        return np.asarray(self.K @ shapes)
+        return times(self.K, shapes)
 
     def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
         """(|λ|²|M| + |λ||D| + |K|)|x| entry by entry: EPS times this is the rounding in P(λ)x."""
         lam, size = np.abs(eigenvalues), np.abs(shapes)
-        return (abs(self.M) @ size) * lam**2 + (abs(self.D) @ size) * lam + abs(self.K) @ size
+        return times(abs(self.M), size) * lam**2 + times(abs(self.D), size) * lam + times(abs(self.K), size)
 
     def backward_error(self, eigenvalues: Array, shapes: Array, residual: Array | None = None) -> Array:
         """Backward errors η_j = ‖P(λ_j)x_j‖ / ((|λ_j|²‖M‖ + |λ_j|‖D‖ + ‖K‖) ‖x_j‖), shape (k,).

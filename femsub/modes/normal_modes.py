@@ -7,8 +7,8 @@ modes are wanted. The inertia of K - ω²M confirms their number (the inertia co
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from math import isclose
 from typing import TYPE_CHECKING
@@ -16,7 +16,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import SMALL, Difference, inertia, massless_apart, negative_eigenvalues, one_thread, phase, shared, times
+from femsub.algebra import (
+    SMALL,
+    Difference,
+    inertia,
+    massless_apart,
+    negative_eigenvalues,
+    one_thread,
+    phase,
+    reused_memory,
+    shared,
+    times,
+)
 from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
 from femsub.errors import (
     ConditionWarning,
@@ -130,7 +141,8 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
                          + (f" (and {rigid} rigid-body modes)" if rigid else ""))
     if n <= SMALL or not sp.issparse(handle.K) or (count > 0.3 * n and n <= DENSE):
         return _dense(handle, count)
-    return _sparse(handle, count, defer, known, evidence)
+    with reused_memory(n):
+        return _sparse(handle, count, defer, known, evidence)
 
 
 def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED, carried: Carried = None) -> NormalModes:
@@ -254,6 +266,24 @@ def count_deferred(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     _check_count(counted, expected, limit**2)
     _remember(handle.K, handle.M, limit**2, modes)
     return replace(modes, tally=Tally(expected, counted))
+
+
+@contextmanager
+def counted_beside(handle: ShiftInvert, limit: float) -> Iterator[None]:
+    """Work beside which a process counts the modes with ω < limit, for `modes_below` with the same handle and limit.
+
+    This process keeps one core. Where there is no room for another one, or the count is known, nothing is counted.
+    """
+    from femsub.algebra import CountBeside, Factor
+
+    if isinstance(handle.factor, Factor) and not any(limit**2 <= reach for reach, *_ in _counted(handle.K, handle.M)):
+        handle.beside = CountBeside.started(handle.K, handle.M, handle.factor.fill * handle.factor.size)
+    if handle.beside is None:
+        yield
+        return
+    handle.beside.ask(limit**2)
+    with one_thread(True):
+        yield
 
 
 def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
@@ -383,7 +413,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
     for beyond in BEYOND:
         reach = limit * (1 + beyond)
         try:
-            below = modes_under(K, M, reach**2)
+            below = _count(handle, reach**2)
         except SingularMatrixError as error:
             last: FemsubError = error
             continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, overload
 
+from femsub.algebra import reused_memory
 from femsub.errors import InputError
 from femsub.reduction.component import PORT_LIMIT, reduced
 from femsub.reduction.contact_modes import ContactModes
@@ -122,4 +123,5 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubs
     if workers is not None or executor is not None:
         raise InputError("workers and executor are for the parts of a system: name them with their methods, as in "
                          "reduce(system, {'disc': CraigBampton(20), 'pad': CraigBampton(10)}, workers=2)")
-    return reduced(sub, method, ports, contacts)
+    with reused_memory(getattr(sub, "size", 0)):
+        return reduced(sub, method, ports, contacts)

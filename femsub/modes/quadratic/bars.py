@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.algebra import equilibration, scaled
+from femsub.algebra import equilibration, scaled, times
 from femsub.checks import EPS, Array
 from femsub.modes.quadratic.dense import carries
 from femsub.modes.quadratic.multiplicity import clusters
@@ -48,8 +48,8 @@ def bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None 
 
 def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -> Bars:
     # |y|ᵀ|r| and not ‖y‖‖r‖: the bar then does not depend on the units of the DOF (displacements, rotations).
-    inertia = (pencil.M @ X) * values
-    rest = inertia + pencil.D @ X
+    inertia = times(pencil.M, X) * values
+    rest = inertia + times(pencil.D, X)
     residual = rest * values + pencil.restoring(values, X)
     slope = inertia + rest  # P'(λ)x = 2λMx + Dx
     whole = pencil.magnitude(values, X)

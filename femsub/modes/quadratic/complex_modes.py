@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from femsub.algebra import reused_memory
 from femsub.checks import Array, Tally, check_band, instance
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
 from femsub.model import Pencil, Substructure, beyond
@@ -227,9 +228,10 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     if band is not None and estimate is not None:
         band = estimate.reaching(check_band(band))
     region = region_of(pencil, count, band, re)
-    found = pencil.all_modes() if isinstance(pencil, LossyPencil) else search(pencil, region, evidence)
-    at = region.listed(found.values)
-    result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, cutoff)
+    with reused_memory(pencil.size):
+        found = pencil.all_modes() if isinstance(pencil, LossyPencil) else search(pencil, region, evidence)
+        at = region.listed(found.values)
+        result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, cutoff)
     if result.backward_error.max(initial=0.0) > LOUD:
         warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
              f"{result.eigenvalues[result.backward_error.argmax()]:.5g}). Ask for fewer, or scale the matrices",

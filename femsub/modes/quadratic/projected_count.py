@@ -16,10 +16,21 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import FEW, Carried, Difference, check_columns, factorise, inertia, one_thread, orthonormal, shared_factor
+from femsub.algebra import (
+    FEW,
+    Carried,
+    Difference,
+    check_columns,
+    factorise,
+    inertia,
+    one_thread,
+    orthonormal,
+    shared_factor,
+    times,
+)
 from femsub.checks import EPS, Array, Matrix, Tally
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
-from femsub.modes.normal_modes import NormalModes, modes_below
+from femsub.modes.normal_modes import NormalModes, counted_beside, modes_below
 from femsub.modes.quadratic.region import Contour, listed
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -42,6 +53,9 @@ PIECES = 20_000  # of the contour at most
 FEW_ROWS = 0.3  # share of the rows up to which the others are left out of products
 SHORT = 1e-10  # of the contour: a piece that is not halved again
 BATCH = 512  # pieces looked at together
+
+
+Bounds = tuple[Array, float, float]  # shapes of strong damping, d and g: see `Projection`
 
 
 @dataclass(frozen=True)
@@ -114,13 +128,15 @@ class Projection:
         self.outer, M, n = outer, pencil.M, pencil.size
         damping, gyroscopic = _halves(pencil.D, pencil.symmetric[1])
         stiffness, circulatory = _halves(pencil.K, pencil.symmetric[2])
-        handle, modes, lift = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion)
-        self.solve, self.mu = handle.factor.solve, lift - handle.sigma
-        self.A = Difference(stiffness, M, -self.mu)
+
+        def bounds(handle: ShiftInvert, lift: float) -> tuple[Array, float, float]:
+            self.solve, self.mu = handle.factor.solve, lift - handle.sigma
+            self.A = Difference(stiffness, M, -self.mu)
+            return *_strong(self.A, damping, self.solve, outer.side), _bound_of_skew(self.A, gyroscopic, self.solve)
+
+        modes, lift, (strong, d, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds)
         self.free, rest = _free(modes, [damping, gyroscopic, circulatory])
         self.momenta = M @ self.free
-        strong, d = _strong(self.A, damping, self.solve, outer.side)
-        g = _bound_of_skew(self.A, gyroscopic, self.solve)
         beyond = modes.counted[0] ** 2 - lift + self.mu
         self.least = 1 - (outer.top**2 + self.mu) / beyond - outer.side * d - outer.top * g
         given = (Part(M, lambda s: s * s - self.mu), Part(damping, np.array, linear=True),
@@ -130,17 +146,20 @@ class Projection:
         self.images = [self.V] * len(self.parts)
         self.gram = np.zeros((len(self.parts), 0, len(self.parts), 0))  # of A⁻¹ times the images
         self.counted: Coupling | None = None  # the last one, if the count was proved
-        self.add(np.hstack([rest, strong]))
+        still = np.zeros(rest.shape[1] - len(modes.eigenvalues) + modes.rigid)
+        self.add(rest, np.append(still, modes.eigenvalues[modes.rigid:]) - lift + self.mu)
+        if strong.shape[1]:
+            self.add(strong)
 
     @property
     def size(self) -> int:
         return int(self.V.shape[1])
 
-    def add(self, new: Array) -> bool:
-        """Append directions, made orthonormal; whether there were any."""
+    def add(self, new: Array, values: Array | None = None) -> bool:
+        """Append directions, made orthonormal; whether there were any. Modes have `values`: Ax = Mx value, xᵀMx = 1."""
         m, p = self.size, len(self.parts)
         check_columns("the pencil", len(new), (p + 2) * (m + 2 * new.shape[1]))
-        new = new - self.free @ (self.momenta.T @ new)
+        given = new = new - self.free @ (self.momenta.T @ new)
         new, Anew = orthonormal(np.array(new, order="C"), self.A.__matmul__, self.V)
         k = new.shape[1]
         if not k:
@@ -148,9 +167,10 @@ class Projection:
         beside = self.V.T @ Anew
         self.energy = np.block([[self.energy, beside], [beside.T, new.T @ Anew]])
         self.V = np.hstack([self.V, new])
-        fresh = [part.matrix @ new for part in self.parts]
+        fresh = [times(part.matrix, new) for part in self.parts]
         self.images = [np.hstack(pair) for pair in zip(self.images, fresh, strict=True)]
-        solved = self.solve(np.hstack(fresh))
+        known = [] if values is None else [given @ ((given.T @ fresh[0]) / values[:, None])]  # A⁻¹M of modes needs no solve
+        solved = np.hstack([*known, self.solve(np.hstack(rest))]) if (rest := fresh[len(known):]) else known[0]
         gram = np.zeros((p, m + k, p, m + k))
         gram[:, :m, :, :m] = self.gram
         for i, (part, image) in enumerate(zip(self.parts, self.images, strict=True)):
@@ -349,10 +369,12 @@ def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
     return Z @ turn[still].T, np.hstack([Z @ turn[~still].T, rest])
 
 
-def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried) -> tuple[ShiftInvert, NormalModes, float]:
-    """The factor and the modes of K + lift M, positive semidefinite; all modes up to the reach.
+def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried, bounds: Callable[[ShiftInvert, float], Bounds]
+              ) -> tuple[NormalModes, float, Bounds]:
+    """The modes of K + lift M, positive semidefinite, all up to the reach; the lift; and `bounds` by its factor.
 
-    The pencil's own K needs no lift, and its factor is there. The symmetric part of an unsymmetric K is often indefinite.
+    The pencil's own K needs no lift, and its factor is there. The symmetric part of an unsymmetric K is often indefinite. The
+    modes are counted in a process of its own, where there is room for it, while this one finds the bounds.
     """
     last: FemsubError = SingularMatrixError("K is far from definite")
     for share in LIFTS[0 if own else 1:]:
@@ -362,9 +384,12 @@ def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried)
             if lift:
                 shared_factor(held, "definite")  # or an error, before rigid motion is looked for
             handle = ShiftInvert(held, M, carried=None if lift else carried)
-            modes = modes_below(held, M, float(np.sqrt((REACH * outer.top) ** 2 + lift)), handle)
+            limit = float(np.sqrt((REACH * outer.top) ** 2 + lift))
+            with counted_beside(handle, limit):
+                found = bounds(handle, lift)
+            modes = modes_below(held, M, limit, handle)
             if len(modes.eigenvalues) == modes.counted[1]:
-                return handle, modes, lift
+                return modes, lift, found
             last = MissedModesError("an undamped mode is missing")
         except (SingularMatrixError, MissedModesError) as error:
             last = error

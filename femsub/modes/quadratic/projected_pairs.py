@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra import times
 from femsub.checks import EPS, Array, Matrix
 from femsub.modes.quadratic.bars import CLUSTER
 from femsub.modes.quadratic.multiplicity import clusters, match
@@ -87,10 +88,10 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
     for sweep in range(SWEEPS):
         groups = [np.flatnonzero(label[here] == group[0]) for group in among]
         T = S[np.ix_(here, here)]
-        R = _times(_complex(M @ _real(Xh)), T, groups)
-        R += _complex(D @ _real(Xh))
+        R = _times(_complex(times(M, _real(Xh))), T, groups)
+        R += _complex(times(D, _real(Xh)))
         R = _times(R, T, groups)
-        R += _complex(K @ _real(Xh))
+        R += _complex(times(K, _real(Xh)))
         size = np.abs(T.diagonal())
         error = _lengths(R) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * _lengths(Xh))
         first[here] = error if sweep == 0 else first[here]
