@@ -14,7 +14,7 @@ from benchmarks.lattices import lattice
 from femsub.algebra.factor import factorise
 from femsub.algebra.petsc import Factor
 from femsub.modes import match
-from femsub.modes.quadratic import damping_split, dense, disc_count, sparse
+from femsub.modes.quadratic import certificate, damping_split, dense, disc_count, sparse
 
 BELT = fs.Belt(slope=-0.2677)
 
@@ -380,3 +380,25 @@ def test_double_modes_of_a_symmetric_structure_are_not_lost(interface: list[int]
     assert not out.lost.any() and (out.overlap > 0.9).all() and np.isfinite(out.moved).all()
     exact = fs.normal_modes(full, count=5).frequencies
     np.testing.assert_allclose(np.sort(out.modes.eigenvalues.imag)[5:], exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.8])  # of the radius that is expected: the second disc is wide enough
+def test_those_nearest_to_0_come_from_a_projection(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a band: no search by PEP, no factor of an unsymmetric matrix."""
+    sub = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0),
+                   supports={"left": "clamped"})
+    uneven = sp.diags_array(np.linspace(1.0, 2.0, sub.size))
+    pencil = fs.Pencil(sub.M, sp.csr_array(1e-7 * (uneven @ sub.K @ uneven)), sub.K)
+    every = fs.complex_modes(pencil, band=(0.0, 1e4)).eigenvalues
+    exact = np.sort(np.abs(every[every.imag > 0]))
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("PEP was asked")
+
+    monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", never)
+    radius = certificate.about_radius
+    monkeypatch.setattr(certificate, "about_radius", lambda *given: share * radius(*given))
+    found = fs.complex_modes(pencil, count=7)
+    assert len(exact) > 4 and found.evidence == "certified" and found.backward_error.max() < 1e-13
+    assert len(found) == 8  # a pair is never split
+    np.testing.assert_allclose(np.sort(np.abs(found.eigenvalues))[::2], exact[:4], rtol=1e-10)

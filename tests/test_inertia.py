@@ -120,7 +120,7 @@ def test_a_process_beside_that_was_not_asked_or_was_killed_answers_nothing(plate
 
 
 def test_a_small_model_starts_no_process(plate: fs.Substructure) -> None:
-    assert CountBeside.started(plate.K, plate.M, 1e5) is None
+    assert CountBeside.started(plate.K, plate.M, 1e5, 100) is None
 
 
 def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) -> None:

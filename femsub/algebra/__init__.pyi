@@ -48,11 +48,13 @@ from .matrices import (
     without_rounding as without_rounding,
 )
 from .memory import (
+    BLOCKS as BLOCKS,
     LARGE as LARGE,
     check_columns as check_columns,
     check_memory as check_memory,
     check_room as check_room,
     reduction_bytes as reduction_bytes,
+    search_columns as search_columns,
 )
 from .null_space import SINGULAR as SINGULAR, massless_apart as massless_apart, rank_of_mass as rank_of_mass
 from .ordering import smooth_shape as smooth_shape

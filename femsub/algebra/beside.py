@@ -23,7 +23,7 @@ from femsub.checks import Matrix
 from femsub.errors import NotEnoughMemoryError
 
 WORTH = 2e7  # nonzeros of the factor from which the count takes much longer than a process takes to start
-SPARE = 2.0  # times what the count takes must be there: the search needs memory, too
+SPARE = 1.3  # times what the count is foretold to take must be there, beside what the search still needs
 
 
 class CountBeside:
@@ -49,9 +49,12 @@ class CountBeside:
             self._held = stack.pop_all()
 
     @classmethod
-    def started(cls, K: Matrix, M: Matrix, nonzeros: float) -> CountBeside | None:
-        """The process, if a core and the memory are free for it and a factor of so many nonzeros is worth it; else None."""
-        need = SPARE * count_bytes(K, nonzeros) + BASE
+    def started(cls, K: Matrix, M: Matrix, nonzeros: float, columns: float) -> CountBeside | None:
+        """The process, if a core and the memory are free for it and a factor of so many nonzeros is worth it; else None.
+
+        This process will need so many columns of n numbers meanwhile.
+        """
+        need = SPARE * count_bytes(K, nonzeros) + BASE + 8.0 * K.shape[0] * columns
         if nonzeros < WORTH or not _two_cores() or not Path(sys.executable or "").name.startswith("python"):
             return None
         if (free := available()) is None or free < need:

@@ -137,12 +137,17 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
         inner = K[rows][:, rows]
     nonzeros = factor_nonzeros(inner)
     small = 9 * 8.0 * size**2  # M, D, K of the model, and their decompositions
-    stages = [(FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + max(BLOCKS, (3.5 * modes + 100) * (modes > 0)))),
+    stages = [(FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + max(BLOCKS, search_columns(modes)))),
               (count_bytes(K, nonzeros) * (modes > 0), 8.0 * n * (constraint + modes + 3 * static)),
               (FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + 2 * modes + 3 * static) + small)]
     factor, held_columns = max(stages, key=sum)
     blocks = 12 * K.nnz if held is None else 30 * K.nnz  # K and M of the interior are copies
     return {"factorisation": factor, "matrices": blocks, "columns": held_columns}
+
+
+def search_columns(modes: int) -> float:
+    """Columns of n numbers that block Lanczos takes for so many modes: its basis, blocks in work and the modes."""
+    return (3.5 * modes + 100) * (modes > 0)
 
 
 def count_bytes(K: Matrix, nonzeros: float) -> float:

@@ -274,10 +274,10 @@ def counted_beside(handle: ShiftInvert, limit: float) -> Iterator[None]:
 
     This process keeps one core. Where there is no room for another one, or the count is known, nothing is counted.
     """
-    from femsub.algebra import CountBeside, Factor
+    from femsub.algebra import BLOCKS, CountBeside, Factor
 
     if isinstance(handle.factor, Factor) and not any(limit**2 <= reach for reach, *_ in _counted(handle.K, handle.M)):
-        handle.beside = CountBeside.started(handle.K, handle.M, handle.factor.fill * handle.factor.size)
+        handle.beside = CountBeside.started(handle.K, handle.M, handle.factor.fill * handle.factor.size, BLOCKS)
     if handle.beside is None:
         yield
         return
@@ -292,9 +292,9 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
 
     Meanwhile this process keeps one core; the stack gives the other back. None where the count is better made afterwards.
     """
-    from femsub.algebra import CountBeside
+    from femsub.algebra import CountBeside, search_columns
 
-    handle.beside = beside = CountBeside.started(handle.K, handle.M, nonzeros)
+    handle.beside = beside = CountBeside.started(handle.K, handle.M, nonzeros, search_columns(count))
     if beside is None:
         return None
 
@@ -468,7 +468,7 @@ def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Arr
 def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: float = EPS) -> tuple[Array, Array]:
     """The relative residuals and `NormalModes.rounding`, (k,) each; some modes at a time, since each takes six columns."""
     residual, scale, weight = np.zeros((3, shapes.shape[1]))
-    sizes = abs(K), abs(M)
+    sizes = tuple(_without_signs(A) for A in (K, M))
     for start in range(0, shapes.shape[1], COLUMNS):
         part = slice(start, start + COLUMNS)
         x, value = np.ascontiguousarray(shapes[:, part]), values[part]  # as products of sparse matrices have it
@@ -479,6 +479,13 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
         weight[part] = unit * np.einsum("ij,ij->j", size, doubt)
     return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
+
+
+def _without_signs(A: Matrix) -> Matrix:
+    """|A| entry by entry: A itself, or a sparse matrix that shares its pattern. A large one is not copied as a whole."""
+    if not sp.issparse(A) or A.format != "csr":
+        return abs(A)
+    return A if A.data.min(initial=0.0) >= 0 else sp.csr_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
 
 
 def _limit(values: Array, count: int, beside: CountBeside | None = None) -> tuple[float, int]:

@@ -25,7 +25,7 @@ from femsub.modes.normal_modes import modes_under
 from femsub.modes.quadratic import damping_split, disc_count, projected_count
 from femsub.modes.quadratic.disc_count import Count, Edge
 from femsub.modes.quadratic.multiplicity import clear_radius, distinct
-from femsub.modes.quadratic.projected_count import Projection
+from femsub.modes.quadratic.projected_count import Projection, about_radius
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Box, Contour, listed
 from femsub.modes.quadratic.sparse import KEPT, Shifted
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
 
 Counted = Count | projected_count.Count
+DISCS, WIDER = 3, 1.25  # attempts at a disc that holds the eigenvalues nearest to 0, and how much wider the next one is
 MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hours and backward errors grow
 
 
@@ -44,6 +45,8 @@ class _Counted:
     def __init__(self, pencil: Pencil, wanted: bool) -> None:
         self.pencil, self.wanted = pencil, wanted
         self.counted: Counted | None = None
+        self.count: projected_count.Count | None = None  # by a projection before the search
+        self.short: bool | None = None  # whether a disc was too small for it
         self.tally = Tally(0)
         self.projection: Projection | None = None
         self.pairs: tuple[Array, Array] | None = None  # all that are needed, where no search is
@@ -61,6 +64,17 @@ class _Counted:
         with suppress(SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError):
             self.projection = Projection(self.pencil, outer)
             return self.projection.on(inside)
+        return None
+
+    def _pairs(self) -> tuple[Array, Array] | None:
+        """All eigenpairs inside the contour from those of the projection, if as many as it counts are solved for."""
+        if self.count is None or self.projection is None or self.projection.counted is None:
+            return None
+        with suppress(LinAlgError, NotEnoughMemoryError):
+            found = right_pairs(self.projection.counted, self.pencil)
+            found = None if found is None else distinct(*found)  # two may have come to one eigenvalue
+            if found is not None and self.count.tally(found[0]).listed == self.count.number:
+                return found
         return None
 
     def left(self, values: Array, X: Array) -> Array | None:
@@ -136,12 +150,38 @@ class Nearest(_Counted):
         wanted = pencil.size <= KEPT if evidence is None else evidence
         super().__init__(pencil, wanted)
         self.number, self.unasked = number, evidence is None
+        self.tried = wanted and self.parts is None and pencil.is_sparse and pencil.size > QUADRATIC
+        if self.tried:
+            self._project()
         # The eigenvalues nearest to a shift are not exactly those nearest to 0, so a few more are computed. A count needs a
         # gap behind the last one, and therefore the next one.
-        self.ask = number + (12 if self.problem.shift else 0) + (2 if wanted else 0)
+        self.ask = number + (0 if self.pairs else 12 if self.problem.shift else 0) + (2 if wanted else 0)
+
+    def _project(self) -> None:
+        """The count and the pairs by projection, in a disc that is widened until it holds the `number` nearest."""
+        with suppress(SingularMatrixError, NotConvergedError, NotEnoughMemoryError):
+            radius = about_radius(self.pencil, self.number)
+            for _ in range(DISCS):
+                self.count = self.projected(disc := Contour(radius), partial(self._behind, disc))
+                if self.count is not None or self.short is False:
+                    break
+                radius *= WIDER
+        self.pairs = self._pairs()
+
+    def _behind(self, disc: Contour, values: Array) -> Contour:
+        """The circle just behind the `number` nearest; LinAlgError, as where there is no projection, if the disc has fewer."""
+        upper = values[(values.imag >= 0) & disc.encloses(values)]
+        size, so_far = np.sort(np.abs(upper)), np.cumsum(1 + (upper[np.argsort(np.abs(upper), kind="stable")].imag != 0))
+        last = int(np.searchsorted(so_far, self.number))
+        self.short = last + 1 >= len(size)
+        if self.short:
+            raise LinAlgError("too few eigenvalues in the disc")
+        return Contour(clear_radius(size, last + 1))
 
     def _sure(self, values: Array) -> Array:
         """Indices, ascending in |λ|, of the values that are certainly nearest to 0."""
+        if self.pairs is not None:
+            return np.argsort(np.abs(values), kind="stable")
         near = np.flatnonzero(~beyond(np.abs(values), np.abs(values - self.problem.shift).max() - self.problem.shift))
         return near[np.argsort(np.abs(values[near]), kind="stable")]
 
@@ -157,8 +197,11 @@ class Nearest(_Counted):
         """The number of missing eigenvalues by an independent count; None without one."""
         if not self.wanted:
             return None
+        if self.count is not None:
+            self.counted = self.count
+            return self.lacked(values)
         radius = clear_radius(np.abs(values[self._sure(values)]), len(self.taken(values)[0]))
-        if self.missed_in(self.edge(radius), values, X) is None:
+        if self.missed_in(self.edge(radius), values, X) is None and not self.tried:
             disc = Contour(radius)
             self.counted = self.projected(disc, lambda _: disc)
         return self.lacked(values)
@@ -208,17 +251,6 @@ class Enclosed(_Counted):
         """Of the disc around 0, or around a shift, that holds the rectangle; its edges may move out by 2 %."""
         a, b, _, hi = self.box
         return 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + self.problem.shift
-
-    def _pairs(self) -> tuple[Array, Array] | None:
-        """All eigenpairs inside the contour from those of the projection, if as many as it counts are solved for."""
-        if self.count is None or self.projection is None or self.projection.counted is None:
-            return None
-        with suppress(LinAlgError, NotEnoughMemoryError):
-            found = right_pairs(self.projection.counted, self.pencil)
-            found = None if found is None else distinct(*found)  # two may have come to one eigenvalue
-            if found is not None and self.count.tally(found[0]).listed == self.count.number:
-                return found
-        return None
 
     def _outside(self) -> Contour:
         """A rectangle around 0 that holds all those to which the edges may move."""

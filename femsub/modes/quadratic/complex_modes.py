@@ -155,7 +155,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
                   re: tuple[float, float] | None = None, evidence: bool | None = None) -> ComplexModes:
     """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
 
-    SLEPc's PEP (TOAR, shift-invert) solves sparse models. Where a projection on undamped modes counts a band (see `evidence`),
+    SLEPc's PEP (TOAR, shift-invert) solves sparse models. Where a projection on undamped modes counts them (see `evidence`),
     its eigenpairs are corrected with its own factor instead, until their residual is rounding. LAPACK finds all eigenvalues of
     dense models. For a narrow band or a small count PEP solves a dense model above 300 DOF as well, where that is predicted to
     take a tenth of the time.

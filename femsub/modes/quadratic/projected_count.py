@@ -26,10 +26,12 @@ from femsub.algebra import (
     one_thread,
     orthonormal,
     shared_factor,
+    smooth_shape,
     times,
 )
 from femsub.checks import EPS, Array, Matrix, Tally
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.modes.block_lanczos import block_lanczos
 from femsub.modes.normal_modes import NormalModes, counted_beside, modes_below
 from femsub.modes.quadratic.region import Contour, listed
 from femsub.modes.shift_invert import ShiftInvert
@@ -39,6 +41,8 @@ if TYPE_CHECKING:
 
 REACH = 2.5  # undamped modes are kept up to so many times the largest Im λ
 LIFTS = (0.0, 0.2, 1.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
+SEEDS = 6  # vectors, and steps, of a search for the lowest mode
+MORE, ROUGH = 3, 1e-4  # modes beyond half of the number of eigenvalues, and the tolerance of θ, where only a radius is sought
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
 DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
 STRONG = 200  # shapes of stronger damping at most
@@ -394,6 +398,36 @@ def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
         except (SingularMatrixError, MissedModesError) as error:
             last = error
     raise last
+
+
+def about_radius(pencil: Pencil, number: int) -> float:
+    """About the radius of a disc around 0 with so many eigenvalues: that of the undamped modes of K + lift M, roughly found.
+
+    A smooth shape gives a first lift. In a system with stiff contacts it is far too high, and few steps of subspace iteration
+    show by how much.
+
+    Raises
+    ------
+    SingularMatrixError, NotConvergedError
+        K is far from definite.
+    """
+    K, M = pencil.symmetric_stiffness, pencil.M
+    wave = smooth_shape(K)
+    lift = abs(float(wave @ (K @ wave))) / float(wave @ (M @ wave))
+    factor = shared_factor(sp.csr_array(K + lift * M), "definite")
+    x = np.random.default_rng(6).standard_normal((pencil.size, SEEDS))
+    for _ in range(SEEDS):
+        x = orthonormal(factor.solve(M @ x), M.__matmul__)[0]
+    lowest = abs(float(np.linalg.eigvalsh(x.T @ (K @ x))[0]))
+    if lowest < lift / 16:
+        for lift in (lowest / 4, 2 * lowest):
+            with suppress(SingularMatrixError):
+                factor = shared_factor(sp.csr_array(K + lift * M), "definite")
+                break
+        else:
+            raise SingularMatrixError("K is far from definite")
+    values = block_lanczos(factor, M, 0.0, number // 2 + MORE, tol=ROUGH)[0]
+    return float(np.sqrt(max(values[-1] - lift, lift / 16)))
 
 
 def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: float) -> tuple[Array, float]:
