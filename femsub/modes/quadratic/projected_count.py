@@ -358,7 +358,11 @@ def _halves(A: Matrix, symmetric: bool) -> tuple[Matrix, Matrix]:
     """The symmetric and the skew part of A; A itself where it is symmetric."""
     if symmetric:
         return A, sp.csr_array(A.shape)
-    return sp.csr_array((A + A.T) * 0.5), sp.csr_array((A - A.T) * 0.5)
+    turned = sp.csr_array(A.T)
+    halves = sp.csr_array(A + turned), sp.csr_array(A - turned)
+    for half in halves:
+        half.data *= 0.5
+    return halves
 
 
 def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
