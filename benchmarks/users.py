@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,10 +37,10 @@ class Journal:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / FILE
-        lines = self.path.read_text(encoding="utf-8").splitlines() if self.path.exists() else []
+        text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""
         self.known: dict[tuple[Case, str, int], Row] = {}
-        for line in lines:
-            if line.endswith("}"):  # else the process was killed while it wrote the line
+        for line in text.splitlines():
+            with suppress(json.JSONDecodeError):  # the process may have been killed while it wrote a line
                 row = json.loads(line)
                 size = tuple(row["size"]) if isinstance(row["size"], list) else row["size"]
                 case = Case(row["component"], size, row["nodes"], row["modes"])
@@ -50,7 +51,7 @@ class Journal:
         row = case._asdict() | {"method": method, "round": turn} | row
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with open(self.path, "a", encoding="utf-8") as file:
-            file.write(f"{json.dumps(row)}\n")
+            file.write(f"\n{json.dumps(row)}\n")  # on a line of its own, whatever was left before
         self.known[case, method, turn] = row
         return row
 
