@@ -29,6 +29,7 @@ LOOKS = {"SciPy, MKL Pardiso": ("#1f6fb4", "o"), "SciPy": ("#6aa5d8", "s"), "Sci
          "SLEPc, CHOLMOD": ("#2a8f4d", "^"), "SLEPc, MUMPS": ("#7cc08b", "v"), "PRIMME": ("#c44e00", "D"),
          FREQUENCIES: ("#7a3fa0", "X")}
 LABELS = {"SciPy": "SciPy, SuperLU", "SciPy, defaults": "SciPy, SuperLU as it comes"}
+NOT_RUN: Row = dict.fromkeys(KEPT) | {"ended": "not run"}
 LANE = 0.15  # inches: of a method in a figure
 
 
@@ -98,14 +99,12 @@ def _notes(axis: Any, cases: dict[tuple[str, int, int], dict[str, Row]], methods
     """Beside a mark what is wrong with its modes; without one, why a method has not ended."""
     for case, found in enumerate(cases.values()):
         for at, name in enumerate(methods):
-            row = found.get(name)
-            if row is None:
-                continue
+            row = found.get(name, NOT_RUN)
             told = row["ended"] or (f"{row['missed']} missed" if row["missed"] else "")
             if name == FREQUENCIES and row["error"]:
                 told = ", ".join(filter(None, (f"{100 * row['error']:.1g} % off", told)))
             if told:
-                place = max(row["times_most"], row["times"]) if row["times"] else 1.0
+                place = row["times_most"] or 1.0
                 axis.annotate(told, (place, case * lanes + at), (6, 0), textcoords="offset points", va="center", fontsize=7,
                               color=LOOKS[name][0])
 
@@ -113,8 +112,10 @@ def _notes(axis: Any, cases: dict[tuple[str, int, int], dict[str, Row]], methods
 def table(rows: Sequence[Row]) -> str:
     """For each case and method seconds, times as long as femsub with their spread, GB, the largest error, and missed modes."""
     lines = [["component", "DOF", "modes", "method", "seconds", "times femsub's", "GB", "error of ω", "missed"], ["---"] * 9]
+    methods = [name for name in NAMES if any(row["method"] == name for row in rows)]
     for (name, dof, modes), found in by_case(rows).items():
-        for at, (method, row) in enumerate(found.items()):
+        for at, method in enumerate(methods):
+            row = found.get(method, NOT_RUN)
             case = [COMPONENTS[name], f"{dof:,}", str(modes)] if at == 0 else [""] * 3
             ours = method == REFERENCE
             if row["seconds"]:
