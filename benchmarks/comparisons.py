@@ -5,12 +5,15 @@ Each loads its packages, solves a tiny problem, and only then starts the clock. 
 
 from __future__ import annotations
 
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -18,9 +21,18 @@ import femsub as fs
 from benchmarks.processes import Row, peak_mb
 
 STEEL = (2.1e11, 0.3, 7850.0)
-COMPONENTS = {"slab": ((1.0, 0.6, 0.06), "hexahedron"), "bulk": ((1.0, 0.5, 0.25), "hexahedron20")}
+BLOCKS = {"slab": ((1.0, 0.6, 0.06), "hexahedron"), "bulk": ((1.0, 0.5, 0.25), "hexahedron20")}
+DISC = "disc"  # a brake's disc with two pads
+COMPONENTS = {"slab": "slab of 8-node hexahedra", "bulk": "bulk of 20-node hexahedra", DISC: "disc with pads"}
+BEYOND = 3.0  # times the highest wanted frequency: how far multilevel substructuring keeps the modes of its parts
+PIECE = 4000  # DOF of such a part, about
+ROWS = 500  # of the constraint modes that are compared
 SLOPES = 100  # of the sweep
+REFERENCE, FREQUENCIES = "femsub", "AMLS alone"  # what others are compared with, and what finds no shapes
 COUNT = "certificate"  # the phase in which `reduce` makes sure that no mode is missing, which nobody else does
+Solve: TypeAlias = Callable[[np.ndarray], np.ndarray]
+Factorise: TypeAlias = Callable[[Any], AbstractContextManager[Solve]]
+Lowest: TypeAlias = Callable[[Any, Any, int, Solve], tuple[np.ndarray, np.ndarray]]
 GROWTH = 1e-3  # the largest relative error of a growth rate that a reduced model may have to be chosen
 
 
@@ -47,14 +59,127 @@ class Laps:
         return {"seconds": sum(self.seconds.values()), "phases": self.seconds, "peak_mb": peak_mb(), "base_mb": self.base}
 
 
-def solid(component: str, counts: tuple[int, ...], nodes: int) -> fs.Substructure:
-    """Slab or bulk; its interface are the `nodes` nodes about the middle of the face x = 0."""
-    lengths, kind = COMPONENTS[component]
+def block(component: str, counts: tuple[int, ...], nodes: int) -> fs.Mesh:
+    """The mesh of slab or bulk. Its set 'joint' are the `nodes` nodes about the middle of the face x = 0."""
+    lengths, kind = BLOCKS[component]
     mesh = fs.block(lengths, counts, kind)
     face = mesh.nodes("left")
     away = np.linalg.norm(mesh.points[face] - np.array([0, lengths[1] / 2, lengths[2] / 2]), axis=1)
-    mesh = mesh.with_sets(joint=face[np.argsort(away.round(9), kind="stable")[:nodes]])
-    return fs.solid(mesh, fs.Material(*STEEL), interface=["joint"], name=component)
+    return mesh.with_sets(joint=face[np.argsort(away.round(9), kind="stable")[:nodes]])
+
+
+def solid(component: str, counts: tuple[int, ...], nodes: int) -> fs.Substructure:
+    """Slab or bulk; its interface is the set 'joint'."""
+    return fs.solid(block(component, counts, nodes), fs.Material(*STEEL), interface=["joint"], name=component)
+
+
+class Disc:
+    """The undamped brake with elements of so many metres: disc and pads on the stiffness of their contact, without friction.
+
+    The interface are the `nodes` nodes about the middles of the pads' backs, half of them on each. It holds the pads, so that the
+    springs of the scene's brake are left out.
+    """
+
+    def __init__(self, size: float, nodes: int) -> None:
+        from benchmarks.brake import brake
+        from femsub.app.scenes.brake import PADS
+
+        self.brake, self.pads = brake(size), PADS
+        system = fs.couple({name: self.brake.part(name) for name in ("disc", *PADS)}, self.brake.contacts(0.0), DISC)
+        self.parts, self.contact = dict(system.parts), system.linearised(self.brake.contacts(0.0)).K - system.K
+        ends = np.cumsum([part.size for part in self.parts.values()])
+        self.rows = {name: np.arange(end - part.size, end) for (name, part), end in zip(self.parts.items(), ends, strict=True)}
+        self.joints = {name: self.rows[name][self._backs(name, nodes // 2)] for name in PADS}
+        self.whole = fs.Substructure(system.M, system.K + self.contact, interface=np.concatenate(list(self.joints.values())),
+                                     name=DISC)
+
+    def _backs(self, name: str, nodes: int) -> np.ndarray:
+        """DOF of a pad. Nothing holds one of them, so that node i has the DOF 3 i to 3 i + 2."""
+        mesh = self.brake.meshes[name]
+        back = mesh.nodes("back")
+        away = np.linalg.norm(mesh.points[back] - mesh.points[back].mean(axis=0), axis=1)
+        chosen = np.sort(back[np.argsort(away.round(9), kind="stable")[:nodes]])
+        return np.asarray((3 * chosen[:, None] + np.arange(3)).ravel())
+
+    def pieces(self) -> dict[str, fs.Substructure]:
+        """The disc in parts, and each pad with its contact and the DOF of the disc below it, which have no mass there."""
+        import scipy.sparse as sp
+
+        scene, mesh = self.brake.scene, self.brake.meshes["disc"]
+        cut = fs.cut(mesh, fs.solid, into=pieces_for(self.parts["disc"].size), supports=[scene.hub],
+                     material=fs.Material(scene.E[0], scene.nu[0], scene.rho[0]))
+        rows, matrices = dict(cut.rows), {name: (part.M, part.K) for name, part in cut.parts.items()}
+        for name in self.pads:
+            own = self.rows[name]
+            touched = np.unique(sp.csr_array(self.contact)[own].indices)
+            below = touched[touched < self.parts["disc"].size]
+            rows[name] = np.concatenate([below, own])
+            zeros = sp.csr_array((len(below), len(below)))
+            M, K = (sp.block_diag((zeros, matrix), format="csr") for matrix in (self.parts[name].M, self.parts[name].K))
+            matrices[name] = M, K + self.contact[rows[name]][:, rows[name]]
+        return sharing(rows, matrices, np.concatenate(list(self.joints.values())), self.whole.size)
+
+
+def sharing(rows: dict[str, np.ndarray], matrices: dict[str, tuple[Any, Any]], open_: np.ndarray, size: int,
+            ) -> dict[str, fs.Substructure]:
+    """Parts whose DOF are these rows of a model. Interface sets are what some of them share, as 'p1+p2', and the open 'joint'."""
+    names = list(rows)
+    member = np.stack([np.isin(np.arange(size), rows[name]) for name in names], axis=1)
+    parts = {}
+    for name in names:
+        sets: dict[str, list[int]] = {}
+        for place in np.flatnonzero(member[rows[name]].sum(axis=1) > 1):
+            key = "+".join(np.array(names)[member[rows[name][place]]])
+            sets.setdefault(key, []).append(int(place))
+        joint = np.flatnonzero(np.isin(rows[name], open_))
+        given = {key: np.array(places) for key, places in sets.items()} | ({"joint": joint} if len(joint) else {})
+        parts[name] = fs.Substructure(*matrices[name], interface=given, name=name)
+    return parts
+
+
+def pieces_for(size: int) -> int:
+    """In how many parts multilevel substructuring cuts so many DOF."""
+    return max(2, round(size / PIECE))
+
+
+def pieces(component: str, size: Any, nodes: int) -> dict[str, fs.Substructure]:
+    """The parts of a component for multilevel substructuring."""
+    if component == DISC:
+        return Disc(size, nodes).pieces()
+    return dict(fs.cut(block(component, size, nodes), fs.solid, into=pieces_for(_dof(np.array([size]), BLOCKS[component][1])[0]),
+                       material=fs.Material(*STEEL), interface=["joint"]).parts)
+
+
+def built(component: str, size: Any, nodes: int) -> fs.Substructure:
+    """Slab or bulk of so many cells, or the disc with pads of elements so long."""
+    return Disc(size, nodes).whole if component == DISC else solid(component, size, nodes)
+
+
+def size_for(component: str, size: Any, dof: int) -> Any:
+    """What `built` takes to make about so many DOF: the cells of a block in the proportions of those given, or a length."""
+    if component != DISC:
+        counts = np.maximum(1, np.outer(np.linspace(0.02, 4.0, 4000), size).round()).astype(int)
+        found = counts[np.abs(np.log(_dof(counts, BLOCKS[component][1]) / dof)).argmin()]
+        return tuple(int(count) for count in found)
+    tried: dict[float, float] = {}
+    for _ in range(6):  # elements are counted in whole numbers, so that DOF grow by steps: the nearest of some
+        tried[size] = _disc_dof(size) / dof
+        size *= tried[size] ** 0.4
+    return min(tried, key=lambda one: abs(np.log(tried[one])))
+
+
+def _dof(counts: np.ndarray, kind: str) -> np.ndarray:
+    """Of blocks with so many cells (k, 3): 3 for each corner, and for the middle of each edge where there are such nodes."""
+    corners = np.prod(counts + 1, axis=1)
+    edges = sum(corners * counts[:, axis] / (counts[:, axis] + 1) for axis in range(3))
+    return np.asarray(3 * (corners + (edges if kind == "hexahedron20" else 0)))
+
+
+def _disc_dof(size: float) -> int:
+    from femsub.coupling import brake_meshes
+
+    meshes = brake_meshes(size)
+    return 3 * (sum(len(mesh.points) for mesh in meshes.values()) - len(meshes["disc"].nodes("hub")))
 
 
 # assembly ------------------------------------------------------------------------------------------------------------
@@ -130,22 +255,32 @@ def entry_error(A: Any, B: Any) -> float:
 
 # bases ---------------------------------------------------------------------------------------------------------------
 
-def bases(method: str, component: str, sizes: Row, folder: Path | None) -> Row:
-    """One way to the HCB basis. With a folder, femsub leaves its result there and the others compare theirs with it."""
+def bases(method: str, component: str, size: Any, nodes: int, modes: int, highest: float, folder: Path | None) -> Row:
+    """One way to the HCB basis. With a folder, femsub leaves its result there and the others compare theirs with it.
+
+    `highest` is the highest of the wanted frequencies in rad/s, which multilevel substructuring has to know.
+    """
     from femsub.modes.normal_modes import relative_residual
 
-    make, laps = METHODS[method], Laps()
+    laps = Laps()
+    if method == FREQUENCIES:
+        levels(pieces("slab", (5, 3, 2), 4), 3, laps, 2e4)
+        values, dof, joint = levels(pieces(component, size, nodes), modes, laps, highest)
+        return laps.row() | {"dof": dof, "interface": joint, "values": [float(value) for value in values]}
+    make = METHODS[method]
     make(solid("slab", (5, 3, 2), 4), 3, laps)
-    sub = solid(component, sizes[component], sizes["interface"])
-    values, V, M, K, factorisations = make(sub, sizes["modes"], laps)
+    sub = built(component, size, nodes)
+    values, V, M, K, factorisations = make(sub, modes, laps)
     row = laps.row() | {"dof": sub.size, "interface": len(sub.interface), "factorisations": factorisations}
+    row["values"] = [float(value) for value in values]
     b, i = len(sub.interface), sub.interior
     row["residual"] = float(relative_residual(sub.K[i][:, i], sub.M[i][:, i], values, V[i, b:]).max())
-    found = {"values": values, "constraint": V[:, :b], "M": np.sqrt(M.diagonal()[:b]), "K": K[:b, :b]}
+    rows = np.linspace(0, sub.size - 1, min(ROWS, sub.size)).astype(int)
+    found = {"values": values, "constraint": V[rows, :b], "M": np.sqrt(M.diagonal()[:b]), "K": K[:b, :b]}
     for name, array in found.items():
         if folder is None:
             break
-        if method == "femsub":
+        if method == REFERENCE:
             np.save(folder / f"{name}.npy", array)
         elif (folder / f"{name}.npy").exists():
             ours = np.load(folder / f"{name}.npy")
@@ -167,45 +302,96 @@ def femsub_bases(sub: fs.Substructure, modes: int, laps: Laps) -> tuple[Any, ...
     return rom.K.diagonal()[len(sub.interface):], rom.V, rom.M, rom.K, factors_made() - before
 
 
-def scipy_bases(sub: fs.Substructure, modes: int, laps: Laps, **options: Any) -> tuple[Any, ...]:
-    import scipy.sparse as sp
-    from scipy.sparse.linalg import LinearOperator, eigsh, splu
-
+def factored_bases(sub: fs.Substructure, modes: int, laps: Laps, factorise: Factorise, lowest: Lowest) -> tuple[Any, ...]:
+    """One factor of K_ii, for the modes and for all constraint modes at once."""
     laps.begin()
     K, M, load = partitioned(sub)
-    factor = splu(sp.csc_array(K), **options)
-    laps("factor")
-    inverse = LinearOperator(K.shape, factor.solve, dtype=float)
-    values, fixed = eigsh(K, modes, M, sigma=0, OPinv=inverse)
-    laps("modes")
-    constraint = -factor.solve(load)
-    laps("constraint modes")
-    del factor, inverse
+    with factorise(K) as solve:
+        laps("factor")
+        values, fixed = lowest(K, M, modes, solve)
+        laps("modes")
+        constraint = -solve(load)
+        laps("constraint modes")
     return values, *projected(sub, constraint, fixed, laps), 1
 
 
-def pardiso_bases(sub: fs.Substructure, modes: int, laps: Laps) -> tuple[Any, ...]:
-    """MKL's Cholesky factor of the upper triangle, in SciPy's `eigsh` and for all constraint modes at once."""
+@contextmanager
+def superlu(K: Any, **options: Any) -> Iterator[Solve]:
+    import scipy.sparse as sp
+    from scipy.sparse.linalg import splu
+
+    yield splu(sp.csc_array(K), **options).solve
+
+
+@contextmanager
+def pardiso(K: Any) -> Iterator[Solve]:
+    """MKL's Cholesky factor of the upper triangle."""
     import scipy.sparse as sp
     from pypardiso import PyPardisoSolver
-    from scipy.sparse.linalg import LinearOperator, eigsh
 
-    laps.begin()
-    K, M, load = partitioned(sub)
     upper, solver = sp.csr_matrix(sp.triu(K)), PyPardisoSolver(mtype=2)
     solver.factorize(upper)
-    laps("factor")
-
-    def solved(b: np.ndarray) -> np.ndarray:
-        x: np.ndarray = solver.solve(upper, b)
-        return x
-
-    values, fixed = eigsh(K, modes, M, sigma=0, OPinv=LinearOperator(K.shape, solved, dtype=float))
-    laps("modes")
-    constraint = -solved(np.asfortranarray(load))
-    laps("constraint modes")
+    yield lambda b: np.asarray(solver.solve(upper, np.asfortranarray(b)))
     solver.free_memory(everything=True)
-    return values, *projected(sub, constraint, fixed, laps), 1
+
+
+def fastest(K: Any) -> AbstractContextManager[Solve]:
+    """Pardiso where it is installed, else SuperLU."""
+    return pardiso(K) if find_spec("pypardiso") else superlu(K, **SYMMETRIC)
+
+
+def arpack(K: Any, M: Any, modes: int, solve: Solve) -> tuple[np.ndarray, np.ndarray]:
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    values, shapes = eigsh(K, modes, M, sigma=0, OPinv=LinearOperator(K.shape, solve, dtype=float))
+    return values, shapes
+
+
+def primme(K: Any, M: Any, modes: int, solve: Solve) -> tuple[np.ndarray, np.ndarray]:
+    """Generalised Davidson, which needs the fewest solves of PRIMME's methods, with K⁻¹ as its preconditioner.
+
+    Of block sizes and bases that were tried, blocks of 8 in a basis twice as large as the number of modes took least time.
+    ``tol`` is relative to the highest eigenvalue: 1e-12 of it makes residuals of about 1e-11 of K's and M's terms.
+    """
+    from primme import eigsh
+    from scipy.sparse.linalg import LinearOperator
+
+    inverse = LinearOperator(K.shape, matvec=solve, matmat=solve, dtype=float)
+    values, shapes = eigsh(K, modes, M, which="SA", OPinv=inverse, tol=1e-12, method="PRIMME_DEFAULT_MIN_MATVECS",
+                           maxBlockSize=8, ncv=min(max(2 * modes, modes + 20), K.shape[0]))
+    order = np.argsort(values)
+    return values[order], shapes[:, order]
+
+
+def levels(parts: dict[str, fs.Substructure], modes: int, laps: Laps, highest: float) -> tuple[np.ndarray, int, int]:
+    """The lowest ω² by automated multilevel substructuring, without refinement or count, with the DOF of model and interface.
+
+    The modes of all parts below BEYOND times the highest wanted frequency are kept. The parts are made before the clock starts.
+    Shapes of the full model are not computed.
+    """
+    shares = np.concatenate([_shares(part) for part in parts.values()])
+    laps.begin()
+    with tempfile.TemporaryDirectory() as folder:
+        found = fs.reduce_by_levels({name: partial(_given, part) for name, part in parts.items()},
+                                    fs.CraigBampton(cutoff=BEYOND * highest), folder)
+        laps("levels")
+    joint = len(found.model.interface)
+    small = fs.reduce(found.model, fs.CraigBampton(modes=modes))
+    laps("modes")
+    return small.K.diagonal()[joint:], round(float(shares.sum())), joint
+
+
+def _given(part: fs.Substructure) -> fs.Substructure:
+    return part
+
+
+def _shares(part: fs.Substructure) -> np.ndarray:
+    """Of each DOF of a part, one over the number of parts that share it."""
+    found = np.ones(part.size)
+    for name, places in part.sets.items():
+        if "+" in name:
+            found[part.interface[places]] = 1 / len(name.split("+"))
+    return found
 
 
 def slepc_bases(sub: fs.Substructure, modes: int, laps: Laps, package: str) -> tuple[Any, ...]:
@@ -215,8 +401,8 @@ def slepc_bases(sub: fs.Substructure, modes: int, laps: Laps, package: str) -> t
 
     laps.begin()
     K, M, load = partitioned(sub)
-    A, B = (PETSc.Mat().createAIJ(part.shape, csr=(part.indptr, part.indices, part.data), comm=PETSc.COMM_SELF)
-            for part in (K, M))
+    A, B = (PETSc.Mat().createAIJ(part.shape, csr=(part.indptr.astype(PETSc.IntType), part.indices.astype(PETSc.IntType),
+                                                   part.data), comm=PETSc.COMM_SELF) for part in (K, M))
     A.setOption(PETSc.Mat.Option.SPD, True)
     B.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     eps = SLEPc.EPS().create(PETSc.COMM_SELF)
@@ -270,10 +456,12 @@ def projected(sub: fs.Substructure, constraint: np.ndarray, fixed: np.ndarray, l
 # What SuperLU's guide names for a matrix like K_ii: an ordering of K + Kᵀ, and pivots from the diagonal.
 SYMMETRIC: dict[str, Any] = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
 METHODS: dict[str, Callable[..., tuple[Any, ...]]] = {
-    "femsub": femsub_bases, "SciPy, MKL Pardiso": pardiso_bases,
-    "SciPy": partial(scipy_bases, **SYMMETRIC), "SciPy, defaults": scipy_bases,
-    "SLEPc, CHOLMOD": partial(slepc_bases, package="cholmod"),
-    "SLEPc, MUMPS": partial(slepc_bases, package="mumps")}
+    REFERENCE: femsub_bases, "SciPy, MKL Pardiso": partial(factored_bases, factorise=pardiso, lowest=arpack),
+    "SciPy": partial(factored_bases, factorise=partial(superlu, **SYMMETRIC), lowest=arpack),
+    "SciPy, defaults": partial(factored_bases, factorise=superlu, lowest=arpack),
+    "SLEPc, CHOLMOD": partial(slepc_bases, package="cholmod"), "SLEPc, MUMPS": partial(slepc_bases, package="mumps"),
+    "PRIMME": partial(factored_bases, factorise=fastest, lowest=primme)}
+NAMES = (*METHODS, FREQUENCIES)  # of all that `bases` takes
 
 
 # CEA -----------------------------------------------------------------------------------------------------------------

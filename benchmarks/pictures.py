@@ -22,12 +22,12 @@ ERRORS = ("error", "relative error")  # what a chart tells of its points
 
 
 def commit() -> str:
-    """The short hash of what is checked out, marked if it was changed (docs and data apart: what the report writes);
+    """The short hash of what is checked out, marked if it was changed (pages and data apart: what the report writes);
     'unknown' outside of a repository."""
     def git(*words: str) -> str:
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
     try:
-        changed = git("status", "--porcelain", "-uno", "--", ".", ":!docs", ":!benchmarks/data")
+        changed = git("status", "--porcelain", "-uno", "--", ".", ":!docs", ":!README.md", ":!benchmarks/data")
         return git("rev-parse", "--short", "HEAD") + (" with changes" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"

@@ -5,11 +5,14 @@ from __future__ import annotations
 import ctypes
 import os
 import resource
+import signal
 import sys
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from pathlib import Path
 from threading import Event, Thread
@@ -21,7 +24,13 @@ from benchmarks import models
 from femsub.app import report
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+LEFT_MB = 500.0  # below so much free memory of the machine a measurement is stopped, before the system stops something else
+WATCHED = 0.25  # seconds between two looks at a measurement
 Row = dict[str, Any]
+
+
+class StoppedError(Exception):
+    """A measurement took longer or more memory than it may."""
 
 
 def peak_mb() -> float:
@@ -35,15 +44,11 @@ def taken_mb() -> Iterator[list[float]]:
 
     What several processes share counts once, which a sum of their peaks does not do. Other programs count as well.
     """
-    def available() -> float:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        return 1.024e-3 * int(next(line for line in lines if line.startswith("MemAvailable")).split()[1])
-
     def watch() -> None:
         while not done.wait(0.2):
-            found[0] = max(found[0], before - available())
+            found[0] = max(found[0], before - available_mb())
 
-    before, done, found = available(), Event(), [0.0]
+    before, done, found = available_mb(), Event(), [0.0]
     thread = Thread(target=watch, daemon=True)
     thread.start()
     try:
@@ -83,3 +88,57 @@ def fresh(task: Callable[..., Any], *args: Any, cores: int | None = None) -> Any
     threads = {} if cores is None else dict.fromkeys(THREADS, str(cores))
     with patch.dict(os.environ, threads), ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
         return pool.submit(task, *args).result()
+
+
+def watched(task: Callable[..., Row], *args: Any, limit: float) -> Row:
+    """The row of `fresh`, whose peak_mb is that of the process with all it started; Linux.
+
+    The memory that processes share counts once: Σ RssAnon + max(RssFile + RssShmem).
+
+    Raises
+    ------
+    StoppedError
+        The process was killed after so many seconds, or because the memory of the machine was nearly used up.
+    """
+    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
+        process, start = pool.submit(os.getpid).result(), time.perf_counter()
+        running, peak, why = pool.submit(task, *args), 0.0, ""
+        try:
+            while not running.done():
+                time.sleep(WATCHED)
+                peak = max(peak, together_mb(process))
+                if time.perf_counter() - start > limit:
+                    why = f"longer than {limit:g} s"
+                elif available_mb() < LEFT_MB:
+                    why = f"stopped at {peak / 1e3:.1f} GB, with no memory left"
+                if why:
+                    os.kill(process, signal.SIGKILL)
+                    break
+            row: Row = running.result()
+        except BrokenProcessPool:
+            raise StoppedError(why or f"ended by the system at {peak / 1e3:.1f} GB") from None
+        except BaseException:
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)  # or leaving the pool would wait for it
+            raise
+    return row | {"peak_mb": max(row["peak_mb"], peak)}
+
+
+def available_mb() -> float:
+    """The memory that the machine has left, in 10⁶ bytes."""
+    lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    return 1.024e-3 * int(next(line for line in lines if line.startswith("MemAvailable")).split()[1])
+
+
+def together_mb(process: int) -> float:
+    """The resident memory of a process and of all that it started, in 10⁶ bytes; 0 where it has ended."""
+    own, shared, waiting = 0.0, 0.0, [process]
+    while waiting:
+        folder = Path("/proc", str(waiting.pop()))
+        with suppress(OSError, ValueError, KeyError):
+            lines = dict(line.split(":", 1) for line in (folder / "status").read_text(encoding="ascii").splitlines())
+            size = {name: 1.024e-3 * int(lines[name].split()[0]) for name in ("RssAnon", "RssFile", "RssShmem")}
+            own, shared = own + size["RssAnon"], max(shared, size["RssFile"] + size["RssShmem"])
+            for thread in (folder / "task").iterdir():
+                waiting += [int(word) for word in (thread / "children").read_text(encoding="ascii").split()]
+    return own + shared

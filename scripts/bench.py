@@ -1,22 +1,28 @@
 #!/usr/bin/env python3
 """Ratios on solid components: assembly against scikit-fem, HCB bases against SciPy and plain SLEPc, reduced CEA against PEP.
 
-    python scripts/bench.py [--parts assembly bases cea] [--component slab|bulk] [--defaults] [--repeats N]
-                            [--modes N] [--cells X Y Z] [--only METHOD ...] [--out DIR] [--quick]
+    python scripts/bench.py [--parts assembly bases cea] [--component slab bulk disc] [--dof N ...] [--modes N ...]
+                            [--only METHOD ...] [--defaults] [--limit SECONDS] [--repeats N] [--out DIR] [--quick]
 
 assembly  K and M against scikit-fem's `linear_elasticity` and a vector mass form (with its Basis), at the same points.
-bases     All constraint modes and 40 fixed-interface modes, with the reduced M and K, by `reduce` (which certifies its
-          modes besides), by SciPy with MKL's Pardiso (the extra `pardiso`) and with SuperLU (one factor in `eigsh(sigma=0)` and
-          for all constraint modes at once; SuperLU with the options for symmetric matrices, and where --defaults asks for it
-          also with those that `splu` has by itself), and by
-          SLEPc as it comes (one factor in Krylov-Schur and in a KSP that solves column by column). Only `reduce` counts
-          the modes by a second factorisation; ratios are given with it and without it.
+bases     All constraint modes and 40 fixed-interface modes, with the reduced M and K. `reduce` finds and certifies them. What
+          users have today is compared with it:
+          - SciPy's `eigsh(sigma=0)` with MKL's Pardiso (the extra `pardiso`), and with SuperLU and its options for symmetric
+            matrices. --defaults adds SuperLU with the options that `splu` has by itself.
+          - SLEPc as it comes, with CHOLMOD and MUMPS: one factor in Krylov-Schur and in a KSP that solves column by column.
+          - PRIMME (the extra `primme`) with the factor of Pardiso, or of SuperLU without it, as its preconditioner.
+          - Automated multilevel substructuring alone (AMLS): parts to 3 times the highest frequency, no refinement, no count.
+          Only `reduce` counts the modes by a second factorisation; ratios are given with it and without it. The error is
+          the largest of ω against femsub's certified frequencies. A mode is missed if no frequency lies within 1 % of it.
 cea       One sweep over 100 slopes on a reduced component against 100 quadratic problems (PEP) on the full one, of which 3
           are solved and their mean is taken for each of the 100.
 
 What is compared is measured in one run, in alternating order, each time in a process of its own, so that the peak of its
 resident memory is its own. Ratios are medians over the repeats, with the least and the most. Written are bench.csv and
 bench.json. The parts need scikit-fem; bases needs slepc4py for itself, too.
+
+Each measurement of bases is a line of DIR/measured.jsonl. The same call goes on where it was stopped, and what the folder has of
+other cases is told as well. A measurement that takes longer than --limit, or more memory than there is, is told as such.
 """
 
 from __future__ import annotations
@@ -32,9 +38,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import femsub as fs
 from benchmarks import comparisons as tasks
-from benchmarks.processes import Row, fresh, machine
+from benchmarks.processes import Row, StoppedError, fresh, machine, watched
+from benchmarks.users import Case, Journal, compared
 from femsub.algebra.petsc import has_cholmod
 from femsub.app import report
 from femsub.app.scene import Result
@@ -43,21 +52,23 @@ from femsub.studies.tables import Table, table
 PARTS = ("assembly", "bases", "cea")
 SIZES: dict[bool, Row] = {  # by --quick: bricks, nodes of the interface, modes
     False: {"assembly": {"hexahedron20": (40, 20, 10), "hexahedron27": (30, 16, 8)},
-            "slab": (90, 58, 6), "bulk": (40, 20, 10), "interface": 84, "modes": 40,
+            "slab": (90, 58, 6), "bulk": (40, 20, 10), "disc": 0.0085, "interface": 84, "modes": 40,
             "cea": (24, 16, 4), "band": 12, "kept": (12, 16, 20, 25, 30, 40, 50, 60, 80)},
-    True: {"assembly": {"hexahedron20": (3, 2, 2)}, "slab": (8, 6, 2), "bulk": (4, 3, 2), "interface": 6, "modes": 6,
+    True: {"assembly": {"hexahedron20": (3, 2, 2)},
+           "slab": (8, 6, 2), "bulk": (4, 3, 2), "disc": 0.04, "interface": 6, "modes": 6,
            "cea": (8, 4, 1), "band": 4, "kept": (4, 8, 16)}}
 SOLVED = [0, 50, 99]  # slopes at which the full model is solved
 TIMES = {"assembly": 5.0, "SciPy": 6.0, "SciPy, MKL Pardiso": 3.0, "SLEPc": 1.5, "cea": 300.0}  # so many times faster is asked,
 MEMORY = 0.5  # such a share of SciPy's memory,
+PACKAGES = {"SciPy, MKL Pardiso": "pypardiso", "PRIMME": "primme"}  # without which a method is left out
 ENTRIES, SAME = 1e-12, 1e-8  # and such an agreement of the entries and of the bases
 
 
 class Bench:
     """The rows measured so far, what they are checked against, and what failed."""
 
-    def __init__(self, repeats: int, quick: bool, folder: Path) -> None:
-        self.repeats, self.quick, self.folder = repeats, quick, folder
+    def __init__(self, repeats: int, quick: bool, folder: Path, limit: float) -> None:
+        self.repeats, self.quick, self.folder, self.limit = repeats, quick, folder, limit
         self.rows: list[Row] = []
         self.checks: list[Row] = []
         self.failed: dict[str, None] = {}
@@ -71,6 +82,27 @@ class Bench:
         except (fs.FemsubError, ImportError, MemoryError, BrokenProcessPool, RuntimeError) as error:
             self.failed[f"{label}: {type(error).__name__}: {error}"[:400]] = None
             return None
+
+    def measured(self, label: str, journal: Journal, case: Case, method: str, turn: int) -> None:
+        """One measurement of a basis, unless the journal has it or the method was stopped before."""
+        if (case, method, turn) in journal.known or journal.ended(case, method):
+            return
+        values = journal.reference(case)[1]
+        if method == tasks.FREQUENCIES and not len(values):
+            self.failed[f"{label}: no other method has told the highest frequency that is wanted"] = None
+            return
+        report.progress(label)
+        folder = journal.path.parent / "reference" / case.folder
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            row = watched(tasks.bases, method, *case, float(values[-1]) if len(values) else 0.0, folder if turn == 0 else None,
+                          limit=self.limit)
+        except (StoppedError, MemoryError) as error:
+            row = {"ended": str(error) or "not enough memory"}
+        except (fs.FemsubError, ImportError, RuntimeError) as error:
+            self.failed[f"{label}: {type(error).__name__}: {error}"[:400]] = None
+            return
+        journal.add(case, method, turn, row)
 
     def alternating(self, label: str, measured: dict[str, tuple[Any, ...]]) -> dict[str, list[Row | None]]:
         """Each (task, arguments) so many times; the last argument is the folder where results meet, in the first run."""
@@ -134,32 +166,48 @@ def assembly(bench: Bench, sizes: Row) -> None:
             bench.agrees(f"{where}, entries of K and M differ by", theirs["error"], ENTRIES)
 
 
-def bases(bench: Bench, sizes: Row, component: str, defaults: bool, only: list[str] | None) -> None:
+def bases(bench: Bench, cases: list[Case], defaults: bool, only: list[str] | None, journal: Journal) -> None:
     left_out = set() if defaults else {"SciPy, defaults"}
     if not fresh(has_cholmod):
         left_out.add("SLEPc, CHOLMOD")
-    if find_spec("pypardiso") is None:
-        left_out.add("SciPy, MKL Pardiso")
-    methods = [name for name in tasks.METHODS if name not in left_out and (only is None or name in ("femsub", *only))]
-    runs = bench.alternating(f"bases of the {component}", {
-        name: (tasks.bases, name, component, sizes) for name in methods})
-    done = [run for found in runs.values() for run in found if run]
-    if not done:
-        return
-    dof, columns = done[0]["dof"], done[0]["interface"]
-    rows = bench.table("bases", f"{component}, {columns} + {sizes['modes']}", runs, dof)
-    where = f"bases, {component}, {dof:,} DOF"
+    left_out |= {name for name, package in PACKAGES.items() if find_spec(package) is None}
+    methods = [name for name in tasks.NAMES if name not in left_out and (only is None or name in (tasks.REFERENCE, *only))]
+    for case in cases:
+        for turn in range(bench.repeats):
+            for name in methods[::1 if turn % 2 == 0 else -1]:
+                label = f"bases of the {case.component}, {case.modes} modes: {name}, run {turn + 1} of {bench.repeats}"
+                bench.measured(label, journal, case, name, turn)
+    for case in journal.cases:
+        told(bench, case, journal)
+
+
+def told(bench: Bench, case: Case, journal: Journal) -> None:
+    """The rows and checks of a case."""
+    runs, dof = journal.runs(case, tasks.NAMES), journal.dof(case)
+    columns = max((run["interface"] for found in runs.values() for run in found if run), default=0)
+    rows = bench.table("bases", f"{case.component}, {columns} + {case.modes}", runs, dof)
+    reference, certified = journal.reference(case)
+    for name in runs:
+        row = rows.get(name)
+        if row is None:
+            row = {"part": "bases", "case": f"{case.component}, {columns} + {case.modes}", "method": name, "dof": dof,
+                   "runs": 0, "phases": {}}
+            bench.rows.append(row)
+        row |= {"component": case.component, "interface": columns, "modes": case.modes, "reference": reference,
+                "ended": journal.ended(case, name) or None}
+        if values := next((run["values"] for run in runs[name] if run), None):
+            row["error"], row["missed"] = compared(certified, np.sqrt(values))
+    where = f"bases, {case.component}, {dof:,} DOF, {case.modes} modes"
     for name, row in rows.items():
-        if name == "femsub" or "times" not in row:
-            continue
-        limit = TIMES.get(name) or TIMES[name.split(",")[0]]
-        bench.faster(f"{where}, against {name}:", row, limit)
-        same = [theirs["seconds"] / (ours["seconds"] - ours["phases"].get(tasks.COUNT, 0.0))
-                for theirs, ours in zip(runs[name], runs["femsub"], strict=True) if theirs and ours]
-        bench.faster(f"{where}, against {name}, the count apart:", {"times": statistics.median(same)}, limit)
-        if name.startswith("SciPy"):
-            bench.check(f"{where}, memory against {name}:", rows["femsub"]["peak_mb"] / row["peak_mb"], MEMORY,
-                        "{value:.2f} of it (at most {limit:g} asked)")
+        limit = TIMES.get(name) or TIMES.get(name.split(",")[0])
+        if name != tasks.REFERENCE and "times" in row and limit:
+            bench.faster(f"{where}, against {name}:", row, limit)
+            same = [theirs["seconds"] / (ours["seconds"] - ours["phases"].get(tasks.COUNT, 0.0))
+                    for theirs, ours in zip(runs[name], runs[tasks.REFERENCE], strict=True) if theirs and ours]
+            bench.faster(f"{where}, against {name}, the count apart:", {"times": statistics.median(same)}, limit)
+            if name.startswith("SciPy"):
+                bench.check(f"{where}, memory against {name}:", rows[tasks.REFERENCE]["peak_mb"] / row["peak_mb"], MEMORY,
+                            "{value:.2f} of it (at most {limit:g} asked)")
         if "error_values" in row:
             bench.agrees(f"{where}, ω² differ from those of {name} by", row["error_values"], SAME)
             bench.agrees(f"{where}, constraint modes differ from those of {name} by", row["error_constraint"], SAME)
@@ -206,10 +254,11 @@ def cea(bench: Bench, sizes: Row) -> None:
 
 def text(bench: Bench) -> str:
     """The tables for the terminal."""
-    heads = ["part", "case", "method", "DOF", "seconds", "least", "most", "times", "least", "most", "peak MB", "before"]
+    heads = ["part", "case", "method", "DOF", "seconds", "least", "most", "times", "least", "most", "peak MB", "before", "error",
+             "missed", "not ended"]
     keys = ["part", "case", "method", "dof", "seconds", "seconds_least", "seconds_most", "times", "times_least", "times_most",
-            "peak_mb", "base_mb"]
-    forms = ["", "", "", ",d", ".3g", ".3g", ".3g", ".3g", ".3g", ".3g", ".0f", ".0f"]
+            "peak_mb", "base_mb", "error", "missed", "ended"]
+    forms = ["", "", "", ",d", ".3g", ".3g", ".3g", ".3g", ".3g", ".3g", ".0f", ".0f", ".0e", "d", ""]
     parts = [table(heads, [[row.get(key) for key in keys] for row in bench.rows], forms)]
     lines = [[f"{row['method']}, {row['case']}", ", ".join(f"{key} {value:.3g} s" for key, value in row["phases"].items()),
               row.get("residual"), row.get("factorisations")] for row in bench.rows if row["part"] != "cea"]
@@ -227,12 +276,15 @@ def text(bench: Bench) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what is measured (default all)")
-    parser.add_argument("--component", choices=list(tasks.COMPONENTS), default="slab",
-                        help="of the part bases: slab of linear, bulk of quadratic hexahedra (default slab; bulk takes long)")
+    parser.add_argument("--component", nargs="+", choices=list(tasks.COMPONENTS), default=["slab"],
+                        help=f"of the part bases: {', '.join(f'{key} = {text}' for key, text in tasks.COMPONENTS.items())} "
+                             "(default slab)")
+    parser.add_argument("--dof", type=int, nargs="+", help="bases: of the components, about (default some 110,000; disc 50,000)")
     parser.add_argument("--defaults", action="store_true", help="bases: SciPy's own choice of ordering, too (slow)")
-    parser.add_argument("--modes", type=int, help="bases: fixed-interface modes (default 40)")
-    parser.add_argument("--cells", type=int, nargs=3, metavar=("X", "Y", "Z"), help="bases: cells of the component")
-    parser.add_argument("--only", nargs="+", choices=list(tasks.METHODS), help="bases: femsub and these alone")
+    parser.add_argument("--modes", type=int, nargs="+", help="bases: fixed-interface modes (default 40)")
+    parser.add_argument("--limit", type=float, default=1200.0, metavar="SECONDS",
+                        help="bases: most seconds of one measurement, the component's assembly included (default 1200)")
+    parser.add_argument("--only", nargs="+", choices=tasks.NAMES, help="bases: femsub and these alone")
     parser.add_argument("--repeats", type=int, default=3, metavar="N", help="runs of each measurement (default 3)")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="DIR", help="output folder (default out/bench)")
     parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that all works, times mean nothing")
@@ -247,13 +299,16 @@ def main() -> int:
     # Debian's PETSc starts OpenMPI, see femsub/algebra/petsc.py; here slepc4py is loaded without it.
     os.environ |= {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
     computer, sizes = fresh(machine), dict(SIZES[asked.quick])
-    sizes |= {key: value for key, value in (("modes", asked.modes), (asked.component, asked.cells)) if value is not None}
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(asked.repeats, asked.quick, Path(folder))
+        bench = Bench(asked.repeats, asked.quick, Path(folder), asked.limit)
         if "assembly" in asked.parts:
             assembly(bench, sizes)
         if "bases" in asked.parts:
-            bases(bench, sizes, asked.component, asked.defaults, asked.only)
+            cases = [Case(name, size, sizes["interface"], modes) for name in asked.component
+                     for size in ([sizes[name]] if asked.dof is None else
+                                  [fresh(tasks.size_for, name, sizes[name], dof) for dof in asked.dof])
+                     for modes in asked.modes or [sizes["modes"]]]
+            bases(bench, cases, asked.defaults, asked.only, Journal(asked.out))
         if "cea" in asked.parts:
             cea(bench, sizes)
     report.progress_done()

@@ -90,6 +90,8 @@ STEPS = (
            "--defaults", "--repeats", "1", quick=("--quick", "--repeats", "1", "--parts", "bases")),
     script("bench", "Bases of a bulky solid", "Quadratic hexahedra, where factors are dense.", "--parts", "bases", "--component",
            "bulk", "--defaults", "--repeats", "1", step="bench-bulk"),
+    Step("users", "What users have today", "Time and memory over femsub's, from benchmarks/data/users.json.",
+         (sys.executable, "-m", "benchmarks.users_picture", "--out", "{out}"), (), ("users.png", "readme.png"), table=False),
     script("scaling", "Size: the chain", "Seconds, memory and error from 10 masses to a million.", "--components", "chain",
            "--cores", "2", step="scaling-chain", figures=("scaling.png",)),
     script("scaling", "Size: finite elements", "The same for a beam, a plate to 300,000 DOF and a solid to a million.",

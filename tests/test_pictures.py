@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
+from benchmarks import users_picture as users
 from benchmarks.extreme.table import CASES
-from benchmarks.pictures import FACTOR, differences, plain, shown
+from benchmarks.pictures import FACTOR, differences, lines, plain, shown
 from femsub.app.cli import main
 from femsub.app.scene import SCENES
 
@@ -83,3 +84,12 @@ def test_extreme_cases_are_counted_once() -> None:
 def test_the_readme_begins_with_a_picture_that_has_data() -> None:
     first = re.search(r"!\[[^\]]+\]\(docs/pictures/([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
     assert first and {"Craig-Bampton", "Craig-Chang"} <= {row.get("model") for row in DATA[first[1]]["shows"]}
+
+
+def test_pictures_and_pages_tell_of_other_programs_what_was_measured() -> None:
+    rows = json.loads(users.DATA.read_text(encoding="utf-8"))["rows"]
+    assert {row["component"] for row in rows} == set(users.COMPONENTS)
+    for name, chosen in (("users.png", rows), ("users-readme.png", users.largest(rows))):
+        assert DATA[name]["shows"] == json.loads(json.dumps(list(lines(users.figure(chosen)))))
+    for page, make in users.PAGES.items():
+        assert users.between((ROOT / page).read_text(encoding="utf-8")) == make(rows)

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from benchmarks.comparisons import NAMES
+from benchmarks.processes import StoppedError, watched
+from benchmarks.users import LOST, Case, Journal, compared
 
 ROOT = Path(__file__).parent.parent
 
@@ -47,17 +54,21 @@ def test_scaling_of_finite_elements(tmp_path: Path) -> None:
     assert 0 < rows["solid", 990]["error"] < 1e-11  # CC keeps these very modes
 
 
+def bench(folder: Path, *args: str) -> dict[str, Any]:
+    command = [sys.executable, str(ROOT / "scripts" / "bench.py"), "--quick", "--repeats", "1", "--out", str(folder), *args]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert {path.name for path in folder.iterdir()} == {"bench.csv", "bench.json", "measured.jsonl", "reference"}
+    report: dict[str, Any] = json.loads((folder / "bench.json").read_text())
+    assert not report["failed"]
+    return report
+
+
 @pytest.mark.slow
 @pytest.mark.cholmod
 def test_bench(tmp_path: Path) -> None:
     others = "SciPy", "SLEPc, CHOLMOD", "SLEPc, MUMPS"  # what is compared with wherever femsub runs
-    options = "--quick", "--repeats", "1", "--out", str(tmp_path), "--only", *others
-    command = [sys.executable, str(ROOT / "scripts" / "bench.py"), *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert {path.name for path in tmp_path.iterdir()} == {"bench.csv", "bench.json"}
-    report = json.loads((tmp_path / "bench.json").read_text())
-    assert not report["failed"]
+    report = bench(tmp_path, "--only", *others)
     rows = {(row["part"], row["method"]): row for row in report["rows"]}
     assert {method for part, method in rows if part == "assembly"} == {"femsub", "scikit-fem"}
     assert {method for part, method in rows if part == "bases"} == {"femsub", *others}
@@ -72,6 +83,46 @@ def test_bench(tmp_path: Path) -> None:
     agreements = [check for check in report["checks"] if not check["timed"]]
     assert len(agreements) == 8 and all(check["met"] for check in agreements)
     assert all(check["met"] is None for check in report["checks"] if check["timed"])  # such sizes say nothing of times
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("component", ["slab", "bulk", "disc"])
+def test_bases_of_all_methods_agree_and_a_bench_goes_on_where_it_stopped(component: str, tmp_path: Path) -> None:
+    options = "--parts", "bases", "--component", component
+    rows = {row["method"]: row for row in bench(tmp_path, *options)["rows"]}
+    assert {"femsub", "SciPy", "SLEPc, MUMPS", "AMLS alone"} <= set(rows) <= set(NAMES)
+    for method, row in rows.items():
+        assert row["component"] == component and row["interface"] == 18 and row["reference"] == "femsub" and not row["ended"]
+        if method == "AMLS alone":
+            assert 1e-5 < row["error"] < LOST and row["missed"] <= 1
+        else:
+            assert row["error"] < 1e-9 and row["missed"] == 0 and row["residual"] < 1e-9
+    journal = tmp_path / "measured.jsonl"
+    lines = [line for line in journal.read_text().splitlines() if line]
+    assert len(lines) == len(rows)
+    journal.write_text("\n".join([*lines[:-1], lines[-1][:40]]))  # killed while it wrote the last line
+    again = {row["method"]: row for row in bench(tmp_path, *options)["rows"]}
+    method = json.loads(lines[-1])["method"]
+    assert {name for name, row in rows.items() if row["seconds"] != again[name]["seconds"]} == {method}
+
+
+def test_a_measurement_that_takes_too_long_is_told(tmp_path: Path) -> None:
+    case, journal = Case("slab", (1, 1, 1), 4, 3), Journal(tmp_path)
+    with pytest.raises(StoppedError, match=re.escape("longer than 0.1 s")):
+        watched(time.sleep, 30.0, limit=0.1)
+    journal.add(case, "SciPy", 0, {"ended": "longer than 0.1 s"})
+    assert Journal(tmp_path).ended(case, "SciPy") == "longer than 0.1 s" and not journal.ended(case, "femsub")
+    assert Journal(tmp_path).runs(case, ["SciPy"]) == {"SciPy": [None]}
+
+
+def test_missed_modes_are_counted() -> None:
+    certified = np.array([1.0, 2.0, 2.001, 3.0])
+    assert compared(certified, certified) == (0.0, 0)
+    assert compared(certified, [1.0, 2.001, 3.0, 4.0]) == (pytest.approx(0.0), 1)  # the lower of two that lie close together
+    error, missed = compared(certified, 1.003 * certified)
+    assert error == pytest.approx(3e-3, rel=0.2) and missed == 0
+    assert compared(certified, [1.0, 2.0]) == (0.0, 2)
+    assert compared(certified, 1.02 * certified)[1] == 4
 
 
 def report(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
