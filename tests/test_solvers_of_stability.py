@@ -107,7 +107,7 @@ def test_a_sparse_unsymmetric_pencil_is_followed_with_few_solutions(monkeypatch:
 
 @pytest.mark.slow
 def test_a_pencil_of_2000_dof_is_followed_within_30_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With as many modes in the band as one of 4,096 DOF has up to 0.38, whose solutions are as many, and take five times as long."""
+    """As many modes in the band as a model of 4,096 DOF has up to 0.38, and as many solutions."""
     family, _ = brake_like(48)
     made = counted(monkeypatch)
     found = fs.critical_value(family, None, "mu", between=(0.0, 0.005), band=(0.0, 0.42))
