@@ -10,12 +10,19 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.io
+from sandbox import HOOK
 
 import femsub as fs
 from femsub.app.cli import main
@@ -57,10 +64,14 @@ SMALL = {
     "ziegler": 'damping = [0.0, 0.1]\npoints = 11\n',
     "audit": 'M = "M.npz"\nK = "model.mat:K"\ninterface = [0]\nfull_M = "M.npz"\nfull_K = "model.mat:K"\nfull_interface = [0]\n',
 }
+#: two of them are quick
+EACH = [pytest.param(name, marks=() if name in ("superelements", "audit") else pytest.mark.slow) for name in SMALL]
 CHAIN = 'belts = [2]\nsizes = [3, 5]\noutputs = ["critical-slope", "size-sweep"]\nfigures = false\n'
 SHORT = {"solid": SMALL["solid"] + 'outputs = ["modes"]\n', "matrices": SMALL["matrices"] + 'outputs = ["eigenvalues"]\n'}
 CLOCK = {"date", "sha256", "sentence", "seconds", "seconds_per_period", "speedup", "recommended", "pareto",  # by the clock
          "verdict"}
+#: what a run may start: it tells the commit and the machine
+STARTED = tuple(f"started: ['{name}'" for name in ("git", "lscpu", "uname"))
 
 
 def scene_file(folder: Path, name: str, text: str | None = None) -> str:
@@ -117,25 +128,83 @@ def without_folders(inputs: Any) -> Any:
             for key, value in inputs.items()}
 
 
-@pytest.mark.sampled(10)
-@pytest.mark.parametrize("name", SMALL)
-def test_a_run_is_repeated_from_its_results_and_told_in_80_columns(
-        tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = scene_file(tmp_path / "here", name)
-    assert main(["run", scene, "--no-figures", "--out", str(tmp_path / "out")]) == 0
-    monkeypatch.chdir(tmp_path)
-    capsys.readouterr()
-    assert main(["run", "out/results.json", "-v", "--out", "deep/again"]) == 0
-    printed = capsys.readouterr().out
-    assert all(len(line) <= WIDTH for line in printed.splitlines()), max(printed.splitlines(), key=len)
-    assert not re.search(r"\b(nan|inf|None|True|False)\b", printed)
-    first, second = results(tmp_path / "out"), results(tmp_path / "deep" / "again")
+@contextmanager
+def watched(folder: Path, temporary: Path) -> Iterator[list[str]]:
+    """What a block changes outside of a folder or leaves in that for temporary files; the list is filled at the block's end."""
+    findings: list[str] = []
+    temporary.mkdir(exist_ok=True)
+    with tempfile.TemporaryFile() as file, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", str(temporary))
+        patch.setattr(tempfile, "tempdir", str(temporary))
+        patch.setattr(sys, "dont_write_bytecode", True)
+        HOOK.start(str(folder), file.fileno())
+        try:
+            yield findings
+        finally:
+            HOOK.said = None
+            file.seek(0)
+            findings += [line for line in file.read().decode().splitlines() if not line.startswith(STARTED)]
+            findings += [f"left: {path.name}" for path in temporary.iterdir()]
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """Two runs of a scene, what the second printed, and what both changed elsewhere.
+
+    The first draws figures into a new folder. The second goes by its results.json, into a folder that holds the same files.
+    """
+
+    first: dict[str, Any]
+    second: dict[str, Any]
+    drawn: set[str]
+    printed: str
+    elsewhere: list[str]
+
+
+@pytest.fixture(scope="module")
+def repeated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Repeated]:
+    """repeated("chain"): each scene runs when it is first asked for."""
+    @cache
+    def run(name: str) -> Repeated:
+        folder = tmp_path_factory.mktemp(name)
+        out, again, temporary = folder / "out", folder / "deep" / "again", folder / "temporary"
+        scene, printed = scene_file(folder / "here", name), io.StringIO()
+        with watched(out, temporary) as first:
+            assert main(["run", "-q", scene, "--out", str(out)]) == 0
+        shutil.copytree(out, again)
+        with (watched(again, temporary) as second, pytest.MonkeyPatch.context() as patch, redirect_stdout(printed)):
+            patch.chdir(folder)
+            assert main(["run", "out/results.json", "-v", "--no-figures", "--out", "deep/again"]) == 0
+        drawn, kept = ({path.relative_to(one).as_posix() for path in one.rglob("*") if path.is_file()} for one in (out, again))
+        return Repeated(results(out), results(again), drawn - kept, printed.getvalue(), first + second)
+
+    return run
+
+
+@pytest.mark.parametrize("name", EACH)
+def test_a_run_is_repeated_from_its_results_and_told_in_80_columns(name: str, repeated: Callable[[str], Repeated]) -> None:
+    run = repeated(name)
+    assert all(len(line) <= WIDTH for line in run.printed.splitlines()), max(run.printed.splitlines(), key=len)
+    assert not re.search(r"\b(nan|inf|None|True|False)\b", run.printed)
+    first, second = deepcopy(run.first), deepcopy(run.second)
     for told in (first, second):  # seen from another folder
         for item in told["files"]:
             item["path"] = Path(item["path"]).name
         told["inputs"] = without_folders(told["inputs"])
+    # figures apart, which are not drawn again, and those of the paper that they correspond to
+    assert (first["inputs"].pop("figures"), second["inputs"].pop("figures")) == (True, False)
+    assert set(first.pop("paper", {"figures": ()})["figures"]) <= run.drawn
+    assert set(first.pop("written")) - set(kept := second.pop("written")) == run.drawn
     assert not difference(first, second)
-    assert first["inputs"]["scene"] == name and len(first["written"]) > 1
+    assert first["inputs"]["scene"] == name and len(kept) > 1
+
+
+def test_a_run_without_figures_is_repeated_without_them(tmp_path: Path) -> None:
+    assert main(["run", scene_file(tmp_path / "here", "audit"), "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", str(tmp_path / "out" / "results.json"), "--out", str(tmp_path / "again")]) == 0
+    first, second = results(tmp_path / "out"), results(tmp_path / "again")
+    assert first["inputs"]["figures"] is second["inputs"]["figures"] is False
+    assert first["written"] == second["written"] and not list(tmp_path.rglob("*.png"))
 
 
 def test_each_kind_of_scene_is_repeated() -> None:
@@ -278,19 +347,23 @@ def test_nothing_outside_of_the_folder_is_ever_taken_away(tmp_path: Path) -> Non
     assert mine.read_text() == "mine"
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "two-mode" else pytest.mark.slow) for name in SMALL])
-def test_a_run_changes_nothing_outside_of_its_folder(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", EACH)
+def test_a_run_changes_nothing_outside_of_its_folder(name: str, repeated: Callable[[str], Repeated]) -> None:
     """Under an audit hook: what is opened for writing, moved or deleted lies in DIR, the temporary folder or /dev/shm."""
+    assert not repeated(name).elsewhere
+
+
+@pytest.mark.parametrize("name", ["two-mode", pytest.param("solid", marks=pytest.mark.slow)])
+def test_a_process_changes_nothing_outside_of_its_folder(tmp_path: Path, name: str) -> None:
+    """From its imports to its end; figures are drawn into a new folder, and into the same again."""
     (tmp_path / "temporary").mkdir()
     scene = scene_file(tmp_path / "here", name)
-    for _ in range(2):  # into a new folder, and into the same again
-        command = [sys.executable, str(Path(__file__).with_name("sandbox.py")), str(tmp_path / "out"), "run", "-q", scene]
-        done = subprocess.run([*command, "--out", str(tmp_path / "out")], capture_output=True, text=True, check=False,
-                              env={**os.environ, "TMPDIR": str(tmp_path / "temporary")})
-        assert done.returncode == 0, done.stderr
-        told = [line for line in done.stdout.splitlines()
-                if not line.startswith(("started: ['git'", "started: ['lscpu'", "started: ['uname'"))]
-        assert not told and not list((tmp_path / "temporary").iterdir())
+    command = [sys.executable, str(Path(__file__).with_name("sandbox.py")), str(tmp_path / "out"), "run", "-q", scene]
+    done = subprocess.run([*command, "--out", str(tmp_path / "out")], capture_output=True, text=True, check=False,
+                          env={**os.environ, "TMPDIR": str(tmp_path / "temporary")})
+    assert done.returncode == 0, done.stderr
+    told = [line for line in done.stdout.splitlines() if not line.startswith(STARTED)]
+    assert not told and not list((tmp_path / "temporary").iterdir())
 
 
 def test_a_results_json_that_is_not_ours_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -106,10 +106,11 @@ def test_a_sparse_unsymmetric_pencil_is_followed_with_few_solutions(monkeypatch:
 
 
 @pytest.mark.slow
-def test_a_pencil_of_4000_dof_is_followed_within_30_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
-    family, _ = brake_like(64)
+def test_a_pencil_of_2000_dof_is_followed_within_30_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As many modes in the band as a model of 4,096 DOF has up to 0.38, and as many solutions."""
+    family, _ = brake_like(48)
     made = counted(monkeypatch)
-    found = fs.critical_value(family, None, "mu", between=(0.0, 0.005), band=(0.0, 0.38))
+    found = fs.critical_value(family, None, "mu", between=(0.0, 0.005), band=(0.0, 0.42))
     assert found.losses and found.method == "followed" and made["complex_modes"] + made["ComplexFactor"] <= 30
     for one in found.losses:
         growth = [fs.complex_modes(family.at(mu=one.value + step), band=(0.999 * one.omega, 1.001 * one.omega)).growth
