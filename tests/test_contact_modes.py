@@ -11,8 +11,10 @@ import pytest
 
 import femsub as fs
 from femsub.algebra import memory
+from femsub.checks import Tally
 from femsub.coupling.contacts.friction_contact import FrictionContact
 from femsub.model import contacts_at
+from femsub.stability.question import CriticalValue, Question
 from femsub.studies.losses import affine_over, first_loss
 
 BAND = (1e3, 1.2e5)
@@ -111,6 +113,17 @@ def test_the_first_loss_of_the_full_model_is_near_that_of_the_reduced_one() -> N
     for value, sign in ((0.99 * true, -1), (1.01 * true, 1)):
         near = fs.complex_modes(system, at(value), band=(0.99 * height, 1.01 * height)).eigenvalues
         assert np.sign(near.real.max()) == sign
+
+
+def test_a_loss_at_a_place_not_known_is_no_critical_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a growing mode comes into the band at its edge: the reason is told, not the begin of the interval."""
+    def found(asked: object, contacts: object, parameter: str, between: tuple[float, float], *_: object) -> CriticalValue:
+        question = Question(asked, contacts, parameter, None, between, BAND)  # type: ignore[arg-type]
+        return CriticalValue.of(question, [], [], Tally(0), method="followed", lost=[between[0]], open=[between])
+
+    monkeypatch.setattr("femsub.studies.losses.first_value", found)
+    loss = first_loss(pad()[0], at(0.0), "mu", (0.0, 2.0), BAND)
+    assert np.isnan(loss.value) and np.isnan(loss.omega) and "beyond mu = 0, at a place that is not known" in loss.reason
 
 
 def test_a_large_interface_without_shapes_of_its_own_asks_for_no_memory(machine: Callable[..., None]) -> None:

@@ -14,6 +14,9 @@ from femsub.errors import CutoffWarning, FemsubError, InputError
 from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, contacts_of
 from femsub.stability import critical_slope, first_value, pencil_over
 
+UNKNOWN = ("stability is lost beyond {} = {:.6g}, at a place that is not known: more modes grow there, but none was found to "
+           "cross. A growing mode may come into the band at its edge. Move the ends of the band")
+
 
 class Loss(NamedTuple):
     """The value of a parameter at the first loss of stability (±inf if there is none), and its ω; NaN with the reason why."""
@@ -47,6 +50,8 @@ def first_loss(model: Substructure, contacts: Contacts, parameter: str, between:
                 asked, acting = affine_over(model, given, parameter, between), None
             # all modes of a model would be excluded at a price that a table of many models need not pay
             found = first_value(asked, acting, parameter, between, band, near)
+            if np.isfinite(found.value) and not found.first and not found.growing:
+                return Loss(reason=UNKNOWN.format(parameter, found.value))
             return Loss(found.value, found.omega if found.first else abs(found.fastest.imag))
     except FemsubError as error:
         return Loss(reason=str(error))
