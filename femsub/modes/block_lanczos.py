@@ -29,7 +29,7 @@ LOST = 1e-13  # loss of orthogonality by cancellation up to which one pass is en
 
 
 def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1, known: Array | None = None,
-                  seen: Callable[[Array, Array], None] | None = None) -> tuple[Array, Array]:
+                  seen: Callable[[Array, Array], None] | None = None, restarts: int = RESTARTS) -> tuple[Array, Array]:
     """The eigenvalues of (K - λM)φ = 0 next above σ: A V = V T + Q R Eᵀ, A = (K - σM)⁻¹M, VᵀMV = I, V (n, m), λ = σ + 1/θ.
 
     `factor` is that of K - σM, which is positive definite. A Ritz pair is accepted if ‖R Eᵀy‖ ≤ tol θ. T is block tridiagonal,
@@ -55,7 +55,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     Raises
     ------
     NotConvergedError
-        Fewer than `count` Ritz pairs have converged within 60 restarts.
+        Fewer than `count` Ritz pairs have converged within so many `restarts`.
 
     References
     ----------
@@ -64,7 +64,8 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     (1998), sec. 6.9 (a second pass only after cancellation).
     """
     locked = np.zeros((factor.size, 0)) if known is None else known
-    theta, X = _ritz_vectors(factor, M, count, tol, seed, locked, lambda theta, error: seen and seen(sigma + 1 / theta, error))
+    theta, X = _ritz_vectors(factor, M, count, tol, seed, locked, lambda theta, error: seen and seen(sigma + 1 / theta, error),
+                             restarts)
     if theta[0] <= SPREAD * theta[-1] and M.diagonal().all():
         return sigma + 1 / theta, X
     MX = times(M, X)
@@ -76,7 +77,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
 
 
 def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array,
-                  seen: Callable[[Array, Array], None]) -> tuple[Array, Array]:
+                  seen: Callable[[Array, Array], None], most_restarts: int) -> tuple[Array, Array]:
     """The wanted θ (count,) and their Ritz vectors after a step of inverse iteration, (n, count). All other memory is freed."""
     (n, known), rng = locked.shape, np.random.default_rng(seed)
     room = n - known
@@ -140,7 +141,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
             if m >= count and (residual <= tol * np.abs(theta[:count])).all():  # AX = XΘ + QREᵀY: this step needs no solve
                 return theta[:count], _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
         if full:
-            if restarts == RESTARTS:
+            if restarts == most_restarts:
                 good = int(np.count_nonzero(residual <= tol * np.abs(theta[:count])))
                 raise NotConvergedError(f"{good} of {count} modes converged to {tol:g} within {restarts} restarts. Ask for "
                                         "fewer modes, or check the matrices")

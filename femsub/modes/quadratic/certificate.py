@@ -146,21 +146,24 @@ class Nearest(_Counted):
 
     most = np.inf
 
-    def __init__(self, pencil: Pencil, number: int, evidence: bool | None) -> None:
+    def __init__(self, pencil: Pencil, number: int, evidence: bool | None, given: Pencil) -> None:
         wanted = pencil.size <= KEPT if evidence is None else evidence
         super().__init__(pencil, wanted)
         self.number, self.unasked = number, evidence is None
         self.tried = wanted and self.parts is None and pencil.is_sparse and pencil.size > QUADRATIC
         if self.tried:
-            self._project()
+            self._project(given)
         # The eigenvalues nearest to a shift are not exactly those nearest to 0, so a few more are computed. A count needs a
         # gap behind the last one, and therefore the next one.
         self.ask = number + (0 if self.pairs else 12 if self.problem.shift else 0) + (2 if wanted else 0)
 
-    def _project(self) -> None:
-        """The count and the pairs by projection, in a disc that is widened until it holds the `number` nearest."""
+    def _project(self, given: Pencil) -> None:
+        """The count and the pairs by projection, in a disc that is widened until it holds the `number` nearest.
+
+        Its first radius is found in the units of the `given` pencil, in which a uniform motion is one of a body.
+        """
         with suppress(SingularMatrixError, NotConvergedError, NotEnoughMemoryError):
-            radius = about_radius(self.pencil, self.number)
+            radius = about_radius(given, self.number)
             for _ in range(DISCS):
                 self.count = self.projected(disc := Contour(radius), partial(self._behind, disc))
                 if self.count is not None or self.short is False:

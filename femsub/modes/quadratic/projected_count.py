@@ -28,6 +28,7 @@ from femsub.algebra import (
     shared_factor,
     smooth_shape,
     times,
+    translations,
 )
 from femsub.checks import EPS, Array, Matrix, Tally
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
@@ -41,8 +42,8 @@ if TYPE_CHECKING:
 
 REACH = 2.5  # undamped modes are kept up to so many times the largest Im λ
 LIFTS = (0.0, 0.2, 1.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
-SEEDS = 6  # vectors, and steps, of a search for the lowest mode
-MORE, ROUGH = 3, 1e-4  # modes beyond half of the number of eigenvalues, and the tolerance of θ, where only a radius is sought
+MORE, ROUGH, FEW_RESTARTS = 4, 1e-4, 4  # modes beyond half of the eigenvalues, tolerance of θ and restarts for a radius
+MOTION = 1e-9  # quotient relative to the largest up to which a shape is rigid motion, or nearly
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
 DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
 STRONG = 200  # shapes of stronger damping at most
@@ -407,30 +408,23 @@ def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
 def about_radius(pencil: Pencil, number: int) -> float:
     """About the radius of a disc around 0 with so many eigenvalues: that of the undamped modes of K + lift M, roughly found.
 
-    A smooth shape gives a first lift. In a system with stiff contacts it is far too high, and few steps of subspace iteration
-    show by how much.
+    The lift is the lowest Rayleigh quotient of a uniform motion or a smooth shape that is not rounding: K + lift M is then
+    definite in spite of friction, and its lowest modes are well apart.
 
     Raises
     ------
     SingularMatrixError, NotConvergedError
-        K is far from definite.
+        K is far from definite, or no such shape is low enough.
     """
     K, M = pencil.symmetric_stiffness, pencil.M
-    wave = smooth_shape(K)
-    lift = abs(float(wave @ (K @ wave))) / float(wave @ (M @ wave))
+    shapes = np.column_stack([translations(pencil.size), smooth_shape(K)])
+    energy, mass = (np.abs(np.einsum("ij,ij->j", shapes, A @ shapes)) for A in (K, M))
+    quotients = energy[mass > 0] / mass[mass > 0]
+    lift = float(quotients[quotients > MOTION * quotients.max(initial=0.0)].min(initial=np.inf))
+    if not np.isfinite(lift):
+        raise SingularMatrixError("no motion has both stiffness and mass")
     factor = shared_factor(sp.csr_array(K + lift * M), "definite")
-    x = np.random.default_rng(6).standard_normal((pencil.size, SEEDS))
-    for _ in range(SEEDS):
-        x = orthonormal(factor.solve(M @ x), M.__matmul__)[0]
-    lowest = abs(float(np.linalg.eigvalsh(x.T @ (K @ x))[0]))
-    if lowest < lift / 16:
-        for lift in (lowest / 4, 2 * lowest):
-            with suppress(SingularMatrixError):
-                factor = shared_factor(sp.csr_array(K + lift * M), "definite")
-                break
-        else:
-            raise SingularMatrixError("K is far from definite")
-    values = block_lanczos(factor, M, 0.0, number // 2 + MORE, tol=ROUGH)[0]
+    values = block_lanczos(factor, M, 0.0, number // 2 + MORE, tol=ROUGH, restarts=FEW_RESTARTS)[0]
     return float(np.sqrt(max(values[-1] - lift, lift / 16)))
 
 

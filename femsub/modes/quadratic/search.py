@@ -71,7 +71,7 @@ def _searched(pencil: Pencil, region: Region, evidence: bool | None, given: Penc
 def _in_units(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget) -> Found | None:
     """By PEP on a sparse pencil, whose DOF it scales to similar size."""
     alike = pencil.alike()
-    found = _by_pep(alike, region, evidence, budget)
+    found = _by_pep(alike, region, evidence, budget, pencil)
     if found is None or alike is pencil:
         return found
     X, Y = pencil.restored(found.X, found.Y)
@@ -122,18 +122,18 @@ def _by_lapack(pencil: Pencil, given: Pencil) -> Found:
     return Found(values, X, Y, values, Tally(len(values), number))
 
 
-def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget) -> Found | None:
+def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget, given: Pencil) -> Found | None:
     """Search for more and more eigenvalues nearest to 0, until the certificate shows that the region is complete.
 
     None where LAPACK is to find all: the budget does not last, a dense model can only be certified so, or PEP fails on a model
-    that is small enough.
+    that is small enough. `given` is the pencil in its own units.
     """
     proof = budget.is_limited and (region.box is not None if evidence is None else evidence)
     if budget.is_limited and damping_split.split(pencil) is None:
         if proof:
             return None  # any other count of a full matrix would cost more than all eigenvalues
         evidence = False
-    certificate = Nearest(pencil, region.count or 0, evidence) if region.box is None else \
+    certificate = Nearest(pencil, region.count or 0, evidence, given) if region.box is None else \
         Enclosed(pencil, region.box, evidence, not budget.is_limited)
     columns = 0 if certificate.parts is None else certificate.parts.W.shape[1]
     searched = Search(lambda ask, seed: certificate.problem.nearest(ask, seed), pencil.size)
