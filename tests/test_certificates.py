@@ -402,3 +402,20 @@ def test_those_nearest_to_0_come_from_a_projection(share: float, monkeypatch: py
     assert len(exact) > 4 and found.evidence == "certified" and found.backward_error.max() < 1e-13
     assert len(found) == 8  # a pair is never split
     np.testing.assert_allclose(np.sort(np.abs(found.eigenvalues))[::2], exact[:4], rtol=1e-10)
+
+
+def test_where_no_projection_counts_no_wider_disc_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Damping that is too strong for it is so in any disc."""
+    sub = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0),
+                   supports={"left": "clamped"})
+    uneven = sp.diags_array(np.linspace(1.0, 2.0, sub.size))
+    pencil = fs.Pencil(sub.M, sp.csr_array(1e-7 * (uneven @ sub.K @ uneven)), sub.K)
+    asked: list[object] = []
+
+    def refused(_: object, contour: object) -> None:
+        asked.append(contour)
+        raise fs.NotConvergedError("strongly damped")
+
+    monkeypatch.setattr(certificate, "Projection", refused)
+    found = fs.complex_modes(pencil, count=4)
+    assert len(asked) == 1 and len(found) == 4 and found.evidence == "not checked"

@@ -46,7 +46,7 @@ class _Counted:
         self.pencil, self.wanted = pencil, wanted
         self.counted: Counted | None = None
         self.count: projected_count.Count | None = None  # by a projection before the search
-        self.short: bool | None = None  # whether a disc was too small for it
+        self.short = False  # whether a disc was too small for it
         self.tally = Tally(0)
         self.projection: Projection | None = None
         self.pairs: tuple[Array, Array] | None = None  # all that are needed, where no search is
@@ -165,8 +165,9 @@ class Nearest(_Counted):
         with suppress(SingularMatrixError, NotConvergedError, NotEnoughMemoryError):
             radius = about_radius(given, self.number)
             for _ in range(DISCS):
+                self.short = False
                 self.count = self.projected(disc := Contour(radius), partial(self._behind, disc))
-                if self.count is not None or self.short is False:
+                if not self.short:
                     break
                 radius *= WIDER
         self.pairs = self._pairs()
