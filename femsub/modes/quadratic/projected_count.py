@@ -408,8 +408,8 @@ def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
 def about_radius(pencil: Pencil, number: int) -> float:
     """About the radius of a disc around 0 with so many eigenvalues: that of the undamped modes of K + lift M, roughly found.
 
-    The lift is the lowest Rayleigh quotient of a uniform motion or a smooth shape that is not rounding: K + lift M is then
-    definite in spite of friction, and its lowest modes are well apart.
+    The lift is the lowest Rayleigh quotient of a uniform motion or a smooth shape that is not rounding. It has the size of the
+    lowest ω², so that K + lift M is usually definite in spite of friction, and few steps of block Lanczos are enough.
 
     Raises
     ------
