@@ -32,6 +32,7 @@ from .factor import (
     release as release,
     shared_factor as shared_factor,
 )
+from .forked import Divided as Divided, divided as divided, fork_pays as fork_pays, shared_zeros as shared_zeros
 from .frozen import Frozen as Frozen
 from .matrices import (
     Difference as Difference,

@@ -17,7 +17,7 @@ from femsub.algebra.factor import inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.memory import count_bytes
 from femsub.algebra.process_memory import available
-from femsub.algebra.threads import threads
+from femsub.algebra.threads import two_cores
 from femsub.algebra.workers import BASE, MEMORY, environment_of_workers, has_room, load, store, task_folder
 from femsub.checks import Matrix
 from femsub.errors import NotEnoughMemoryError
@@ -55,7 +55,7 @@ class CountBeside:
         This process will need so many columns of n numbers meanwhile.
         """
         need = SPARE * count_bytes(K, nonzeros) + BASE + 8.0 * K.shape[0] * columns
-        if nonzeros < WORTH or not _two_cores() or not Path(sys.executable or "").name.startswith("python"):
+        if nonzeros < WORTH or not two_cores() or not Path(sys.executable or "").name.startswith("python"):
             return None
         if (free := available()) is None or free < need:
             return None
@@ -84,11 +84,6 @@ class CountBeside:
     def __del__(self) -> None:
         if hasattr(self, "_held"):
             self._held.close()
-
-
-def _two_cores() -> bool:
-    """Whether this process may use two cores, as its BLAS does."""
-    return threads() > 1 and len(os.sched_getaffinity(0)) > 1
 
 
 def serve() -> None:

@@ -6,9 +6,13 @@ two cores LAPACK's eigensolver then takes 100 ms for 100 DOF, and 1 ms with one 
 
 from __future__ import annotations
 
+import os
 import sys
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
+from threading import RLock
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,9 +29,41 @@ LONG = 2e7  # multiplications of a product with a sparse matrix from which it is
 BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  # modules that load a BLAS
 
 
-def one_thread(small: bool) -> AbstractContextManager[object]:
-    """Context manager: if the work is small, every loaded BLAS uses one thread inside, and as many as before afterwards."""
-    return libraries().limit(limits=1) if small else nullcontext()
+class _Limited:
+    """How many calls hold BLAS to one thread now, and how many threads it had before the first."""
+
+    depth, before, lock = 0, 1, RLock()
+    held: ClassVar[list[tuple[ThreadpoolController, Any]]] = []
+
+
+@contextmanager
+def one_thread(small: bool) -> Iterator[None]:
+    """Context manager: if the work is small, every loaded BLAS uses one thread inside, and as many as before afterwards.
+
+    Calls may overlap in any order: the last to end gives the threads back.
+    """
+    if not small:
+        yield
+        return
+    with _Limited.lock:
+        controller = libraries()
+        if not _Limited.depth:
+            _Limited.before = threads()
+        _Limited.depth += 1
+        if controller not in (one for one, _ in _Limited.held):  # the first call, or a BLAS was loaded since
+            _Limited.held.append((controller, controller.limit(limits=1)))
+    try:
+        yield
+    finally:
+        with _Limited.lock:
+            _Limited.depth -= 1
+            while not _Limited.depth and _Limited.held:
+                _Limited.held.pop()[1].restore_original_limits()
+
+
+def two_cores() -> bool:
+    """Whether this process may use two cores, as its BLAS does where no `one_thread` holds it."""
+    return (_Limited.before if _Limited.depth else threads()) > 1 and len(os.sched_getaffinity(0)) > 1
 
 
 def libraries() -> ThreadpoolController:
@@ -43,7 +79,7 @@ def _libraries(_imported: int) -> ThreadpoolController:
 
 def threads() -> int:
     """How many threads the BLAS of this process has now."""
-    return max((library["num_threads"] for library in libraries().info()), default=1)
+    return max((library.num_threads for library in libraries().lib_controllers), default=1)
 
 
 def times(A: Matrix, X: Array) -> Array:

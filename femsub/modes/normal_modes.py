@@ -305,6 +305,8 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
             stack.enter_context(one_thread(True))
         elif not beside.busy:
             stack.close()
+        if handle.solves is not None:
+            handle.solves.busy()
 
     return seen
 

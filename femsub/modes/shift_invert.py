@@ -37,7 +37,7 @@ from femsub.errors import ConditionWarning, SingularMatrixError, warn
 from femsub.modes.rounding import rounding_of
 
 if TYPE_CHECKING:
-    from femsub.algebra import CountBeside
+    from femsub.algebra import CountBeside, Divided
     from femsub.model import Substructure
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
@@ -71,6 +71,7 @@ class ShiftInvert:
     def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None) -> None:
         self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
         self.beside: CountBeside | None = None  # counts the modes while they are sought
+        self.solves: Divided | None = None  # finds static shapes with the same factor meanwhile
         motion = motion_of(carried) if isinstance(rows, slice) else None
         self._given = None if motion is None else motion.shapes
         key = (self.K, self.M), ("shift and rigid-body modes", motion is None)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import RigidMotion, phase, times, undamped
+from femsub.algebra import RigidMotion, phase, shared_zeros, times, undamped
 from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.modes import ShiftInvert, count_deferred, independent, units
@@ -62,6 +62,8 @@ class Statics:
         The label of their columns in V.
     rigid : ndarray, shape (n_c, k), or None
         The rigid motions C rigid of the part, beside those of its modes; None where they are not known.
+    sought : Kept, optional
+        The modes, where they were found meanwhile.
     """
 
     part: Partition
@@ -71,6 +73,7 @@ class Statics:
     forces: Array
     kind: str
     rigid: Array | None = None
+    sought: Kept | None = None
 
     @classmethod
     def of(cls, part: Partition, handle: ShiftInvert, forces: Array, kind: str) -> Statics:
@@ -282,9 +285,13 @@ def port_errors(ports: Mapping[str, Array], basis: Basis, kept: Kept, energies: 
     return errors
 
 
-def zeros(rows: int, columns: int, room: int) -> Array:
-    """Zeros (rows, columns) with memory for `room` more columns behind them, which costs nothing until it is written to."""
-    return np.zeros((rows, columns + room), order="F")[:, :columns]
+def zeros(rows: int, columns: int, room: int, common: bool = False) -> Array:
+    """Zeros (rows, columns) with memory for `room` more columns behind them, which costs nothing until it is written to.
+
+    What is `common` is shared with forks of this process.
+    """
+    whole = shared_zeros(rows, columns + room) if common else np.zeros((rows, columns + room), order="F")
+    return whole[:, :columns]
 
 
 def widened(C: Array, columns: int) -> Array:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import without
+from femsub.algebra import divided, fork_pays, without
 from femsub.checks import EPS, Array
 from femsub.coupling import rigid_rows, spatial
 from femsub.errors import ConditionWarning, InputError, warn
 from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, costs_nothing, motion_of, rounding_ratio, units
 from femsub.modes.shift_invert import rounding
-from femsub.reduction.basis import COLUMNS, Partition, Statics, square, zeros
+from femsub.reduction.basis import Partition, Statics, square, zeros
 from femsub.reduction.method import Method
 
 if TYPE_CHECKING:
@@ -75,10 +76,15 @@ class CraigBampton(Method):
         sub, b = part.sub, part.sub.interface
         if handle.floating and len(b):
             raise _not_held(sub, handle.rigid.shape[1])
-        C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes))
+        beside = fork_pays(handle.factor, len(b))
+        C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes), beside)
         C[b, np.arange(len(b))] = 1.0
-        condensed, rigid = condensed_stiffness(sub, _constraint_modes(handle, sub, C), C)
-        return Statics(part, handle, C, condensed, extra[part.rows], "static port", rigid)
+        condensed = zeros(len(b), len(b), 0, beside)
+        with divided(_constraint_modes(handle, sub, C, condensed), len(b), beside) as handle.solves:
+            sought = self.sought(handle)
+        handle.solves = None
+        condensed, rigid = condensed_stiffness(sub, condensed, C)
+        return Statics(part, handle, C, condensed, extra[part.rows], "static port", rigid, sought)
 
 
 def _not_held(sub: Substructure, count: int) -> InputError:
@@ -149,14 +155,16 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     return (kept + kept.T) / 2, unit[:, None] * vectors[:, rigid]
 
 
-def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array) -> Array:
-    """Write Ψ = -K_ii⁻¹K_ib into the interior rows of V, a block of columns at a time; return K_bb + K_bi Ψ."""
+def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array, condensed: Array) -> Callable[[slice], None]:
+    """What writes some columns of Ψ = -K_ii⁻¹K_ib into the interior rows of V, and of K_bb + K_bi Ψ into `condensed`."""
     b, i = sub.interface, sub.interior
-    Kib, condensed = sub.K[i][:, b], square(sub.K, b)
-    for start in range(0, len(b), COLUMNS):
-        part = slice(start, min(start + COLUMNS, len(b)))
+    Kib, factor = sub.K[i][:, b], handle.factor
+    condensed[:] = square(sub.K, b)
+
+    def solve(part: slice) -> None:
         loads = Kib[:, part]
-        answers = handle.factor.solve(-(loads.toarray(order="F") if sp.issparse(loads) else loads))
+        answers = factor.solve(-(loads.toarray(order="F") if sp.issparse(loads) else loads))
         V[i, part] = answers
         condensed[:, part] += Kib.T @ answers
-    return condensed
+
+    return solve

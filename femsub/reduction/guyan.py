@@ -77,12 +77,14 @@ class Guyan(CraigBampton):
         more = Substructure(sub.M, sub.K, sub.D, [*sub.interface, *masters], sub.ports, sub.name)
         return replace(Partition.of(more, True), factorisations=found.factorisations)
 
+    def sought(self, handle: ShiftInvert) -> Kept | None:
+        """No modes, unless a band and a tolerance decide."""
+        return lowest(handle, 0) if self.band is None else None
+
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """No modes; with a band and a tolerance, only if none are needed."""
-        if self.band is None:
-            return lowest(statics.handle, 0)
         found = super().kept(statics, pencil)
-        if found.elastic:
+        if self.band is not None and self.tol is not None and found.elastic:
             raise NotConvergedError(
                 f"{statics.part.sub.name!r} cannot be condensed to {self.tol:g} up to {self.band[1]:.5g} rad/time: it needs "
                 f"{found.elastic} modes with the interface fixed. Use CraigBampton(modes={found.elastic}), or put more DOF into "

@@ -150,19 +150,20 @@ class Method(ABC):
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """C, CᵀKC and the forces F. F includes `extra` (n, s), the ports' columns whose static responses were requested."""
 
-    def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """The modes of the part: a given number, all below the cut-off, or as many as band and tolerance require with the damping
-        of `pencil`.
-        """
+    def sought(self, handle: ShiftInvert) -> Kept | None:
+        """The modes of the part, a given number or all below the cut-off: static shapes may be solved for meanwhile. Else None."""
         if self.cutoff is not None:
-            handle = statics.handle
             found = modes_below(handle.K, handle.M, self.cutoff, handle)
             elastic = len(found.eigenvalues) - found.rigid
             return Kept(found, elastic, free_below=found.counted[0] if elastic < handle.elastic else np.inf)
-        if (goal := self.goal) is not None:
-            return chosen_in(Space.of(statics, pencil, goal.band[1]), goal)
-        assert self.modes is not None
-        return lowest(statics.handle, self.modes)
+        return None if self.modes is None else lowest(handle, self.modes)
+
+    def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
+        """The modes of the part: those of `sought`, or as many as band and tolerance require with the damping of `pencil`."""
+        if (kept := statics.sought or self.sought(statics.handle)) is not None:
+            return kept
+        assert self.goal is not None
+        return chosen_in(Space.of(statics, pencil, self.goal.band[1]), self.goal)
 
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
         """The basis V = [C Φ Ξ], turned by `Basis.turned` where the model is to have other coordinates."""

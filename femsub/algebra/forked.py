@@ -1,0 +1,133 @@
+"""Blocks of columns that a fork of this process finds on the second core, with the factor that it has in memory.
+
+A new process would have to make a factor of its own. Threads would not do: PETSc is not safe in them.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from mmap import mmap
+from threading import current_thread, main_thread
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femsub.algebra.petsc import Factor
+from femsub.algebra.threads import one_thread, two_cores
+from femsub.checks import Array
+
+if TYPE_CHECKING:
+    from femsub.algebra.factor import Handle
+
+WORTH = 2e9  # nonzeros of the factor times columns from which the solves take much longer than a fork
+WIDTH = 32  # columns of a block
+OPEN, BEGUN, DONE = 0, 1, 2  # states of a block
+LEAST, PATIENCE = 10.0, 10.0  # seconds, and times what a block took, after which a fork that does not answer is given up
+LOOK = 0.002  # seconds between two looks at the fork
+DIES_WITH_PARENT = 1  # Linux' PR_SET_PDEATHSIG
+
+
+def fork_pays(factor: Handle, columns: int) -> bool:
+    """Whether so many solves with this factor are worth a fork, and whether one is safe.
+
+    CHOLMOD solves without threads and without messages of its own. A fork has no thread but that which called it.
+    """
+    return (isinstance(factor, Factor) and factor.package == "cholmod" and factor.fill * factor.size * columns >= WORTH
+            and columns > WIDTH and sys.platform == "linux" and current_thread() is main_thread() and two_cores())
+
+
+def shared_zeros(rows: int, columns: int) -> Array:
+    """Zeros (rows, columns) in memory that this process shares with its forks."""
+    return np.ndarray((rows, columns), buffer=mmap(-1, max(8 * rows * columns, 1)), order="F")
+
+
+class Divided:
+    """All columns by blocks: a fork takes them from the first on, and `finish` takes those that are left from the last on.
+
+    A block that the fork began and did not end is found again here: nothing depends on the fork but time.
+    """
+
+    def __init__(self, solve: Callable[[slice], None], columns: int, beside: bool) -> None:
+        self._solve = solve
+        self._parts = [slice(at, min(at + WIDTH, columns)) for at in range(0, columns, WIDTH)]
+        self._state = np.ndarray(len(self._parts), dtype=np.int8, buffer=mmap(-1, max(len(self._parts), 1)))
+        self._one_core = ExitStack()
+        self._begun = time.monotonic()
+        self._fork = 0
+        if beside:
+            self._one_core.enter_context(one_thread(True))  # before the fork, which has no threads of BLAS
+            self._fork = self._forked()
+
+    def _forked(self) -> int:
+        """The fork's number; 0 where there is no room for one."""
+        with warnings.catch_warnings(), suppress(OSError):
+            warnings.simplefilter("ignore", DeprecationWarning)  # Python warns of threads, and those of BLAS end in a fork
+            if fork := os.fork():
+                return fork
+            try:
+                gc.disable()  # what the fork finds unused, this process may still use: files, other processes
+                ctypes.CDLL(None).prctl(DIES_WITH_PARENT, signal.SIGKILL)
+                for at in range(len(self._parts)):
+                    if self._state[at] != OPEN:
+                        break
+                    self._take(at)
+            finally:
+                os._exit(0)
+        return 0
+
+    def _take(self, at: int) -> None:
+        self._state[at] = BEGUN
+        self._solve(self._parts[at])
+        self._state[at] = DONE
+
+    def busy(self) -> bool:
+        """Whether the fork still works. Once it does not, this process has both cores again."""
+        if self._fork:
+            with suppress(ChildProcessError):  # it has ended, and somebody else was told
+                if os.waitpid(self._fork, os.WNOHANG) == (0, 0):
+                    return True
+        self._fork = 0
+        self._one_core.close()
+        return False
+
+    def finish(self) -> None:
+        """Find all columns that are not there."""
+        for at in reversed(range(len(self._parts))):
+            if self._state[at] != OPEN:
+                break
+            self._take(at)
+        done = max(int(np.count_nonzero(self._state == DONE)), 1)
+        patience = time.monotonic() + LEAST + PATIENCE * (time.monotonic() - self._begun) / done
+        while self.busy() and time.monotonic() < patience:
+            time.sleep(LOOK)
+        self.close()
+        for at in np.flatnonzero(self._state != DONE):
+            self._take(int(at))
+
+    def close(self) -> None:
+        """Ends the fork."""
+        if self._fork:
+            with suppress(OSError):
+                os.kill(self._fork, signal.SIGKILL)
+                os.waitpid(self._fork, 0)
+        self._fork = 0
+        self._one_core.close()
+
+
+@contextmanager
+def divided(solve: Callable[[slice], None], columns: int, beside: bool) -> Iterator[Divided]:
+    """A fork calls `solve(part)` for slices of the columns meanwhile; at the end all are found. See `Divided`."""
+    work = Divided(solve, columns, beside)
+    try:
+        yield work
+        work.finish()
+    finally:
+        work.close()
