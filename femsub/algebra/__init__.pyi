@@ -47,6 +47,7 @@ from .matrices import (
     translations as translations,
     unit_length as unit_length,
     without_rounding as without_rounding,
+    without_signs as without_signs,
 )
 from .memory import (
     BLOCKS as BLOCKS,

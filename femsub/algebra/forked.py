@@ -58,7 +58,7 @@ class Divided:
     def __init__(self, solve: Callable[[slice], None], columns: int, beside: bool) -> None:
         self._solve = solve
         self._parts = [slice(at, min(at + WIDTH, columns)) for at in range(0, columns, WIDTH)]
-        self._state = np.ndarray(len(self._parts), dtype=np.int8, buffer=mmap(-1, max(len(self._parts), 1)))
+        self._state: Array = np.ndarray(len(self._parts), dtype=np.int8, buffer=mmap(-1, max(len(self._parts), 1)))
         self._one_core = ExitStack()
         self._begun = time.monotonic()
         self._fork = 0

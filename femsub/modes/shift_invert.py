@@ -29,8 +29,10 @@ from femsub.algebra import (
     shared,
     shared_factor,
     smooth_shape,
+    times,
     translations,
     unit_length,
+    without_signs,
 )
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, SingularMatrixError, warn
@@ -429,14 +431,14 @@ def costs_nothing(K: Matrix, x: Array, unit: float = 0.0) -> Array:
 def energy_ratio(K: Matrix, x: Array) -> Array:
     """xᴴKx / |x|ᵀ|K||x| of each column, (k,); 0 where nothing acts."""
     size = np.abs(x)
-    energy, scale = np.einsum("ij,ij->j", x.conj(), K @ x).real, np.einsum("ij,ij->j", size, abs(K) @ size)
+    energy, scale = np.einsum("ij,ij->j", x.conj(), times(K, x)).real, np.einsum("ij,ij->j", size, times(without_signs(K), size))
     return np.divide(energy, scale, out=np.zeros_like(energy), where=scale > 0)
 
 
 def rounding_ratio(K: Matrix, x: Array) -> Array:
     unit = units(K)[:, None]
-    scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
-    return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
+    scale = np.linalg.norm(unit * times(without_signs(K), np.abs(x)), axis=0)
+    return np.divide(np.linalg.norm(unit * times(K, x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
 
 
 def _known(unit: float) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import divided, fork_pays, without
+from femsub.algebra import FEW, divided, fork_pays, one_thread, without
 from femsub.checks import EPS, Array
 from femsub.coupling import rigid_rows, spatial
 from femsub.errors import ConditionWarning, InputError, warn
@@ -129,7 +129,8 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     if (motion := motion_of(sub.rigid_motion)) is not None:
         rigid_motions = motion.shapes[sub.interface]
         return without(condensed, rigid_motions, unit), rigid_motions
-    values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
+    with one_thread(len(condensed) <= FEW):
+        values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
     doubtful = np.flatnonzero(values <= SOFT)
     if not len(doubtful):
         return condensed, none

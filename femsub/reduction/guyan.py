@@ -17,6 +17,7 @@ from femsub.reduction.estimates.search import lowest
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
+    from femsub.modes import ShiftInvert
 
 
 @dataclass(frozen=True)

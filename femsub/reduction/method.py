@@ -151,7 +151,7 @@ class Method(ABC):
         """C, CᵀKC and the forces F. F includes `extra` (n, s), the ports' columns whose static responses were requested."""
 
     def sought(self, handle: ShiftInvert) -> Kept | None:
-        """The modes of the part, a given number or all below the cut-off: static shapes may be solved for meanwhile. Else None."""
+        """A given number of modes, or all below the cut-off; static shapes may be solved for meanwhile. None with a tolerance."""
         if self.cutoff is not None:
             found = modes_below(handle.K, handle.M, self.cutoff, handle)
             elastic = len(found.eigenvalues) - found.rigid
