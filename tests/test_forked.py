@@ -1,0 +1,150 @@
+"""Columns that a fork finds meanwhile: all are there at the end, whatever becomes of the fork."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+
+import femsub as fs
+from femsub.algebra import Divided, divided, fork_pays, libraries, one_thread, shared_factor, shared_zeros
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+COLUMNS = 100
+
+
+def children() -> list[str]:
+    return Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()
+
+
+class Solves:
+    """Column j becomes j + 1, and remembers the process that found it; `unlike` is what the fork does first."""
+
+    def __init__(self, unlike: Callable[[], object] = lambda: None) -> None:
+        self.found, self.by, self.owner, self.unlike = shared_zeros(3, COLUMNS), shared_zeros(1, COLUMNS), os.getpid(), unlike
+
+    def __call__(self, part: slice) -> None:
+        if os.getpid() != self.owner:
+            self.unlike()
+        self.found[:, part] = 1.0 + np.arange(COLUMNS)[part]
+        self.by[:, part] = os.getpid()
+
+    @property
+    def whole(self) -> bool:
+        return bool((self.found == 1.0 + np.arange(COLUMNS)).all())
+
+
+def waited(work: Divided) -> None:
+    until = time.monotonic() + 60
+    while work.busy() and time.monotonic() < until:
+        time.sleep(0.01)
+
+
+def test_a_fork_finds_all_columns_while_this_process_does_something_else() -> None:
+    solves, before = Solves(), children()
+    with divided(solves, COLUMNS, True) as work:
+        waited(work)
+    assert solves.whole and (solves.by != os.getpid()).all()
+    assert children() == before
+
+
+@pytest.mark.parametrize("beside", [True, False])
+def test_what_no_fork_has_begun_is_found_here(beside: bool) -> None:
+    solves = Solves(lambda: time.sleep(0.3))
+    with divided(solves, COLUMNS, beside):
+        pass
+    assert solves.whole and solves.by[0, -1] == os.getpid()
+
+
+@pytest.mark.parametrize("end", ["killed", "raises", "hangs"])
+def test_a_fork_that_does_not_answer_costs_no_column(end: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.algebra.forked.LEAST", 0.2)
+    monkeypatch.setattr("femsub.algebra.forked.PATIENCE", 0.0)
+
+    def fail() -> None:
+        if end == "raises":
+            raise MemoryError
+        if end == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(1000)
+
+    solves, before = Solves(fail), children()
+    with divided(solves, COLUMNS, True) as work:
+        time.sleep(0.2)
+        assert work.busy() is (end == "hangs")
+    assert solves.whole and (solves.by == os.getpid()).all()
+    assert children() == before
+
+
+def test_an_error_meanwhile_ends_the_fork_and_gives_the_threads_back() -> None:
+    before, threads = children(), [one["num_threads"] for one in libraries().info()]
+    with pytest.raises(KeyError), divided(Solves(lambda: time.sleep(1000)), COLUMNS, True):
+        assert all(one["num_threads"] == 1 for one in libraries().info())
+        raise KeyError
+    assert children() == before
+    assert [one["num_threads"] for one in libraries().info()] == threads
+
+
+def test_an_error_of_the_solves_is_told() -> None:
+    def refuse(part: slice) -> None:
+        raise fs.SingularMatrixError("as if")
+
+    with pytest.raises(fs.SingularMatrixError, match="as if"), divided(refuse, COLUMNS, True):
+        pass
+
+
+def test_one_thread_may_end_in_any_order() -> None:
+    with libraries().limit(limits=2):
+        before = [one["num_threads"] for one in libraries().info()]
+        first, second = one_thread(True), one_thread(True)
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        assert all(one["num_threads"] == 1 for one in libraries().info())
+        second.__exit__(None, None, None)
+        assert [one["num_threads"] for one in libraries().info()] == before
+
+
+def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.algebra.forked.WORTH", 0.0)
+    monkeypatch.setattr("femsub.algebra.forked.two_cores", lambda: True)
+    asked, found = [], []
+    begin = Divided.__init__
+    monkeypatch.setattr(Divided, "__init__", lambda self, solve, columns, beside: (
+        asked.append(beside), begin(self, solve, columns, beside), waited(self))[1])
+    for width in (8, 10_000):  # wider than all columns: no fork
+        monkeypatch.setattr("femsub.algebra.forked.WIDTH", width)
+        sub = fs.solid(fs.block((1.0, 0.5, 0.3), (8, 5, 4), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
+        for method in (fs.CraigBampton(6), fs.CraigBampton(cutoff=2e4), fs.Herting(3), fs.Guyan(2),
+                       fs.CraigBampton(band=(0.0, 8e3), tol=1e-3)):
+            rom = fs.reduce(sub, method)
+            found.append(la.eigvalsh(rom.K, rom.M))
+    if asked[0] is False:
+        pytest.skip("no CHOLMOD")
+    half = len(found) // 2
+    assert asked == [True] * half + [False] * half
+    for values, others in zip(found[:half], found[half:], strict=True):
+        assert np.allclose(values, others, rtol=1e-6, atol=1e-11 * others[-1])
+
+
+def test_no_fork_where_it_would_not_be_safe_or_not_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.algebra.forked.two_cores", lambda: True)
+    sub = fs.solid(fs.block((1.0, 0.5, 0.3), (6, 4, 3), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0))
+    factor = shared_factor(sub.K + 1e6 * sub.M, "definite")
+    assert not fork_pays(factor, 1000)
+    monkeypatch.setattr("femsub.algebra.forked.WORTH", 0.0)
+    here, there = fork_pays(factor, 1000), []
+    assert here is (factor.package == "cholmod")
+    Thread(target=lambda: there.append(fork_pays(factor, 1000))).start()
+    while not there:
+        time.sleep(0.001)
+    assert there == [False]
+    assert not fork_pays(factor, 10)
+    assert not fork_pays(shared_factor(sub.K + 2e6 * sub.M, "symmetric"), 1000)
