@@ -122,7 +122,7 @@ def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytes
     for width in (8, 10_000):  # wider than all columns: no fork
         monkeypatch.setattr("femsub.algebra.forked.WIDTH", width)
         sub = fs.solid(fs.block((1.0, 0.5, 0.3), (8, 5, 4), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
-        for method in (fs.CraigBampton(6), fs.CraigBampton(cutoff=2e4), fs.Herting(3), fs.Guyan(2),
+        for method in (fs.CraigBampton(6), fs.CraigBampton(cutoff=2e4), fs.Herting(3), fs.Guyan(),
                        fs.CraigBampton(band=(0.0, 8e3), tol=1e-3)):
             rom = fs.reduce(sub, method)
             found.append(la.eigvalsh(rom.K, rom.M))
@@ -131,7 +131,7 @@ def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytes
     half = len(found) // 2
     assert asked == [True] * half + [False] * half
     for values, others in zip(found[:half], found[half:], strict=True):
-        assert np.allclose(values, others, rtol=1e-6, atol=1e-11 * others[-1])
+        assert np.allclose(values, others, rtol=1e-9, atol=1e-11 * others[-1])
 
 
 def test_no_fork_where_it_would_not_be_safe_or_not_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
