@@ -24,7 +24,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.joined import truss
-from femsub.algebra import workers
+from femsub.algebra import folders, workers
 from femsub.algebra.factor import Factor
 from femsub.algebra.petsc import versions
 from femsub.algebra.threads import libraries, one_thread
@@ -92,7 +92,7 @@ def threads() -> Iterator[ThreadPoolExecutor]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where tasks and results are stored."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(workers, "MEMORY", tmp_path)
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
     return tmp_path
 
 
@@ -262,12 +262,12 @@ def test_a_full_disk_is_told(threads: ThreadPoolExecutor, monkeypatch: pytest.Mo
 @pytest.mark.parametrize(("free", "place", "in_memory"), [(1e9, "", True), (1e9, "/tmp", False), (1e3, "", False)])
 def test_files_are_in_memory_where_it_has_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: float, place: str,
                                                in_memory: bool) -> None:
-    monkeypatch.setattr(workers, "MEMORY", tmp_path)
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
     monkeypatch.setenv("TMPDIR", place)
-    monkeypatch.setattr(workers.shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
-    assert workers.has_room(1000) is in_memory
-    monkeypatch.setattr(workers, "MEMORY", tmp_path / "none")
-    assert not workers.has_room(1000)
+    monkeypatch.setattr(folders.shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+    assert folders.has_room(1000) is in_memory
+    monkeypatch.setattr(folders, "MEMORY", tmp_path / "none")
+    assert not folders.has_room(1000)
 
 
 def test_what_a_killed_run_left_in_memory_is_removed(tmp_path: Path) -> None:
@@ -275,11 +275,11 @@ def test_what_a_killed_run_left_in_memory_is_removed(tmp_path: Path) -> None:
     for folder in (left, foreign):
         folder.mkdir()
         (folder / "0.result").write_bytes(b"x")
-    (left / workers.ALIVE).touch()
-    with workers.task_folder(tmp_path) as first:
+    (left / folders.ALIVE).touch()
+    with folders.task_folder(tmp_path) as first:
         assert not left.exists() and foreign.exists()
-        with workers.task_folder(tmp_path) as second:
-            assert Path(first, workers.ALIVE).exists() and first != second
+        with folders.task_folder(tmp_path) as second:
+            assert Path(first, folders.ALIVE).exists() and first != second
     assert list(tmp_path.iterdir()) == [foreign]
 
 
@@ -542,7 +542,7 @@ def test_what_a_killed_process_left_for_an_executor_is_removed_by_the_next(tmp_p
     foreign.mkdir(parents=True)
     (foreign / "thesis.txt").touch()
     elsewhere.mkdir()
-    (elsewhere / workers.ALIVE).touch()
+    (elsewhere / folders.ALIVE).touch()
     (place / "femsub-link").symlink_to(elsewhere)
     subprocess.run([sys.executable, "-c", LEAVING], env=environment(place), check=False)
     (left,) = set(place.glob("femsub-*")) - {foreign, place / "femsub-link"}
@@ -550,7 +550,7 @@ def test_what_a_killed_process_left_for_an_executor_is_removed_by_the_next(tmp_p
     monkeypatch.setattr("tempfile.tempdir", str(place))
     whole = system(2)
     fs.reduce(whole, methods(whole), executor=threads)
-    assert not left.exists() and (foreign / "thesis.txt").exists() and (elsewhere / workers.ALIVE).exists()
+    assert not left.exists() and (foreign / "thesis.txt").exists() and (elsewhere / folders.ALIVE).exists()
 
 
 DAEMON = """

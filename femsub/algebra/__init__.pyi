@@ -32,6 +32,7 @@ from .factor import (
     release as release,
     shared_factor as shared_factor,
 )
+from .folders import only_one as only_one
 from .forked import Divided as Divided, divided as divided, fork_pays as fork_pays, shared_zeros as shared_zeros
 from .frozen import Frozen as Frozen
 from .matrices import (
@@ -55,6 +56,7 @@ from .memory import (
     check_columns as check_columns,
     check_memory as check_memory,
     check_room as check_room,
+    kept_free as kept_free,
     reduction_bytes as reduction_bytes,
     search_columns as search_columns,
 )
@@ -95,7 +97,6 @@ from .timing import Interruptible as Interruptible, phase as phase, timed as tim
 from .workers import (
     check_workers as check_workers,
     load as load,
-    only_one as only_one,
     side_by_side as side_by_side,
     store as store,
 )

@@ -14,11 +14,12 @@ from pathlib import Path
 from tempfile import gettempdir
 
 from femsub.algebra.factor import inertia
+from femsub.algebra.folders import MEMORY, has_room, task_folder
 from femsub.algebra.matrices import Difference
 from femsub.algebra.memory import count_bytes
 from femsub.algebra.process_memory import available
 from femsub.algebra.threads import two_cores
-from femsub.algebra.workers import BASE, MEMORY, environment_of_workers, has_room, load, store, task_folder
+from femsub.algebra.workers import BASE, environment_of_workers, load, store
 from femsub.checks import Matrix
 from femsub.errors import NotEnoughMemoryError
 

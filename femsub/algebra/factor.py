@@ -33,6 +33,7 @@ class Handle(Protocol):
     package: str
     size: int
     columns: int
+    on_disk: bool
 
     @property
     def negative_pivots(self) -> int: ...
@@ -48,7 +49,7 @@ class Handle(Protocol):
 class DenseFactor:
     """A⁻¹B for a dense A by Cholesky (definite) or LU, with the inertia from LDLᵀ (symmetric)."""
 
-    package = "lapack"
+    package, on_disk = "lapack", False
 
     def __init__(self, A: Array, kind: Kind) -> None:
         import scipy.linalg as la
@@ -107,8 +108,8 @@ def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
 
 def _told(handle: Handle) -> Handle:
     """The same factor, once the log knows of it: sparse ones are worth a line each, small ones are for the curious."""
-    log.log(logging.DEBUG if isinstance(handle, DenseFactor) else logging.INFO, "%s factor of %d DOF by %s", handle.kind,
-            handle.size, handle.package.upper())
+    log.log(logging.DEBUG if isinstance(handle, DenseFactor) else logging.INFO, "%s factor of %d DOF by %s%s", handle.kind,
+            handle.size, handle.package.upper(), ", on disk: memory is short" if handle.on_disk else "")
     return handle
 
 
@@ -160,7 +161,7 @@ class TreeFactor:
     """
 
     kind: Kind = "symmetric"
-    package = "superlu"
+    package, on_disk = "superlu", False
 
     def __init__(self, A: Matrix, order: Array) -> None:
         from scipy.sparse.linalg import splu

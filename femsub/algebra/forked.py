@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from femsub.algebra.factor import Handle
 
 WORTH = 2e9  # nonzeros of the factor times columns from which the solves take much longer than a fork
-WIDTH = 32  # columns of a block
+WIDTH, ALONE = 32, 64  # columns of a block with a fork, and without
 OPEN, BEGUN, DONE = 0, 1, 2  # states of a block
 LEAST, PATIENCE = 10.0, 10.0  # seconds, and times what a block took, after which a fork that does not answer is given up
 LOOK = 0.002  # seconds between two looks at the fork
@@ -57,7 +57,8 @@ class Divided:
 
     def __init__(self, solve: Callable[[slice], None], columns: int, beside: bool) -> None:
         self._solve = solve
-        self._parts = [slice(at, min(at + WIDTH, columns)) for at in range(0, columns, WIDTH)]
+        width = WIDTH if beside else ALONE
+        self._parts = [slice(at, min(at + width, columns)) for at in range(0, columns, width)]
         self._state: Array = np.ndarray(len(self._parts), dtype=np.int8, buffer=mmap(-1, max(len(self._parts), 1)))
         self._one_core = ExitStack()
         self._begun = time.monotonic()

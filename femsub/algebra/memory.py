@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from tempfile import gettempdir
 from zlib import crc32
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra.cache import FACTOR_BYTES, give_up_until, kept_bytes
+from femsub.algebra.folders import in_memory
 from femsub.algebra.ordering import layers as distance_layers, neighbours, quotient
 from femsub.algebra.process_memory import available, left_of_limit
 from femsub.checks import Array, Matrix
@@ -23,12 +30,18 @@ LIBRARIES = "petsc4py.PETSc"
 SMALL_PART = 0.01  # share of the DOF up to which an interface that is held makes the factor no smaller
 BUFFERS = 3e8  # bytes that the BLAS libraries take for their own use when they are first called
 LARGE = 50_000  # DOF from which memory is checked
+MOST_FILL = 50  # nonzeros of a factor for each one of A that are rarely reached: where so many fit, none are estimated
+FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it goes to a disk, and while it is used there
+DISK_LEFT = 2e9  # bytes of the disk that others may need
 PATTERNS = 32  # whose estimates are kept
 _estimated: dict[tuple[int, int, int], float] = {}
+_beside: ContextVar[float] = ContextVar("femsub_beside_factor", default=0.0)  # bytes that a factor must leave
 
 
-def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int, held: Array | None = None) -> None:
-    """Compare the memory that a reduction needs with what is available.
+def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int, held: Array | None = None) -> float:
+    """Compare the memory that a reduction needs with what is available. Where the factor alone is too large, a disk takes it.
+
+    Returns the bytes that are needed beside the factor, for `kept_free`.
 
     Parameters
     ----------
@@ -47,8 +60,12 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int,
         It needs more than is available; the message tells both figures and a remedy.
     """
     if not sp.issparse(K) or K.shape[0] < LARGE:
-        return
-    parts = reduction_bytes(K, columns, modes, held) | {"libraries": 0.0 if LIBRARIES in sys.modules else LOADED}
+        return 0.0
+    libraries = {"libraries": 0.0 if LIBRARIES in sys.modules else LOADED}
+    parts = reduction_bytes(K, columns, modes, held) | libraries
+    need, beside = sum(parts.values()), parts["columns"] + parts["matrices"]
+    if (free := at_hand(need)) is not None and need > free and parts["factorisation"] <= disk_room():
+        parts = reduction_bytes(K, columns, modes, held, on_disk=True) | libraries
     advice = {
         "factorisation": "a coarser mesh, or linear elements",
         "matrices": "a coarser mesh",
@@ -56,6 +73,7 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int,
     largest = max(advice, key=lambda part: parts[part])
     told = ", ".join(f"{value / 1e9:.1f} for the {part}" for part, value in parts.items())
     check_room(f"reducing {name!r}", sum(parts.values()), f"Use {advice[largest]}, or a larger machine", f" ({told})")
+    return beside
 
 
 def check_columns(name: str, size: int, columns: int) -> None:
@@ -91,24 +109,51 @@ def at_hand(need: float) -> float | None:
     return available()
 
 
-def room_for_factor(A: Matrix) -> None:
-    """Free shared factors if the factor of a sparse A, about to be made, needs their memory.
+@contextmanager
+def kept_free(bytes_beside: float) -> Iterator[None]:
+    """Inside, a factor that would leave less memory than this goes to a disk."""
+    token = _beside.set(max(bytes_beside, _beside.get()))
+    try:
+        yield
+    finally:
+        _beside.reset(token)
+
+
+def disk_room() -> float:
+    """Bytes that factors may take in the folder for temporary files (TMPDIR); 0 where that is in memory itself, or full."""
+    place = Path(gettempdir())
+    return 0.0 if in_memory(place) else shutil.disk_usage(place).free - DISK_LEFT
+
+
+def goes_to_disk(A: Matrix, possible: bool) -> bool:
+    """Whether the factor of a sparse A, about to be made, is too large for the memory, and a disk has room for it.
+
+    Shared factors are freed before, if their memory is needed.
 
     Raises
     ------
     NotEnoughMemoryError
         The limit of this process (`ulimit -v`) leaves less than the factor takes. OpenBLAS would ask for memory for ever.
     """
-    if A.shape[0] >= LARGE and kept_bytes():
-        at_hand(2 * FACTOR_BYTES * factor_nonzeros(A))
-    free = left_of_limit()
-    if free is not None and (need := BUFFERS + FACTOR_BYTES * factor_nonzeros(A)) > free:
-        raise NotEnoughMemoryError(f"a factor of {A.shape[0]} DOF needs about {need / 1e9:.2g} GB, but the limit of this process "
-                                   f"(ulimit -v or -d) leaves {max(free, 0.0) / 1e9:.2g} GB. Raise the limit, or make the model "
-                                   "smaller")
+    limit, free = left_of_limit(), available() if A.shape[0] >= LARGE else None
+    enough = MOST_FILL * FACTOR_BYTES * A.nnz + _beside.get()
+    if (limit is None or limit > BUFFERS + enough) and (free is None or free > enough) and not kept_bytes():
+        return False
+    need = FACTOR_BYTES * factor_nonzeros(A)
+    if free is not None and (kept_bytes() or free < need + _beside.get()):
+        free = at_hand(2 * need + _beside.get())
+    short = (limit is not None and BUFFERS + need > limit) or (free is not None and free < need + _beside.get())
+    left = min(np.inf if limit is None else limit - BUFFERS, np.inf if free is None else free)
+    if short and possible and FRONTS * need < left and need < disk_room():
+        return True
+    if limit is not None and BUFFERS + need > limit:
+        raise NotEnoughMemoryError(f"a factor of {A.shape[0]} DOF needs about {(BUFFERS + need) / 1e9:.2g} GB, but the limit of "
+                                   f"this process (ulimit -v or -d) leaves {max(limit, 0.0) / 1e9:.2g} GB. Raise the limit, or "
+                                   "make the model smaller")
+    return False
 
 
-def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = None) -> dict[str, float]:
+def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = None, on_disk: bool = False) -> dict[str, float]:
     """Bytes beside the component itself, at the stage of its reduction that takes most.
 
     These are the stages, with the columns of n numbers that each holds:
@@ -119,7 +164,8 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
     - static shapes: the responses, their orthogonal combinations, and V or a temporary;
     - the projection: V, and small matrices.
 
-    Where memory is short, a factor that is kept for later is freed before the count.
+    Where memory is short, a factor that is kept for later is freed before the count. Of a factor on a disk only its fronts are
+    in memory while it is made, and buffers afterwards.
 
     Parameters
     ----------
@@ -128,6 +174,8 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
         Static shapes and modes that are computed.
     held : ndarray, optional
         The interface DOF, if it is held while the modes are computed: as many of the columns are constraint modes.
+    on_disk : bool
+        Whether a disk takes the factor.
     """
     n, constraint = K.shape[0], 0 if held is None else len(held)
     static, size = max(columns - constraint, 0), columns + modes
@@ -137,9 +185,13 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
         inner = K[rows][:, rows]
     nonzeros = factor_nonzeros(inner)
     small = 9 * 8.0 * size**2  # M, D, K of the model, and their decompositions
-    stages = [(FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + max(BLOCKS, search_columns(modes)))),
+    whole = FACTOR_BYTES * nonzeros
+    factor = BUFFERED * whole if on_disk else whole
+    stages = [(factor, 8.0 * n * (constraint + max(BLOCKS, search_columns(modes)))),
               (count_bytes(K, nonzeros) * (modes > 0), 8.0 * n * (constraint + modes + 3 * static)),
-              (FACTOR_BYTES * nonzeros, 8.0 * n * (constraint + 2 * modes + 3 * static) + small)]
+              (factor, 8.0 * n * (constraint + 2 * modes + 3 * static) + small)]
+    if on_disk:
+        stages.append((FRONTS * whole, 0.0))
     factor, held_columns = max(stages, key=sum)
     blocks = 12 * K.nnz if held is None else 30 * K.nnz  # K and M of the interior are copies
     return {"factorisation": factor, "matrices": blocks, "columns": held_columns}

@@ -21,6 +21,7 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import gettempdir
 from threading import RLock
 from typing import Any, ClassVar, Literal
 
@@ -28,8 +29,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra.cache import FACTOR_BYTES, drop
+from femsub.algebra.folders import task_folder
 from femsub.algebra.matrices import Difference, equilibrated
-from femsub.algebra.memory import room_for_factor
+from femsub.algebra.memory import BUFFERED, goes_to_disk
 from femsub.algebra.ordering import good_order, slender
 from femsub.algebra.process_memory import give_back_freed_memory
 from femsub.checks import EPS, Array, Matrix, installed_by
@@ -166,6 +168,7 @@ def _matrix(A: Matrix | Difference, kind: Kind = "general") -> Any:
 class Factor:
     """A = L Lᵀ, L D Lᵀ or L U of a sparse A (n, n), made once; `solve` is A⁻¹B for B (n,) or (n, k).
 
+    One that would not fit into memory goes to a disk (`goes_to_disk`), which MUMPS reads at each solve: that takes twice as long.
     With keep=False only the signs of the pivots are kept of L D Lᵀ, which takes a quarter of the memory; probed=False is for
     those who need no more than these signs.
 
@@ -182,8 +185,8 @@ class Factor:
         PETSc, _ = load()
         self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
         A = Difference.of(A)
-        self.package = package(kind, A.K)
-        room_for_factor(A.K)
+        self.on_disk = goes_to_disk(A.K, keep and has("mumps"))
+        self.package = "mumps" if self.on_disk else package(kind, A.K)
         self._order = good_order(A.K) if self.package == "mumps" else None
         self._held = ExitStack()
         self._lock = RLock()  # threads share a factor, and while it is turned over it must not serve another
@@ -216,6 +219,7 @@ class Factor:
 
     def _set_up(self, mat: Any, room: int) -> Any:
         """Makes the KSP with its factor; returns its PC."""
+        folder = self._held.enter_context(task_folder(Path(gettempdir()))) if self.on_disk else None
         self._ksp = _until(self._held, load()[0].KSP().create(comm=load()[0].COMM_SELF))
         self._ksp.setType("preonly")
         self._ksp.setOperators(mat)
@@ -231,12 +235,17 @@ class Factor:
         if self.package != "mumps":
             self._ksp.setUp()
             return pc
-        if self._order:
-            self._factor.setOptionsPrefix(f"femsub_{self._order}_")
+        prefix = f"femsub_{self._order}_" if self._order else "femsub_"
+        self._factor.setOptionsPrefix(prefix)
+        if folder:
+            load()[0].Options().setValue(f"{prefix}mat_mumps_ooc_tmpdir", folder)
+            self._factor.setMumpsIcntl(22, 1)  # the factor goes to files as it is made
         self._factor.setMumpsIcntl(14, room)
         self._factor.setMumpsIcntl(24, 1)  # null pivots are detected, and counted in INFOG(28)
         self._factor.setMumpsIcntl(31, 0 if self.keep else 1)  # 1: the factor is thrown away while it is made
         self._ksp.setUp()
+        if folder:
+            load()[0].Options().delValue(f"{prefix}mat_mumps_ooc_tmpdir")
         return pc
 
     def _told(self, number: int) -> int:
@@ -249,7 +258,7 @@ class Factor:
                                    f"{self.package.upper()} broke down; it is singular, or not what it was taken for ({why})")
 
     def __repr__(self) -> str:
-        return f"Factor({self.kind}, by {self.package.upper()}, {self.size} x {self.size})"
+        return f"Factor({self.kind}, by {self.package.upper()}, {self.size} x {self.size}{', on disk' if self.on_disk else ''})"
 
     def _probe(self, A: Difference, rows: Array, columns: Array, size: float) -> None:
         b = np.random.default_rng(0).standard_normal(self.size)
@@ -279,7 +288,7 @@ class Factor:
     @property
     def bytes(self) -> float:
         """About how much memory it takes."""
-        return FACTOR_BYTES * self._nonzeros
+        return FACTOR_BYTES * self._nonzeros * (BUFFERED if self.on_disk else 1.0)
 
     @property
     def _nonzeros(self) -> float:

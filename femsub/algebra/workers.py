@@ -20,12 +20,13 @@ from functools import partial
 from importlib import import_module
 from multiprocessing import current_process
 from pathlib import Path
-from tempfile import TemporaryDirectory, gettempdir
+from tempfile import gettempdir
 from threading import RLock
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from femsub.algebra.folders import MEMORY, has_room, task_folder
 from femsub.algebra.memory import at_hand
 from femsub.algebra.petsc import versions
 from femsub.algebra.process_memory import available
@@ -42,9 +43,6 @@ MOST = 1024  # processes of one call
 BASE = 2e8  # bytes that a process takes before its first task
 ONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # environment of a worker
 LAUNCHER = ("OMPI_", "PMIX_", "PMI_")  # variables of mpiexec, by which MPI would take a worker for the process that started it
-MEMORY = Path("/dev/shm")  # a folder in memory; on a disk, files would be written to it as well
-ROOM = 10  # times what is sent must be free there, since results come back as well
-ALIVE = "alive"  # a file that is locked as long as a run lives
 PICKLE = "pickle"  # a file with all but the arrays
 # A shell with this script reads until the process that started it dies. It ends all processes of its own group but itself,
 # removes the folder $0, and kills what has outlived SIGTERM. A line that it reads is an order to kill at once.
@@ -287,51 +285,6 @@ def _bytes(thing: Any, name: str) -> int:
         raise InputError(f"the {name} cannot be sent to a worker, since pickle refuses it: {error}. Define classes (such as a "
                          "method of your own) at the top level of a module") from None
     return sum(array.raw().nbytes for array in arrays)
-
-
-@contextmanager
-def task_folder(place: Path) -> Iterator[str]:
-    """A folder for the files of one run, in memory or in the temporary folder.
-
-    Nobody tidies up if all processes are killed at once. So the run locks a file there as long as it lives, and removes the
-    user's own folders whose file is not locked any more.
-    """
-    from fcntl import LOCK_EX, LOCK_NB, flock
-
-    with TemporaryDirectory(prefix="femsub-", dir=place, ignore_cleanup_errors=True) as folder:
-        for left in place.glob(f"femsub-*/{ALIVE}"):
-            with suppress(OSError):
-                if left.parent.is_symlink() or left.is_symlink() or left.parent.stat().st_uid != os.getuid():
-                    continue
-                with left.open("ab") as file:
-                    flock(file, LOCK_EX | LOCK_NB)
-                    shutil.rmtree(left.parent)
-        with Path(folder, "new").open("wb") as file:
-            with suppress(OSError):  # a file system without locks: nobody else can lock it either
-                flock(file, LOCK_EX)
-                os.rename(file.name, Path(folder, ALIVE))
-            yield folder
-
-
-@contextmanager
-def only_one(folder: Path) -> Iterator[None]:
-    """Hold a folder, in which one run at a time may write; an InputError if another one does."""
-    from fcntl import LOCK_EX, LOCK_NB, flock
-
-    with (folder / ALIVE).open("ab") as file:
-        try:
-            flock(file, LOCK_EX | LOCK_NB)
-        except BlockingIOError:
-            raise InputError(f"another run works in {folder}. Wait until it has ended, or name another folder") from None
-        except OSError:  # a file system without locks
-            pass
-        yield
-
-
-def has_room(sent: int) -> bool:
-    """Whether the folder in memory will do; a TMPDIR overrules it."""
-    return not os.environ.get("TMPDIR") and MEMORY.is_dir() and os.access(MEMORY, os.W_OK | os.X_OK) and \
-        shutil.disk_usage(MEMORY).free > ROOM * sent
 
 
 class _Stored(pickle.Pickler):

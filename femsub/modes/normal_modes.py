@@ -20,11 +20,13 @@ from femsub.algebra import (
     SMALL,
     Difference,
     inertia,
+    kept_free,
     massless_apart,
     negative_eigenvalues,
     one_thread,
     phase,
     reused_memory,
+    search_columns,
     shared,
     times,
     without_signs,
@@ -293,7 +295,7 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
 
     Meanwhile this process keeps one core; the stack gives the other back. None where the count is better made afterwards.
     """
-    from femsub.algebra import CountBeside, search_columns
+    from femsub.algebra import CountBeside
 
     handle.beside = beside = CountBeside.started(handle.K, handle.M, nonzeros, search_columns(count))
     if beside is None:
@@ -394,7 +396,8 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     if (count is None) == (band is None):
         raise InputError("give either count, the number of elastic modes, or band=(lo, hi) in rad per unit of time")
     if count is not None:
-        modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion), whole_number("count", count))
+        with kept_free(8.0 * model.K.shape[0] * search_columns(whole_number("count", count))):
+            modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion), count)
         log.info("%r", modes)
         return modes
     lo, hi = check_band(band)

@@ -16,6 +16,7 @@ from femsub.algebra import (
     WORK,
     RigidMotion,
     check_memory,
+    kept_free,
     one_thread,
     size_of_products,
     units as energy_units,
@@ -48,7 +49,7 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
     """One component by one method; see `reduce`."""
     task = checked(sub, method, ports, contacts)
     try:
-        with one_thread(work(task) < WORK):
+        with one_thread(work(task) < WORK), kept_free(task.beside):
             part = method.part(sub)
             if method.held and not len(part.sub.interior):
                 return finished(task, part, whole_basis(task, part))
@@ -79,7 +80,8 @@ def finished(task: Task, part: Partition, basis: Basis) -> ReducedSubstructure:
 class Task:
     """The checked arguments of `reduce`. `extra` (n, s) holds the port columns whose static responses join the basis.
 
-    `pencil` is the damped model whose complex eigenvalues must be within the tolerance.
+    `pencil` is the damped model whose complex eigenvalues must be within the tolerance. `beside` are the bytes that the reduction
+    needs beside its factor.
     """
 
     sub: Substructure
@@ -87,6 +89,7 @@ class Task:
     ports: Mapping[str, Array]
     extra: Array
     pencil: Pencil | None
+    beside: float = 0.0
 
     @property
     def columns(self) -> int:
@@ -132,8 +135,8 @@ def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], cont
             raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
                              f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")
     task = Task(sub, method, columns if method.judges_ports else {}, extra, pencil)
-    check_memory(sub.name, sub.K, task.columns, method.modes or 0, method.static_columns(sub), task.held)
-    return task
+    beside = check_memory(sub.name, sub.K, task.columns, method.modes or 0, method.static_columns(sub), task.held)
+    return replace(task, beside=beside)
 
 
 def finished_basis(task: Task, statics: Statics, kept: Kept) -> Basis:
