@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 from collections.abc import Iterator
@@ -63,16 +64,22 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int,
         return 0.0
     libraries = {"libraries": 0.0 if LIBRARIES in sys.modules else LOADED}
     parts = reduction_bytes(K, columns, modes, held) | libraries
-    need, beside = sum(parts.values()), parts["columns"] + parts["matrices"]
-    if (free := at_hand(need)) is not None and need > free and parts["factorisation"] <= disk_room():
-        parts = reduction_bytes(K, columns, modes, held, on_disk=True) | libraries
+    need, beside, other = sum(parts.values()), parts["columns"] + parts["matrices"], ""
+    if (free := at_hand(need)) is not None and need > free:
+        on_disk = reduction_bytes(K, columns, modes, held, on_disk=True) | libraries
+        place, room = disk()
+        if parts["factorisation"] <= room:
+            parts = on_disk
+        elif sum(on_disk.values()) <= free:
+            other = (f", or name by TMPDIR a folder on a disk with {parts['factorisation'] / 1e9:.2g} GB free, where the factor "
+                     f"could lie; {place} has no such room")
     advice = {
         "factorisation": "a coarser mesh, or linear elements",
         "matrices": "a coarser mesh",
         "columns": "fewer interface DOF (a rigid or averaged interface)" if interface > modes else "fewer modes"}
     largest = max(advice, key=lambda part: parts[part])
     told = ", ".join(f"{value / 1e9:.1f} for the {part}" for part, value in parts.items())
-    check_room(f"reducing {name!r}", sum(parts.values()), f"Use {advice[largest]}, or a larger machine", f" ({told})")
+    check_room(f"reducing {name!r}", sum(parts.values()), f"Use {advice[largest]}, or a larger machine{other}", f" ({told})")
     return beside
 
 
@@ -119,10 +126,15 @@ def kept_free(bytes_beside: float) -> Iterator[None]:
         _beside.reset(token)
 
 
-def disk_room() -> float:
-    """Bytes that factors may take in the folder for temporary files (TMPDIR); 0 where that is in memory itself, or full."""
-    place = Path(gettempdir())
-    return 0.0 if in_memory(place) else shutil.disk_usage(place).free - DISK_LEFT
+def disk() -> tuple[Path, float]:
+    """The folder for factors, and the bytes that it may take: that for temporary files (TMPDIR), or /var/tmp.
+
+    A folder in memory is of no use. Where neither is on a disk, there is no room.
+    """
+    for place in (Path(gettempdir()), Path("/var/tmp")):
+        if place.is_dir() and os.access(place, os.W_OK | os.X_OK) and not in_memory(place):
+            return place, shutil.disk_usage(place).free - DISK_LEFT
+    return Path(gettempdir()), 0.0
 
 
 def goes_to_disk(A: Matrix, possible: bool) -> bool:
@@ -144,7 +156,7 @@ def goes_to_disk(A: Matrix, possible: bool) -> bool:
         free = at_hand(2 * need + _beside.get())
     short = (limit is not None and BUFFERS + need > limit) or (free is not None and free < need + _beside.get())
     left = min(np.inf if limit is None else limit - BUFFERS, np.inf if free is None else free)
-    if short and possible and FRONTS * need < left and need < disk_room():
+    if short and possible and FRONTS * need < left and need < disk()[1]:
         return True
     if limit is not None and BUFFERS + need > limit:
         raise NotEnoughMemoryError(f"a factor of {A.shape[0]} DOF needs about {(BUFFERS + need) / 1e9:.2g} GB, but the limit of "

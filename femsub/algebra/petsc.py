@@ -21,7 +21,6 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import gettempdir
 from threading import RLock
 from typing import Any, ClassVar, Literal
 
@@ -31,7 +30,7 @@ import scipy.sparse as sp
 from femsub.algebra.cache import FACTOR_BYTES, drop
 from femsub.algebra.folders import task_folder
 from femsub.algebra.matrices import Difference, equilibrated
-from femsub.algebra.memory import BUFFERED, goes_to_disk
+from femsub.algebra.memory import BUFFERED, disk, goes_to_disk
 from femsub.algebra.ordering import good_order, slender
 from femsub.algebra.process_memory import give_back_freed_memory
 from femsub.checks import EPS, Array, Matrix, installed_by
@@ -219,7 +218,7 @@ class Factor:
 
     def _set_up(self, mat: Any, room: int) -> Any:
         """Makes the KSP with its factor; returns its PC."""
-        folder = self._held.enter_context(task_folder(Path(gettempdir()))) if self.on_disk else None
+        folder = self._held.enter_context(task_folder(disk()[0])) if self.on_disk else None
         self._ksp = _until(self._held, load()[0].KSP().create(comm=load()[0].COMM_SELF))
         self._ksp.setType("preonly")
         self._ksp.setOperators(mat)
