@@ -1,0 +1,111 @@
+"""A factor that does not fit into memory lies on a disk: the same results, less memory, and no file is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import lattice
+
+import femsub as fs
+from femsub.algebra import cache, factorise, folders, memory
+from femsub.algebra.petsc import Factor
+
+SIZE = (40, 30)
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for factors, on a disk with room."""
+    monkeypatch.setattr(memory, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(memory, "in_memory", lambda _: False)
+    monkeypatch.setattr(memory, "DISK_LEFT", 0.0)
+    return tmp_path
+
+
+@pytest.mark.parametrize("kind", ["definite", "symmetric", "general"])
+def test_it_solves_as_one_in_memory_and_leaves_no_file(kind: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.algebra.petsc.goes_to_disk", lambda A, possible: possible)
+    sub = lattice(*SIZE, held=True)
+    A = {"definite": sub.K, "symmetric": sp.csr_array(sub.K - sub.K.diagonal().mean() * sp.eye_array(sub.size)),
+         "general": sp.csr_array(sub.K + sp.triu(sub.K) / 10)}[kind]
+    factor = factorise(A, kind)  # type: ignore[arg-type]
+    assert isinstance(factor, Factor) and factor.on_disk and "on disk" in repr(factor)
+    files = [file for file in place.glob("femsub-*/*") if file.name != folders.ALIVE]
+    assert sum(file.stat().st_size for file in files) > 8 * A.nnz / 2
+    B = np.random.default_rng(3).standard_normal((sub.size, 70))
+    X = factor.solve(B)
+    assert np.linalg.norm(A @ X - B) < 1e-10 * np.linalg.norm(abs(A) @ abs(X))
+    if kind == "symmetric":
+        assert factor.negative_pivots == np.count_nonzero(np.linalg.eigvalsh(A.toarray()) < 0) > 0
+    if kind == "general":
+        assert np.linalg.norm(A.T @ factor.transposed.solve(B) - B) < 1e-10 * np.linalg.norm(abs(A.T) @ abs(X))
+    factor.close()
+    assert not list(place.iterdir())
+
+
+def test_a_factor_that_is_refused_leaves_no_file(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.algebra.petsc.goes_to_disk", lambda A, possible: possible)
+    with pytest.raises(fs.SingularMatrixError):
+        factorise(sp.csr_array(lattice(*SIZE, held=True).K * 1.0 - 1e9 * sp.eye_array(lattice(*SIZE, held=True).size)), "definite")
+    assert not list(place.iterdir())
+
+
+def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "MOST_FILL", 1e9)
+    sub = lattice(*SIZE, held=True)
+    cache.drop()
+    need = cache.FACTOR_BYTES * memory.factor_nonzeros(sub.K)
+    for free, beside, on_disk in ((1.1, 0.0, False), (0.9, 0.0, True), (1.1, 0.5, True), (1.6, 0.5, False), (0.2, 0.0, False)):
+        machine(free=free * need, large=100)
+        with memory.kept_free(beside * need):
+            assert memory.goes_to_disk(sub.K, True) is on_disk
+            assert not memory.goes_to_disk(sub.K, False)  # of a count nothing is kept
+    machine(free=0.9 * need, large=sub.size + 1)
+    assert not memory.goes_to_disk(sub.K, True)  # a small model
+    machine(free=0.9 * need, large=100)
+    monkeypatch.setattr(memory, "DISK_LEFT", np.inf)
+    assert not memory.goes_to_disk(sub.K, True)  # a full disk
+
+
+def test_a_reduction_that_would_not_fit_has_its_factor_on_disk(place: Path, machine: Callable[..., None],
+                                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "MOST_FILL", 1e9)
+    monkeypatch.setattr(memory, "LOADED", 0.0)
+    sub, kinds = lattice(*SIZE, held=True), []
+    cache.drop()
+    whole, less = (sum(memory.reduction_bytes(sub.K, len(sub.interface) + 2, 5, sub.interface, on_disk=on_disk).values())
+                   for on_disk in (False, True))
+    assert less < whole
+    monkeypatch.setattr("femsub.algebra.factor._told", lambda handle: (kinds.append(handle.on_disk), handle)[1])
+    roms = []
+    for free in (2 * whole, (less + whole) / 2):
+        cache.drop()
+        machine(free=free, large=100)
+        roms.append(fs.reduce(sub, fs.CraigBampton(5), ports=True))
+        assert any(kinds) is (free < whole), kinds
+    assert np.allclose(np.diag(roms[0].K)[-5:], np.diag(roms[1].K)[-5:], rtol=1e-9, atol=0)
+    cache.drop()
+    machine(free=0.9 * less, large=100)
+    with pytest.raises(fs.NotEnoughMemoryError, match="for the columns"):
+        fs.reduce(sub, fs.CraigBampton(5), ports=True)
+    machine(free=(less + whole) / 2, large=100)
+    monkeypatch.setattr(memory, "DISK_LEFT", np.inf)
+    with pytest.raises(fs.NotEnoughMemoryError, match="TMPDIR"):
+        fs.reduce(sub, fs.CraigBampton(5), ports=True)
+    assert not list(place.iterdir())
+
+
+@pytest.mark.skipif(not Path("/proc/mounts").exists(), reason="mounts are told by Linux")
+def test_a_folder_in_memory_is_no_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    mounts = [line.split() for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines()]
+    tmpfs = [where for _, where, kind, *_ in mounts if kind == "tmpfs" and Path(where).is_dir()]
+    if not tmpfs:
+        pytest.skip("nothing is in memory here")
+    assert folders.in_memory(Path(tmpfs[0])) and not folders.in_memory(Path("/proc"))
+    monkeypatch.setattr(memory, "gettempdir", lambda: tmpfs[0])
+    monkeypatch.setattr(memory, "in_memory", lambda _: True)
+    assert memory.disk()[1] == 0.0
