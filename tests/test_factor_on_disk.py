@@ -49,13 +49,15 @@ def test_it_solves_as_one_in_memory_and_leaves_no_file(kind: str, place: Path, m
 
 def test_a_factor_that_is_refused_leaves_no_file(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.algebra.petsc.goes_to_disk", lambda A, possible: possible)
+    K = lattice(*SIZE, held=True).K
     with pytest.raises(fs.SingularMatrixError):
-        factorise(sp.csr_array(lattice(*SIZE, held=True).K * 1.0 - 1e9 * sp.eye_array(lattice(*SIZE, held=True).size)), "definite")
+        factorise(sp.csr_array(K - np.median(K.diagonal()) * sp.eye_array(len(K.diagonal()))), "definite")
     assert not list(place.iterdir())
 
 
 def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "MOST_FILL", 1e9)
+    monkeypatch.setattr(memory, "two_cores", lambda: False)
     sub = lattice(*SIZE, held=True)
     cache.drop()
     need = cache.FACTOR_BYTES * memory.factor_nonzeros(sub.K)
@@ -64,6 +66,12 @@ def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: 
         with memory.kept_free(beside * need):
             assert memory.goes_to_disk(sub.K, True) is on_disk
             assert not memory.goes_to_disk(sub.K, False)  # of a count nothing is kept
+    monkeypatch.setattr(memory, "two_cores", lambda: True)
+    room = memory.room_of_count(sub.K, memory.factor_nonzeros(sub.K))
+    for free, on_disk in ((0.9, True), (1.1, False)):  # so that the modes can be counted beside their search
+        machine(free=need + 1000.0 + free * room, large=100)
+        with memory.kept_free(1000.0):
+            assert memory.goes_to_disk(sub.K, True) is on_disk
     machine(free=0.9 * need, large=sub.size + 1)
     assert not memory.goes_to_disk(sub.K, True)  # a small model
     machine(free=0.9 * need, large=100)
@@ -75,6 +83,7 @@ def test_a_reduction_that_would_not_fit_has_its_factor_on_disk(place: Path, mach
                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "MOST_FILL", 1e9)
     monkeypatch.setattr(memory, "LOADED", 0.0)
+    monkeypatch.setattr(memory, "two_cores", lambda: False)
     sub, kinds = lattice(*SIZE, held=True), []
     cache.drop()
     whole, less = (sum(memory.reduction_bytes(sub.K, len(sub.interface) + 2, 5, sub.interface, on_disk=on_disk).values())

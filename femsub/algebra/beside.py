@@ -16,15 +16,14 @@ from tempfile import gettempdir
 from femsub.algebra.factor import inertia
 from femsub.algebra.folders import MEMORY, has_room, task_folder
 from femsub.algebra.matrices import Difference
-from femsub.algebra.memory import count_bytes
+from femsub.algebra.memory import room_of_count
 from femsub.algebra.process_memory import available
 from femsub.algebra.threads import two_cores
-from femsub.algebra.workers import BASE, environment_of_workers, load, store
+from femsub.algebra.workers import environment_of_workers, load, store
 from femsub.checks import Matrix
 from femsub.errors import NotEnoughMemoryError
 
 WORTH = 2e7  # nonzeros of the factor from which the count takes much longer than a process takes to start
-SPARE = 1.3  # times what the count is foretold to take must be there, beside what the search still needs
 
 
 class CountBeside:
@@ -55,7 +54,7 @@ class CountBeside:
 
         This process will need so many columns of n numbers meanwhile.
         """
-        need = SPARE * count_bytes(K, nonzeros) + BASE + 8.0 * K.shape[0] * columns
+        need = room_of_count(K, nonzeros) + 8.0 * K.shape[0] * columns
         if nonzeros < WORTH or not two_cores() or not Path(sys.executable or "").name.startswith("python"):
             return None
         if (free := available()) is None or free < need:

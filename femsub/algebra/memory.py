@@ -19,11 +19,14 @@ from femsub.algebra.cache import FACTOR_BYTES, give_up_until, kept_bytes
 from femsub.algebra.folders import in_memory
 from femsub.algebra.ordering import layers as distance_layers, neighbours, quotient
 from femsub.algebra.process_memory import available, left_of_limit
+from femsub.algebra.threads import two_cores
 from femsub.checks import Array, Matrix
 from femsub.errors import NotEnoughMemoryError
 
 MODEL = 1.7  # empirical correction, since METIS finds better separators; within a factor of 1.7 on 14 models
 COUNT_BYTES = 0.25 * FACTOR_BYTES  # bytes per nonzero of the factor of an inertia count, which is thrown away while it is made
+BASE = 2e8  # bytes that a process takes before its first task
+SPARE = 1.3  # times what a count is foretold to take must be there for a process beside the search
 COUNTED = 50  # bytes per nonzero of K that the count takes for matrices and their graph
 BLOCKS = 200  # columns of blocks in work while constraint modes are computed
 LOADED = 8e7  # bytes of the libraries that the first factorisation loads, and of their buffers
@@ -31,7 +34,7 @@ LIBRARIES = "petsc4py.PETSc"
 SMALL_PART = 0.01  # share of the DOF up to which an interface that is held makes the factor no smaller
 BUFFERS = 3e8  # bytes that the BLAS libraries take for their own use when they are first called
 LARGE = 50_000  # DOF from which memory is checked
-MOST_FILL = 50  # nonzeros of a factor for each one of A that are rarely reached: where so many fit, none are estimated
+MOST_FILL = 60  # nonzeros of a factor and its count for each one of A, rarely reached: where so many fit, none are estimated
 FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it goes to a disk, and while it is used there
 DISK_LEFT = 2e9  # bytes of the disk that others may need
 PATTERNS = 32  # whose estimates are kept
@@ -118,7 +121,7 @@ def at_hand(need: float) -> float | None:
 
 @contextmanager
 def kept_free(bytes_beside: float) -> Iterator[None]:
-    """Inside, a factor that would leave less memory than this goes to a disk."""
+    """Inside, a factor that would leave less memory than this, and than an inertia count beside it needs, goes to a disk."""
     token = _beside.set(max(bytes_beside, _beside.get()))
     try:
         yield
@@ -147,18 +150,19 @@ def goes_to_disk(A: Matrix, possible: bool) -> bool:
     NotEnoughMemoryError
         The limit of this process (`ulimit -v`) leaves less than the factor takes. OpenBLAS would ask for memory for ever.
     """
-    limit, free = left_of_limit(), available() if A.shape[0] >= LARGE else None
-    enough = MOST_FILL * FACTOR_BYTES * A.nnz + _beside.get()
+    limit, free, beside = left_of_limit(), available() if A.shape[0] >= LARGE else None, _beside.get()
+    enough = MOST_FILL * FACTOR_BYTES * A.nnz + beside
     if (limit is None or limit > BUFFERS + enough) and (free is None or free > enough) and not kept_bytes():
         return False
-    need = FACTOR_BYTES * factor_nonzeros(A)
-    if free is not None and (kept_bytes() or free < need + _beside.get()):
-        free = at_hand(2 * need + _beside.get())
-    short = (limit is not None and BUFFERS + need > limit) or (free is not None and free < need + _beside.get())
+    nonzeros = factor_nonzeros(A)
+    need = FACTOR_BYTES * nonzeros
+    beside += room_of_count(A, nonzeros) if beside and two_cores() else 0.0
+    if free is not None and (kept_bytes() or free < need + beside):
+        free = at_hand(2 * need + beside)
     left = min(np.inf if limit is None else limit - BUFFERS, np.inf if free is None else free)
-    if short and possible and FRONTS * need < left and need < disk()[1]:
+    if possible and A.shape[0] >= LARGE and FRONTS * need < left < need + beside and need < disk()[1]:
         return True
-    if limit is not None and BUFFERS + need > limit:
+    if limit is not None and need > limit - BUFFERS:
         raise NotEnoughMemoryError(f"a factor of {A.shape[0]} DOF needs about {(BUFFERS + need) / 1e9:.2g} GB, but the limit of "
                                    f"this process (ulimit -v or -d) leaves {max(limit, 0.0) / 1e9:.2g} GB. Raise the limit, or "
                                    "make the model smaller")
@@ -217,6 +221,11 @@ def search_columns(modes: int) -> float:
 def count_bytes(K: Matrix, nonzeros: float) -> float:
     """Bytes of an inertia count of K - σM, of whose factor so many nonzeros are made."""
     return COUNT_BYTES * nonzeros + COUNTED * K.nnz
+
+
+def room_of_count(K: Matrix, nonzeros: float) -> float:
+    """Bytes that must be free for a process that makes this count beside the search."""
+    return SPARE * count_bytes(K, nonzeros) + BASE
 
 
 def factor_nonzeros(A: Matrix) -> float:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from femsub.algebra.folders import MEMORY, has_room, task_folder
-from femsub.algebra.memory import at_hand
+from femsub.algebra.memory import BASE, at_hand
 from femsub.algebra.petsc import versions
 from femsub.algebra.process_memory import available
 from femsub.algebra.threads import BRINGING, one_thread
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 MOST = 1024  # processes of one call
-BASE = 2e8  # bytes that a process takes before its first task
 ONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # environment of a worker
 LAUNCHER = ("OMPI_", "PMIX_", "PMI_")  # variables of mpiexec, by which MPI would take a worker for the process that started it
 PICKLE = "pickle"  # a file with all but the arrays
