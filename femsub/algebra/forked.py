@@ -38,10 +38,13 @@ DIES_WITH_PARENT = 1  # Linux' PR_SET_PDEATHSIG
 def fork_pays(factor: Handle, columns: int) -> bool:
     """Whether so many solves with this factor are worth a fork, and whether one is safe.
 
-    CHOLMOD solves without threads and without messages of its own. A fork has no thread but that which called it.
+    CHOLMOD solves without threads and without messages of its own. A fork has no thread but that which called it. Networks of
+    clusters write into the memory of processes of MPI, which a fork would upset.
     """
-    return (isinstance(factor, Factor) and factor.package == "cholmod" and factor.fill * factor.size * columns >= WORTH
-            and columns > WIDTH and sys.platform == "linux" and current_thread() is main_thread() and two_cores())
+    if not isinstance(factor, Factor) or factor.package != "cholmod" or "mpi4py.MPI" in sys.modules:
+        return False
+    worth = columns > WIDTH and factor.fill * factor.size * columns >= WORTH
+    return worth and sys.platform == "linux" and current_thread() is main_thread() and two_cores()
 
 
 def shared_zeros(rows: int, columns: int) -> Array:
