@@ -189,7 +189,7 @@ def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kin
     """V = [C Φ Ξ]. The elastic columns of Φ get the label `mode_kind`.
 
     All loads are solved for at once, without the modes' contribution, so that no energy suffers from cancellation. Then the
-    factor is released, and the modes are counted.
+    factor is released. The modes are counted last: a process that counts them beside may need the time.
     """
     handle, C, n_c, rows = statics.handle, statics.constraint, statics.constraint.shape[1], statics.part.rows
     forces = statics.forces if kept.forces is None else np.hstack([kept.forces, statics.forces])
@@ -198,7 +198,6 @@ def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kin
     missing, held = np.einsum("ij,ij->j", rest, loads), kept.shapes[:, kept.rigid:].T @ loads
     whole = missing + np.einsum("ij,ij->j", held, held / kept.values[kept.rigid:, None])
     handle.release()  # frees memory before `count_deferred` makes a factor of its own
-    count_deferred(handle, kept.found)
     residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, kept.shapes, kept.values)
     r = n_c + len(kept.values)
     V = widened(C, r + residual.shape[1])
@@ -206,6 +205,7 @@ def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kin
     M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
     found = labelled(statics, kept, V, (M, K), dropped, V[statics.part.sub.interface], mode_kind)
     energies = np.array([whole[s:], missing[s:]])
+    count_deferred(handle, kept.found)
     return replace(found, port_error=port_errors(ports, found, kept, energies), estimate=kept.estimate, forces=forces,
                    energies=energies, motion=None if found.rigid is None else V @ found.rigid)
 
