@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.elimination import LEAST, Equations, eliminate, masked, product, units
+from femsub.algebra.elimination import LEAST, Equations, comparable, eliminate, masked, product, units
 from femsub.algebra.matrices import is_symmetric, same, unit_length
 from femsub.algebra.rigid_motion import Restricted, changed
 from femsub.checks import Array, Matrix
@@ -46,7 +46,7 @@ class Freed:
 
         found = np.zeros((pencil.size, len(values)), dtype=complex)
         found[self.rest] = x
-        unit = units(pencil.M.diagonal(), pencil.K.diagonal())[0][self.rest]
+        unit = comparable(units(pencil.M.diagonal(), pencil.K.diagonal())[0][self.rest])
         C = sp.csc_array(sp.csr_array(pencil.K)[self.rest][:, self.held].multiply(unit[:, None]))
         size = np.sqrt(C.multiply(C).sum(axis=0))
         C = sp.csc_array(C / size)
@@ -70,7 +70,7 @@ def freed(pencil: Pencil) -> Freed | None:
         return None
     rest, K = np.setdiff1d(np.arange(pencil.size), held), sp.csr_array(pencil.K)
     B, C = sp.csr_array(K[held][:, rest]), sp.csr_array(K[rest][:, held].T)
-    unit = units(pencil.M.diagonal(), pencil.K.diagonal())[0][rest]
+    unit = comparable(units(pencil.M.diagonal(), pencil.K.diagonal())[0][rest])
     X = _motions(B, unit, held)
     Y = X if same(B, C) else _motions(C, unit, held)
     if not X.shape[1]:

@@ -17,6 +17,8 @@ from femsub.errors import ConditionWarning, warn
 ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
 DUST = 1e-15  # share of a column's largest entry, in units of energy, below which an entry is rounding
 LEAST = 4e-15  # share of the sizes of which a mass or stiffness is the sum below which it is rounding (as of rigid-body modes)
+SPREAD = 1e3  # factor about the median within which units of energy are compared
+SURE = 1 + 1e-9  # factor by which k_ij² exceeds k_ii k_jj where no rounding of these can be the reason
 DEPENDENT = 1e-10  # an equation with a pivot below this share of the largest is redundant
 UNSURE = 100.0  # factor about it within which an equation may be either
 PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
@@ -37,24 +39,25 @@ class Equations:
         Which coordinates are displacements of a DOF, and no amplitudes of shapes.
     owner : ndarray of int, shape (m,)
         Which joint each equation belongs to, for messages.
-    scale : ndarray, shape (m,)
-        The largest entry of each equation in these units before anything cancelled in it; `eliminate` finds it.
+    size : sparse, shape (m, n)
+        The sizes of what was added up to each entry, which tell what is left of a cancellation; `eliminate` keeps them.
     """
 
     A: Matrix
     unit: Array
     physical: Array
     owner: Array
-    scale: Any = None
+    size: Any = None
 
     def chosen(self, rows: Array) -> Equations:
         """Some of the equations, by their numbers or by one bool for each."""
         rows = np.arange(len(self.owner))[rows]
-        return replace(self, A=self.A[rows], owner=self.owner[rows], scale=None if self.scale is None else self.scale[rows])
+        return replace(self, A=self.A[rows], owner=self.owner[rows], size=None if self.size is None else self.size[rows])
 
     def through(self, T: Matrix, unit: Array, physical: Array) -> Equations:
         """The equations in new coordinates y, x = T y."""
-        return replace(self, A=sp.csr_array(self.A @ T), unit=unit, physical=physical)
+        size = None if self.size is None else sp.csr_array(self.size @ abs(T))
+        return replace(self, A=sp.csr_array(self.A @ T), size=size, unit=unit, physical=physical)
 
 
 def units(mass: Array, stiffness: Array) -> tuple[Array, float]:
@@ -65,6 +68,21 @@ def units(mass: Array, stiffness: Array) -> tuple[Array, float]:
     energy = size + typical * mass
     usual = float(np.median(energy[energy > 0])) if energy.any() else 1.0
     return np.where(energy > 0, energy, usual) ** -0.5, typical
+
+
+def comparable(unit: Array) -> Array:
+    """Units of energy, (n,), none farther from their median than `SPREAD` times.
+
+    Else a DOF that costs next to nothing makes all others rounding beside it, though the joints move it with them.
+    """
+    usual = float(np.median(unit)) if len(unit) else 1.0
+    return np.clip(unit, usual / SPREAD, usual * SPREAD)
+
+
+def reach(S: Matrix, unit: Array) -> Array:
+    """How far each coordinate y goes, (k,), until one of x = S y has moved by its unit; 1 where S moves nothing."""
+    size = largest(sp.csr_array(abs(sp.csr_array(S)).T) @ sp.diags_array(1 / unit))
+    return 1 / np.where(size > 0, size, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +111,7 @@ def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None]) -
     """
     given, size = equations.A.shape
     L = sp.eye_array(size, format="csr")
-    scale = largest(abs(equations.A) @ sp.diags_array(equations.unit)) if given else np.zeros(0)
-    equations = _pruned(replace(equations, scale=scale))
+    equations = _pruned(replace(equations, size=abs(equations.A)))
     while step := _equal(equations):
         L, equations = L @ step[0], _pruned(equations.through(*step))
     for take in (_dependent, _null_space):
@@ -109,14 +126,21 @@ Step = tuple[Matrix, Array, Array]  # T (n, k) with x = T y; the units of y, and
 
 def largest(A: Matrix) -> Array:
     """The largest entry of each row of a sparse A ≥ 0."""
-    return np.asarray(sp.csr_array(A).max(axis=1).todense()).ravel()
+    return np.asarray(sp.csr_array(A).max(axis=1).todense()).ravel() if all(A.shape) else np.zeros(A.shape[0])
 
 
 def _pruned(equations: Equations) -> Equations:
-    """Without entries that are rounding, and without equations of which nothing is left."""
-    A, scale = equations.A, equations.scale
+    """Without entries that are rounding, and without equations of which nothing is left.
+
+    Entries of DOF are compared with each other as they are. In units of energy the stiff one of two equal DOF would be rounding
+    beside the soft one, and the soft one would be held. Shapes have the rounding of their part, and are compared in these units.
+    """
+    A, physical = equations.A, equations.physical[equations.A.indices]
     rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
-    keep = np.abs(A.data) * equations.unit[A.indices] > ROUNDING * scale[rows]
+    plain = largest(equations.size @ sp.diags_array(equations.physical * 1.0))
+    whole = largest(equations.size @ sp.diags_array(equations.unit))
+    keep = np.where(physical, np.abs(A.data) > ROUNDING * plain[rows],
+                    np.abs(A.data) * equations.unit[A.indices] > ROUNDING * whole[rows])
     left = np.flatnonzero(np.bincount(rows[keep], minlength=A.shape[0]))
     A = sp.csr_array((A.data[keep], (rows[keep], A.indices[keep])), shape=A.shape)
     return replace(equations, A=A).chosen(left)
@@ -287,6 +311,23 @@ def without_dust(A: Matrix, bound: Array) -> Matrix:
         return A
     kept = ~dust
     return masked(masked(A, kept[:, None]), kept)
+
+
+def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
+    """Which DOF of these rows K gives no stiffness but rounding: rows of zeros, and rows that no K ≥ 0 can have; bool (m,).
+
+    K ≥ 0 has k_ij² ≤ k_ii k_jj. Where k_ij is larger, and rounding beside k_jj, the rounding of row i is of its size. Contact
+    normals that are tilted by rounding make such rows.
+    """
+    diagonal, entries = K.diagonal(), sp.coo_array(K[rows])
+    own = diagonal[rows]
+    (at, j), size = entries.coords, np.abs(entries.data)
+    rounding = (np.arange(len(diagonal))[rows][at] != j) & (size <= LEAST * diagonal[j])
+    rounding &= size**2 > SURE * np.maximum(own[at], 0.0) * diagonal[j]
+    known, most = np.zeros(len(own)), np.zeros(len(own))
+    np.maximum.at(known, at[rounding], size[rounding])
+    np.maximum.at(most, at, size)
+    return np.asarray(most <= known)
 
 
 def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:

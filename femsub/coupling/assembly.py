@@ -22,6 +22,7 @@ from femsub.algebra import (
     largest,
     links_without_rounding,
     product,
+    reach,
     recovered,
     size_of_products,
     units,
@@ -369,7 +370,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
         M, D, K = (A.toarray() for A in matrices)
     L = joined.S if sp.issparse(K) else joined.S.toarray()
-    unit = units(M.diagonal(), K.diagonal())[0]
+    unit = reach(joined.S, equations.unit)
     ports = {f"{part}.{port}": _port(L[rows], w, unit, equations.unit[rows])
              for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True) for port, w in sub.ports.items()}
     motion = Joined(tuple(parts.values()), joined.S, equations.unit, equations.A,
@@ -421,7 +422,8 @@ def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix,
     """M, D, K in the coordinates of the system, with springs and multipliers."""
     S = joined.S.toarray() if dense else joined.S
     alike = not dense and is_identity(S)  # nothing is joined but by springs and contacts: each product would be a copy
-    moved = [(links_without_rounding(R @ S, joined.unit, largest(abs(R) * unit)), link) for R, link in springs]
+    own = reach(joined.S, unit)
+    moved = [(links_without_rounding(R @ S, own, largest(abs(R) * unit)), link) for R, link in springs]
     found = []
     for key, of in (("M", ""), ("D", "damping"), ("K", "stiffness")):
         matrices = [getattr(part, key) for part in parts.values()]

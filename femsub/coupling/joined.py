@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.algebra import Equations, block_diagonal, product, recovered, units
+from femsub.algebra import Equations, block_diagonal, comparable, product, recovered, units
 from femsub.checks import Array, Matrix, instance, items, mapping, word
 from femsub.coupling.dual import FORCE, by_forces
 from femsub.coupling.joints import End, Joint, Link, site
@@ -71,10 +71,10 @@ def rows_of_parts(parts: Mapping[str, Substructure]) -> list[slice]:
 
 
 def units_of_energy(parts: Mapping[str, Substructure]) -> Array:
-    """How far each coordinate moves at unit energy: (k_jj + ω² m_jj)^(-1/2) with a typical ω of all parts."""
+    """How far each coordinate moves at unit energy: (k_jj + ω² m_jj)^(-1/2) with a typical ω of all parts; `comparable`."""
     K = np.concatenate([np.abs(part.K.diagonal()) for part in parts.values()])
     M = np.concatenate([np.abs(part.M.diagonal()) for part in parts.values()])
-    return units(M, K)[0]
+    return comparable(units(M, K)[0])
 
 
 def on_all_parts(tables: Sequence[Mapping[str, Matrix]], widths: Mapping[str, int]) -> Matrix:
@@ -147,7 +147,7 @@ def _units_at_rest(part: Substructure) -> Array:
     square = np.divide(stiffness, mass, out=np.zeros(len(mass)), where=mass > 0)
     square = square[square > STILL * square.max(initial=0.0)]
     energy = stiffness + float(square.min() if len(square) else 1.0) * mass
-    return np.where(energy > 0, energy, 1.0) ** -0.5
+    return comparable(np.where(energy > 0, energy, 1.0) ** -0.5)
 
 
 def joint_forces(parts: Mapping[str, Substructure], C: Matrix, unit: Array) -> tuple[Matrix, Array]:

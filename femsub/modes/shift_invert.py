@@ -19,6 +19,7 @@ from femsub.algebra import (
     Difference,
     Handle,
     RigidMotion,
+    bare,
     factorise,
     factors_made,
     forget_factor,
@@ -192,9 +193,11 @@ class ShiftInvert:
                 return self._factorise(-(2.0 ** float(np.round(np.log2(-sigma)))))
             except SingularMatrixError as error:
                 last = error
+        count = np.count_nonzero(bare(self.K) & (self.M.diagonal() == 0))
+        empty = f"{count} DOF have" if count else "a DOF has"
         raise SingularMatrixError(
             f"K - σM is not positive definite for σ = {sigma:.3g}. Likely causes: K has a negative eigenvalue, M is not "
-            f"positive semidefinite, a DOF has neither mass nor stiffness, or {BY_MULTIPLIERS} ({last})")
+            f"positive semidefinite, {empty} neither mass nor stiffness, or {BY_MULTIPLIERS} ({last})")
 
     def _find_rigid(self) -> float:
         """Subspace iteration, which contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value.

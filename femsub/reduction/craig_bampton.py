@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import FEW, divided, fork_pays, one_thread, without
+from femsub.algebra import FEW, bare, divided, fork_pays, one_thread, without
 from femsub.checks import EPS, Array
 from femsub.coupling import rigid_rows, spatial
 from femsub.errors import ConditionWarning, InputError, warn
@@ -119,16 +119,33 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
 
     For a floating component this matrix is the small difference of large forces. If the interface just holds the component
     (the two DOF at one end of a beam), the exact result is 0, and rounding of either sign would look like a stiffness.
-    Two formulas for the same matrix, K_bb + K_bi Ψ and ΨᵀKΨ, show how many digits are correct.
+    Two formulas for the same matrix, K_bb + K_bi Ψ and ΨᵀKΨ, show how many digits are correct. A bare DOF, to which K gives
+    rounding at most, moves alone: its constraint mode is cleared of all else. The parts that are joined to it may hold it.
     """
     condensed = (condensed + condensed.T) / 2
     unit = units(sub.K)[sub.interface]
-    none = np.zeros((len(condensed), 0))
     if not condensed.size:
-        return condensed, none
+        return condensed, np.zeros((0, 0))
+    loose = bare(sub.K, sub.interface)
+    if loose.any():
+        condensed[loose], condensed[:, loose] = 0.0, 0.0
+        constraint[np.ix_(sub.interior, loose)] = 0.0
     if (motion := motion_of(sub.rigid_motion)) is not None:
         rigid_motions = motion.shapes[sub.interface]
         return without(condensed, rigid_motions, unit), rigid_motions
+    if not loose.any():
+        return _elastic(sub, condensed, constraint, unit, slice(None))
+    if not loose.all():
+        at = np.ix_(~loose, ~loose)
+        rows = np.setdiff1d(np.arange(sub.size), sub.interface[loose])
+        condensed[at], rigid = _elastic(sub, condensed[at], constraint[:, ~loose], unit[~loose], rows)
+        return condensed, np.hstack([np.eye(len(loose))[:, ~loose] @ rigid, np.eye(len(loose))[:, loose]])
+    return condensed, np.eye(len(loose))
+
+
+def _elastic(sub: Substructure, condensed: Array, constraint: Array, unit: Array, rows: Array | slice) -> tuple[Array, Array]:
+    """`condensed_stiffness` of interface DOF that are not bare; K is looked at in these `rows`."""
+    none = np.zeros((len(condensed), 0))
     with one_thread(len(condensed) <= FEW):
         values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
     doubtful = np.flatnonzero(values <= SOFT)
@@ -138,12 +155,12 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     ratio = rounding_ratio(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful]))
     rigid = doubtful[ratio < 10 * RIGID]
     if rounding(sub.K) > EPS:  # written with few digits: as many as K itself has
-        rigid = doubtful[np.argsort(np.abs(values[doubtful]))][:ShiftInvert(sub.K, sub.M).rigid.shape[1]]
+        rigid = doubtful[np.argsort(np.abs(values[doubtful]))][:ShiftInvert(sub.K, sub.M, rows).rigid.shape[1]]
     if not len(rigid):
         return condensed, none
     if rounding(sub.K) == EPS and ratio[ratio < 10 * RIGID].max() > CLEAR and not annihilates_a_translation(sub.K):
         # A long slender part that is held has similar ratios: count the rigid-body modes of K itself.
-        rigid = rigid[:ShiftInvert(sub.K, sub.M).rigid.shape[1]]
+        rigid = rigid[:ShiftInvert(sub.K, sub.M, rows).rigid.shape[1]]
     if not len(rigid):
         lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed).max() / np.abs(condensed).max()
         if lost > DIGITS:
