@@ -23,6 +23,7 @@ LIBRARIES = "petsc4py.PETSc"
 SMALL_PART = 0.01  # share of the DOF up to which an interface that is held makes the factor no smaller
 BUFFERS = 3e8  # bytes that the BLAS libraries take for their own use when they are first called
 LARGE = 50_000  # DOF from which memory is checked
+FREELY = 1e6  # bytes that are granted without a look at the available memory, which costs as much as a small model
 PATTERNS = 32  # whose estimates are kept
 _estimated: dict[tuple[int, int, int], float] = {}
 
@@ -79,6 +80,8 @@ def check_room(what: str, need: float, advice: str = "Make it smaller", told: st
     NotEnoughMemoryError
         It needs more than is available; the message tells both figures, and `told` behind the first.
     """
+    if need < FREELY:
+        return
     free = at_hand(need)
     if free is not None and need > free:
         raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB{told}, but only {free / 1e9:.0f} GB are available. "
@@ -87,6 +90,9 @@ def check_room(what: str, need: float, advice: str = "Make it smaller", told: st
 
 def at_hand(need: float) -> float | None:
     """Bytes available, after shared factors have been freed as far as `need` requires."""
+    free = available()
+    if free is None or free >= need:
+        return free
     give_up_until(lambda: (free := available()) is None or free >= need)
     return available()
 
