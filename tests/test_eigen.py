@@ -26,7 +26,6 @@ def test_chain_frequencies(n: int) -> None:
 
 @pytest.mark.slow
 def test_chain_of_hundreds_of_thousands_of_masses() -> None:
-    """MUMPS alone was once off by 2e-9 at a third of these masses, and by 2e-7 at a million."""
     modes = fs.normal_modes(fs.chain(300_000), count=20)
     assert np.abs(modes.frequencies / fs.chain_frequencies(300_000, 20) - 1).max() < 1e-9
 
