@@ -189,7 +189,7 @@ def test_a_reduction_that_does_not_fit_is_refused_before_it_begins(machine: Call
 
 
 def test_small_needs_are_granted_without_a_look(machine: Callable[..., None]) -> None:
-    """A look reads several files: for a chain of ten masses it took a quarter of the time."""
+    """A look reads several files: for a chain of ten masses it took half of the time."""
     looks: list[float] = []
     machine(free=lambda: looks.append(1e6) or looks[-1])  # type: ignore[func-returns-value]
     fs.chain(10)
