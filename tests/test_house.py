@@ -57,7 +57,12 @@ def name_of(path: Path, package: Path = PACKAGE) -> str:
 
 def imported(path: Path, package: Path = PACKAGE) -> set[str]:
     """Modules of femsub that a file imports at run time (not under TYPE_CHECKING): in any spelling, in functions as well."""
-    tree = nodes(path)
+    return _imported(path.read_text(encoding="utf-8"), path, package)
+
+
+@cache
+def _imported(text: str, path: Path, package: Path) -> set[str]:
+    tree = _nodes(text)
     skipped = {id(node) for test in tree if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.dump(test.test)
                for child in test.body for node in ast.walk(child)}
     here = name_of(path, package).split(".")
@@ -332,7 +337,8 @@ def test_another_word_for_tolerances_is_seen(tmp_path: Path) -> None:
 def private_names_in(folder: Path) -> list[str]:
     """Where tests reach for a module's private names."""
     own = {path.stem for path in modules()}
-    return [f"{path.name}:{node.lineno} {ast.unparse(node)}" for path in sorted(folder.glob("test_*.py")) for node in nodes(path)
+    files = [path for path in sorted(folder.glob("test_*.py")) if re.search(r"[.]\s*_[a-z]", path.read_text(encoding="utf-8"))]
+    return [f"{path.name}:{node.lineno} {ast.unparse(node)}" for path in files for node in nodes(path)
             if isinstance(node, ast.Attribute) and re.match(r"_[a-z]", node.attr) and isinstance(node.value, ast.Name)
             and node.value.id in own]
 
@@ -344,13 +350,18 @@ def test_tests_use_few_private_names(tmp_path: Path) -> None:
     assert private_names_in(tmp_path) == ["test_x.py:1 petsc._load"]
 
 
+@cache
+def _files(folder: Path) -> set[str]:
+    return {file.stem for file in folder.rglob("*.py")}
+
+
 def past_the_door(path: Path, package: Path = PACKAGE) -> set[str]:
     """Imports of another room's file where the room's own name would do. A name that is a file's as well is asked there."""
     found = set()
     for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and (parts := (node.module or "").split("."))[0] == "femsub" and len(parts) > 2 \
                 and parts[1] not in (room(name_of(path, package)), "app"):
-            files = {file.stem for file in (package / parts[1]).rglob("*.py")}
+            files = _files(package / parts[1])
             found |= {f"{node.module}.{alias.name}" for alias in node.names if alias.name not in files}
     return found
 

@@ -188,6 +188,18 @@ def test_a_reduction_that_does_not_fit_is_refused_before_it_begins(machine: Call
     fs.reduce(sub, fs.CraigBampton(5), ports=True)
 
 
+def test_small_needs_are_granted_without_a_look(machine: Callable[..., None]) -> None:
+    """A look reads several files: for a chain of ten masses it took half of the time."""
+    looks: list[float] = []
+    machine(free=lambda: looks.append(1e6) or looks[-1])  # type: ignore[func-returns-value]
+    fs.chain(10)
+    assert not looks
+    memory.check_room("what just fits", 1e6)
+    assert len(looks) == 1
+    with pytest.raises(NotEnoughMemoryError, match="a chain of 1e\\+04 masses"):
+        fs.chain(10_000)
+
+
 def test_the_advice_fits_what_is_largest(machine: Callable[..., None]) -> None:
     machine(free=1.0, large=100)
     K = lattice(20, 20, held=True).K
@@ -238,9 +250,8 @@ print(need / (told("VmHWM") - before))
 
 
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of a process is told by Linux")
-@pytest.mark.parametrize(("cells", "method"), [pytest.param((40, 40, 3), "fs.CraigBampton(40)", marks=pytest.mark.slow),
-                                               pytest.param((40, 40, 3), "fs.Rubin(40)", marks=pytest.mark.slow),
-                                               pytest.param((70, 70, 2), "fs.CraigBampton(40)", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("cells", "method"), [((40, 40, 3), "fs.Rubin(40)"), ((60, 60, 2), "fs.CraigBampton(40)")])
 def test_the_memory_of_a_reduction_is_foretold_within_30_percent(cells: tuple[int, ...], method: str) -> None:
     run = subprocess.run([sys.executable, "-c", PEAK, str(cells), method], capture_output=True, text=True, check=True)
     assert 1 / 1.3 < float(run.stdout) < 1.3

@@ -8,6 +8,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.joined import JOINED, LARGER
+from benchmarks.joined import JOINED, LARGER, Joined
 from benchmarks.lattices import lattice
 from femsub.reduction.reduce import METHODS
 
@@ -57,6 +58,13 @@ def spectrum(model: fs.Substructure) -> np.ndarray:
     rank = np.linalg.matrix_rank(mass / np.outer(unit, unit), tol=1e-10, hermitian=True)
     rigid = fs.normal_modes(model, count=0).rigid
     return np.asarray(fs.normal_modes(model, count=int(rank) - rigid).frequencies)
+
+
+@cache
+def unreduced(name: str) -> tuple[Joined, np.ndarray]:
+    """Joined parts and the spectrum of their full system, which all methods are compared with."""
+    joined = JOINED[name]()
+    return joined, spectrum(joined.system())
 
 
 def whole(sub: fs.Substructure, key: str) -> int:
@@ -312,8 +320,7 @@ def test_nearly_complete_bases_keep_their_digits() -> None:
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", JOINED)
 def test_joined_parts_with_all_modes_are_the_unreduced_system(name: str, key: str) -> None:
-    joined = JOINED[name]()
-    full = spectrum(joined.system())
+    joined, full = unreduced(name)
     system = joined.system(lambda part: reduced(part, key, whole(part, key)))
     found, rigid = spectrum(system), np.count_nonzero(full == 0)
     assert len(found) == len(full) and np.count_nonzero(found == 0) == rigid
@@ -322,13 +329,13 @@ def test_joined_parts_with_all_modes_are_the_unreduced_system(name: str, key: st
 
 @pytest.mark.parametrize("name", JOINED)
 def test_joined_parts_condensed_on_all_of_their_dof_are_the_unreduced_system(name: str) -> None:
-    joined = JOINED[name]()
+    joined, full = unreduced(name)
     all_dof = {}
     for part, sub in joined.parts.items():
         sets = {key: sub.interface[places] for key, places in sub.sets.items()}
         named = sets | {"rest": sub.interior} if sets else range(sub.size)
         all_dof[part] = fs.Substructure(sub.M, sub.K, interface=named, dofs=sub.dofs)
-    full, found = spectrum(joined.system()), spectrum(replace(joined, parts=all_dof).system(lambda p: fs.reduce(p, fs.Guyan())))
+    found = spectrum(replace(joined, parts=all_dof).system(lambda p: fs.reduce(p, fs.Guyan())))
     rigid = np.count_nonzero(full == 0)
     assert np.abs(found[rigid:] / full[rigid:] - 1).max() < 1e-9
 
@@ -337,8 +344,7 @@ def test_joined_parts_condensed_on_all_of_their_dof_are_the_unreduced_system(nam
 @pytest.mark.parametrize("key", ["craig-bampton", "craig-chang", "guyan", "herting", "hurty", "rubin"])
 @pytest.mark.parametrize("name", JOINED)
 def test_joined_frequencies_bound_from_above_and_never_rise(name: str, key: str) -> None:
-    joined = JOINED[name]()
-    full = spectrum(joined.system())
+    joined, full = unreduced(name)
     before = np.full(len(full), np.inf)
     for modes in (0,) if key == "guyan" else (1, 2, 3):
         found = spectrum(joined.system(lambda part, modes=modes: reduced(part, key, modes)))

@@ -9,6 +9,8 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ import pytest
 from benchmarks.comparisons import NAMES
 from benchmarks.processes import StoppedError, watched
 from benchmarks.users import LOST, Case, Journal, compared
+from femsub.algebra import petsc
 
 ROOT = Path(__file__).parent.parent
 
@@ -64,19 +67,41 @@ def bench(folder: Path, *args: str) -> dict[str, Any]:
     return report
 
 
+OTHERS = "SciPy", "SLEPc, CHOLMOD", "SLEPc, MUMPS"  # what is compared with wherever femsub runs
+
+
+@pytest.fixture(scope="module")
+def benched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """The folder and the report of all parts, of the slab against the others alone."""
+    folder = tmp_path_factory.mktemp("bench")
+    return folder, bench(folder, "--only", *OTHERS)
+
+
+@pytest.fixture(scope="module")
+def bases(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, list[Any]]]:
+    """The folder and the rows of a component's bases by every method; what `benched` has measured is not measured again."""
+    @cache
+    def found(component: str) -> tuple[Path, list[Any]]:
+        folder = tmp_path_factory.mktemp(component)
+        if component == "slab" and petsc.has_cholmod():
+            shutil.copytree(request.getfixturevalue("benched")[0], folder, dirs_exist_ok=True)
+        return folder, bench(folder, "--parts", "bases", "--component", component)["rows"]
+
+    return found
+
+
 @pytest.mark.slow
 @pytest.mark.cholmod
-def test_bench(tmp_path: Path) -> None:
-    others = "SciPy", "SLEPc, CHOLMOD", "SLEPc, MUMPS"  # what is compared with wherever femsub runs
-    report = bench(tmp_path, "--only", *others)
+def test_bench(benched: tuple[Path, dict[str, Any]]) -> None:
+    _, report = benched
     rows = {(row["part"], row["method"]): row for row in report["rows"]}
     assert {method for part, method in rows if part == "assembly"} == {"femsub", "scikit-fem"}
-    assert {method for part, method in rows if part == "bases"} == {"femsub", *others}
+    assert {method for part, method in rows if part == "bases"} == {"femsub", *OTHERS}
     assert len([method for part, method in rows if part == "cea"]) == 2
     for row in rows.values():
         assert row["seconds"] > 0 and row["times"] > 0 and row["peak_mb"] > 0
     assert 0 < rows["assembly", "scikit-fem"]["error"] < 1e-12
-    for method in ("SciPy", "SLEPc, CHOLMOD", "SLEPc, MUMPS"):
+    for method in OTHERS:
         assert all(0 < rows["bases", method][f"error_{part}"] < 1e-8 for part in ("values", "constraint", "M", "K"))
         assert rows["bases", method]["residual"] < 1e-10
     assert report["details"]["cea"]["chosen"]["growth_error"] < 1e-3
@@ -87,9 +112,10 @@ def test_bench(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("component", ["slab", "bulk", "disc"])
-def test_bases_of_all_methods_agree_and_a_bench_goes_on_where_it_stopped(component: str, tmp_path: Path) -> None:
-    options = "--parts", "bases", "--component", component
-    rows = {row["method"]: row for row in bench(tmp_path, *options)["rows"]}
+def test_bases_of_all_methods_agree_and_a_bench_goes_on_where_it_stopped(
+        component: str, bases: Callable[[str], tuple[Path, list[Any]]], tmp_path: Path) -> None:
+    folder, measured = bases(component)
+    rows = {row["method"]: row for row in measured}
     assert {"femsub", "SciPy", "SLEPc, MUMPS", "AMLS alone"} <= set(rows) <= set(NAMES)
     for method, row in rows.items():
         assert row["component"] == component and row["interface"] == 18 and row["reference"] == "femsub" and not row["ended"]
@@ -97,11 +123,12 @@ def test_bases_of_all_methods_agree_and_a_bench_goes_on_where_it_stopped(compone
             assert 1e-5 < row["error"] < LOST and row["missed"] <= 1
         else:
             assert row["error"] < 1e-9 and row["missed"] == 0 and row["residual"] < 1e-9
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     journal = tmp_path / "measured.jsonl"
     lines = [line for line in journal.read_text().splitlines() if line]
     assert len(lines) == len(rows)
     journal.write_text("\n".join([*lines[:-1], lines[-1][:40]]))  # killed while it wrote the last line
-    again = {row["method"]: row for row in bench(tmp_path, *options)["rows"]}
+    again = {row["method"]: row for row in bench(tmp_path, "--parts", "bases", "--component", component)["rows"]}
     method = json.loads(lines[-1])["method"]
     assert {name for name, row in rows.items() if row["seconds"] != again[name]["seconds"]} == {method}
 
@@ -132,7 +159,7 @@ def report(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_a_report_goes_on_where_it_stopped(bases: Callable[[str], tuple[Path, list[Any]]], tmp_path: Path) -> None:
     first = report(tmp_path, "chain")
     assert first.returncode == 0, first.stdout + first.stderr
     text = (tmp_path / "data" / "chain.txt").read_text()
@@ -141,8 +168,10 @@ def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert (tmp_path / "pictures" / "chain-error-time.png").exists()
     # what was run and stopped half-way has no done.json: it is begun anew, and what had ended is left alone
     kept = (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns
+    # ... but the step finds its own files, and measures nothing twice
     half = tmp_path / "work" / "bench"
-    half.mkdir()
+    shutil.copytree(bases("slab")[0], half)
+    journal = (half / "measured.jsonl").read_text()
     (half / "printed.txt").write_text("half a table")
     second = report(tmp_path)
     assert second.returncode == 0, second.stdout + second.stderr
@@ -150,6 +179,7 @@ def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns == kept
     text = (tmp_path / "data" / "bench.txt").read_text()
     assert "SLEPc, MUMPS" in text and "half a table" not in text
+    assert (half / "measured.jsonl").read_text() == journal
 
 
 @pytest.mark.slow

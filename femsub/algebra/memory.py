@@ -37,6 +37,7 @@ LARGE = 50_000  # DOF from which memory is checked
 MOST_FILL = 60  # nonzeros of a factor and its count for each one of A, rarely reached: where so many fit, none are estimated
 FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it goes to a disk, and while it is used there
 DISK_LEFT = 2e9  # bytes of the disk that others may need
+FREELY = 1e6  # bytes that are granted without a look at the available memory, which costs as much as a small model
 PATTERNS = 32  # whose estimates are kept
 _estimated: dict[tuple[int, int, int], float] = {}
 _beside: ContextVar[float] = ContextVar("femsub_beside_factor", default=0.0)  # bytes that a factor must leave
@@ -107,6 +108,8 @@ def check_room(what: str, need: float, advice: str = "Make it smaller", told: st
     NotEnoughMemoryError
         It needs more than is available; the message tells both figures, and `told` behind the first.
     """
+    if need < FREELY:
+        return
     free = at_hand(need)
     if free is not None and need > free:
         raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB{told}, but only {free / 1e9:.0f} GB are available. "
@@ -115,6 +118,9 @@ def check_room(what: str, need: float, advice: str = "Make it smaller", told: st
 
 def at_hand(need: float) -> float | None:
     """Bytes available, after shared factors have been freed as far as `need` requires."""
+    free = available()
+    if free is None or free >= need:
+        return free
     give_up_until(lambda: (free := available()) is None or free >= need)
     return available()
 
