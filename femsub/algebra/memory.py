@@ -46,7 +46,7 @@ _beside: ContextVar[float] = ContextVar("femsub_beside_factor", default=0.0)  # 
 def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int, held: Array | None = None) -> float:
     """Compare the memory that a reduction needs with what is available. Where the factor alone is too large, a disk takes it.
 
-    Returns the bytes that are needed beside the factor, for `kept_free`.
+    Returns the bytes of the columns that are needed beside the factor, for `kept_free`.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int,
         return 0.0
     libraries = {"libraries": 0.0 if LIBRARIES in sys.modules else LOADED}
     parts = reduction_bytes(K, columns, modes, held) | libraries
-    need, beside, other = sum(parts.values()), parts["columns"] + parts["matrices"], ""
+    need, beside, other = sum(parts.values()), parts["columns"], ""
     if (free := at_hand(need)) is not None and need > free:
         on_disk = reduction_bytes(K, columns, modes, held, on_disk=True) | libraries
         place, room = disk()
