@@ -5,7 +5,6 @@ from .elimination import (
     DEPENDENT as DEPENDENT,
     ROUNDING as ROUNDING,
     Equations as Equations,
-    bare as bare,
     comparable as comparable,
     congruent as congruent,
     eliminate as eliminate,
@@ -51,7 +50,6 @@ from .matrices import (
     translations as translations,
     unit_length as unit_length,
     without_rounding as without_rounding,
-    without_signs as without_signs,
 )
 from .memory import (
     BLOCKS as BLOCKS,

@@ -18,7 +18,6 @@ ROUNDING = 1e-13  # entries below this share of an equation's largest entry are 
 DUST = 1e-15  # share of a column's largest entry, in units of energy, below which an entry is rounding
 LEAST = 4e-15  # share of the sizes of which a mass or stiffness is the sum below which it is rounding (as of rigid-body modes)
 SPREAD = 1e3  # factor about the median within which units of energy are compared
-SURE = 1 + 1e-9  # factor by which k_ij² exceeds k_ii k_jj where no rounding of these can be the reason
 DEPENDENT = 1e-10  # an equation with a pivot below this share of the largest is redundant
 UNSURE = 100.0  # factor about it within which an equation may be either
 PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
@@ -311,23 +310,6 @@ def without_dust(A: Matrix, bound: Array) -> Matrix:
         return A
     kept = ~dust
     return masked(masked(A, kept[:, None]), kept)
-
-
-def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
-    """Which DOF of these rows K gives no stiffness but rounding: rows of zeros, and rows that no K ≥ 0 can have; bool (m,).
-
-    K ≥ 0 has k_ij² ≤ k_ii k_jj. Where k_ij is larger, and rounding beside k_jj, the rounding of row i is of its size. Contact
-    normals that are tilted by rounding make such rows.
-    """
-    diagonal, entries = K.diagonal(), sp.coo_array(K[rows])
-    own = diagonal[rows]
-    (at, j), size = entries.coords, np.abs(entries.data)
-    rounding = (np.arange(len(diagonal))[rows][at] != j) & (size <= LEAST * diagonal[j])
-    rounding &= size**2 > SURE * np.maximum(own[at], 0.0) * diagonal[j]
-    known, most = np.zeros(len(own)), np.zeros(len(own))
-    np.maximum.at(known, at[rounding], size[rounding])
-    np.maximum.at(most, at, size)
-    return np.asarray(most <= known)
 
 
 def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:

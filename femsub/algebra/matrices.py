@@ -186,13 +186,6 @@ def upper(A: Matrix) -> Matrix:
     return sp.csr_array((A.data[keep], A.indices[keep], starts), shape=A.shape)
 
 
-def without_signs(A: Matrix) -> Matrix:
-    """|A| entry by entry: A itself, or a sparse matrix that shares its pattern. A large one is not copied as a whole."""
-    if not sp.issparse(A) or A.format != "csr":
-        return abs(A)
-    return A if A.data.min(initial=0.0) >= 0 else sp.csr_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
-
-
 def translations(n: int) -> Array:
     """Uniform motions of every s-th DOF (n, k): translations of a body whose nodes have s DOF each."""
     at = np.arange(n)

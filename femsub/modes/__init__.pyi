@@ -41,6 +41,7 @@ from .shift_invert import (
     RIGID as RIGID,
     ShiftInvert as ShiftInvert,
     annihilates_a_translation as annihilates_a_translation,
+    bare as bare,
     costs_nothing as costs_nothing,
     motion_of as motion_of,
     rounding_ratio as rounding_ratio,

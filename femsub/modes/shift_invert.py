@@ -19,7 +19,6 @@ from femsub.algebra import (
     Difference,
     Handle,
     RigidMotion,
-    bare,
     factorise,
     factors_made,
     forget_factor,
@@ -30,10 +29,8 @@ from femsub.algebra import (
     shared,
     shared_factor,
     smooth_shape,
-    times,
     translations,
     unit_length,
-    without_signs,
 )
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, SingularMatrixError, warn
@@ -45,6 +42,7 @@ if TYPE_CHECKING:
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
 ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
+SURE = 1 + 1e-9  # factor by which k_ij² exceeds k_ii k_jj where no rounding of these can be the reason
 GAP = 1e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that of the first elastic mode
 WIDE = 64 * EPS, 1e-6  # energy ratio up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
 WRITTEN = 1e-4  # the gap (ratio of ω²) where the energy is within the rounding of a K with fewer digits
@@ -194,7 +192,7 @@ class ShiftInvert:
             except SingularMatrixError as error:
                 last = error
         count = np.count_nonzero(bare(self.K) & (self.M.diagonal() == 0))
-        empty = f"{count} DOF have" if count else "a DOF has"
+        empty = f"{count} DOF have" if count > 1 else "a DOF has"
         raise SingularMatrixError(
             f"K - σM is not positive definite for σ = {sigma:.3g}. Likely causes: K has a negative eigenvalue, M is not "
             f"positive semidefinite, {empty} neither mass nor stiffness, or {BY_MULTIPLIERS} ({last})")
@@ -431,17 +429,34 @@ def costs_nothing(K: Matrix, x: Array, unit: float = 0.0) -> Array:
     return (rounding_ratio(K, x) < max(RIGID, unit)) & (energy_ratio(K, x) <= max(ENERGY, unit))
 
 
+def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
+    """Which DOF of these rows K gives no stiffness but rounding: rows of zeros, and rows that no K ≥ 0 can have; bool (m,).
+
+    K ≥ 0 has k_ij² ≤ k_ii k_jj. Where k_ij is larger, and rounding beside k_jj, the rounding of row i is of its size. Contact
+    normals that are tilted by rounding make such rows.
+    """
+    diagonal, entries = K.diagonal(), sp.coo_array(K[rows])
+    own = diagonal[rows]
+    (at, j), size = entries.coords, np.abs(entries.data)
+    rounding = (np.arange(len(diagonal))[rows][at] != j) & (size <= ENERGY * diagonal[j])
+    rounding &= size**2 > SURE * np.maximum(own[at], 0.0) * diagonal[j]
+    known, most = np.zeros(len(own)), np.zeros(len(own))
+    np.maximum.at(known, at[rounding], size[rounding])
+    np.maximum.at(most, at, size)
+    return np.asarray(most <= known)
+
+
 def energy_ratio(K: Matrix, x: Array) -> Array:
     """xᴴKx / |x|ᵀ|K||x| of each column, (k,); 0 where nothing acts."""
     size = np.abs(x)
-    energy, scale = np.einsum("ij,ij->j", x.conj(), times(K, x)).real, np.einsum("ij,ij->j", size, times(without_signs(K), size))
+    energy, scale = np.einsum("ij,ij->j", x.conj(), K @ x).real, np.einsum("ij,ij->j", size, abs(K) @ size)
     return np.divide(energy, scale, out=np.zeros_like(energy), where=scale > 0)
 
 
 def rounding_ratio(K: Matrix, x: Array) -> Array:
     unit = units(K)[:, None]
-    scale = np.linalg.norm(unit * times(without_signs(K), np.abs(x)), axis=0)
-    return np.divide(np.linalg.norm(unit * times(K, x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
+    scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
+    return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
 
 
 def _known(unit: float) -> str:

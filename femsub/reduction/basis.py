@@ -205,9 +205,10 @@ def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kin
     M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
     found = labelled(statics, kept, V, (M, K), dropped, V[statics.part.sub.interface], mode_kind)
     energies = np.array([whole[s:], missing[s:]])
+    found = replace(found, port_error=port_errors(ports, found, kept, energies), estimate=kept.estimate, forces=forces,
+                    energies=energies, motion=None if found.rigid is None else V @ found.rigid)
     count_deferred(handle, kept.found)
-    return replace(found, port_error=port_errors(ports, found, kept, energies), estimate=kept.estimate, forces=forces,
-                   energies=energies, motion=None if found.rigid is None else V @ found.rigid)
+    return found
 
 
 def labelled(statics: Statics, kept: Kept, V: Array, matrices: tuple[Array, Array], dropped: int, interface: Array,

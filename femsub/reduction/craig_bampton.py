@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import FEW, bare, divided, fork_pays, one_thread, without
-from femsub.checks import EPS, Array
+from femsub.algebra import FEW, divided, fork_pays, one_thread, without
+from femsub.checks import EPS, Array, Matrix
 from femsub.coupling import rigid_rows, spatial
 from femsub.errors import ConditionWarning, InputError, warn
-from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, costs_nothing, motion_of, rounding_ratio, units
+from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, bare, costs_nothing, motion_of, rounding_ratio, units
 from femsub.modes.shift_invert import rounding
-from femsub.reduction.basis import Partition, Statics, square, zeros
+from femsub.reduction.basis import Partition, Statics, zeros
 from femsub.reduction.method import Method
 
 if TYPE_CHECKING:
@@ -133,56 +133,49 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     if (motion := motion_of(sub.rigid_motion)) is not None:
         rigid_motions = motion.shapes[sub.interface]
         return without(condensed, rigid_motions, unit), rigid_motions
-    if not loose.any():
-        return _elastic(sub, condensed, constraint, unit, slice(None))
-    if not loose.all():
-        at = np.ix_(~loose, ~loose)
-        rows = np.setdiff1d(np.arange(sub.size), sub.interface[loose])
-        condensed[at], rigid = _elastic(sub, condensed[at], constraint[:, ~loose], unit[~loose], rows)
-        return condensed, np.hstack([np.eye(len(loose))[:, ~loose] @ rigid, np.eye(len(loose))[:, loose]])
-    return condensed, np.eye(len(loose))
-
-
-def _elastic(sub: Substructure, condensed: Array, constraint: Array, unit: Array, rows: Array | slice) -> tuple[Array, Array]:
-    """`condensed_stiffness` of interface DOF that are not bare; K is looked at in these `rows`."""
-    none = np.zeros((len(condensed), 0))
-    with one_thread(len(condensed) <= FEW):
-        values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
+    own, alone = np.flatnonzero(~loose), np.eye(len(loose))[:, loose]
+    rows: Array | slice = slice(None)
+    if loose.any():
+        constraint, unit, rows = constraint[:, own], unit[own], np.setdiff1d(np.arange(sub.size), sub.interface[loose])
+    with one_thread(len(own) <= FEW):
+        values, vectors = np.linalg.eigh(unit[:, None] * condensed[np.ix_(own, own)] * unit)
     doubtful = np.flatnonzero(values <= SOFT)
-    if not len(doubtful):
-        return condensed, none
     # ten times the limit of rigid-body modes: constraint modes also contain the rounding of their solve
-    ratio = rounding_ratio(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful]))
-    rigid = doubtful[ratio < 10 * RIGID]
-    if rounding(sub.K) > EPS:  # written with few digits: as many as K itself has
-        rigid = doubtful[np.argsort(np.abs(values[doubtful]))][:ShiftInvert(sub.K, sub.M, rows).rigid.shape[1]]
-    if not len(rigid):
-        return condensed, none
-    if rounding(sub.K) == EPS and ratio[ratio < 10 * RIGID].max() > CLEAR and not annihilates_a_translation(sub.K):
+    ratio = rounding_ratio(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful])) if len(doubtful) else doubtful
+    found = rigid = doubtful[ratio < 10 * RIGID]
+    if len(doubtful) and rounding(sub.K) > EPS:  # written with few digits: as many as K itself has
+        found = rigid = doubtful[np.argsort(np.abs(values[doubtful]))][:ShiftInvert(sub.K, sub.M, rows).rigid.shape[1]]
+    elif len(rigid) and ratio[ratio < 10 * RIGID].max() > CLEAR and not annihilates_a_translation(sub.K):
         # A long slender part that is held has similar ratios: count the rigid-body modes of K itself.
         rigid = rigid[:ShiftInvert(sub.K, sub.M, rows).rigid.shape[1]]
-    if not len(rigid):
-        lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed).max() / np.abs(condensed).max()
+    if len(rigid):
+        values[rigid] = 0.0
+        kept = (vectors / unit[:, None] * values) @ (vectors / unit[:, None]).T
+        condensed[np.ix_(own, own)] = (kept + kept.T) / 2
+    elif len(found):
+        lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed[np.ix_(own, own)]).max() / np.abs(condensed).max()
         if lost > DIGITS:
             warn(f"the condensed stiffness of {sub.name!r} is inaccurate: two formulas for it differ by {lost:.1e} "
                  "(relative). Its elements are much stiffer than the component as a whole. Coarsen the mesh",
                  ConditionWarning)
-        return condensed, none
-    values[rigid] = 0.0
-    kept = (vectors / unit[:, None] * values) @ (vectors / unit[:, None]).T
-    return (kept + kept.T) / 2, unit[:, None] * vectors[:, rigid]
+    motions = np.zeros((len(loose), len(rigid)))
+    motions[own] = unit[:, None] * vectors[:, rigid]
+    return condensed, np.hstack([motions, alone])
 
 
 def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array, condensed: Array) -> Callable[[slice], None]:
     """What writes some columns of Ψ = -K_ii⁻¹K_ib into the interior rows of V, and of K_bb + K_bi Ψ into `condensed`."""
-    b, i = sub.interface, sub.interior
-    Kib, factor = sub.K[i][:, b], handle.factor
-    condensed[:] = square(sub.K, b)
+    b, i, factor = sub.interface, sub.interior, handle.factor
+    columns = sub.K[:, b]
+    Kib = columns[i]
+
+    def full(A: Matrix) -> Array:
+        return A.toarray(order="F") if sp.issparse(A) else A
 
     def solve(part: slice) -> None:
-        loads = Kib[:, part]
-        answers = factor.solve(-(loads.toarray(order="F") if sp.issparse(loads) else loads))
+        answers = factor.solve(-full(Kib[:, part]))
         V[i, part] = answers
         condensed[:, part] += Kib.T @ answers
 
+    condensed[:] = full(columns[b])
     return solve
