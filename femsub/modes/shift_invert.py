@@ -7,6 +7,7 @@ first, by subspace iteration with the same factor, so that elastic solutions can
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from femsub.algebra import (
     factors_made,
     forget_factor,
     found,
+    one_thread,
     orthonormal,
     phase,
     rank_of_mass,
@@ -86,6 +88,10 @@ class ShiftInvert:
             warn(self.note, ConditionWarning)
         if not hasattr(self, "factor"):
             self._factorise(self.sigma)
+
+    def sharing(self) -> AbstractContextManager[None]:
+        """Work with one core, if a process counts the modes of this part now: with both, the two would wait for each other."""
+        return one_thread(self.beside is not None and self.beside.busy)
 
     def _found(self) -> tuple[float, Array, float, float, str]:
         self.rigid, self.lowest, self.unit, self.note = np.zeros((self.K.shape[0], 0)), np.inf, EPS, ""

@@ -198,15 +198,16 @@ def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kin
     missing, held = np.einsum("ij,ij->j", rest, loads), kept.shapes[:, kept.rigid:].T @ loads
     whole = missing + np.einsum("ij,ij->j", held, held / kept.values[kept.rigid:, None])
     handle.release()  # frees memory before `count_deferred` makes a factor of its own
-    residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, kept.shapes, kept.values)
-    r = n_c + len(kept.values)
-    V = widened(C, r + residual.shape[1])
-    V[rows, n_c:r], V[rows, r:] = kept.shapes, residual
-    M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
-    found = labelled(statics, kept, V, (M, K), dropped, V[statics.part.sub.interface], mode_kind)
-    energies = np.array([whole[s:], missing[s:]])
-    found = replace(found, port_error=port_errors(ports, found, kept, energies), estimate=kept.estimate, forces=forces,
-                    energies=energies, motion=None if found.rigid is None else V @ found.rigid)
+    with handle.sharing():
+        residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, kept.shapes, kept.values)
+        r = n_c + len(kept.values)
+        V = widened(C, r + residual.shape[1])
+        V[rows, n_c:r], V[rows, r:] = kept.shapes, residual
+        M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
+        found = labelled(statics, kept, V, (M, K), dropped, V[statics.part.sub.interface], mode_kind)
+        energies = np.array([whole[s:], missing[s:]])
+        found = replace(found, port_error=port_errors(ports, found, kept, energies), estimate=kept.estimate, forces=forces,
+                        energies=energies, motion=None if found.rigid is None else V @ found.rigid)
     count_deferred(handle, kept.found)
     return found
 

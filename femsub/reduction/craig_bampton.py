@@ -83,7 +83,8 @@ class CraigBampton(Method):
         with divided(_constraint_modes(handle, sub, C, condensed), len(b), beside) as handle.solves:
             sought = self.sought(handle)
         handle.solves = None
-        condensed, rigid = condensed_stiffness(sub, condensed, C)
+        with handle.sharing():
+            condensed, rigid = condensed_stiffness(sub, condensed, C)
         return Statics(part, handle, C, condensed, extra[part.rows], "static port", rigid, sought)
 
 
