@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra.frozen import frozen, is_sealed
+from femsub.algebra.threads import times
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, InputTypeError
 
@@ -175,7 +176,7 @@ class Difference:
         return upper(self.K) - self.sigma * upper(self.M) if self.sigma else upper(self.K)
 
     def __matmul__(self, x: Array) -> Array:
-        return self.K @ x - self.sigma * (self.M @ x) if self.sigma else self.K @ x
+        return times(self.K, x) - self.sigma * times(self.M, x) if self.sigma else times(self.K, x)
 
 
 def upper(A: Matrix) -> Matrix:

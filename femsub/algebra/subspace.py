@@ -9,6 +9,7 @@ import numpy as np
 from femsub.checks import Array
 
 INSIDE = 1e-9  # relative length below which a column's remainder outside V is rounding
+NEARLY = 2.0  # condition of the Gram matrix up to which its digits are kept, and a second pass changes nothing
 DEPENDENT = 1e-14  # eigenvalues of the Gram matrix below this share of the largest one are dropped
 
 
@@ -43,9 +44,13 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
         gram = x.T @ image / np.outer(length, length)
         values, vectors = np.linalg.eigh((gram + gram.T) / 2)
         good = values > DEPENDENT * values[-1]
+        last |= (V is None or not V.shape[1]) and values[-1] < NEARLY * values[0]
         change = vectors[:, good] / np.sqrt(values[good]) / length[:, None]
         x = x @ change
-        image = image @ change if last else product(x)  # the last change is only rounding
+        if last:
+            image = image @ change  # this change is small
+            break
+        image = product(x)
     return x, image
 
 

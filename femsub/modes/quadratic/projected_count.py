@@ -149,6 +149,7 @@ class Projection:
         self.parts = [part for part in given if part.matrix is M or part.matrix.nnz]
         self.V, self.energy = np.zeros((n, 0)), np.zeros((0, 0))  # VᵀAV: the unit matrix but for rounding
         self.images = [self.V] * len(self.parts)
+        self.inside = np.zeros((len(self.parts), 0, 0))  # Vᵀ times the images
         self.gram = np.zeros((len(self.parts), 0, len(self.parts), 0))  # of A⁻¹ times the images
         self.counted: Coupling | None = None  # the last one, if the count was proved
         still = np.zeros(rest.shape[1] - len(modes.eigenvalues) + modes.rigid)
@@ -174,6 +175,12 @@ class Projection:
         self.V = np.hstack([self.V, new])
         fresh = [times(part.matrix, new) for part in self.parts]
         self.images = [np.hstack(pair) for pair in zip(self.images, fresh, strict=True)]
+        inside = np.zeros((p, m + k, m + k))
+        inside[:, :m, :m] = self.inside
+        for i, (part, image) in enumerate(zip(self.parts, fresh, strict=True)):
+            inside[i, :, m:] = self.V[part.rows].T @ image[part.rows]
+            inside[i, m:, :m] = part.sign * inside[i, :m, m:].T
+        self.inside = inside
         known = [] if values is None else [given @ ((given.T @ fresh[0]) / values[:, None])]  # A⁻¹M of modes needs no solve
         solved = np.hstack([*known, self.solve(np.hstack(rest))]) if (rest := fresh[len(known):]) else known[0]
         gram = np.zeros((p, m + k, p, m + k))
@@ -224,7 +231,7 @@ class Coupling:
     def __init__(self, whole: Projection, choose: Callable[[Array], Contour]) -> None:
         self.whole = whole
         m, unit = whole.size, whole.outer.size
-        self.inside = inside = np.stack([whole.V.T @ image for image in whole.images])  # (p, m, m)
+        inside = whole.inside
         # in coordinates in which A + |s|²M is the unit matrix, rigid motion does not swamp the rest
         T = la.inv(la.cholesky(np.eye(m) + unit**2 * (inside[0] + inside[0].T) / 2))
         own, D, one = T.T @ inside @ T, np.zeros((m, m)), np.eye(m)

@@ -20,7 +20,7 @@ NEAR = 1e-3  # relative distance below which eigenvalues are corrected together
 STILL = 1e-6  # |λ|, relative to the contour, below which it may be rigid motion, which a search from a shift sets to 0
 SOLVED = 8 * EPS  # backward error that the last correction of a pair will lead to, at the rate of the ones before
 ROUNDED = 1e-13  # the same where further corrections do not lower it
-ROUGH = 3e-3  # share of the first backward error that is enough for a left vector
+CHANGED = 0.05  # relative change of a left vector up to which it is the last one: what is left is a fraction of it
 USUAL = 0.2  # the error is not relied on to fall by more in a sweep
 FALLS, SLOW = 0.6, 3  # the error falls by this factor in each sweep, but for so many
 SWEEPS = 30
@@ -35,18 +35,19 @@ def right_pairs(small: Coupling, pencil: Pencil) -> tuple[Array, Array] | None:
 
 
 def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array) -> Array | None:
-    """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, to some per mille: enough for error bars.
+    """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, to about a per cent: enough for error bars.
 
     None where they are not clearly those of these values: yᴴ((λ_i + λ_j)M + D)x vanishes for two different eigenvalues.
     """
     finite = np.flatnonzero(small.nu)
     at = finite[match(values, small.each[finite])[1]]
-    transposed = tuple(sp.csr_array(part.T) for part in (pencil.M, pencil.D, pencil.K))
+    transposed = tuple(part if same else sp.csr_array(part.T)
+                       for part, same in zip((pencil.M, pencil.D, pencil.K), pencil.symmetric, strict=True))
     found = _corrected(small, transposed, pencil.norms, at, left=True)
     if found is None:
         return None
     Y = found[1]
-    products = (Y.conj().T @ (pencil.M @ X)) * (values[:, None] + values) + Y.conj().T @ (pencil.D @ X)
+    products = (Y.conj().T @ times(pencil.M, X)) * (values[:, None] + values) + Y.conj().T @ times(pencil.D, X)
     for group in clusters(values, CLUSTER):  # of equal eigenvalues any basis is valid: take the dual one
         dual = np.linalg.inv(products[np.ix_(group, group)])
         Y[:, group], products[group] = Y[:, group] @ dual.conj().T, dual @ products[group]
@@ -78,13 +79,14 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
     if (np.abs(values) < STILL * whole.outer.size).any() or (~real & (np.abs(values.imag) < NEAR * np.abs(values))).any():
         return None
     S, X = np.diag(values), _complex(V @ _real(x[:, at]))
+    rough = V.astype(np.float32)  # of a change some digits are enough
     label, among = np.arange(len(at)), clusters(values, NEAR)
     for group in among:
         label[group] = group[0]
     here, Xh, found = np.arange(len(at)), X, np.empty_like(X)
     acting = _acting(small, left)
     before, least = np.full((2, len(at)), np.inf)
-    first, slow = np.zeros(len(at)), np.zeros(len(at), dtype=int)
+    slow = np.zeros(len(at), dtype=int)
     for sweep in range(SWEEPS):
         groups = [np.flatnonzero(label[here] == group[0]) for group in among]
         T = S[np.ix_(here, here)]
@@ -94,42 +96,47 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
         R += _complex(times(K, _real(Xh)))
         size = np.abs(T.diagonal())
         error = _lengths(R) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * _lengths(Xh))
-        first[here] = error if sweep == 0 else first[here]
         slow[here] += ~(error < FALLS * before[here])
         falls = np.maximum(error / np.where(sweep, before[here], error), USUAL)
         before[here], least[here] = error, np.minimum(least[here], error)
         if ((slow > SLOW) & (before > ROUNDED)).any():
             return None
-        enough = np.maximum(SOLVED, ROUGH * first[here] * left)
         lowest = ((slow > 1) & (before <= least)) | (slow > 2 * SLOW)  # rounding lets it rise and fall
         stay = np.isin(label[here], label[here[~((error <= SOLVED) | (lowest & (before < ROUNDED))[here])]])
         if not stay.all():
             found[:, here[~stay]] = Xh[:, ~stay]
-            here, T, R, Xh, error, falls, enough = here[stay], T[np.ix_(stay, stay)], R[:, stay], Xh[:, stay], error[stay], falls[
-                stay], enough[stay]
+            here, T, R, Xh, error, falls = here[stay], T[np.ix_(stay, stay)], R[:, stay], Xh[:, stay], error[stay], falls[stay]
             groups = [np.flatnonzero(label[here] == group[0]) for group in among]
         if not len(here):
             break
-        step, rho = whole.solve(_real(R)), _complex(V.T @ _real(R))  # the change is Vρ - step, and VᵀA times it is 0
+        R /= (unit := float(np.abs(R).max()))  # within the range of single precision
+        step, rho = whole.solve(_real(R)), _complex(rough.T @ _single(R))  # the change is Vρ - step, and VᵀA times it is 0
         del R
         rest = rho.copy()
         for power, rows, sign, image, inner in acting:
-            share = changed = _complex(inner @ _real(rho) - sign * (image.T @ step[rows]))
+            share = changed = _complex(inner @ _real(rho) - sign * (image.T @ step[rows].astype(np.float32)))
             for _ in range(power):
                 share = _times(share, T, groups)
             rest += share - mu * changed if power == 2 else share
         inside = z.conj().T @ rest
-        change = np.zeros((len(each), len(here)), dtype=complex)
-        for columns in [*np.setdiff1d(np.arange(len(here)), np.concatenate([[], *groups]))[:, None].astype(int), *groups]:
-            own, others = at[here[columns]], np.setdiff1d(np.arange(len(each)), at[here[columns]])
+        own, alone = at[here], np.setdiff1d(np.arange(len(here)), np.concatenate([[], *groups]).astype(int))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = inside / (T.diagonal() - each[:, None])
+        change[own[alone], alone] = 0.0
+        S[here[alone], here[alone]] += unit * inside[own[alone], alone]
+        for columns in groups:
+            among_own, others = np.ix_(own[columns], columns), np.setdiff1d(np.arange(len(each)), own[columns])
             apart = each[others, None, None] * np.eye(len(columns)) - T[np.ix_(columns, columns)].T
+            change[among_own] = 0.0
             change[np.ix_(others, columns)] = -np.linalg.solve(apart, inside[np.ix_(others, columns)][:, :, None])[:, :, 0]
-            S[np.ix_(here[columns], here[columns])] += inside[np.ix_(own, columns)]
-        moved = V @ _real(rho + x @ change)
-        moved -= step
-        Xh = Xh + _complex(moved)
+            S[np.ix_(here[columns], here[columns])] += unit * inside[among_own]
+        moved = _complex(rough @ _single(rho + x @ change) - step) * unit
+        more = error * falls > SOLVED
+        if left:
+            more &= _lengths(moved) > CHANGED * _lengths(Xh)
+        Xh = Xh + moved
         S[:, real], Xh[:, real[here]] = S[:, real].real, Xh[:, real[here]].real
-        stay = np.isin(label[here], label[here[error * falls > enough]])
+        stay = np.isin(label[here], label[here[more]])
         if not stay.all():  # this was the last correction of the others
             found[:, here[~stay]] = Xh[:, ~stay]
             here, Xh = here[stay], Xh[:, stay]
@@ -149,10 +156,10 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
 def _acting(small: Coupling, left: bool) -> list[tuple[int, Array | slice, float, Array, Array]]:
     """Of each part of P the power of λ, its rows, a sign, these rows of B, and ±BᵀV; ±Bᵀ is Vᵀ times it, transposed if `left`."""
     whole, found = small.whole, []
-    for part, image, inner in zip(whole.parts, whole.images, small.inside, strict=True):
+    for part, image, inner in zip(whole.parts, whole.images, whole.inside, strict=True):
         sign = 1.0 if left else part.sign  # image is the part times V
         power = 2 if part is whole.parts[0] else int(part.linear)
-        found.append((power, part.rows, sign, image[part.rows], sign * inner.T))
+        found.append((power, part.rows, sign, image[part.rows].astype(np.float32), sign * inner.T))
     return found
 
 
@@ -174,5 +181,9 @@ def _real(A: Array) -> Array:
     return np.ascontiguousarray(A).view(float)
 
 
+def _single(A: Array) -> Array:
+    return _real(A).astype(np.float32)
+
+
 def _complex(A: Array) -> Array:
-    return np.ascontiguousarray(A).view(complex)
+    return np.ascontiguousarray(A, dtype=float).view(complex)
