@@ -220,15 +220,16 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
                                      seen=_counted_beside(handle, nonzeros, count, stack) if evidence and known is None else None)
         else:
             more = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE, known=beside)
-        values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]])
+        values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]]) if len(values) else more[1]
     if len(values) == 0:
         return _result(handle, values, shapes, (0.0, 0), Tally(0, 0))
     if not evidence:
         order = np.argsort(values, kind="stable")[:count]
         return _result(handle, values[order], shapes[:, order], (0.0, 0), Tally(0))
     for attempt in range(4):
-        order = np.argsort(values, kind="stable")
-        values, shapes = values[order], shapes[:, order]
+        if (np.diff(values) < 0).any():  # a copy of many shapes takes a while
+            order = np.argsort(values, kind="stable")
+            values, shapes = values[order], shapes[:, order]
         limit, below = _limit(values, min(count, len(values)), handle.beside)
         if heavy and defer:
             return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), below + rigid),
