@@ -89,6 +89,7 @@ class ShiftInvert:
         if not hasattr(self, "factor"):
             self._factorise(self.sigma)
 
+    @property
     def sharing(self) -> AbstractContextManager[None]:
         """Work with one core, if a process counts the modes of this part now: with both, the two would wait for each other."""
         return one_thread(self.beside is not None and self.beside.busy)

@@ -198,7 +198,7 @@ def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kin
     missing, held = np.einsum("ij,ij->j", rest, loads), kept.shapes[:, kept.rigid:].T @ loads
     whole = missing + np.einsum("ij,ij->j", held, held / kept.values[kept.rigid:, None])
     handle.release()  # frees memory before `count_deferred` makes a factor of its own
-    with handle.sharing():
+    with handle.sharing:
         residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, kept.shapes, kept.values)
         r = n_c + len(kept.values)
         V = widened(C, r + residual.shape[1])

@@ -55,7 +55,7 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
                 return finished(task, part, whole_basis(task, part))
             turned = task.turned(part)
             statics = method.statics(part, part.factored(), turned.extra)
-            return finished(task, part, finished_basis(turned, statics, statics.sought or method.kept(statics, turned.pencil)))
+            return finished(task, part, finished_basis(turned, statics, method.kept(statics, turned.pencil)))
     except SingularMatrixError as error:
         told = str(error).removeprefix(f"{sub.name!r}: ")
         is_cut = any(sub.name in key.split("+") for key in sub.sets)  # as `cut` names what its parts share

@@ -81,9 +81,10 @@ class CraigBampton(Method):
         C[b, np.arange(len(b))] = 1.0
         condensed = zeros(len(b), len(b), 0, beside)
         with divided(_constraint_modes(handle, sub, C, condensed), len(b), beside) as handle.solves:
-            sought = self.sought(handle)
+            # a method that finds modes in its own way does so afterwards
+            sought = self.sought(handle) if type(self).kept is Method.kept else None
         handle.solves = None
-        with handle.sharing():
+        with handle.sharing:
             condensed, rigid = condensed_stiffness(sub, condensed, C)
         return Statics(part, handle, C, condensed, extra[part.rows], "static port", rigid, sought)
 

@@ -61,9 +61,6 @@ class Herting(CraigBampton):
         """Those of Craig-Bampton."""
         return replace(super().statics(part, handle, extra), kind="free and inertia relief")
 
-    def sought(self, handle: ShiftInvert) -> None:
-        """None of the interior."""
-
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """Free modes of the whole part, of which the responses to (MΦ)_i join the basis. The cut-off is that of the next one."""
         assert self.modes is not None

@@ -48,9 +48,8 @@ class Method(ABC):
     4. `statics` is the one step that a method must define. It gets the part and its factor. It returns C with CᵀKC, and
        the forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part. `rigid` in it are the rigid
        motions in C. A method that leaves them out has its rigid motion found from the rounding of the reduced K and D.
-    5. `kept` finds the modes, and forces of theirs whose responses join the basis. It is left out where `statics` has found modes
-       meanwhile, by `sought`. `coordinates` turns the basis [C Φ Ξ] into other coordinates. Each may be overridden. Each gets the
-       results of the earlier steps, and must not change them.
+    5. `kept` finds the modes, and forces of theirs whose responses join the basis. `coordinates` turns the basis [C Φ Ξ] into
+       other coordinates. Both may be overridden. Each gets the results of the earlier steps, and must not change them.
     6. `static_columns` tells the number of static shapes, where that is not the number of interface DOF.
     7. `unestimated` says why a band and a tolerance have no estimate, where that is so; they are refused then. `title` is the
        line that names a model with so many modes.
@@ -161,7 +160,7 @@ class Method(ABC):
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """The modes of the part: those of `sought`, or as many as band and tolerance require with the damping of `pencil`."""
-        if (kept := self.sought(statics.handle)) is not None:
+        if (kept := statics.sought or self.sought(statics.handle)) is not None:
             return kept
         assert self.goal is not None
         return chosen_in(Space.of(statics, pencil, self.goal.band[1]), self.goal)

@@ -59,7 +59,7 @@ class Reductor:
             self.part = part = method.part(sub)
             task = self.task.turned(part)
             self.statics = statics = method.statics(part, part.factored(), task.extra)
-            self.kept = kept = statics.sought or method.kept(statics, None)
+            self.kept = kept = method.kept(statics, None)
             basis = assembled(statics, kept, task.ports, method.mode_kind)
             self.U, r = basis.V, len(basis.M)
             shapes = self.U if part.turn is None else part.turn @ self.U
