@@ -65,6 +65,7 @@ def over_speed() -> Branch:
     return fs.branch(sub, fs.Belt(speed=1.0, law=law), "speed", (0.2, 4.0), points=120)
 
 
+@pytest.mark.slow
 def test_one_oscillator_has_a_hard_onset_with_a_fold(over_speed: Branch) -> None:
     # F μ'(v0) = -0.05: from there an unstable cycle leads to higher speeds, and turns at a fold where stick-slip begins
     hopf = over_speed.hopf

@@ -584,6 +584,7 @@ def test_the_predicted_cost_is_that_of_the_cheaper_way() -> None:
     assert cost.Budget(1000, False).spend(1000, 40)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "narrow"), [(0.02, True), (0.5, False)])
 def test_the_border_of_a_dense_model_takes_its_modes_once_unless_the_band_is_narrow(
         share: float, narrow: bool, monkeypatch: pytest.MonkeyPatch) -> None:

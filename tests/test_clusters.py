@@ -28,6 +28,7 @@ def test_random_models_are_complete_and_none_is_refused(first: int) -> None:
         assert not (told := evaluate(case)), f"{number}: {case}: {told}"
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("number", KNOWN)
 def test_models_that_failed_once(number: int) -> None:

@@ -92,6 +92,7 @@ def both(belts: list[fs.Belt], bumper: Bumper) -> Any:
 CONTACTS: tuple[Any, ...] = (fs.Belt(speed=0.2, law=LAW), fs.Belt("other", 0.5, 0.3, LAW), Bumper())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "tol", "close"), [("lsoda", None, 1e-6), ("alpha", 1e-6, 2e-2)])
 def test_several_belts_and_an_own_contact_in_time(method: str, tol: float | None, close: float) -> None:
     """Against an integration by SciPy of the equations as they stand, from a start far from rest."""

@@ -69,6 +69,7 @@ def test_a_short_loss_between_two_samples_is_found() -> None:
     assert found.losses[0].omega == pytest.approx(2.0, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_function_is_never_taken_for_a_straight_line() -> None:
     """Damping with a dip that is 0 at the places where the form of the pencil is judged, and one that passes 0 often."""
     dip = fs.Affine([[1.0]], [(lambda p: 0.1 - 0.2 * np.exp(-(((p - 0.437) / 1e-4) ** 2)), [[1.0]])], [[1.0]])

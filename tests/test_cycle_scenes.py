@@ -49,6 +49,7 @@ def test_cycles_and_branches_of_the_chain(tmp_path: Path, capsys: pytest.Capture
     assert "Branches over the slope" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_full_plate_and_its_reduced_models(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = ('scene = "plate-limit-cycle"\nelements = [4, 3]\nmodes = [8]\noutputs = ["cycles"]\nfigures = false\n')
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
@@ -111,6 +112,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, fails: Any) -> None:
     monkeypatch.setattr(cycle_keys, "harmonic_balance", balance)
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("lost", range(3))
 def test_a_cycle_that_does_not_converge_is_told_and_the_others_are_kept(oscillator: tuple[fs.Substructure, Branch], lost: int,

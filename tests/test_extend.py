@@ -55,6 +55,7 @@ def test_the_slope_of_the_law_is_that_of_its_values() -> None:
     assert abs(law.slope(np.sqrt(0.02))) < 1e-12 and law.value(-0.3) == -law.value(0.3)
 
 
+@pytest.mark.slow
 def test_the_chain_loses_its_stability_where_the_law_has_the_critical_slope() -> None:
     names = names_of("law", blocks=3)
     law, found, sub = names["law"], names["found"], names["sub"]
@@ -146,6 +147,7 @@ def femsub(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "femsub", *words], cwd=folder, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_a_scene_is_run_by_the_command(places: Path) -> None:
     done = femsub(places, "run", "my.toml", "--out", "out")
     shown = blocks_of("scene", "text")[0].split("--out out\n")[1]

@@ -95,6 +95,7 @@ def test_a_factorisation_that_broke_down_is_told_of() -> None:
     assert handle.floating and handle.factorisations == Factor.made - before == 2  # of K, in vain, and of K - σM
 
 
+@pytest.mark.slow
 def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
     sub = long_chain()
     assert made(lambda: fs.complex_modes(sub, BELT, band=BAND)) == 2

@@ -158,6 +158,7 @@ def test_a_name_of_marks_of_several_colours_is_grey_in_the_legend() -> None:
     assert axis.lines[-2].get_color() == "#0067a5"  # what is drawn stays
 
 
+@pytest.mark.slow
 def test_systems_have_a_panel_for_each_error_and_models_with_a_missing_mode_none() -> None:
     found = study({"rubin": [1e-2, 1e-3]}, force=1e-2)
     titles = [axis.get_title() for axis in drawn(errors_figure(found))]

@@ -290,6 +290,7 @@ def test_an_axis_oblique_to_the_surface_is_told() -> None:
         small_matrices(part, fs.FrictionContact("inner", "ground", ring, K, MU, axis=(0, 0, 1), centre=(0.01, 0, 0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [{"direction": (1.0, 0, 0)}, {"axis": (0, 0, 1.0), "centre": (0.1, -0.3, 0)}])
 def test_it_is_affine_in_what_it_declares_and_in_nothing_else(way: dict[str, Any]) -> None:
     """C at three values of each number: on a straight line where it says so, off it by more than rounding where not."""

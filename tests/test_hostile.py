@@ -271,6 +271,7 @@ def run(scene, progress):
 """
 
 
+@pytest.mark.slow
 def test_two_runs_into_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The second is told. The lock of a run that is killed is gone with it, and its folder, if it had written nothing."""
     (tmp_path / "slow.py").write_text(SLOW)

@@ -79,6 +79,7 @@ def test_the_page_changes_no_result(tmp_path: Path, folders: dict[str, Path]) ->
     assert not difference(without, told)
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", FOUR)
 def test_the_page_is_that_of_the_folder_alone(name: str, folders: dict[str, Path]) -> None:

@@ -130,6 +130,7 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
     assert done.returncode in (READER_GONE, 0) and not done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs Linux' /dev/full")
 @pytest.mark.parametrize("words", ["scenes", "run two-mode --no-figures"])
 def test_a_full_disk_is_told(words: str) -> None:

@@ -203,6 +203,7 @@ def test_growth_faster_than_the_band_is_found_in_large_models_or_told() -> None:
         fs.sweep(large, fs.Belt(slope=0.0), "slope", [-3.0], band=(0.0, 0.02))
 
 
+@pytest.mark.slow
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", [0, 2, 9])
 def test_drift_of_a_large_model_is_known_from_its_rigid_motion_however_its_basis_grows(seed: int) -> None:
@@ -311,6 +312,7 @@ def test_a_band_that_reaches_above_the_cut_off_is_refused(method: fs.CraigBampto
         assert fs.sweep(rom, belt, "slope", [-0.1], band=band).band == (0.0, rom.cutoff)
 
 
+@pytest.mark.slow
 def test_a_border_next_to_the_cut_off_is_warned_of() -> None:
     sub = reach()
     exact = fs.critical_slope(sub)

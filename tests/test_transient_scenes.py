@@ -50,6 +50,7 @@ def test_the_chain_in_time_writes_and_draws(tmp_path: Path, capsys: pytest.Captu
     assert "highest" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_only_what_is_named_is_computed(tmp_path: Path) -> None:
     out = tmp_path / "out"
     text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["spectrum"]\nmethods = ["CC"]\n'
@@ -96,6 +97,7 @@ report.progress = lambda text: print(text, file=sys.stderr, flush=True)  # told 
 sys.exit(cli.main(sys.argv[1:]))"""
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_what_there_is_marked_as_incomplete(tmp_path: Path) -> None:
     out = tmp_path / "out"
     scene = scene_file(tmp_path, 'scene = "chain-transient"\ntime = [0, 1e6]\nwindow = [5e5, 1e6]\nstep = 1.0\nlength = 500\n')

@@ -96,6 +96,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_digits_of_one(folder: Path) -> None:
     whole = system()
     assert_same(fs.reduce(system(), methods(whole)), fs.reduce(whole, methods(whole), workers=2))
