@@ -134,6 +134,28 @@ def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytes
         assert np.allclose(values, others, rtol=1e-9, atol=1e-11 * others[-1])
 
 
+def test_a_fork_that_dies_within_a_block_leaves_the_constraint_modes_right(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its columns are written already, and it has not said so."""
+    monkeypatch.setattr("femsub.algebra.forked.WORTH", 0.0)
+    monkeypatch.setattr("femsub.algebra.forked.WIDTH", 8)
+    monkeypatch.setattr("femsub.algebra.forked.two_cores", lambda: True)
+    sub = fs.solid(fs.block((1.0, 0.5, 0.3), (8, 5, 4), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
+    right = fs.reduce(sub, fs.CraigBampton(3)).K
+    owner, begin = os.getpid(), Divided.__init__
+
+    def dying(self: Divided, solve: Callable[[slice], None], columns: int, beside: bool) -> None:
+        def first(part: slice) -> None:
+            solve(part)
+            if os.getpid() != owner:
+                os._exit(0)
+
+        begin(self, first, columns, beside)
+        waited(self)
+
+    monkeypatch.setattr(Divided, "__init__", dying)
+    assert np.abs(fs.reduce(sub, fs.CraigBampton(3)).K - right).max() <= 1e-12 * np.abs(right).max()
+
+
 def test_no_fork_where_it_would_not_be_safe_or_not_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.algebra.forked.two_cores", lambda: True)
     sub = fs.solid(fs.block((1.0, 0.5, 0.3), (6, 4, 3), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0))

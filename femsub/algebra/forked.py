@@ -55,7 +55,8 @@ def shared_zeros(rows: int, columns: int) -> Array:
 class Divided:
     """All columns by blocks: a fork takes them from the first on, and `finish` takes those that are left from the last on.
 
-    A block that the fork began and did not end is found again here: nothing depends on the fork but time.
+    A block that the fork began and did not end is found again here: nothing depends on the fork but time. So `solve` must write
+    all of its columns, whatever is there, and add to none.
     """
 
     def __init__(self, solve: Callable[[slice], None], columns: int, beside: bool) -> None:

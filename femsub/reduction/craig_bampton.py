@@ -169,15 +169,15 @@ def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array, condense
     """What writes some columns of Ψ = -K_ii⁻¹K_ib into the interior rows of V, and of K_bb + K_bi Ψ into `condensed`."""
     b, i, factor = sub.interface, sub.interior, handle.factor
     columns = sub.K[:, b]
-    Kib = columns[i]
 
     def full(A: Matrix) -> Array:
         return A.toarray(order="F") if sp.issparse(A) else A
 
-    def solve(part: slice) -> None:
+    Kib, Kbb = columns[i], full(columns[b])
+
+    def solve(part: slice) -> None:  # whatever another process has left of these columns is written over
         answers = factor.solve(-full(Kib[:, part]))
         V[i, part] = answers
-        condensed[:, part] += Kib.T @ answers
+        condensed[:, part] = Kbb[:, part] + Kib.T @ answers
 
-    condensed[:] = full(columns[b])
     return solve
