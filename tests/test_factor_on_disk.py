@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub.algebra import cache, factorise, folders, memory
+from femsub.algebra import cache, factorise, folders, memory, shared_factor
 from femsub.algebra.petsc import Factor
 
 SIZE = (40, 30)
@@ -53,6 +53,19 @@ def test_a_factor_that_is_refused_leaves_no_file(place: Path, monkeypatch: pytes
     with pytest.raises(fs.SingularMatrixError):
         factorise(sp.csr_array(K - np.median(K.diagonal()) * sp.eye_array(len(K.diagonal()))), "definite")
     assert not list(place.iterdir())
+
+
+@pytest.mark.parametrize("kind", ["definite", "symmetric"])
+def test_a_full_disk_is_told_as_such_and_not_remembered(kind: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.algebra.petsc.goes_to_disk", lambda A, possible: possible)
+    sub, told = lattice(*SIZE, held=True), Factor._told
+    monkeypatch.setattr(Factor, "_told", lambda self, number: -90 if number == 1 else told(self, number))
+    with pytest.raises(fs.NotEnoughMemoryError, match="TMPDIR"):
+        shared_factor(sub.K, kind)  # type: ignore[arg-type]
+    assert not list(place.iterdir())
+    monkeypatch.setattr(Factor, "_told", told)
+    assert shared_factor(sub.K, kind).on_disk  # type: ignore[arg-type]
+    cache.drop()
 
 
 def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -154,6 +155,16 @@ def test_a_fork_that_dies_within_a_block_leaves_the_constraint_modes_right(monke
 
     monkeypatch.setattr(Divided, "__init__", dying)
     assert np.abs(fs.reduce(sub, fs.CraigBampton(3)).K - right).max() <= 1e-12 * np.abs(right).max()
+
+
+def test_modes_are_sought_beside_by_a_part_that_is_reduced_alone() -> None:
+    """An estimate of a system takes the constraint modes of all parts, and no modes."""
+    sub = fs.solid(fs.block((1.0, 0.5, 0.3), (6, 4, 3), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
+    method = fs.CraigBampton(3)
+    part = method.part(sub)
+    for alone in (False, True):
+        statics = method.statics(replace(part, alone=alone), part.factored(), np.zeros((sub.size, 0)))
+        assert (statics.sought is not None) is alone
 
 
 def test_no_fork_where_it_would_not_be_safe_or_not_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:

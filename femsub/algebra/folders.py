@@ -1,4 +1,4 @@
-"""Folders for the files of one run, which are gone after it, however it ends."""
+"""Folders for the files of one run, which are gone after it; what a killed run left there goes with the next one."""
 
 from __future__ import annotations
 
@@ -65,6 +65,7 @@ def in_memory(place: Path) -> bool:
     """Whether a folder is in memory itself (tmpfs), by what the system tells of its mounts."""
     with suppress(OSError):
         mounts = [line.split() for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines()]
-        above = [(len(where), kind) for _, where, kind, *_ in mounts if place.resolve().is_relative_to(where)]
-        return max(above, default=(0, ""))[1] in ("tmpfs", "ramfs")
+        above = [(len(where), number, kind) for number, (_, where, kind, *_) in enumerate(mounts)
+                 if place.resolve().is_relative_to(where)]
+        return max(above, default=(0, 0, ""))[2] in ("tmpfs", "ramfs")  # of two on one folder the last one is seen
     return False

@@ -49,7 +49,10 @@ def fork_pays(factor: Handle, columns: int) -> bool:
 
 def shared_zeros(rows: int, columns: int) -> Array:
     """Zeros (rows, columns) in memory that this process shares with its forks."""
-    return np.ndarray((rows, columns), buffer=mmap(-1, max(8 * rows * columns, 1)), order="F")
+    try:
+        return np.ndarray((rows, columns), buffer=mmap(-1, max(8 * rows * columns, 1)), order="F")
+    except OSError as error:
+        raise MemoryError(f"{rows} x {columns} numbers: {error}") from None
 
 
 class Divided:
@@ -69,14 +72,19 @@ class Divided:
         self._fork = 0
         if beside:
             self._one_core.enter_context(one_thread(True))  # before the fork, which has no threads of BLAS
-            self._fork = self._forked()
+            held = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # Ctrl-C is for this process alone
+            try:
+                self._begin()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, held)
 
-    def _forked(self) -> int:
-        """The fork's number; 0 where there is no room for one."""
+    def _begin(self) -> None:
+        """Begins the fork, where there is room for one. It never returns from here."""
         with warnings.catch_warnings(), suppress(OSError):
             warnings.simplefilter("ignore", DeprecationWarning)  # Python warns of threads, and those of BLAS end in a fork
-            if fork := os.fork():
-                return fork
+            self._fork = os.fork()
+            if self._fork:
+                return
             try:
                 gc.disable()  # what the fork finds unused, this process may still use: files, other processes
                 ctypes.CDLL(None).prctl(DIES_WITH_PARENT, signal.SIGKILL)
@@ -86,7 +94,6 @@ class Divided:
                     self._take(at)
             finally:
                 os._exit(0)
-        return 0
 
     def _take(self, at: int) -> None:
         self._state[at] = BEGUN
@@ -94,7 +101,7 @@ class Divided:
         self._state[at] = DONE
 
     def busy(self) -> bool:
-        """Whether the fork still works. Once it does not, this process has both cores again."""
+        """Whether the fork still works. Who asks, and hears that it does not, has both cores again."""
         if self._fork:
             with suppress(ChildProcessError):  # it has ended, and somebody else was told
                 if os.waitpid(self._fork, os.WNOHANG) == (0, 0):

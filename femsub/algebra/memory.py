@@ -158,7 +158,7 @@ def goes_to_disk(A: Matrix, possible: bool) -> bool:
     """
     limit, free, beside = left_of_limit(), available() if A.shape[0] >= LARGE else None, _beside.get()
     enough = MOST_FILL * FACTOR_BYTES * A.nnz + beside
-    if (limit is None or limit > BUFFERS + enough) and (free is None or free > enough) and not kept_bytes():
+    if (limit is None or limit > BUFFERS + enough) and (free is None or (free > enough and not kept_bytes())):
         return False
     nonzeros = factor_nonzeros(A)
     need = FACTOR_BYTES * nonzeros
@@ -210,7 +210,7 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
     whole = FACTOR_BYTES * nonzeros
     factor = BUFFERED * whole if on_disk else whole
     stages = [(factor, 8.0 * n * (constraint + max(BLOCKS, search_columns(modes)))),
-              (count_bytes(K, nonzeros) * (modes > 0), 8.0 * n * (constraint + modes + 3 * static)),
+              (count_bytes(K, nonzeros) * (modes > 0), 8.0 * n * (constraint + 2 * modes + 4 * static)),
               (factor, 8.0 * n * (constraint + 2 * modes + 3 * static) + small)]
     if on_disk:
         stages.append((FRONTS * whole, 0.0))

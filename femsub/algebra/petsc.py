@@ -34,11 +34,19 @@ from femsub.algebra.memory import BUFFERED, disk, goes_to_disk
 from femsub.algebra.ordering import good_order, slender
 from femsub.algebra.process_memory import give_back_freed_memory
 from femsub.checks import EPS, Array, Matrix, installed_by
-from femsub.errors import BreakdownError, InputError, MissingPackageError, NotConvergedError, SingularMatrixError
+from femsub.errors import (
+    BreakdownError,
+    InputError,
+    MissingPackageError,
+    NotConvergedError,
+    NotEnoughMemoryError,
+    SingularMatrixError,
+)
 
 Kind = Literal["definite", "symmetric", "general"]
 CHOLMOD = True  # use it if PETSc has it; tests and scripts/factors.py set False
 MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules a setMumpsIcntl(7)
+SINGULAR = (-6, -10)  # errors of MUMPS that tell of the matrix; others tell of the machine
 ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
 WHEEL = "dolfinx_solver"  # to be imported before the petsc4py of the same folder
 INSTALL = (f"With Python 3.12 or later: {installed_by('dolfinx-solver-real')}. In a clone of femsub: scripts/setup, which takes "
@@ -205,6 +213,7 @@ class Factor:
         # Whoever else gets this KSP (EPS, PEP) must not factorise again.
         pc.setReusePreconditioner(True)
         Factor.packages.add(self.package)
+        self._check_disk()
         if kind == "definite" and self.package != "cholmod":
             code, negative, null = self._told(1), self._told(12), self._told(28)
             if self.package == "petsc":
@@ -218,7 +227,7 @@ class Factor:
 
     def _set_up(self, mat: Any, room: int) -> Any:
         """Makes the KSP with its factor; returns its PC."""
-        folder = self._held.enter_context(task_folder(disk()[0])) if self.on_disk else None
+        folder, set_up = self._held.enter_context(task_folder(disk()[0])) if self.on_disk else None, ExitStack()
         self._ksp = _until(self._held, load()[0].KSP().create(comm=load()[0].COMM_SELF))
         self._ksp.setType("preonly")
         self._ksp.setOperators(mat)
@@ -234,22 +243,31 @@ class Factor:
         if self.package != "mumps":
             self._ksp.setUp()
             return pc
-        prefix = f"femsub_{self._order}_" if self._order else "femsub_"
-        self._factor.setOptionsPrefix(prefix)
+        prefix = f"femsub_{self._order}_" if self._order else "femsub_" if folder else ""
+        if prefix:
+            self._factor.setOptionsPrefix(prefix)
         if folder:
-            load()[0].Options().setValue(f"{prefix}mat_mumps_ooc_tmpdir", folder)
+            options = load()[0].Options()
+            options.setValue(name := f"{prefix}mat_mumps_ooc_tmpdir", folder)
+            set_up.callback(options.delValue, name)
             self._factor.setMumpsIcntl(22, 1)  # the factor goes to files as it is made
         self._factor.setMumpsIcntl(14, room)
         self._factor.setMumpsIcntl(24, 1)  # null pivots are detected, and counted in INFOG(28)
         self._factor.setMumpsIcntl(31, 0 if self.keep else 1)  # 1: the factor is thrown away while it is made
-        self._ksp.setUp()
-        if folder:
-            load()[0].Options().delValue(f"{prefix}mat_mumps_ooc_tmpdir")
+        with set_up:
+            self._ksp.setUp()
         return pc
 
     def _told(self, number: int) -> int:
         """MUMPS' INFOG(number): 1 is an error, 12 counts negative pivots, 28 null ones. CHOLMOD raises instead."""
         return int(self._factor.getMumpsInfog(number)) if self.package == "mumps" else 0
+
+    def _check_disk(self) -> None:
+        """A disk that is full is no property of the matrix."""
+        if self.on_disk and (code := self._told(1)) < 0 and code not in SINGULAR:
+            self.close()
+            raise NotEnoughMemoryError(f"the factor of {self.size} DOF does not fit into memory, and MUMPS could not keep it in "
+                                       f"{disk()[0]} either (its error {code}). Name a folder with more room by TMPDIR")
 
     def _refused(self, why: str) -> SingularMatrixError:
         self.close()
@@ -319,6 +337,7 @@ class Factor:
                             stack.callback(mat.destroy)
                             mat.assemble()
                         self._factor.matSolve(source, target)
+                        self._check_disk()
             except PETSc.Error as error:
                 raise SingularMatrixError(f"a solve with a {self.size} x {self.size} matrix failed "
                                           f"({_last_line(error)})") from None

@@ -298,20 +298,20 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
     from femsub.algebra import CountBeside
 
     handle.beside = beside = CountBeside.started(handle.K, handle.M, nonzeros, search_columns(count))
-    if beside is None:
-        return None
 
     def seen(values: Array, error: Array) -> None:
+        if handle.solves is not None:
+            handle.solves.busy()
+        if beside is None:
+            return
         limit = _limit(values, count)[0]
         if beside.value is None and (np.abs(values - limit) > SURE * error * values).all():
             beside.ask(limit)
             stack.enter_context(one_thread(True))
         elif not beside.busy:
             stack.close()
-        if handle.solves is not None:
-            handle.solves.busy()
 
-    return seen
+    return None if beside is None and handle.solves is None else seen
 
 
 def _count(handle: ShiftInvert, limit: float) -> int:
@@ -423,6 +423,8 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
         except SingularMatrixError as error:
             last: FemsubError = error
             continue
+        if handle.solves is not None:
+            handle.solves.busy()
         count = below - handle.rigid.shape[1]
         if count > handle.elastic:
             last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the model has only "

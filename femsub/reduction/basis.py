@@ -33,6 +33,7 @@ class Partition:
     rows: Array | slice
     factorisations: int = 0
     turn: Matrix | None = None
+    alone: bool = False
 
     @classmethod
     def of(cls, sub: Substructure, held: bool) -> Partition:

@@ -81,8 +81,8 @@ class CraigBampton(Method):
         C[b, np.arange(len(b))] = 1.0
         condensed = zeros(len(b), len(b), 0, beside)
         with divided(_constraint_modes(handle, sub, C, condensed), len(b), beside) as handle.solves:
-            # a method that finds modes in its own way does so afterwards
-            sought = self.sought(handle) if type(self).kept is Method.kept else None
+            # a method that finds modes in its own way does so afterwards, and a system decides for all its parts
+            sought = self.sought(handle) if part.alone and type(self).kept is Method.kept else None
         handle.solves = None
         with handle.sharing:
             condensed, rigid = condensed_stiffness(sub, condensed, C)

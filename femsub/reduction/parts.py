@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import scipy.sparse as sp
 
-from femsub.algebra import LARGE, WORK, check_workers, one_thread, reduction_bytes, same, side_by_side
+from femsub.algebra import LARGE, WORK, check_workers, kept_free, one_thread, reduction_bytes, same, side_by_side
 from femsub.checks import choice, instance, shown
 from femsub.coupling import System
 from femsub.errors import InputError, InputTypeError, WorkerError
@@ -138,7 +138,7 @@ def _together(system: System, methods: Mapping[str, Method], ports: bool, contac
     """The parts reduced so that the system meets a tolerance; see `chosen`."""
     tasks = {name: checked(system.parts[name], method, ports, None) for name, method in methods.items()}
     parts = {name: task.method.part(task.sub) for name, task in tasks.items()}
-    with one_thread(sum(map(work, tasks.values())) < WORK):
+    with one_thread(sum(map(work, tasks.values())) < WORK), kept_free(sum(task.beside for task in tasks.values())):
         statics = {name: tasks[name].method.statics(part, part.factored(), tasks[name].extra) for name, part in parts.items()
                    if len(part.sub.interior)}
         given = {name: count for name in statics if (count := methods[name].modes) is not None}

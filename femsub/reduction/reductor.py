@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra import WORK, one_thread
+from femsub.algebra import WORK, kept_free, one_thread
 from femsub.checks import Array, whole_number
 from femsub.errors import InputError
 from femsub.modes import lightest
@@ -55,7 +55,7 @@ class Reductor:
             raise InputError(f"a reductor takes a method with a number of modes, e.g. {type(method).__name__}(modes=20)")
         if not method.nested or (method.held and not len(sub.interior)):
             return
-        with one_thread(work(self.task) < WORK):
+        with one_thread(work(self.task) < WORK), kept_free(self.task.beside):
             self.part = part = method.part(sub)
             task = self.task.turned(part)
             self.statics = statics = method.statics(part, part.factored(), task.extra)

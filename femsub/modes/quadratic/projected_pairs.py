@@ -20,7 +20,7 @@ NEAR = 1e-3  # relative distance below which eigenvalues are corrected together
 STILL = 1e-6  # |λ|, relative to the contour, below which it may be rigid motion, which a search from a shift sets to 0
 SOLVED = 8 * EPS  # backward error that the last correction of a pair will lead to, at the rate of the ones before
 ROUNDED = 1e-13  # the same where further corrections do not lower it
-CHANGED = 0.05  # relative change of a left vector up to which it is the last one: what is left is a fraction of it
+LEFT = 0.01  # relative change of a left vector, times the rate of its errors, up to which it is the last one
 USUAL = 0.2  # the error is not relied on to fall by more in a sweep
 FALLS, SLOW = 0.6, 3  # the error falls by this factor in each sweep, but for so many
 SWEEPS = 30
@@ -133,7 +133,7 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
         moved = _complex(rough @ _single(rho + x @ change) - step) * unit
         more = error * falls > SOLVED
         if left:
-            more &= _lengths(moved) > CHANGED * _lengths(Xh)
+            more &= falls * _lengths(moved) > LEFT * _lengths(Xh)
         Xh = Xh + moved
         S[:, real], Xh[:, real[here]] = S[:, real].real, Xh[:, real[here]].real
         stay = np.isin(label[here], label[here[more]])
