@@ -15,6 +15,7 @@ from femsub.algebra import threads
 from femsub.algebra.petsc import Factor
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
+from femsub.reduction.basis import projected
 
 METHODS = [fs.CraigBampton, fs.CraigChang]
 COMPONENTS = {
@@ -51,6 +52,12 @@ def test_matrices_are_projections(component: fs.Substructure, method: type, port
         assert np.abs(reduced - exact).max() <= 1e-9 * max(1.0, np.abs(exact).max())
     assert np.array_equal(rom.ports["belt"], rom.V.T @ component.ports["belt"])
     assert len(rom.kinds) == rom.size and rom.factorisations == 1
+
+
+@pytest.mark.parametrize("wide", [64, 70, 5])
+def test_half_of_a_symmetric_projection_is_enough(wide: int, rng: np.random.Generator) -> None:
+    A, V = fs.chain(200).K, rng.standard_normal((200, 90))
+    np.testing.assert_allclose(projected(A, V, V[:, :wide], symmetric=True), V.T @ (A @ V[:, :wide]), rtol=1e-10, atol=1e-10)
 
 
 def test_hcb_relations(component: fs.Substructure) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.algebra import CountBeside, factors_made, libraries
+from femsub.algebra import CountBeside, factors_made, libraries, petsc
 from femsub.algebra.factor import TreeFactor, counting, inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.ordering import good_order, leaves_first
@@ -81,6 +82,36 @@ def test_a_count_keeps_no_factor_and_finds_the_same(monkeypatch: pytest.MonkeyPa
     assert inertia(A) == lost.negative_pivots
 
 
+@pytest.mark.parametrize("hidden", [False, True])
+@pytest.mark.parametrize("cancels", [False, True])
+def test_the_order_of_elimination_is_found_before_the_shift_is_known(hidden: bool, cancels: bool,
+                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where an entry of K - σM cancels, or PETSc hides the two steps, the factor is made in one."""
+    sub = lattice(14, 11, held=True)
+    n, pair = sub.size, ([0, 1], [1, 0])
+    M = sp.csr_array(sub.M + sp.coo_array(([0.125] * 2, pair), shape=(n, n)))
+    K = sp.csr_array(sub.K + sp.coo_array(([0.0625 - sub.K[0, 1]] * 2, pair), shape=(n, n)))
+    A, steps = Difference(K, M, 0.5 if cancels else 0.4), []
+    genuine = petsc._two_steps()
+
+    def counted(step: Callable[..., int]) -> Callable[..., int]:
+        return lambda *given: (steps.append(step.__name__), step(*given))[1]
+
+    def told() -> float:
+        steps.append("told")
+        return A.sigma
+
+    monkeypatch.setattr(petsc, "_two_steps", lambda: (None, None) if hidden else tuple(map(counted, genuine)))
+    expected = np.count_nonzero(np.linalg.eigvalsh(A.formed().toarray()) < 0)
+    assert inertia(A.at(0.0), told) == inertia(A) == expected > 3
+    if hidden or None in genuine:
+        assert steps == ["told"]
+    else:
+        assert steps == ["MatCholeskyFactorSymbolic", "told", *["MatCholeskyFactorNumeric"] * (not cancels)]
+    monkeypatch.setattr("femsub.algebra.factor.SMALL", 1000)  # LAPACK finds no order
+    assert inertia(A.at(0.0), told) == expected
+
+
 def test_surfaces_and_trees_have_an_order_of_their_own() -> None:
     plate = fs.plate(fs.rectangle((1.0, 0.8), (20, 16)), E=2e11, nu=0.3, rho=7850, thickness=0.01)
     solid = fs.solid(fs.block((1.0, 1.0, 1.0), (8, 8, 8), "hexahedron"), fs.Material(2e11, 0.3, 7850))
@@ -121,6 +152,22 @@ def test_a_process_beside_that_was_not_asked_or_was_killed_answers_nothing(plate
 
 def test_a_small_model_starts_no_process(plate: fs.Substructure) -> None:
     assert CountBeside.started(plate.K, plate.M, 1e5, 100) is None
+
+
+def test_the_process_starts_before_the_factor_where_it_is_sure_to_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    solid = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0),
+                     supports={"left": "clamped"})
+    assert CountBeside.early(solid.K, solid.M, 30) is None  # too small
+    monkeypatch.setattr("femsub.algebra.beside.WORTH", 1e5)
+    order, start, factor = [], CountBeside.__init__, Factor.__init__
+    monkeypatch.setattr(CountBeside, "__init__", lambda self, *given: (order.append("count"), start(self, *given))[1])
+    monkeypatch.setattr(Factor, "__init__", lambda self, *given: (order.append("factor"), factor(self, *given))[1])
+    with libraries().limit(limits=2):
+        modes = fs.normal_modes(solid, count=12)
+    both = len(os.sched_getaffinity(0)) > 1
+    assert modes.evidence == "certified" and order[0] == ("count" if both else "factor")
+    chain = fs.chain(50000)
+    assert CountBeside.early(chain.K, chain.M, 30) is None  # its factor has few nonzeros
 
 
 def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -102,6 +102,38 @@ def test_the_last_step_of_inverse_iteration_needs_no_solve() -> None:
     assert residual.max() < 2e-3  # 2e-2 without that step
 
 
+def test_modes_that_only_show_a_limit_need_not_converge() -> None:
+    sub, errors = membrane(60), []
+
+    def seen(values: np.ndarray, error: np.ndarray) -> int:
+        errors.append(error)
+        return 30
+
+    factor = Factor(sub.K, "definite")
+    values, shapes = block_lanczos(factor, sub.M, 0.0, 33, tol=1e-9, seen=seen)
+    assert errors[-1][:30].max() <= 1e-9 < errors[-1].max()
+    np.testing.assert_allclose(values[:30], membrane_eigenvalues(60)[:30], rtol=1e-11)
+    assert np.linalg.norm(sub.K @ shapes - shapes * values, axis=0)[:30].max() < 1e-9 * values[29]
+
+
+def test_a_missed_mode_is_sought_beside_exact_ones_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    exact = membrane_eigenvalues(30)
+
+    def forgetful(factor: Factor, M: sp.csr_array, sigma: float, count: int, *, tol: float, known: np.ndarray,
+                  **_: object) -> tuple[np.ndarray, np.ndarray]:
+        values, shapes = block_lanczos(factor, M, sigma, count + 1, tol=tol, known=known)
+        missed = shapes[:, 2].copy()
+        values, shapes = np.delete(values, 2), np.delete(shapes, 2, axis=1)
+        shapes[:, -1] += 1e-3 * missed  # as inexact as a mode that only shows the limit may be
+        return values, shapes
+
+    monkeypatch.setattr("femsub.modes.normal_modes.HEAVY", 0.0)
+    monkeypatch.setattr("femsub.modes.block_lanczos.block_lanczos", forgetful)
+    modes = fs.normal_modes(membrane(30), count=10)
+    np.testing.assert_allclose(modes.eigenvalues, exact[:10], rtol=1e-11)
+    assert modes.residual.max() < 1e-9 and modes.evidence == "certified"
+
+
 def _turned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A dense K with these eigenvalues, and its eigenvectors."""
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((len(values), len(values))))[0]

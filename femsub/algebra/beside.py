@@ -13,16 +13,20 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import gettempdir
 
+import scipy.sparse as sp
+
+from femsub.algebra.cache import FACTOR_BYTES
 from femsub.algebra.factor import inertia
 from femsub.algebra.folders import MEMORY, has_room, task_folder
 from femsub.algebra.matrices import Difference
-from femsub.algebra.memory import room_of_count
+from femsub.algebra.memory import BASE, MOST_FILL, room_of_count
 from femsub.algebra.process_memory import available
 from femsub.algebra.threads import two_cores
 from femsub.algebra.workers import environment_of_workers, load, store
 from femsub.checks import Matrix
 from femsub.errors import NotEnoughMemoryError
 
+FILLED, FULL = 4, 20  # nonzeros of a factor for each of K, which most have that have so many per row
 WORTH = 2e7  # nonzeros of the factor from which the count takes much longer than a process takes to start
 
 
@@ -54,8 +58,18 @@ class CountBeside:
 
         This process will need so many columns of n numbers meanwhile.
         """
-        need = room_of_count(K, nonzeros) + 8.0 * K.shape[0] * columns
-        if nonzeros < WORTH or not two_cores() or not Path(sys.executable or "").name.startswith("python"):
+        return cls._where_free(K, M, room_of_count(K, nonzeros) + 8.0 * K.shape[0] * columns) if nonzeros >= WORTH else None
+
+    @classmethod
+    def early(cls, K: Matrix, M: Matrix, columns: float) -> CountBeside | None:
+        """As `started`, before this process has its factor: it may be any that K is likely to have."""
+        if not sp.issparse(K) or K.nnz < max(WORTH / FILLED, FULL * K.shape[0]):
+            return None
+        return cls._where_free(K, M, MOST_FILL * FACTOR_BYTES * K.nnz + BASE + 8.0 * K.shape[0] * columns)
+
+    @classmethod
+    def _where_free(cls, K: Matrix, M: Matrix, need: float) -> CountBeside | None:
+        if not two_cores() or not Path(sys.executable or "").name.startswith("python"):
             return None
         if (free := available()) is None or free < need:
             return None
@@ -87,7 +101,8 @@ class CountBeside:
 
 
 def serve() -> None:
-    """What the process does: it waits for σ, counts and tells the number."""
-    K, M = load(Path(sys.argv[1], "pencil"))
-    if told := sys.stdin.readline():
-        print(inertia(Difference(K, M, float.fromhex(told))), flush=True)
+    """What the process does: it finds the order of elimination, waits for σ, counts and tells the number."""
+    def told() -> float:
+        return float.fromhex(sys.stdin.readline() or sys.exit())
+
+    print(inertia(Difference(*load(Path(sys.argv[1], "pencil"))), told), flush=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol
 
@@ -193,11 +194,11 @@ class TreeFactor:
         """Nothing to give back; there for the likeness with PETSc's factors."""
 
 
-def counting(A: Matrix | Difference, keep: bool = True) -> Handle:
+def counting(A: Matrix | Difference, keep: bool = True, awaited: Callable[[], float] | None = None) -> Handle:
     """A factorisation of a symmetric A for the sake of its inertia; nothing asserts how good its solutions are.
 
     Where A is singular within rounding, eigenvalues that are rounding may count as negative or not. With keep=False it
-    cannot solve, and takes a quarter of the memory.
+    cannot solve, and takes a quarter of the memory. Of K - σM whose σ is `awaited`, as much as possible is done before.
 
     Raises
     ------
@@ -205,17 +206,19 @@ def counting(A: Matrix | Difference, keep: bool = True) -> Handle:
         A has a null pivot.
     """
     A = Difference.of(A)
+    if awaited is not None and (not sp.issparse(A.K) or A.shape[0] <= SMALL or A.K.nnz < 3 * A.shape[0]):
+        A, awaited = A.at(awaited()), None
     if (small := _small(A)) is not None:
         return _told(DenseFactor(small, "symmetric"))
     if A.K.nnz < 3 * A.shape[0] and (order := leaves_first(sparse := A.formed())) is not None:
         with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS will tell
             return _told(TreeFactor(sparse, order))
-    return _told(Factor(A, "symmetric", keep, probed=False))
+    return _told(Factor(A, "symmetric", keep, probed=False, awaited=awaited))
 
 
-def inertia(A: Matrix | Difference) -> int:
+def inertia(A: Matrix | Difference, awaited: Callable[[], float] | None = None) -> int:
     """The number of negative eigenvalues of a symmetric A (n, n), by a factorisation that is not kept (see `counting`)."""
-    handle = counting(A, keep=False)
+    handle = counting(A, keep=False, awaited=awaited)
     count = handle.negative_pivots
     handle.close()
     log.debug("inertia: %d of %d eigenvalues are negative", count, handle.size)

@@ -175,6 +175,14 @@ class Difference:
         """Its upper triangle, from those of K and M."""
         return upper(self.K) - self.sigma * upper(self.M) if self.sigma else upper(self.K)
 
+    def pattern(self) -> Difference:
+        """|K| + |M|: nothing cancels in it, so that it has a nonzero wherever K - σM may have one."""
+        return Difference(abs(self.K), abs(self.M), -1.0)
+
+    def at(self, sigma: float) -> Difference:
+        """The same at another σ."""
+        return Difference(self.K, self.M, sigma)
+
     def __matmul__(self, x: Array) -> Array:
         return times(self.K, x) - self.sigma * times(self.M, x) if self.sigma else times(self.K, x)
 

@@ -67,6 +67,9 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int,
     if not sp.issparse(K) or K.shape[0] < LARGE:
         return 0.0
     libraries = {"libraries": 0.0 if LIBRARIES in sys.modules else LOADED}
+    amply = reduction_bytes(K, columns, modes, held, nonzeros=MOST_FILL * K.nnz) | libraries
+    if (free := available()) is None or sum(amply.values()) < free:
+        return amply["columns"]
     parts = reduction_bytes(K, columns, modes, held) | libraries
     need, beside, other = sum(parts.values()), parts["columns"], ""
     if (free := at_hand(need)) is not None and need > free:
@@ -158,7 +161,7 @@ def goes_to_disk(A: Matrix, possible: bool) -> bool:
     """
     limit, free, beside = left_of_limit(), available() if A.shape[0] >= LARGE else None, _beside.get()
     enough = MOST_FILL * FACTOR_BYTES * A.nnz + beside
-    if (limit is None or limit > BUFFERS + enough) and (free is None or (free > enough and not kept_bytes())):
+    if (limit is None or limit > BUFFERS + enough) and (free is None or free > (1 + (kept_bytes() > 0)) * enough):
         return False
     nonzeros = factor_nonzeros(A)
     need = FACTOR_BYTES * nonzeros
@@ -175,7 +178,8 @@ def goes_to_disk(A: Matrix, possible: bool) -> bool:
     return False
 
 
-def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = None, on_disk: bool = False) -> dict[str, float]:
+def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = None, on_disk: bool = False,
+                    nonzeros: float | None = None) -> dict[str, float]:
     """Bytes beside the component itself, at the stage of its reduction that takes most.
 
     These are the stages, with the columns of n numbers that each holds:
@@ -198,14 +202,14 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
         The interface DOF, if it is held while the modes are computed: as many of the columns are constraint modes.
     on_disk : bool
         Whether a disk takes the factor.
+    nonzeros : float, optional
+        Of the factor. They are estimated from the graph where they are not given.
     """
     n, constraint = K.shape[0], 0 if held is None else len(held)
     static, size = max(columns - constraint, 0), columns + modes
-    inner = K
-    if held is not None and constraint > SMALL_PART * n:
-        rows = np.setdiff1d(np.arange(n), held)
-        inner = K[rows][:, rows]
-    nonzeros = factor_nonzeros(inner)
+    if nonzeros is None:
+        rows = np.setdiff1d(np.arange(n), held) if held is not None and constraint > SMALL_PART * n else None
+        nonzeros = factor_nonzeros(K if rows is None else K[rows][:, rows])
     small = 9 * 8.0 * size**2  # M, D, K of the model, and their decompositions
     whole = FACTOR_BYTES * nonzeros
     factor = BUFFERED * whole if on_disk else whole

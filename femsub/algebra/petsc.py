@@ -51,6 +51,7 @@ ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MU
 WHEEL = "dolfinx_solver"  # to be imported before the petsc4py of the same folder
 INSTALL = (f"With Python 3.12 or later: {installed_by('dolfinx-solver-real')}. In a clone of femsub: scripts/setup, which takes "
            "Debian's packages, that wheel or the sources. docs/install.md tells more")
+MOST_INFO = 64  # numbers in PETSc's MatFactorInfo, which has 11; MUMPS reads none of them
 BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
 
 
@@ -177,7 +178,7 @@ class Factor:
 
     One that would not fit into memory goes to a disk (`goes_to_disk`), which MUMPS reads at each solve: that takes twice as long.
     With keep=False only the signs of the pivots are kept of L D Lᵀ, which takes a quarter of the memory; probed=False is for
-    those who need no more than these signs.
+    those who need no more than these signs. Of K - σM whose σ is `awaited`, MUMPS finds the order of elimination meanwhile.
 
     Raises
     ------
@@ -188,7 +189,8 @@ class Factor:
     made = 0  #: how many have been made in this process; tests count with it
     packages: ClassVar[set[str]] = set()  #: by which packages
 
-    def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True) -> None:
+    def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True,
+                 awaited: Callable[[], float] | None = None) -> None:
         PETSc, _ = load()
         self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
         A = Difference.of(A)
@@ -200,18 +202,18 @@ class Factor:
         self._finalizer = weakref.finalize(self, self._held.close)
         scaling = equilibrated(A.formed()) if probed and self.package == "mumps" else None
         Factor.made += 1
-        mat = _matrix(A, "general" if self.package == "petsc" else kind)
+        mat = _matrix(A if awaited is None else A.pattern(), "general" if self.package == "petsc" else kind)
         try:
-            pc = self._set_up(mat, ROOM[0])
+            mat = self._set_up(mat, ROOM[0], None if awaited is None else lambda: _matrix(A.at(awaited()), kind))
             if self._told(1) in (-8, -9):  # delayed pivots took more than that
                 self._held.close()
-                pc = self._set_up(mat, ROOM[1])
+                self._set_up(mat, ROOM[1])
         except PETSc.Error as error:
             raise self._refused(_last_line(error)) from None
         finally:
             mat.destroy()  # the KSP has a reference of its own
         # Whoever else gets this KSP (EPS, PEP) must not factorise again.
-        pc.setReusePreconditioner(True)
+        self._ksp.getPC().setReusePreconditioner(True)
         Factor.packages.add(self.package)
         self._check_disk()
         if kind == "definite" and self.package != "cholmod":
@@ -225,8 +227,8 @@ class Factor:
         elif null := self._told(28):
             raise self._refused(f"{null} null pivots")
 
-    def _set_up(self, mat: Any, room: int) -> Any:
-        """Makes the KSP with its factor; returns its PC."""
+    def _set_up(self, mat: Any, room: int, values: Callable[[], Any] | None = None) -> Any:
+        """Makes the KSP with the factor of `mat`, or of what `values()` returns, and returns that matrix."""
         folder, set_up = self._held.enter_context(task_folder(disk()[0])) if self.on_disk else None, ExitStack()
         self._ksp = _until(self._held, load()[0].KSP().create(comm=load()[0].COMM_SELF))
         self._ksp.setType("preonly")
@@ -242,7 +244,7 @@ class Factor:
         self._factor = _until(self._held, pc.getFactorMatrix())
         if self.package != "mumps":
             self._ksp.setUp()
-            return pc
+            return mat
         prefix = f"femsub_{self._order}_" if self._order else "femsub_" if folder else ""
         if prefix:
             self._factor.setOptionsPrefix(prefix)
@@ -255,8 +257,28 @@ class Factor:
         self._factor.setMumpsIcntl(24, 1)  # null pivots are detected, and counted in INFOG(28)
         self._factor.setMumpsIcntl(31, 0 if self.keep else 1)  # 1: the factor is thrown away while it is made
         with set_up:
+            if values is not None:
+                return self._in_two_steps(mat, values)
             self._ksp.setUp()
-        return pc
+        return mat
+
+    def _in_two_steps(self, pattern: Any, values: Callable[[], Any]) -> Any:
+        """The order of elimination of the pattern, and then the factor of `values()`, which is returned.
+
+        Where that has fewer nonzeros, the order is not for it.
+        """
+        PETSc, info, F = load()[0], (ctypes.c_double * MOST_INFO)(), ctypes.c_void_p(self._factor.handle)
+        symbolic, numeric = _two_steps()
+        code = symbolic(F, ctypes.c_void_p(pattern.handle), None, info) if symbolic else 0
+        mat = values()
+        fit = symbolic is not None and mat.getInfo()["nz_used"] == pattern.getInfo()["nz_used"]
+        pattern.destroy()
+        if code or (fit and (code := numeric(F, ctypes.c_void_p(mat.handle), info))):
+            raise PETSc.Error(code)
+        if not fit:
+            self._held.close()
+            self._set_up(mat, ROOM[0])
+        return mat
 
     def _told(self, number: int) -> int:
         """MUMPS' INFOG(number): 1 is an error, 12 counts negative pivots, 28 null ones. CHOLMOD raises instead."""
@@ -377,6 +399,19 @@ class Transposed:
         """What PETSc calls for y = A⁻ᵀx."""
         with self.transposed._lock:
             self.transposed._factor.solveTranspose(x, y)
+
+
+@cache
+def _two_steps() -> tuple[Any, Any]:
+    """PETSc's functions for the two steps of a factorisation, which petsc4py does not call.
+
+    The names are searched in all that petsc4py is linked to. Where they are hidden, nothing is done before the second step.
+    """
+    try:
+        library = ctypes.CDLL(load()[0].__file__)
+        return library.MatCholeskyFactorSymbolic, library.MatCholeskyFactorNumeric
+    except (AttributeError, OSError):
+        return None, None
 
 
 def _lend(ksp: Any, st: Any, stack: ExitStack) -> None:

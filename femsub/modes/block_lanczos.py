@@ -29,7 +29,7 @@ LOST = 1e-13  # loss of orthogonality by cancellation up to which one pass is en
 
 
 def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1, known: Array | None = None,
-                  seen: Callable[[Array, Array], None] | None = None, restarts: int = RESTARTS) -> tuple[Array, Array]:
+                  seen: Callable[[Array, Array], int] | None = None, restarts: int = RESTARTS) -> tuple[Array, Array]:
     """The eigenvalues of (K - λM)φ = 0 next above σ: A V = V T + Q R Eᵀ, A = (K - σM)⁻¹M, VᵀMV = I, V (n, m), λ = σ + 1/θ.
 
     `factor` is that of K - σM, which is positive definite. A Ritz pair is accepted if ‖R Eᵀy‖ ≤ tol θ. T is block tridiagonal,
@@ -44,7 +44,8 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     known : ndarray, shape (n, k), optional
         M-orthonormal shapes to deflate. There must be far more other shapes than `count` and a block.
     seen : callable, optional
-        Gets the approximate λ of each step, shape (count,), and how large their relative errors are at most.
+        Gets the approximate λ of each step, shape (count,), and how large their relative errors are at most. Returns how many of
+        them have to meet `tol`; the others are as accurate as they are then.
 
     Returns
     -------
@@ -64,8 +65,11 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     (1998), sec. 6.9 (a second pass only after cancellation).
     """
     locked = np.zeros((factor.size, 0)) if known is None else known
-    theta, X = _ritz_vectors(factor, M, count, tol, seed, locked, lambda theta, error: seen and seen(sigma + 1 / theta, error),
-                             restarts)
+
+    def due(theta: Array, error: Array) -> int:
+        return seen(sigma + 1 / theta, error) if seen else count
+
+    theta, X = _ritz_vectors(factor, M, count, tol, seed, locked, due, restarts)
     if theta[0] <= SPREAD * theta[-1] and M.diagonal().all():
         return sigma + 1 / theta, X
     MX = times(M, X)
@@ -77,7 +81,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
 
 
 def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array,
-                  seen: Callable[[Array, Array], None], most_restarts: int) -> tuple[Array, Array]:
+                  seen: Callable[[Array, Array], int], most_restarts: int) -> tuple[Array, Array]:
     """The wanted θ (count,) and their Ritz vectors after a step of inverse iteration, (n, count). All other memory is freed."""
     (n, known), rng = locked.shape, np.random.default_rng(seed)
     room = n - known
@@ -136,9 +140,8 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
             theta, Y, looked = theta[::-1], np.array(Y[:, ::-1], order="F"), m  # BLAS cannot use a negative stride
             rest = R @ Y[m - b:]
             residual = np.linalg.norm(rest[:, :count], axis=0)
-            if m >= count and (theta[:count] > 0).all():
-                seen(theta[:count], residual / theta[:count])
-            if m >= count and (residual <= tol * np.abs(theta[:count])).all():  # AX = XΘ + QREᵀY: this step needs no solve
+            due = seen(theta[:count], residual / theta[:count]) if m >= count and (theta[:count] > 0).all() else count
+            if m >= count and (residual <= tol * np.abs(theta[:count]))[:due].all():  # AX = XΘ + QREᵀY: this step needs no solve
                 return theta[:count], _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
         if full:
             if restarts == most_restarts:

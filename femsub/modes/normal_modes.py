@@ -58,6 +58,7 @@ BLOCK_TOLERANCE = 1e-9  # of block Lanczos, which ends with a step of inverse it
 HEAVY = 100  # nonzeros of the factor per row from which block solves are faster
 LOST = 0.1  # relative change of ω² by rounding in K above which there is a warning
 BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn until no mode lies at it
+BEYOND_WANTED = 1e-4  # error of modes that are not listed, and only show where a limit of the count may lie
 GAP = 1e-6  # relative gap of neighbouring ω² below which they are a cluster: no inertia is counted inside it
 SURE = 3.0  # times the residual of an approximate ω², which has about its square as error, that a limit keeps from it
 SAME = 1e-14  # relative difference of a limit from its square root squared
@@ -212,12 +213,15 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
     ask = min(count + 2 if evidence and known is None else count, finite - rigid) - len(values)
     nonzeros = handle.factor.fill * handle.factor.size
     heavy = handle.factor.fill > HEAVY and finite > 20 * max(count, 1)
+    converged = len(values) + max(ask, 0)
     if ask > 0:
         beside = np.hstack([handle.rigid, shapes])
         if heavy:
+            counts = evidence and known is None
+            converged = min(count, ask) if counts else converged
             with ExitStack() as stack:
                 more = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=BLOCK_TOLERANCE, known=beside,
-                                     seen=_counted_beside(handle, nonzeros, count, stack) if evidence and known is None else None)
+                                     seen=_counted_beside(handle, nonzeros, count, stack) if counts else None)
         else:
             more = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE, known=beside)
         values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]]) if len(values) else more[1]
@@ -243,6 +247,9 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
             return found
         if missed < 0 or attempt == 3:
             break
+        if converged < len(values):
+            missed += below - min(below, converged)
+            values, shapes = values[:converged], shapes[:, :converged]
         if missed > 0.3 * finite:  # a large cluster: Krylov-Schur would need too many vectors, LAPACK does not
             if handle.K.shape[0] > DENSE:
                 break
@@ -250,6 +257,7 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
         extra = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, missed, tol=TOLERANCE, seed=17 + attempt,
                                 known=np.hstack([handle.rigid, shapes]))
         values, shapes = np.append(values, extra[0]), np.hstack([shapes, extra[1]])
+        converged = len(values)
     raise _missed(counted, below + rigid, limit)
 
 
@@ -290,28 +298,31 @@ def counted_beside(handle: ShiftInvert, limit: float) -> Iterator[None]:
 
 
 def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
-                    stack: ExitStack) -> Callable[[Array, Array], None] | None:
+                    stack: ExitStack) -> Callable[[Array, Array], int]:
     """A function of approximate ω² (k,) and their relative errors that begins the count once they show its limit.
 
-    Meanwhile this process keeps one core; the stack gives the other back. None where the count is better made afterwards.
+    It returns how many of them have to converge: those beyond the modes wanted only show the limit. Meanwhile this process keeps
+    one core; the stack gives the other back.
     """
     from femsub.algebra import CountBeside
 
-    handle.beside = beside = CountBeside.started(handle.K, handle.M, nonzeros, search_columns(count))
+    if handle.beside is None:
+        handle.beside = CountBeside.started(handle.K, handle.M, nonzeros, search_columns(count))
+    beside = handle.beside
 
-    def seen(values: Array, error: Array) -> None:
+    def seen(values: Array, error: Array) -> int:
         if handle.solves is not None:
             handle.solves.busy()
-        if beside is None:
-            return
         limit = _limit(values, count)[0]
-        if beside.value is None and (np.abs(values - limit) > SURE * error * values).all():
+        clear = bool((np.abs(values - limit) > SURE * error * values).all())
+        if beside is not None and beside.value is None and clear:
             beside.ask(limit)
             stack.enter_context(one_thread(True))
-        elif not beside.busy:
+        elif beside is not None and not beside.busy:
             stack.close()
+        return count if clear and error.max() < BEYOND_WANTED else len(values)
 
-    return None if beside is None and handle.solves is None else seen
+    return seen
 
 
 def _count(handle: ShiftInvert, limit: float) -> int:
@@ -397,7 +408,7 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
         raise InputError("give either count, the number of elastic modes, or band=(lo, hi) in rad per unit of time")
     if count is not None:
         with kept_free(8.0 * model.K.shape[0] * search_columns(whole_number("count", count))):
-            modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion), count)
+            modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion, seeks=count), count)
         log.info("%r", modes)
         return modes
     lo, hi = check_band(band)

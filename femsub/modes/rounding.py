@@ -19,13 +19,14 @@ DUST = 1e-14  # of the largest entry: smaller ones are rounding themselves
 BITS = 24  # of a number in single precision
 
 
-def rounding_of(K: Matrix, t: Array) -> float:
+def rounding_of(K: Matrix, t: Array, forces: tuple[Array, Array] | None = None) -> float:
     """The relative rounding u of the entries of K that its own figures show: eps, or more.
 
     Two figures show more. Entries that all end after as many digits were written so. In a free body the rows of K sum to 0
-    along each translation t (n, k); sums of either sign are rounding, while those of a soft mount add up.
+    along each translation t (n, k); sums of either sign are rounding, while those of a soft mount add up. `forces` are Kt and
+    |K|t, where they are known.
     """
-    sums, size = K @ t, abs(K) @ t
+    sums, size = forces or (K @ t, abs(K) @ t)
     ratio = np.divide(np.abs(sums), size, out=np.zeros_like(size), where=size > 0).max(axis=0, initial=0.0)
     seen = (SLACK * ratio > ROUGH) & (ratio <= SEEN)
     along, most = t[:, seen] * sums[:, seen], float(ratio[seen].max(initial=0.0))

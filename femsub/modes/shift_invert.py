@@ -28,6 +28,7 @@ from femsub.algebra import (
     orthonormal,
     phase,
     rank_of_mass,
+    search_columns,
     shared,
     shared_factor,
     smooth_shape,
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
 ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
+DISTINCT = 1e3  # times ENERGY: above it, three columns of one inverse iteration have no part of a shape with an energy below it
 SURE = 1 + 1e-9  # factor by which k_ij² exceeds k_ii k_jj where no rounding of these can be the reason
 GAP = 1e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that of the first elastic mode
 WIDE = 64 * EPS, 1e-6  # energy ratio up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
@@ -63,7 +65,7 @@ class ShiftInvert:
 
     Both are shared by all handles on the same K and M, or on the same `rows` of them. `factorisations` counts those made
     for this handle; it may be 0. `unit` is the relative rounding of the entries of K, see `rounding_of`. A model that carries its
-    rigid motion gives it, and no other is looked for.
+    rigid motion gives it, and no other is looked for. Where so many modes are to be sought, a process prepares their count.
 
     Warns
     -----
@@ -71,9 +73,9 @@ class ShiftInvert:
         Modes are taken as rigid motion although K gives them an energy: that of the rounding of its entries.
     """
 
-    def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None) -> None:
+    def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None, seeks: int = 0) -> None:
         self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
-        self.beside: CountBeside | None = None  # counts the modes while they are sought
+        self.beside = self._prepared(seeks) if seeks else None  # counts the modes while they are sought
         self.solves: Divided | None = None  # finds static shapes with the same factor meanwhile
         motion = motion_of(carried) if isinstance(rows, slice) else None
         self._given = None if motion is None else motion.shapes
@@ -88,6 +90,11 @@ class ShiftInvert:
             warn(self.note, ConditionWarning)
         if not hasattr(self, "factor"):
             self._factorise(self.sigma)
+
+    def _prepared(self, seeks: int) -> CountBeside | None:
+        from femsub.algebra import CountBeside
+
+        return CountBeside.early(self.K, self.M, search_columns(seeks))
 
     @property
     def sharing(self) -> AbstractContextManager[None]:
@@ -165,10 +172,14 @@ class ShiftInvert:
         # Rounding may let a Cholesky factorisation of a singular K succeed; its inverse then amplifies one shape.
         # DOF are scaled by their stiffness: otherwise QR gives rotations the rounding errors of deflections.
         unit = units(self.K)[:, None]
-        x = np.random.default_rng(2).standard_normal((self.K.shape[0], 2))
+        x = np.random.default_rng(2).standard_normal((self.K.shape[0], 3))
         for _ in range(3):
             x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
-        return bool(costs_nothing(self.K, x, self.unit).any())
+            force, size = _forces(self.K, x)
+            energy = _energy_ratio(x, force, size)
+            if (energy > DISTINCT * max(ENERGY, self.unit)).all():  # one solve brings out what costs nothing
+                return False
+        return bool(_nothing(_rounding_ratio(self.K, force, size), energy, self.unit).any())
 
     def _float(self, search: Callable[[], float]) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
@@ -414,12 +425,22 @@ def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
 
 def rounding(K: Matrix) -> float:
     """The relative rounding of the entries of K, see `rounding_of`; computed once."""
-    return shared((K,), "rounding of the entries", lambda: rounding_of(K, translations(K.shape[0])))
+    return _translated(K)[0]
 
 
 def annihilates_a_translation(K: Matrix, unit: float = 0.0) -> bool:
     """Whether a uniform motion of every s-th DOF has no elastic energy: a cheap test for a floating component."""
-    return bool(costs_nothing(K, translations(K.shape[0]), unit).any())
+    return bool(_nothing(*_translated(K)[1:], unit).any())
+
+
+def _translated(K: Matrix) -> tuple[float, Array, Array]:
+    """What translations tell of K: the rounding of its entries, and the two ratios of `costs_nothing`; computed once."""
+    def found() -> tuple[float, Array, Array]:
+        t = translations(K.shape[0])
+        forces = _forces(K, t)
+        return rounding_of(K, t, forces), _rounding_ratio(K, *forces), _energy_ratio(t, *forces)
+
+    return shared((K,), "translations", found)
 
 
 def units(K: Matrix) -> Array:
@@ -433,7 +454,17 @@ def costs_nothing(K: Matrix, x: Array, unit: float = 0.0) -> Array:
 
     `unit` is the rounding of the entries of K, if it is more than eps: it bounds both ratios.
     """
-    return (rounding_ratio(K, x) < max(RIGID, unit)) & (energy_ratio(K, x) <= max(ENERGY, unit))
+    forces = _forces(K, x)
+    return _nothing(_rounding_ratio(K, *forces), _energy_ratio(x, *forces), unit)
+
+
+def _nothing(rounding: Array, energy: Array, unit: float) -> Array:
+    return (rounding < max(RIGID, unit)) & (energy <= max(ENERGY, unit))
+
+
+def _forces(K: Matrix, x: Array) -> tuple[Array, Array]:
+    """Kx and |K||x|."""
+    return K @ x, abs(K) @ np.abs(x)
 
 
 def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
@@ -455,15 +486,23 @@ def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
 
 def energy_ratio(K: Matrix, x: Array) -> Array:
     """xᴴKx / |x|ᵀ|K||x| of each column, (k,); 0 where nothing acts."""
-    size = np.abs(x)
-    energy, scale = np.einsum("ij,ij->j", x.conj(), K @ x).real, np.einsum("ij,ij->j", size, abs(K) @ size)
+    return _energy_ratio(x, *_forces(K, x))
+
+
+def _energy_ratio(x: Array, force: Array, size: Array) -> Array:
+    energy, scale = np.einsum("ij,ij->j", x.conj(), force).real, np.einsum("ij,ij->j", np.abs(x), size)
     return np.divide(energy, scale, out=np.zeros_like(energy), where=scale > 0)
 
 
 def rounding_ratio(K: Matrix, x: Array) -> Array:
+    """‖SKx‖ / ‖S|K||x|‖ of each column, (k,), with S = diag(1/√k_ii); 0 where nothing acts."""
+    return _rounding_ratio(K, *_forces(K, x))
+
+
+def _rounding_ratio(K: Matrix, force: Array, size: Array) -> Array:
     unit = units(K)[:, None]
-    scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
-    return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
+    scale = np.linalg.norm(unit * size, axis=0)
+    return np.divide(np.linalg.norm(unit * force, axis=0), scale, out=np.zeros(force.shape[1]), where=scale > 0)
 
 
 def _known(unit: float) -> str:

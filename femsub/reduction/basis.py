@@ -39,10 +39,10 @@ class Partition:
     def of(cls, sub: Substructure, held: bool) -> Partition:
         return cls(sub, sub.interior if held and len(sub.interface) else slice(None))
 
-    def factored(self) -> ShiftInvert:
-        """The factor of the part, for modes and static solves; a factor made earlier for the same part is reused."""
+    def factored(self, seeks: int = 0) -> ShiftInvert:
+        """The factor of the part, for so many modes and static solves; a factor made earlier for the same part is reused."""
         try:
-            return ShiftInvert(self.sub.K, self.sub.M, self.rows, self.sub.rigid_motion)
+            return ShiftInvert(self.sub.K, self.sub.M, self.rows, self.sub.rigid_motion, seeks)
         except SingularMatrixError as error:
             raise SingularMatrixError(f"{self.sub.name!r}: {error}") from None
 
@@ -204,7 +204,7 @@ def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kin
         r = n_c + len(kept.values)
         V = widened(C, r + residual.shape[1])
         V[rows, n_c:r], V[rows, r:] = kept.shapes, residual
-        M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
+        M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C, symmetric=True))
         found = labelled(statics, kept, V, (M, K), dropped, V[statics.part.sub.interface], mode_kind)
         energies = np.array([whole[s:], missing[s:]])
         found = replace(found, port_error=port_errors(ports, found, kept, energies), estimate=kept.estimate, forces=forces,
@@ -250,13 +250,17 @@ def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array,
 
 
 @phase("projection")
-def projected(A: Matrix, V: Array, W: Array) -> Array:
-    """VᵀAW, shape (r, s), a block of columns at a time, so that AW is never stored as a whole."""
+def projected(A: Matrix, V: Array, W: Array, symmetric: bool = False) -> Array:
+    """VᵀAW, shape (r, s), a block of columns at a time, so that AW is never stored as a whole.
+
+    Where A is symmetric and W are the first columns of V, the rows above a block follow from the blocks before it.
+    """
     result = np.zeros((V.shape[1], W.shape[1]))
     if not sp.issparse(A) or A.nnz:
         for start in range(0, W.shape[1], COLUMNS):
-            part = slice(start, start + COLUMNS)
-            result[:, part] = V.T @ times(A, W[:, part])
+            part, known = slice(start, min(start + COLUMNS, W.shape[1])), start if symmetric else 0
+            result[:known, part] = result[part, :known].T
+            result[known:, part] = V[:, known:].T @ times(A, W[:, part])
     return result
 
 
@@ -264,7 +268,7 @@ def structural(sub: Substructure, V: Array) -> Array | None:
     """VᵀHV, symmetric to the last digit; None of a component without structural damping."""
     if sub.H is None:
         return None
-    H = projected(sub.H, V, V)
+    H = projected(sub.H, V, V, symmetric=True)
     return (H + H.T) / 2
 
 

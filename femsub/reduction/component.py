@@ -54,7 +54,7 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
             if method.held and not len(part.sub.interior):
                 return finished(task, part, whole_basis(task, part))
             turned = task.turned(part)
-            statics = method.statics(replace(part, alone=True), part.factored(), turned.extra)
+            statics = method.statics(replace(part, alone=True), part.factored(method.modes or 0), turned.extra)
             return finished(task, part, finished_basis(turned, statics, method.kept(statics, turned.pencil)))
     except SingularMatrixError as error:
         told = str(error).removeprefix(f"{sub.name!r}: ")
