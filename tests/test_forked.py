@@ -115,7 +115,7 @@ def test_one_thread_may_end_in_any_order() -> None:
 
 def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.algebra.forked.WORTH", 0.0)
-    monkeypatch.setattr("femsub.algebra.forked.two_cores", lambda: True)
+    monkeypatch.setattr("femsub.algebra.forked.cores", lambda: 2)
     asked, found = [], []
     begin = Divided.__init__
     monkeypatch.setattr(Divided, "__init__", lambda self, solve, columns, beside: (
@@ -139,7 +139,7 @@ def test_a_fork_that_dies_within_a_block_leaves_the_constraint_modes_right(monke
     """Its columns are written already, and it has not said so."""
     monkeypatch.setattr("femsub.algebra.forked.WORTH", 0.0)
     monkeypatch.setattr("femsub.algebra.forked.WIDTH", 8)
-    monkeypatch.setattr("femsub.algebra.forked.two_cores", lambda: True)
+    monkeypatch.setattr("femsub.algebra.forked.cores", lambda: 2)
     sub = fs.solid(fs.block((1.0, 0.5, 0.3), (8, 5, 4), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
     right = fs.reduce(sub, fs.CraigBampton(3)).K
     owner, begin = os.getpid(), Divided.__init__
@@ -168,7 +168,7 @@ def test_modes_are_sought_beside_by_a_part_that_is_reduced_alone() -> None:
 
 
 def test_no_fork_where_it_would_not_be_safe_or_not_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.forked.two_cores", lambda: True)
+    monkeypatch.setattr("femsub.algebra.forked.cores", lambda: 2)
     sub = fs.solid(fs.block((1.0, 0.5, 0.3), (6, 4, 3), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0))
     factor = shared_factor(sub.K + 1e6 * sub.M, "definite")
     assert not fork_pays(factor, 1000)

@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.algebra import CountBeside, factors_made, libraries, petsc
+from femsub.algebra import CountBeside, beside, factors_made, libraries, petsc
 from femsub.algebra.factor import TreeFactor, counting, inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.ordering import good_order, leaves_first
@@ -137,6 +138,44 @@ def test_a_process_beside_counts_as_this_one_does(plate: fs.Substructure) -> Non
     beside.ask(limit)
     assert beside.answer() == 9
     assert beside.answer() is None  # it answers once, and has ended
+
+
+def test_a_process_beside_takes_all_cores_once_it_is_waited_for(monkeypatch: pytest.MonkeyPatch,
+                                                                 capsys: pytest.CaptureFixture[str]) -> None:
+    """It is heard of them while it factorises; before, it has one."""
+    got, given = [], Event()
+
+    class Libraries:
+        def limit(self, limits: int) -> None:
+            got.append(limits)
+            given.set()
+
+    def inertia(pencil: Difference, told: Callable[[], float]) -> int:
+        os.write(ask, f"{(2.5).hex()}\n".encode())
+        assert told() == 2.5 and not given.wait(0.05)
+        os.write(ask, b"3\n")
+        assert given.wait(60)
+        return 7
+
+    heard, ask = os.pipe()
+    monkeypatch.setattr(beside, "load", lambda path: (sp.eye_array(2), sp.eye_array(2)))
+    monkeypatch.setattr(beside, "inertia", inertia)
+    monkeypatch.setattr(beside, "libraries", Libraries)
+    monkeypatch.setattr(beside, "INPUT", heard)
+    monkeypatch.setattr("sys.argv", ["", ""])
+    beside.serve()
+    os.close(ask)
+    assert got == [3] and capsys.readouterr().out == "7\n"
+
+
+def test_cores_are_told_to_the_process_that_counts(plate: fs.Substructure, monkeypatch: pytest.MonkeyPatch) -> None:
+    written, write = [], os.write
+    monkeypatch.setattr(os, "write", lambda at, text: (written.append(text), write(at, text))[1])
+    count = CountBeside(plate.K, plate.M)
+    count.ask(1.0)
+    with libraries().limit(limits=1):
+        assert count.answer() == inertia(Difference(plate.K, plate.M, 1.0))
+    assert written == [b"0x1.0000000000000p+0\n", b"1\n"]
 
 
 def test_a_process_beside_that_was_not_asked_or_was_killed_answers_nothing(plate: fs.Substructure) -> None:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import gettempdir
+from threading import Thread
 
 import scipy.sparse as sp
 
@@ -21,12 +23,13 @@ from femsub.algebra.folders import MEMORY, has_room, task_folder
 from femsub.algebra.matrices import Difference
 from femsub.algebra.memory import BASE, MOST_FILL, room_of_count
 from femsub.algebra.process_memory import available
-from femsub.algebra.threads import two_cores
+from femsub.algebra.threads import cores, libraries
 from femsub.algebra.workers import environment_of_workers, load, store
 from femsub.checks import Matrix
 from femsub.errors import NotEnoughMemoryError
 
 FILLED, FULL = 4, 20  # nonzeros of a factor for each of K, which most have that have so many per row
+INPUT = 0  # the file descriptor of what the process that counts is told
 WORTH = 2e7  # nonzeros of the factor from which the count takes much longer than a process takes to start
 
 
@@ -69,7 +72,7 @@ class CountBeside:
 
     @classmethod
     def _where_free(cls, K: Matrix, M: Matrix, need: float) -> CountBeside | None:
-        if not two_cores() or not Path(sys.executable or "").name.startswith("python"):
+        if cores() == 1 or not Path(sys.executable or "").name.startswith("python"):
             return None
         if (free := available()) is None or free < need:
             return None
@@ -89,8 +92,10 @@ class CountBeside:
         return self.value is not None and self._process.poll() is None
 
     def answer(self) -> int | None:
-        """The number of negative eigenvalues of K - σM, told once. It waits for the process, which ends."""
+        """The number of negative eigenvalues of K - σM, told once. It waits for the process, which gets all cores, and ends."""
         asked, self.value = self.value is not None, None
+        with suppress(OSError):
+            os.write(self._stdin, f"{cores()}\n".encode())
         with self._held:
             told = self._process.stdout.readline() if asked and self._process.stdout else ""
         return int(told) if told.strip() else None
@@ -101,8 +106,22 @@ class CountBeside:
 
 
 def serve() -> None:
-    """What the process does: it finds the order of elimination, waits for σ, counts and tells the number."""
-    def told() -> float:
-        return float.fromhex(sys.stdin.readline() or sys.exit())
+    """What the process does: it finds the order of elimination, waits for σ, counts and tells the number.
 
+    Once it is told how many cores it may have, its BLAS takes them. It is heard while PETSc factorises.
+    """
+    def heard() -> Iterator[str]:
+        while more := os.read(INPUT, 100):  # a thread that waits for sys.stdin would not let the process end
+            yield from more.decode().split()
+
+    def hurried() -> None:
+        for count in lines:
+            libraries().limit(limits=int(count))
+
+    def told() -> float:
+        sigma = float.fromhex(next(lines, "") or sys.exit())
+        Thread(target=hurried, daemon=True).start()
+        return sigma
+
+    lines = heard()
     print(inertia(Difference(*load(Path(sys.argv[1], "pencil"))), told), flush=True)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra.petsc import Factor
-from femsub.algebra.threads import one_thread, two_cores
+from femsub.algebra.threads import cores, one_thread
 from femsub.checks import Array
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def fork_pays(factor: Handle, columns: int) -> bool:
     if not isinstance(factor, Factor) or factor.package != "cholmod" or "mpi4py.MPI" in sys.modules:
         return False
     worth = columns > WIDTH and factor.fill * factor.size * columns >= WORTH
-    return worth and sys.platform == "linux" and current_thread() is main_thread() and two_cores()
+    return worth and sys.platform == "linux" and current_thread() is main_thread() and cores() > 1
 
 
 def shared_zeros(rows: int, columns: int) -> Array:

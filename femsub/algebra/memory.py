@@ -19,7 +19,7 @@ from femsub.algebra.cache import FACTOR_BYTES, give_up_until, kept_bytes
 from femsub.algebra.folders import in_memory
 from femsub.algebra.ordering import layers as distance_layers, neighbours, quotient
 from femsub.algebra.process_memory import available, left_of_limit
-from femsub.algebra.threads import two_cores
+from femsub.algebra.threads import cores
 from femsub.checks import Array, Matrix
 from femsub.errors import NotEnoughMemoryError
 
@@ -165,7 +165,7 @@ def goes_to_disk(A: Matrix, possible: bool) -> bool:
         return False
     nonzeros = factor_nonzeros(A)
     need = FACTOR_BYTES * nonzeros
-    beside += room_of_count(A, nonzeros) if beside and two_cores() else 0.0
+    beside += room_of_count(A, nonzeros) if beside and cores() > 1 else 0.0
     if free is not None and (kept_bytes() or free < need + beside):
         free = at_hand(2 * need + beside)
     left = min(np.inf if limit is None else limit - BUFFERS, np.inf if free is None else free)

@@ -61,9 +61,9 @@ def one_thread(small: bool) -> Iterator[None]:
                 _Limited.held.pop()[1].restore_original_limits()
 
 
-def two_cores() -> bool:
-    """Whether this process may use two cores, as its BLAS does where no `one_thread` holds it."""
-    return (_Limited.before if _Limited.depth else threads()) > 1 and len(os.sched_getaffinity(0)) > 1
+def cores() -> int:
+    """How many cores this process may use: as many as its BLAS does where no `one_thread` holds it."""
+    return min(_Limited.before if _Limited.depth else threads(), len(os.sched_getaffinity(0)))
 
 
 def libraries() -> ThreadpoolController:
