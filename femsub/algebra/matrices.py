@@ -177,7 +177,10 @@ class Difference:
 
     def pattern(self) -> Difference:
         """|K| + |M|: nothing cancels in it, so that it has a nonzero wherever K - σM may have one."""
-        return Difference(abs(self.K), abs(self.M), -1.0)
+        def absolute(A: Matrix) -> Matrix:  # SciPy's would copy the indices as well
+            return sp.csr_array((np.abs(A.data), A.indices, A.indptr), A.shape) if sp.issparse(A) else np.abs(A)
+
+        return Difference(absolute(self.K), absolute(self.M), -1.0)
 
     def at(self, sigma: float) -> Difference:
         """The same at another σ."""
