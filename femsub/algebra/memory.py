@@ -26,7 +26,7 @@ from femsub.errors import NotEnoughMemoryError
 MODEL = 1.7  # empirical correction, since METIS finds better separators; within a factor of 1.7 on 14 models
 COUNT_BYTES = 0.25 * FACTOR_BYTES  # bytes per nonzero of the factor of an inertia count, which is thrown away while it is made
 BASE = 2e8  # bytes that a process takes before its first task
-SPARE = 1.3  # times what a count is foretold to take must be there for a process beside the search
+SPARE = 1.1  # times what a count is foretold to take, a fifth too much already, for a process that makes it beside the search
 COUNTED = 42  # bytes per nonzero of K that the count takes for matrices and their graph
 BLOCKS = 200  # columns of blocks in work while constraint modes are computed
 LOADED = 8e7  # bytes of the libraries that the first factorisation loads, and of their buffers
