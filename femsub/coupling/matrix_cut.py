@@ -137,6 +137,9 @@ def _balanced(rest: Matrix, inner: Array, row: Array, column: Array, each: Array
 
 def _entries(A: Matrix, row: Array, column: Array) -> Array:
     """The entries at so many places of a sparse A (n, n)."""
+    def number(row: Array, column: Array) -> Array:  # needs 64 bits where indices have 32
+        return row.astype(np.int64) * A.shape[1] + column
+
     found = sp.coo_array(A)
-    place = places_of(row * A.shape[1] + column, found.row * A.shape[1] + found.col)
+    place = places_of(number(row, column), number(found.row, found.col))
     return np.append(found.data, 0.0)[place]
