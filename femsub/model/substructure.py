@@ -379,6 +379,8 @@ def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
 
 def _in_each_others_place(M: Matrix, K: Matrix) -> bool:
     """Whether M looks like a stiffness matrix and K does not: forces inside a body add up to 0, inertia in a translation not."""
+    if (M.data if sp.issparse(M) else M).min(initial=0.0) >= 0:  # then nothing in it can add up to 0
+        return False
     t = translations(M.shape[0])
 
     def balanced(A: Matrix) -> Array:
@@ -386,7 +388,8 @@ def _in_each_others_place(M: Matrix, K: Matrix) -> bool:
         own = (t > 0) & (size > 0)
         return (own & (sums <= BALANCED * size)).sum(axis=0) / np.maximum(own.sum(axis=0), FEW)
 
-    return bool(((balanced(M) > 0.5) & (balanced(K) < 0.1)).any())
+    stiff = balanced(M) > 0.5
+    return bool(stiff.any() and (stiff & (balanced(K) < 0.1)).any())
 
 
 def _interface(values: Iterable[int], size: int) -> Array:
