@@ -85,7 +85,7 @@ def divided(B: Matrix, common: Sequence[Matrix], member: Array) -> list[Matrix]:
     at_cut = shared[edges.row] & shared[edges.col]
     rest = sp.csr_array((edges.data[~at_cut], (edges.row[~at_cut], edges.col[~at_cut])), shape=B.shape)
     row, column, values = edges.row[at_cut], edges.col[at_cut], edges.data[at_cut]
-    share = np.stack([_entries(one, row, column) for one in common], axis=1)  # of each entry (k, p)
+    share = np.stack([entries_at(one, row, column) for one in common], axis=1)  # of each entry (k, p)
     share = np.where(share.any(axis=1, keepdims=True), share, member[row] & member[column])
     share /= share.sum(axis=1, keepdims=True)
     own = np.flatnonzero(row == column)
@@ -135,7 +135,7 @@ def _balanced(rest: Matrix, inner: Array, row: Array, column: Array, each: Array
     return found
 
 
-def _entries(A: Matrix, row: Array, column: Array) -> Array:
+def entries_at(A: Matrix, row: Array, column: Array) -> Array:
     """The entries at so many places of a sparse A (n, n)."""
     def number(row: Array, column: Array) -> Array:  # needs 64 bits where indices have 32
         return row.astype(np.int64) * A.shape[1] + column
