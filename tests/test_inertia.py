@@ -14,11 +14,13 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.algebra import CountBeside, beside, factors_made, libraries, petsc
+from femsub.algebra import CountBeside, SignsBeside, beside, factors_made, libraries, petsc, signs
 from femsub.algebra.factor import TreeFactor, counting, inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.ordering import good_order, leaves_first
 from femsub.algebra.petsc import Factor
+from femsub.modes.quadratic.projected_count import Projection
+from femsub.modes.quadratic.region import Contour
 
 
 def tree(n: int, seed: int) -> sp.csr_array:
@@ -224,7 +226,7 @@ def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_the_modes_of_a_projection_are_counted_beside_its_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One factorisation less in this process, and the same count."""
+    """Three factorisations less in this process, that of the count and two of the bounds, and the same count."""
     monkeypatch.setattr("femsub.algebra.beside.WORTH", 1e5)
     told = []
     for threads in (1, 2):
@@ -236,5 +238,64 @@ def test_the_modes_of_a_projection_are_counted_beside_its_bounds(monkeypatch: py
         with libraries().limit(limits=threads):
             found = fs.complex_modes(pencil, band=(0.0, 6e3))
         told.append((factors_made() - before, len(found), found.evidence))
-    assert told[0][0] - told[1][0] == int(len(os.sched_getaffinity(0)) > 1)
+    assert told[0][0] - told[1][0] == 3 * int(len(os.sched_getaffinity(0)) > 1)
     assert told[0][1:] == told[1][1:] and told[0][1] > 2 and told[0][2] == "certified"
+
+
+# tests of definiteness beside the search --------------------------------------------------------------------------------
+
+def test_a_process_beside_tells_signs_as_this_one_does(plate: fs.Substructure) -> None:
+    t = float(fs.normal_modes(plate, count=12).eigenvalues[8])
+    A, M = sp.csr_array(plate.K + t * plate.M), plate.M
+    for d, D, both in ((2.0, M, (True, True)), (0.5, M, (False, True)), (0.5, sp.csr_array(-M), (True, False))):
+        assert SignsBeside(A, D, d / t).answer() == both == signs(A, D, d / t)  # xᵀAx ≥ t xᵀMx, as in rigid motion
+
+
+def test_a_process_that_was_killed_tells_no_sign(plate: fs.Substructure) -> None:
+    killed = SignsBeside(plate.K, plate.M, 1.0)
+    children = Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()
+    os.kill(int(children[-1]), signal.SIGKILL)
+    assert killed.answer() is None
+
+
+def damped(share: float) -> fs.Pencil:
+    """A solid with uneven damping, and at some DOF dashpots of so large a share of their stiffness at ω = 6,000 rad/s."""
+    sub = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0),
+                   supports={"left": "clamped"})
+    uneven, strong = sp.diags_array(np.linspace(1.0, 2.0, sub.size)), np.zeros(sub.size)
+    strong[::700] = share * sub.K.diagonal()[::700] / 6e3
+    return fs.Pencil(sub.M, sp.csr_array(1e-7 * (uneven @ sub.K @ uneven) + sp.diags_array(strong)), sub.K)
+
+
+@pytest.mark.parametrize("end", ["answers", "is killed"])
+@pytest.mark.parametrize("share", [0.0, 3.0])
+def test_bounds_of_damping_are_those_of_this_process(share: float, end: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether dampers are strong or not, and whatever becomes of the process."""
+    found, answers, start, answer = [], [], SignsBeside.__init__, SignsBeside.answer
+
+    def begun(self: SignsBeside, A: sp.csr_array, D: sp.csr_array, d: float) -> None:
+        start(self, A, D, d)
+        if end == "is killed":
+            self._process.kill()
+
+    monkeypatch.setattr(SignsBeside, "__init__", begun)
+    monkeypatch.setattr(SignsBeside, "answer", lambda self: (answers.append(answer(self)), answers[-1])[1])
+    for worth in (1e12, 1e5):
+        monkeypatch.setattr("femsub.algebra.beside.WORTH", worth)
+        with libraries().limit(limits=2):
+            projection = Projection(damped(share), Contour(sides=(-6e3, 6e3, 6e3)))
+        found.append((projection.least, projection.size))
+    assert found[0] == pytest.approx(found[1], rel=1e-9) and found[0][0] > 0
+    if len(os.sched_getaffinity(0)) > 1:
+        assert answers == [None if end == "is killed" else (share == 0, True)]
+
+
+def test_modes_of_a_projection_are_counted_while_their_factor_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.algebra.beside.WORTH", 1e5)
+    order, ask, factor = [], CountBeside.ask, Factor.__init__
+    monkeypatch.setattr(CountBeside, "ask", lambda self, value: (order.append("count"), ask(self, value))[1])
+    monkeypatch.setattr(Factor, "__init__", lambda self, *given: (order.append("factor"), factor(self, *given))[1])
+    with libraries().limit(limits=2):
+        Projection(damped(0.0), Contour(sides=(-6e3, 6e3, 6e3)))
+    both = len(os.sched_getaffinity(0)) > 1
+    assert order[0] == ("count" if both else "factor")

@@ -1,4 +1,4 @@
-from .beside import CountBeside as CountBeside
+from .beside import CountBeside as CountBeside, SignsBeside as SignsBeside, signs as signs
 from .cache import shared as shared
 from .constraints import Freed as Freed, freed as freed
 from .elimination import (
@@ -30,6 +30,7 @@ from .factor import (
     factors_made as factors_made,
     forget_factor as forget_factor,
     inertia as inertia,
+    is_definite as is_definite,
     negative_eigenvalues as negative_eigenvalues,
     release as release,
     shared_factor as shared_factor,

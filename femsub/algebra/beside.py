@@ -1,7 +1,7 @@
-"""An inertia count in a process of its own, on the second core, while this process goes on.
+"""An inertia count, or a test of definiteness, in a process of its own, on the second core, while this process goes on.
 
-The count needs a factorisation that nothing else uses. So it can be made while the modes whose number it proves are still sought.
-Threads would not do: PETSc is not safe in them.
+It needs a factorisation that nothing else uses. So it can be made while the modes that it proves something of are still sought.
+Threads would not do: PETSc is not safe in them. Nor would a fork: CHOLMOD solves in one, but has hung while it made a factor.
 """
 
 from __future__ import annotations
@@ -9,44 +9,45 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import gettempdir
 from threading import Thread
+from typing import TYPE_CHECKING
 
 import scipy.sparse as sp
 
 from femsub.algebra.cache import FACTOR_BYTES
-from femsub.algebra.factor import inertia
+from femsub.algebra.factor import inertia, is_definite
 from femsub.algebra.folders import MEMORY, has_room, task_folder
 from femsub.algebra.matrices import Difference
-from femsub.algebra.memory import BASE, MOST_FILL, room_of_count
+from femsub.algebra.memory import BASE, COUNTED, MOST_FILL, SPARE, room_of_count
 from femsub.algebra.process_memory import available
 from femsub.algebra.threads import cores, libraries
 from femsub.algebra.workers import environment_of_workers, load, store
 from femsub.checks import Matrix
 from femsub.errors import NotEnoughMemoryError
 
+if TYPE_CHECKING:
+    from femsub.algebra.factor import Handle
+
 FILLED, FULL = 4, 20  # nonzeros of a factor for each of K, which most have that have so many per row
 INPUT = 0  # the file descriptor of what the process that counts is told
 WORTH = 2e7  # nonzeros of the factor from which the count takes much longer than a process takes to start
 
 
-class CountBeside:
-    """The inertia of K - σM by a process that waits for σ, which `ask` tells; `answer` is None if it could not be found.
+class _Beside:
+    """A process that has two matrices, and ends with this object and with this process; see `serve`."""
 
-    The process ends with this object, and with this process.
-    """
-
-    def __init__(self, K: Matrix, M: Matrix) -> None:
-        self.value: float | None = None
+    def __init__(self, K: Matrix, M: Matrix, serve: Callable[[], None]) -> None:
         with ExitStack() as stack:
             place = MEMORY if has_room(16 * (K.nnz + M.nnz)) else Path(gettempdir())
             folder = stack.enter_context(task_folder(place))
             store(Path(folder, "pencil"), (K, M))
             with environment_of_workers():
-                script = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
+                name = serve.__name__
+                script = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import {name}; {name}()"
                 self._process = stack.enter_context(subprocess.Popen(
                     [sys.executable, "-c", script, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL, text=True))
@@ -54,6 +55,34 @@ class CountBeside:
             assert self._process.stdin is not None
             self._stdin = self._process.stdin.fileno()
             self._held = stack.pop_all()
+
+    def _ask(self, value: float) -> None:
+        with suppress(OSError):  # written at once: what is left in a buffer would be an error when the pipe is closed
+            os.write(self._stdin, f"{value.hex()}\n".encode())
+
+    def _told(self) -> str:
+        """The line that it tells, for which this waits; empty if it could not. The process ends."""
+        with self._held:
+            return self._process.stdout.readline().strip() if self._process.stdout else ""
+
+    def __del__(self) -> None:
+        if hasattr(self, "_held"):
+            self._held.close()
+
+
+def _is_free(need: float) -> bool:
+    """Whether there are a core, and so many bytes, for a process beside this one."""
+    if cores() == 1 or not Path(sys.executable or "").name.startswith("python"):
+        return False
+    return (free := available()) is not None and free >= need
+
+
+class CountBeside(_Beside):
+    """The inertia of K - σM by a process that waits for σ, which `ask` tells; `answer` is None if it could not be found."""
+
+    def __init__(self, K: Matrix, M: Matrix) -> None:
+        super().__init__(K, M, serve)
+        self.value: float | None = None
 
     @classmethod
     def started(cls, K: Matrix, M: Matrix, nonzeros: float, columns: float) -> CountBeside | None:
@@ -72,19 +101,15 @@ class CountBeside:
 
     @classmethod
     def _where_free(cls, K: Matrix, M: Matrix, need: float) -> CountBeside | None:
-        if cores() == 1 or not Path(sys.executable or "").name.startswith("python"):
-            return None
-        if (free := available()) is None or free < need:
-            return None
-        with suppress(OSError, NotEnoughMemoryError):
-            return cls(K, M)
+        if _is_free(need):
+            with suppress(OSError, NotEnoughMemoryError):
+                return cls(K, M)
         return None
 
     def ask(self, value: float) -> None:
         """Begin to count below σ = `value`."""
         self.value = value
-        with suppress(OSError):  # written at once: what is left in a buffer would be an error when the pipe is closed
-            os.write(self._stdin, f"{value.hex()}\n".encode())
+        self._ask(value)
 
     @property
     def busy(self) -> bool:
@@ -94,19 +119,53 @@ class CountBeside:
     def answer(self) -> int | None:
         """The number of negative eigenvalues of K - σM, told once. It waits for the process, which gets all cores, and ends."""
         asked, self.value = self.value is not None, None
+        if not asked:
+            self._held.close()
+            return None
         with suppress(OSError):
             os.write(self._stdin, f"{cores()}\n".encode())
-        with self._held:
-            told = self._process.stdout.readline() if asked and self._process.stdout else ""
-        return int(told) if told.strip() else None
+        return int(told) if (told := self._told()) else None
 
-    def __del__(self) -> None:
-        if hasattr(self, "_held"):
-            self._held.close()
+
+class SignsBeside(_Beside):
+    """Whether dA - D and dA + D are positive definite, by a process that begins at once. A and D are symmetric."""
+
+    def __init__(self, A: Matrix, D: Matrix, d: float) -> None:
+        super().__init__(A, D, serve_signs)
+        self._ask(d)
+
+    @classmethod
+    def started(cls, A: Difference, D: Matrix, d: float, factor: Handle, columns: float) -> SignsBeside | None:
+        """The process, if it is worth it and there is room for it and a factor like the one given of A; else None.
+
+        This process will need so many columns of n numbers meanwhile.
+        """
+        nonzeros = factor.bytes / FACTOR_BYTES
+        need = SPARE * factor.bytes + COUNTED * (A.K.nnz if sp.issparse(A.K) else 0) + BASE + 8.0 * factor.size * columns
+        if sp.issparse(A.K) and nonzeros >= WORTH and not factor.on_disk and _is_free(need):
+            with suppress(OSError, NotEnoughMemoryError):
+                return cls(A.formed(), D, d)
+        return None
+
+    def answer(self) -> tuple[bool, bool] | None:
+        """Of dA - D and dA + D, told once; None if the process could not find it. It waits for the process, which ends."""
+        told = self._told().split()
+        return (told[0] == "True", told[1] == "True") if len(told) == 2 else None
+
+
+def signs(A: Matrix, D: Matrix, d: float) -> tuple[bool, bool]:
+    """Whether dA - D and dA + D are positive definite, by Cholesky factors that are not kept."""
+    return is_definite(sp.csr_array(d * A - D)), is_definite(sp.csr_array(d * A + D))
+
+
+def serve_signs() -> None:
+    """What the process of `SignsBeside` does."""
+    A, D = load(Path(sys.argv[1], "pencil"))
+    print(*signs(A, D, float.fromhex(sys.stdin.readline() or sys.exit())), flush=True)
 
 
 def serve() -> None:
-    """What the process does: it finds the order of elimination, waits for σ, counts and tells the number.
+    """What the process of `CountBeside` does: it finds the order of elimination, waits for σ, counts and tells the number.
 
     Once it is told how many cores it may have, its BLAS takes them. It is heard while PETSc factorises.
     """

@@ -225,6 +225,14 @@ def inertia(A: Matrix | Difference, awaited: Callable[[], float] | None = None) 
     return count
 
 
+def is_definite(A: Matrix) -> bool:
+    """Whether A is positive definite, by a Cholesky factor that is not kept."""
+    with suppress(SingularMatrixError):
+        factorise(A, "definite").close()
+        return True
+    return False
+
+
 def negative_eigenvalues(A: Array) -> int:
     """How many eigenvalues of a symmetric A are negative, by the inertia of LDLᵀ (Bunch and Kaufman): no eigensolver.
 

@@ -279,6 +279,16 @@ def count_deferred(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     return replace(modes, tally=Tally(expected, counted))
 
 
+def counted_early(K: Matrix, M: Matrix, limit: float) -> CountBeside | None:
+    """A process that counts the modes with ω < limit while this one still makes its factor of K; None where it may not pay."""
+    from femsub.algebra import BLOCKS, CountBeside
+
+    beside = None if _is_counted(K, M, limit) else CountBeside.early(K, M, BLOCKS)
+    if beside is not None:
+        beside.ask(limit**2)
+    return beside
+
+
 @contextmanager
 def counted_beside(handle: ShiftInvert, limit: float) -> Iterator[None]:
     """Work beside which a process counts the modes with ω < limit, for `modes_below` with the same handle and limit.
@@ -287,13 +297,11 @@ def counted_beside(handle: ShiftInvert, limit: float) -> Iterator[None]:
     """
     from femsub.algebra import BLOCKS, CountBeside, Factor
 
-    if isinstance(handle.factor, Factor) and not any(limit**2 <= reach for reach, *_ in _counted(handle.K, handle.M)):
+    if handle.beside is None and isinstance(handle.factor, Factor) and not _is_counted(handle.K, handle.M, limit):
         handle.beside = CountBeside.started(handle.K, handle.M, handle.factor.fill * handle.factor.size, BLOCKS)
-    if handle.beside is None:
-        yield
-        return
-    handle.beside.ask(limit**2)
-    with one_thread(True):
+        if handle.beside is not None:
+            handle.beside.ask(limit**2)
+    with handle.sharing:
         yield
 
 
@@ -469,6 +477,11 @@ def modes_under(K: Matrix, M: Matrix, value: float) -> int:
 def _counted(K: Matrix, M: Matrix) -> list[tuple[float, Array, Array]]:
     """The highest ω² up to which all modes are counted and found; these modes; the distance that a new limit must keep."""
     return shared((K, M), "modes counted", list)
+
+
+def _is_counted(K: Matrix, M: Matrix, limit: float) -> bool:
+    """Whether all modes with ω < limit are counted and found."""
+    return any(limit**2 <= reach for reach, *_ in _counted(K, M))
 
 
 def _remember(K: Matrix, M: Matrix, limit: float, modes: NormalModes) -> None:

@@ -6,8 +6,8 @@ whether the number of its eigenvalues is right. All factors are real and positiv
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,12 +20,15 @@ from femsub.algebra import (
     FEW,
     Carried,
     Difference,
+    Handle,
+    SignsBeside,
     check_columns,
-    factorise,
     inertia,
+    is_definite,
     one_thread,
     orthonormal,
     shared_factor,
+    signs,
     smooth_shape,
     times,
     translations,
@@ -33,7 +36,7 @@ from femsub.algebra import (
 from femsub.checks import EPS, Array, Matrix, Tally
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.modes.block_lanczos import block_lanczos
-from femsub.modes.normal_modes import NormalModes, counted_beside, modes_below
+from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, modes_below
 from femsub.modes.quadratic.region import Contour, listed
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -45,6 +48,7 @@ LIFTS = (0.0, 0.2, 1.0, 8.0)  # of M, in units of the largest |λ|², that may m
 MORE, ROUGH, FEW_RESTARTS = 4, 1e-4, 4  # modes beyond half of the eigenvalues, tolerance of θ and restarts for a radius
 MOTION = 1e-9  # quotient relative to the largest up to which a shape is rigid motion, or nearly
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
+COLUMNS = 500  # of n numbers that are needed at most while a process looks for strong damping
 DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
 STRONG = 200  # shapes of stronger damping at most
 SAFE = 0.9  # required margin; the theorem needs 1
@@ -134,10 +138,17 @@ class Projection:
         damping, gyroscopic = _halves(pencil.D, pencil.symmetric[1])
         stiffness, circulatory = _halves(pencil.K, pencil.symmetric[2])
 
-        def bounds(handle: ShiftInvert, lift: float) -> tuple[Array, float, float]:
+        @contextmanager
+        def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[], Bounds]]:
             self.solve, self.mu = handle.factor.solve, lift - handle.sigma
             self.A = Difference(stiffness, M, -self.mu)
-            return *_strong(self.A, damping, self.solve, outer.side), _bound_of_skew(self.A, gyroscopic, self.solve)
+
+            def found() -> Bounds:
+                none = looked()
+                return *_strong(self.A, damping, self.solve, outer.side, none), _bound_of_skew(self.A, gyroscopic, self.solve)
+
+            with _none_strong(self.A, damping, outer.side, handle.factor) as looked:
+                yield found
 
         modes, lift, (strong, d, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds)
         self.free, rest = _free(modes, [damping, gyroscopic, circulatory])
@@ -385,27 +396,33 @@ def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
     return Z @ turn[still].T, np.hstack([Z @ turn[~still].T, rest])
 
 
-def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried, bounds: Callable[[ShiftInvert, float], Bounds]
+def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
+              bounds: Callable[[ShiftInvert, float], AbstractContextManager[Callable[[], Bounds]]]
               ) -> tuple[NormalModes, float, Bounds]:
     """The modes of K + lift M, positive semidefinite, all up to the reach; the lift; and `bounds` by its factor.
 
     The pencil's own K needs no lift, and its factor is there. The symmetric part of an unsymmetric K is often indefinite. The
-    modes are counted in a process of its own, where there is room for it, while this one finds the bounds.
+    modes are counted in a process of its own, where there is room for it, while this one makes its factor. What takes longest of
+    the bounds is found in another one while the modes are sought (see `_none_strong`), and the rest after them.
     """
     last: FemsubError = SingularMatrixError("K is far from definite")
     for share in LIFTS[0 if own else 1:]:
         lift = share * outer.size**2
         held = sp.csr_array(K + lift * M) if lift else K
+        limit = float(np.sqrt((REACH * outer.top) ** 2 + lift))
+        beside = counted_early(held, M, limit)
         try:
-            if lift:
-                shared_factor(held, "definite")  # or an error, before rigid motion is looked for
-            handle = ShiftInvert(held, M, carried=None if lift else carried)
-            limit = float(np.sqrt((REACH * outer.top) ** 2 + lift))
-            with counted_beside(handle, limit):
-                found = bounds(handle, lift)
-            modes = modes_below(held, M, limit, handle)
+            with one_thread(beside is not None):
+                if lift:
+                    shared_factor(held, "definite")  # or an error, before rigid motion is looked for
+                handle = ShiftInvert(held, M, carried=None if lift else carried)
+            handle.beside = beside
+            with ExitStack() as stack:
+                with counted_beside(handle, limit):
+                    found = stack.enter_context(bounds(handle, lift))
+                modes = modes_below(held, M, limit, handle)
             if len(modes.eigenvalues) == modes.counted[1]:
-                return modes, lift, found
+                return modes, lift, found()
             last = MissedModesError("an undamped mode is missing")
         except (SingularMatrixError, MissedModesError) as error:
             last = error
@@ -435,20 +452,40 @@ def about_radius(pencil: Pencil, number: int) -> float:
     return float(np.sqrt(max(values[-1] - lift, lift / 16)))
 
 
-def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: float) -> tuple[Array, float]:
-    """Shapes U (n, k) such that |xᵀDx| ≤ d xᵀAx wherever UᵀAx = 0, and d; D symmetric.
+@contextmanager
+def _none_strong(A: Difference, D: Matrix, side: float, factor: Handle) -> Iterator[Callable[[], tuple[bool, bool]]]:
+    """Whether dA - D and dA + D are positive definite for the first d that is tried, by a process beside what is done inside.
+
+    Where there is no room for one, it is found before. The process has one of the cores.
+    """
+    d = DAMPED[0] / side
+    beside = SignsBeside.started(A, D, d, factor, COLUMNS) if D.nnz else None
+    if beside is None:
+        known = signs(A.formed(), D, d) if D.nnz else (True, True)
+        yield lambda: known
+        return
+    with one_thread(True):
+        yield lambda: beside.answer() or signs(A.formed(), D, d)
+
+
+def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: float, first: tuple[bool, bool]
+            ) -> tuple[Array, float]:
+    """Shapes U (n, k) such that |xᵀDx| ≤ d xᵀAx wherever UᵀAx = 0, and d; D symmetric; `first` is what `_none_strong` found.
 
     Raises
     ------
     NotConvergedError
         More than 200 shapes are strongly damped, or some are missed.
     """
-    none, matrix = np.zeros((A.shape[0], 0)), A.formed()
+    none = np.zeros((A.shape[0], 0))
     if not D.nnz:
         return none, 0.0
     for d in (share / side for share in DAMPED):
-        both = [sp.csr_array(d * matrix - D), sp.csr_array(d * matrix + D)]
-        number = sum(0 if _is_definite(one) else inertia(one) for one in both)  # Cholesky takes half of the time of an inertia
+        definite = first if d == DAMPED[0] / side else signs(A.formed(), D, d)  # half of the time of an inertia
+        if all(definite):
+            return none, d
+        both = d * A.formed() - D, d * A.formed() + D
+        number = sum(inertia(sp.csr_array(one)) for one, known in zip(both, definite, strict=True) if not known)
         if not number:
             return none, d
         if number <= min(STRONG, A.shape[0] // 2):
@@ -458,8 +495,8 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
     from scipy.sparse.linalg import LinearOperator, eigsh
 
     start = np.random.default_rng(3).standard_normal(A.shape[0])
-    values, shapes = eigsh(D, number, M=matrix, Minv=LinearOperator(A.shape, matvec=solve, dtype=float), which="LM", tol=1e-12,
-                           v0=start)
+    values, shapes = eigsh(D, number, M=A.formed(), Minv=LinearOperator(A.shape, matvec=solve, dtype=float), which="LM",
+                           tol=1e-12, v0=start)
     if np.abs(values).min() < d * (1 - 1e-9):
         raise NotConvergedError(f"of {number} strongly damped shapes some were missed")
     return shapes, d
@@ -481,17 +518,9 @@ def _bound_of_skew(A: Difference, G: Matrix, solve: Callable[[Array], Array]) ->
     image, matrix = G @ x, A.formed()
     estimate = float(np.sqrt(la.norm(image.T @ solve(image), 2)))
     for g in (1.2 * estimate, 2 * estimate, 4 * estimate):
-        if _is_definite(sp.csr_array(sp.block_array([[g * matrix, -G], [G, g * matrix]]))):
+        if is_definite(sp.csr_array(sp.block_array([[g * matrix, -G], [G, g * matrix]]))):
             return g
     raise NotConvergedError("the gyroscopic part is not bounded by the stiffness")
-
-
-def _is_definite(A: Matrix) -> bool:
-    """Whether A is positive definite, by a Cholesky factor that is not kept."""
-    with suppress(SingularMatrixError):
-        factorise(A, "definite").close()
-        return True
-    return False
 
 
 def _pieces(number: int) -> tuple[Array, Array]:
