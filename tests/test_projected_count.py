@@ -226,3 +226,14 @@ def test_the_full_brake_is_certified() -> None:
     modes = fs.complex_modes(pencil, band=(1e3, 5e4))
     assert modes.evidence == "certified" and modes.is_stable is False
     assert factors_made() - made <= 5
+
+
+def test_the_energy_of_modes_is_computed_only_where_digits_of_k_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a K with all its digits no mode is within rounding: a product with every shape would be for nothing."""
+    asked: list[int] = []
+    monkeypatch.setattr(dense, "energy_ratio", lambda K, x: (asked.append(x.shape[1]), np.ones(x.shape[1]))[1])
+    written = fs.chain(10, damping=0.1)
+    pencil = fs.Pencil(written.M, written.D, written.K)
+    assert len(fs.complex_modes(pencil, count=4)) == 4 and not asked
+    monkeypatch.setattr(dense, "rounding", lambda K: 1e-7)
+    assert len(fs.complex_modes(pencil, count=4)) == 4 and asked == [4]
