@@ -97,11 +97,12 @@ class FrequencyResponse(Frozen):
 
     Examples
     --------
+    >>> import numpy as np
     >>> import femsub as fs
     >>> found = fs.frequency_response(fs.chain(10, belt=2), at=[0.1, 0.5, 1.0])
     >>> found
     FrequencyResponse: 1 response to 1 load at 3 frequencies, ω 0.1 to 1 rad/time, 3 solved directly, certified
-    >>> found.mobility.shape, bool((abs(found.mobility) == found.omega[:, None, None] * abs(found.receptance)).all())
+    >>> found.mobility.shape, np.allclose(abs(found.mobility), found.omega[:, None, None] * abs(found.receptance))
     ((3, 1, 1), True)
     """
 

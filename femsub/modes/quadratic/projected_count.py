@@ -458,10 +458,13 @@ def _none_strong(A: Difference, D: Matrix, side: float, factor: Handle) -> Itera
 
     Where there is no room for one, it is found before. The process has one of the cores.
     """
+    if not D.nnz:
+        yield lambda: (True, True)
+        return
     d = DAMPED[0] / side
-    beside = SignsBeside.started(A, D, d, factor, COLUMNS) if D.nnz else None
+    beside = SignsBeside.started(A, D, d, factor, COLUMNS)
     if beside is None:
-        known = signs(A.formed(), D, d) if D.nnz else (True, True)
+        known = signs(A.formed(), D, d)
         yield lambda: known
         return
     with one_thread(True):
