@@ -38,7 +38,7 @@ WORTH = 2e7  # nonzeros of the factor from which the count takes much longer tha
 
 
 class _Beside:
-    """A process that has two matrices, and ends with this object and with this process; see `serve`."""
+    """A process that runs `serve` on two matrices, and ends with this object and with this process."""
 
     def __init__(self, K: Matrix, M: Matrix, serve: Callable[[], None]) -> None:
         with ExitStack() as stack:
@@ -140,9 +140,9 @@ class SignsBeside(_Beside):
 
         This process will need so many columns of n numbers meanwhile.
         """
-        nonzeros = factor.bytes / FACTOR_BYTES
-        need = SPARE * factor.bytes + COUNTED * (A.K.nnz if sp.issparse(A.K) else 0) + BASE + 8.0 * factor.size * columns
-        if sp.issparse(A.K) and nonzeros >= WORTH and not factor.on_disk and _is_free(need):
+        if not sp.issparse(A.K) or factor.bytes < FACTOR_BYTES * WORTH or factor.on_disk:
+            return None
+        if _is_free(SPARE * factor.bytes + COUNTED * A.K.nnz + BASE + 8.0 * factor.size * columns):
             with suppress(OSError, NotEnoughMemoryError):
                 return cls(A.formed(), D, d)
         return None

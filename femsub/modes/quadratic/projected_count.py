@@ -483,8 +483,8 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
     none = np.zeros((A.shape[0], 0))
     if not D.nnz:
         return none, 0.0
-    for d in (share / side for share in DAMPED):
-        definite = first if d == DAMPED[0] / side else signs(A.formed(), D, d)  # half of the time of an inertia
+    for tried, d in enumerate(share / side for share in DAMPED):
+        definite = signs(A.formed(), D, d) if tried else first  # half of the time of an inertia
         if all(definite):
             return none, d
         both = d * A.formed() - D, d * A.formed() + D
