@@ -118,8 +118,8 @@ def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytes
     monkeypatch.setattr("femsub.algebra.forked.cores", lambda: 2)
     asked, found = [], []
     begin = Divided.__init__
-    monkeypatch.setattr(Divided, "__init__", lambda self, solve, columns, beside: (
-        asked.append(beside), begin(self, solve, columns, beside), waited(self))[1])
+    monkeypatch.setattr(Divided, "__init__", lambda self, solve, columns, beside, width: (
+        asked.append(beside), begin(self, solve, columns, beside, width), waited(self))[1])
     for width in (8, 10_000):  # wider than all columns: no fork
         monkeypatch.setattr("femsub.algebra.forked.WIDTH", width)
         sub = fs.solid(fs.block((1.0, 0.5, 0.3), (8, 5, 4), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
@@ -144,13 +144,13 @@ def test_a_fork_that_dies_within_a_block_leaves_the_constraint_modes_right(monke
     right = fs.reduce(sub, fs.CraigBampton(3)).K
     owner, begin = os.getpid(), Divided.__init__
 
-    def dying(self: Divided, solve: Callable[[slice], None], columns: int, beside: bool) -> None:
+    def dying(self: Divided, solve: Callable[[slice], None], columns: int, beside: bool, width: int | None) -> None:
         def first(part: slice) -> None:
             solve(part)
             if os.getpid() != owner:
                 os._exit(0)
 
-        begin(self, first, columns, beside)
+        begin(self, first, columns, beside, width)
         waited(self)
 
     monkeypatch.setattr(Divided, "__init__", dying)

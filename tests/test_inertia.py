@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.algebra import CountBeside, SignsBeside, beside, factors_made, libraries, petsc, signs
+from femsub.algebra import CountBeside, SignsBeside, are_definite, beside, factors_made, libraries, petsc, signs
 from femsub.algebra.factor import TreeFactor, counting, inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.ordering import good_order, leaves_first
@@ -249,6 +249,18 @@ def test_a_process_beside_tells_signs_as_this_one_does(plate: fs.Substructure) -
     A, M = sp.csr_array(plate.K + t * plate.M), plate.M
     for d, D, both in ((2.0, M, (True, True)), (0.5, M, (False, True)), (0.5, sp.csr_array(-M), (True, False))):
         assert SignsBeside(A, D, d / t).answer() == both == signs(A, D, d / t)  # xᵀAx ≥ t xᵀMx, as in rigid motion
+
+
+def test_matrices_of_one_pattern_share_their_order(plate: fs.Substructure, monkeypatch: pytest.MonkeyPatch) -> None:
+    t = float(fs.normal_modes(plate, count=12).eigenvalues[8])
+    orders, again = [], Factor.again
+    monkeypatch.setattr(Factor, "again", lambda self, A: (orders.append(again(self, A)), orders[-1])[1])
+    definite, other = sp.csr_array(plate.K + t * plate.M), sp.csr_array(plate.K + sp.eye_array(plate.size))
+    indefinite = sp.csr_array(plate.K - t * plate.M)
+    given = [definite, 2 * definite, indefinite, definite, definite, sp.csr_array(plate.M), other]
+    assert are_definite(given) == [True, True, False, True, True, True, True]
+    if petsc.has_cholmod():
+        assert orders and all(orders[:2])
 
 
 def test_a_process_that_was_killed_tells_no_sign(plate: fs.Substructure) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -11,11 +13,11 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.algebra import factors_made
+from femsub.algebra import factors_made, fork_pays
 from femsub.app.scenes.brake import Brake, BrakeScene
-from femsub.modes.quadratic import dense, sparse
+from femsub.modes.quadratic import dense, projected_pairs, sparse
 from femsub.modes.quadratic.projected_count import Count, Coupling, Projection
-from femsub.modes.quadratic.projected_pairs import right_pairs
+from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Contour
 
 DAMPING = ("parts", "dashpots", "gyroscopic", "any", "parts and gyroscopic", "none")
@@ -157,6 +159,46 @@ def test_a_counted_band_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None
         assert found.backward_error.max() < 1e-14 and (found.error_bar < 1e-11 * np.abs(found.eigenvalues)).all()
 
 
+@pytest.mark.parametrize("end", ["works", "is killed"])
+def test_a_fork_corrects_half_of_the_pairs(end: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Right and left vectors, doublets among them, are those that this process finds alone; also where the fork is killed."""
+    sub, rng = lattice(9, 8, held=True, seed=3), np.random.default_rng(5)
+    D = sub.K @ sp.diags_array(2e-3 * rng.random(sub.size))
+    N = sp.random_array((sub.size, sub.size), density=1e-3, rng=rng) * 0.05 * sub.K.diagonal().max()
+    twice = fs.Pencil(*(sp.csr_array(sp.block_diag([part, part])) for part in (sub.M, (D + D.T) * 0.5, sub.K + N - N.T)))
+    hi = float(np.sort(np.abs(dense.solve(twice.dense())[0]))[60]) * 1.001
+    contour, fork, forks, found = Contour(sides=(-hi, hi, hi)), os.fork, [], []
+
+    def forked() -> int:
+        forks.append(fork())
+        if not forks[-1] and end == "is killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return forks[-1]
+
+    monkeypatch.setattr(os, "fork", forked)
+    monkeypatch.setattr(projected_pairs, "PAIRS", 3)
+    monkeypatch.setattr("femsub.algebra.forked.cores", lambda: 2)
+    for worth in (1e12, 0.0):
+        monkeypatch.setattr("femsub.algebra.forked.WORTH", worth)
+        projection = Projection(twice, contour)
+        if not worth and not fork_pays(projection.factor, 1000):
+            pytest.skip("no CHOLMOD")
+        assert projection.on(lambda _: contour) is not None and projection.counted is not None
+        before = len(forks)
+        pairs = right_pairs(projection.counted, twice)
+        assert pairs is not None and len(forks) - before == (not worth)
+        order = np.argsort(pairs[0].imag, kind="stable")
+        values, X = pairs[0][order], pairs[1][:, order]
+        assert twice.backward_error(values, X).max() < 1e-14
+        assert left_vectors(projection.counted, twice, values, X) is not None  # each is clearly that of its eigenvalue
+        found.append((projection.gram, values))
+        with monkeypatch.context() as hasty:  # some have not converged then, and none is given
+            hasty.setattr(projected_pairs, "SWEEPS", 1)
+            assert right_pairs(projection.counted, twice) is None
+    for one, other in zip(*found, strict=True):
+        assert np.allclose(one, other, rtol=1e-8, atol=1e-10 * np.abs(one).max())
+
+
 def test_a_strong_dashpot_and_a_fast_rotor() -> None:
     """Dashpots of any strength count by their shapes; gyroscopic forces beyond the stiffness are refused."""
     sub = lattice(9, 8, held=True, seed=1)
@@ -200,13 +242,13 @@ def test_a_proved_count_and_solved_pairs_cost_nothing_more(monkeypatch: pytest.M
     projection = Projection(pencil, contour := Contour(sides=(-hi, hi, hi)))
     assert projection.on(lambda _: contour) is not None and projection.counted is not None
     columns: list[int] = []
-    solve = projection.solve
+    solve = projection.factor.solve
 
     def counting(B: np.ndarray) -> np.ndarray:
         columns.append(B.shape[1])
         return solve(B)
 
-    projection.solve = counting
+    monkeypatch.setattr(projection.factor, "solve", counting)
     far = Coupling._far
     with monkeypatch.context() as large:  # pairs far from the contour have the largest share, and more directions would lower it
         large.setattr(Coupling, "_far", lambda *given: (0.6, far(*given)[1]))

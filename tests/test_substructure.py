@@ -264,7 +264,7 @@ def test_a_reduced_model_of_ones_own_needs_a_basis_that_fits(changes: dict, word
 
 
 @pytest.mark.parametrize("kind", ["chain", "free chain", "beam", "free beam", "solid", "free solid", "quadratic solid",
-                                  "9 digits"])
+                                  "9 digits", "large free solid"])
 def test_m_and_k_in_each_others_place_are_told(kind: str) -> None:
     steel = fs.Material(2.1e11, 0.3, 7850.0)
     if kind.endswith("chain"):
@@ -272,7 +272,8 @@ def test_m_and_k_in_each_others_place_are_told(kind: str) -> None:
     elif kind.endswith("beam"):
         full = fs.beam(1.0, 10, E=2.1e11, I=1e-9, rho=7850.0, A=1e-4, supports={"left": "clamped"} if kind == "beam" else {})
     else:
-        mesh = fs.block((1.0, 0.2, 0.1), (5, 2, 2), "hexahedron20" if "quadratic" in kind else "hexahedron")
+        cells = (20, 4, 4) if "large" in kind else (5, 2, 2)  # of large ones some rows are looked at before all are
+        mesh = fs.block((1.0, 0.2, 0.1), cells, "hexahedron20" if "quadratic" in kind else "hexahedron")
         full = fs.solid(mesh, steel, supports=["left"] if kind == "solid" else [])
     K = full.K.copy()
     if "digits" in kind:

@@ -25,18 +25,24 @@ from .factor import (
     ComplexFactor as ComplexFactor,
     DenseFactor as DenseFactor,
     Handle as Handle,
+    are_definite as are_definite,
     counting as counting,
     factorise as factorise,
     factors_made as factors_made,
     forget_factor as forget_factor,
     inertia as inertia,
-    is_definite as is_definite,
     negative_eigenvalues as negative_eigenvalues,
     release as release,
     shared_factor as shared_factor,
 )
 from .folders import only_one as only_one
-from .forked import Divided as Divided, divided as divided, fork_pays as fork_pays, shared_zeros as shared_zeros
+from .forked import (
+    Divided as Divided,
+    divided as divided,
+    fork_pays as fork_pays,
+    shared_zeros as shared_zeros,
+    solved as solved,
+)
 from .frozen import Frozen as Frozen
 from .matrices import (
     Difference as Difference,

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import scipy.sparse as sp
 
 from femsub.algebra.cache import FACTOR_BYTES
-from femsub.algebra.factor import inertia, is_definite
+from femsub.algebra.factor import are_definite, inertia
 from femsub.algebra.folders import MEMORY, has_room, task_folder
 from femsub.algebra.matrices import Difference
 from femsub.algebra.memory import BASE, COUNTED, MOST_FILL, SPARE, room_of_count
@@ -155,7 +155,8 @@ class SignsBeside(_Beside):
 
 def signs(A: Matrix, D: Matrix, d: float) -> tuple[bool, bool]:
     """Whether dA - D and dA + D are positive definite, by Cholesky factors that are not kept."""
-    return is_definite(sp.csr_array(d * A - D)), is_definite(sp.csr_array(d * A + D))
+    minus, plus = are_definite(sp.csr_array(d * A + sign * D) for sign in (-1, 1))
+    return minus, plus
 
 
 def serve_signs() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any, Protocol
 
@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra.cache import FACTOR_BYTES, drop, forget, shared
-from femsub.algebra.matrices import Difference, equilibration
+from femsub.algebra.matrices import Difference, equilibration, same_pattern
 from femsub.algebra.ordering import leaves_first
 from femsub.algebra.petsc import Factor, Kind
 from femsub.checks import EPS, Array, Matrix
@@ -225,12 +225,27 @@ def inertia(A: Matrix | Difference, awaited: Callable[[], float] | None = None) 
     return count
 
 
-def is_definite(A: Matrix) -> bool:
-    """Whether A is positive definite, by a Cholesky factor that is not kept."""
-    with suppress(SingularMatrixError):
-        factorise(A, "definite").close()
-        return True
-    return False
+def are_definite(matrices: Iterable[Matrix]) -> list[bool]:
+    """Whether each is positive definite, by Cholesky factors that are not kept. One with the pattern of that before has its
+    order of elimination.
+    """
+    found: list[bool] = []
+    factor: Handle | None = None
+    before: Matrix | None = None
+    for A in matrices:
+        try:
+            if not (isinstance(factor, Factor) and before is not None and same_pattern(A, before) and factor.again(A)):
+                if factor is not None:
+                    factor.close()  # two may not fit into memory
+                factor = factorise(A, "definite")
+            found.append(True)
+        except SingularMatrixError:
+            found.append(False)
+            factor = None
+        before = A
+    if factor is not None:
+        factor.close()
+    return found
 
 
 def negative_eigenvalues(A: Array) -> int:

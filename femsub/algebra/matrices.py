@@ -141,6 +141,11 @@ def scaled(A: Matrix, rows: Array, columns: Array) -> Matrix:
     return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
 
 
+def same_pattern(A: Matrix, B: Matrix) -> bool:
+    """Whether the entries of two CSR matrices stand in the same places."""
+    return bool(np.array_equal(A.indptr, B.indptr) and np.array_equal(A.indices, B.indices))
+
+
 def unit_length(x: Array) -> Array:
     """The columns of x (n, k) divided by their lengths; zeros stay."""
     size = np.linalg.norm(x, axis=0)

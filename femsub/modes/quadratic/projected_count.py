@@ -22,14 +22,15 @@ from femsub.algebra import (
     Difference,
     Handle,
     SignsBeside,
+    are_definite,
     check_columns,
     inertia,
-    is_definite,
     one_thread,
     orthonormal,
     shared_factor,
     signs,
     smooth_shape,
+    solved,
     times,
     translations,
 )
@@ -136,16 +137,18 @@ class Projection:
             raise SingularMatrixError("M is unsymmetric")
         self.outer, M, n = outer, pencil.M, pencil.size
         damping, gyroscopic = _halves(pencil.D, pencil.symmetric[1])
-        stiffness, circulatory = _halves(pencil.K, pencil.symmetric[2])
+        known = pencil.symmetric_stiffness if pencil.K0 is pencil.K else None
+        stiffness, circulatory = _halves(pencil.K, pencil.symmetric[2], known)
 
         @contextmanager
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[], Bounds]]:
-            self.solve, self.mu = handle.factor.solve, lift - handle.sigma
+            self.factor, self.mu = handle.factor, lift - handle.sigma
+            solve = self.factor.solve
             self.A = Difference(stiffness, M, -self.mu)
 
             def found() -> Bounds:
                 none = looked()
-                return *_strong(self.A, damping, self.solve, outer.side, none), _bound_of_skew(self.A, gyroscopic, self.solve)
+                return *_strong(self.A, damping, solve, outer.side, none), _bound_of_skew(self.A, gyroscopic, solve)
 
             with _none_strong(self.A, damping, outer.side, handle.factor) as looked:
                 yield found
@@ -172,6 +175,10 @@ class Projection:
     def size(self) -> int:
         return int(self.V.shape[1])
 
+    def solve(self, B: Array) -> Array:
+        """A⁻¹B."""
+        return solved(self.factor, B)
+
     def add(self, new: Array, values: Array | None = None) -> bool:
         """Append directions, made orthonormal; whether there were any. Modes have `values`: Ax = Mx value, xᵀMx = 1."""
         m, p = self.size, len(self.parts)
@@ -193,11 +200,11 @@ class Projection:
             inside[i, m:, :m] = part.sign * inside[i, :m, m:].T
         self.inside = inside
         known = [] if values is None else [given @ ((given.T @ fresh[0]) / values[:, None])]  # A⁻¹M of modes needs no solve
-        solved = np.hstack([*known, self.solve(np.hstack(rest))]) if (rest := fresh[len(known):]) else known[0]
+        inverse = np.hstack([*known, self.solve(np.hstack(rest))]) if (rest := fresh[len(known):]) else known[0]
         gram = np.zeros((p, m + k, p, m + k))
         gram[:, :m, :, :m] = self.gram
         for i, (part, image) in enumerate(zip(self.parts, self.images, strict=True)):
-            gram[i, :, :, m:] = (image[part.rows].T @ solved[part.rows]).reshape(m + k, p, k)
+            gram[i, :, :, m:] = (image[part.rows].T @ inverse[part.rows]).reshape(m + k, p, k)
             gram[:, m:, i, :m] = gram[i, :m, :, m:].transpose(1, 2, 0)
         self.gram = gram
         return True
@@ -373,15 +380,17 @@ class Coupling:
         return found
 
 
-def _halves(A: Matrix, symmetric: bool) -> tuple[Matrix, Matrix]:
-    """The symmetric and the skew part of A; A itself where it is symmetric."""
+def _halves(A: Matrix, symmetric: bool, known: Matrix | None = None) -> tuple[Matrix, Matrix]:
+    """The symmetric part of A, which may be known, and the skew one; A itself where it is symmetric."""
     if symmetric:
         return A, sp.csr_array(A.shape)
     turned = sp.csr_array(A.T)
-    halves = sp.csr_array(A + turned), sp.csr_array(A - turned)
-    for half in halves:
-        half.data *= 0.5
-    return halves
+    skew = sp.csr_array(A - turned)
+    skew.data *= 0.5
+    if known is None:
+        known = sp.csr_array(A + turned)
+        known.data *= 0.5
+    return known, skew
 
 
 def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
@@ -521,7 +530,7 @@ def _bound_of_skew(A: Difference, G: Matrix, solve: Callable[[Array], Array]) ->
     image, matrix = G @ x, A.formed()
     estimate = float(np.sqrt(la.norm(image.T @ solve(image), 2)))
     for g in (1.2 * estimate, 2 * estimate, 4 * estimate):
-        if is_definite(sp.csr_array(sp.block_array([[g * matrix, -G], [G, g * matrix]]))):
+        if all(are_definite([sp.csr_array(sp.block_array([[g * matrix, -G], [G, g * matrix]]))])):
             return g
     raise NotConvergedError("the gyroscopic part is not bounded by the stiffness")
 

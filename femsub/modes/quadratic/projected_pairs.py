@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import times
+from femsub.algebra import divided, fork_pays, shared_zeros, times
 from femsub.checks import EPS, Array, Matrix
 from femsub.modes.quadratic.bars import CLUSTER
 from femsub.modes.quadratic.multiplicity import clusters, match
@@ -24,7 +24,10 @@ LEFT = 0.01  # relative change of a left vector, times the rate of its errors, u
 USUAL = 0.2  # the error is not relied on to fall by more in a sweep
 FALLS, SLOW = 0.6, 3  # the error falls by this factor in each sweep, but for so many
 SWEEPS = 30
+PAIRS, USUAL_SWEEPS = 16, 5  # that a process corrects together at most where a fork corrects others; how often each is at least
 MIXED = 1e-2  # largest share of another mode in a left vector
+
+Acting = tuple[int, Any, float, Array, Array]  # see `_acting`
 
 
 def right_pairs(small: Coupling, pencil: Pencil) -> tuple[Array, Array] | None:
@@ -62,6 +65,36 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
                ) -> tuple[Array, Array] | None:
     """λ (k,) and X (n, k) of unit length from the eigenpairs `at` of VᵀPV; of Pᵀ, at the conjugates, where `left`.
 
+    Those that are not near each other do not depend on each other, so a fork corrects half of them where that pays.
+    """
+    factor, acting = small.whole.factor, _acting(small, left)
+    rough = small.whole.V.astype(np.float32)  # of a change some digits are enough
+    if not fork_pays(factor, 2 * USUAL_SWEEPS * len(at)):
+        return _together(small, matrices, norms, at, left, rough, acting)
+    label = np.arange(len(at))
+    for group in clusters(small.each[at], NEAR):
+        label[group] = group[0]
+    order = np.argsort(label, kind="stable")
+    first = np.append(np.flatnonzero(np.diff(label[order], prepend=-1)), len(at))  # of each cluster
+    values = shared_zeros(2, len(at)).T.view(complex)[:, 0]
+    X = shared_zeros(2 * factor.size, len(at)).T.view(complex).T
+
+    def some(part: slice) -> None:
+        these = order[first[part.start]:first[part.stop]]
+        found = _together(small, matrices, norms, at[these], left, rough, acting)
+        values[these], X[:, these] = (np.nan, 0.0) if found is None else found
+
+    count = len(first) - 1
+    blocks = 2 * -(-count // (2 * PAIRS))  # as many for the fork as for this process
+    with divided(some, count, True, -(-count // blocks)):
+        pass
+    return (values, X) if np.isfinite(values).all() else None
+
+
+def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, left: bool, rough: Array,
+              acting: list[Acting]) -> tuple[Array, Array] | None:
+    """As `_corrected`, all at once. None where the corrections do not converge.
+
     X changes by V VᵀR - A⁻¹R outside V, R = P(λ)X, which would solve the problem if P were A there. The change inside V follows
     from (VᵀPV)⁻¹ = Σ x_j z_jᴴ / (λ_j - s): λ_k changes by z_kᴴρ and x_k by -Σ x_j z_jᴴρ / (λ_j - λ_k), j ≠ k, where ρ is VᵀR
     after the first change. Outside V, A⁻¹(A - P) is small, as the bound of the count shows. Eigenvalues near each other are
@@ -79,12 +112,10 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
     if (np.abs(values) < STILL * whole.outer.size).any() or (~real & (np.abs(values.imag) < NEAR * np.abs(values))).any():
         return None
     S, X = np.diag(values), _complex(V @ _real(x[:, at]))
-    rough = V.astype(np.float32)  # of a change some digits are enough
     label, among = np.arange(len(at)), clusters(values, NEAR)
     for group in among:
         label[group] = group[0]
     here, Xh, found = np.arange(len(at)), X, np.empty_like(X)
-    acting = _acting(small, left)
     before, least = np.full((2, len(at)), np.inf)
     slow = np.zeros(len(at), dtype=int)
     for sweep in range(SWEEPS):
@@ -110,7 +141,8 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
         if not len(here):
             break
         R /= (unit := float(np.abs(R).max()))  # within the range of single precision
-        step, rho = whole.solve(_real(R)), _complex(rough.T @ _single(R))  # the change is Vρ - step, and VᵀA times it is 0
+        # the change is Vρ - step, and VᵀA times it is 0
+        step, rho = whole.factor.solve(_real(R)), _complex(rough.T @ _single(R))
         del R
         rest = rho.copy()
         for power, rows, sign, image, inner in acting:
@@ -153,7 +185,7 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
     return (values, X / np.linalg.norm(X, axis=0)) if np.isfinite(values).all() else None
 
 
-def _acting(small: Coupling, left: bool) -> list[tuple[int, Array | slice, float, Array, Array]]:
+def _acting(small: Coupling, left: bool) -> list[Acting]:
     """Of each part of P the power of λ, its rows, a sign, these rows of B, and ±BᵀV; ±Bᵀ is Vᵀ times it, transposed if `left`."""
     whole, found = small.whole, []
     for part, image, inner in zip(whole.parts, whole.images, whole.inside, strict=True):
