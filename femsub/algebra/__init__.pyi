@@ -56,6 +56,7 @@ from .matrices import (
     scaled as scaled,
     translations as translations,
     unit_length as unit_length,
+    upper as upper,
     without_rounding as without_rounding,
 )
 from .memory import (

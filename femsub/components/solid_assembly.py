@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra import upper as upper_triangle
 from femsub.checks import Array, Matrix, finite_number, positive_number
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import jacobians, quadrature, reference, shape_functions
@@ -186,7 +188,7 @@ class Pattern:
         self.cells, self.nodes = cells, nodes
         m, k = cells.shape
         touch = sp.csr_array((np.ones(m * k, dtype=np.int8), cells.ravel(), np.arange(0, m * k + 1, k)), shape=(m, nodes))
-        upper = sp.triu(touch.T.astype(np.int8).tocsr() @ touch, format="csr")
+        upper = upper_triangle(touch.T.astype(np.int8).tocsr() @ touch)
         upper.sort_indices()
         self.rows = np.repeat(np.arange(nodes), np.diff(upper.indptr))
         self.columns = upper.indices.astype(np.int64)
@@ -207,7 +209,8 @@ class Pattern:
         add = sp.csc_array((np.ones(len(at)), at - low, np.arange(len(at) + 1)), shape=(high - low, len(at)))
         return keep, slice(low, high), add
 
-    def _both(self) -> tuple[Array, Array, Array, Array]:
+    @cached_property
+    def both(self) -> tuple[Array, Array, Array, Array]:
         """CSR structure of both triangles; for each block its index in the upper triangle, and whether it is mirrored."""
         off = np.flatnonzero(self.rows != self.columns)
         rows, columns = np.concatenate([self.rows, self.columns[off]]), np.concatenate([self.columns, self.rows[off]])
@@ -219,7 +222,7 @@ class Pattern:
 
     def spread(self, blocks: Array) -> Matrix:
         """CSR (3n, 3n) from the upper blocks (size, 9)."""
-        indptr, columns, source, mirrored = self._both()
+        indptr, columns, source, mirrored = self.both
         blocks = blocks.reshape(-1, 3, 3)
         own = np.flatnonzero(self.rows == self.columns)
         blocks[own] = (blocks[own] + blocks[own].transpose(0, 2, 1)) / 2  # rounding differs across the diagonal
@@ -229,9 +232,9 @@ class Pattern:
 
     def scalar(self, values: Array, skew: bool = False) -> Matrix:
         """CSR (n, n) from one number (size,) for each upper block; `skew`: those below the diagonal have the opposite sign."""
-        indptr, columns, source, mirrored = self._both()
+        indptr, columns, source, mirrored = self.both
         data = np.where(mirrored, -values[source], values[source]) if skew else values[source]
-        return sp.csr_array((data, columns, indptr), shape=(self.nodes,) * 2)
+        return sp.csr_array((data, columns.copy(), indptr.copy()), shape=(self.nodes,) * 2)  # each may be changed in place
 
     def spread_diagonal(self, values: Array, skew: bool = False) -> Matrix:
         """CSR (3n, 3n): the entries of `scalar`, times the unit matrix each."""

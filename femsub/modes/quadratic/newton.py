@@ -80,7 +80,7 @@ def _is_poor(pencil: Pencil, values: Array, X: Array, Y: Array, bar: Array) -> A
 def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Array, Array, Array]
             ) -> tuple[complex, Array, Array] | None:
     """The eigenpair near (λ, x, y), columns of unit length; None if the residual does not fall to rounding."""
-    real, apart = value.imag == 0, APART if len(others[0]) else 0
+    real, apart, before = value.imag == 0, APART if len(others[0]) else 0, np.inf
     for turn in range(STEPS):
         if turn < apart:
             x, y = _without(pencil, x, y, others)
@@ -99,8 +99,10 @@ def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Ar
         value = value - (step.real if real else step)
         if not np.isfinite(value):
             return None
-        if turn >= apart and abs(step) <= 4 * EPS * abs(value):
+        noise = abs(step) <= POOR * abs(value) and abs(step) > before / 2  # of rounding: further steps do not lower it
+        if turn >= apart and (noise or abs(step) <= 4 * EPS * abs(value)):
             break
+        before = abs(step)
     residual = pencil.residual(np.array([value]), x[:, None])[:, 0]
     rounding = EPS * pencil.magnitude(np.array([value]), x[:, None])[:, 0]
     settled = np.abs(y) @ np.abs(residual) <= FLOOR * (np.abs(y) @ rounding)
