@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -12,7 +14,7 @@ from skfem.models.elasticity import linear_elasticity
 
 import femsub as fs
 from femsub.components import solid_assembly, solid_elements
-from femsub.components.mesh import boundary_faces
+from femsub.components.mesh import boundary_faces, distinct_sides
 from femsub.components.patches import solid_average
 from femsub.components.solid_assembly import stiffness_and_mass
 from femsub.errors import InputError, InputTypeError
@@ -110,6 +112,17 @@ def test_a_patch_sees_the_average_over_its_area(kind: str) -> None:
     assert average @ x**2 == pytest.approx(expected, rel=1e-12)
     cells, _ = boundary_faces(mesh)
     assert len(cells) == 2 * (15 + 10 + 6) * (2 if kind.startswith("tet") else 1)
+
+
+@pytest.mark.parametrize("spread", [1, 1000])  # from 55,000 nodes on, four of them do not fit into one number of 64 bits
+def test_faces_and_edges_are_listed_once_and_in_order(spread: int) -> None:
+    block = fs.block((2.0, 1.0, 0.5), (5, 3, 2), "hexahedron")
+    mesh = SimpleNamespace(cells=block.cells * spread, points=np.zeros((len(block.points) * spread, 3)))
+    for sides in (solid_elements.reference("hexahedron").faces, solid_elements.reference("hexahedron").edges):
+        given = np.sort(mesh.cells[:, np.array(sides)].reshape(-1, len(sides[0])), axis=1)
+        corners, number, times = distinct_sides(mesh, np.array(sides))
+        assert np.array_equal(corners, np.unique(given, axis=0)) and times.sum() == len(given)
+        assert np.array_equal(corners[number.ravel()], given) and np.array_equal(np.bincount(number.ravel()), times)
 
 
 @pytest.mark.parametrize("kind", ELEMENTS)

@@ -164,8 +164,15 @@ def distinct_sides(mesh: Mesh, sides: Array) -> tuple[Array, Array, Array]:
     times : ndarray, shape (f,)
     """
     rows = np.sort(mesh.cells[:, sides].reshape(-1, sides.shape[1]), axis=1)
-    corners, number, times = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
-    return corners, number.reshape(len(mesh.cells), -1), times
+    # a number for each row, in their order: np.unique of rows takes seven times as long
+    key, span = rows[:, 0].astype(np.int64), len(mesh.points)
+    for column in rows.T[1:]:
+        if span * len(mesh.points) > np.iinfo(np.int64).max:
+            different, key = np.unique(key, return_inverse=True)
+            span = len(different)
+        key, span = key * len(mesh.points) + column, span * len(mesh.points)
+    _, first, number, times = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+    return rows[first], number.reshape(len(mesh.cells), -1), times
 
 
 def boundary_faces(mesh: Mesh) -> tuple[Array, Array]:
