@@ -110,7 +110,7 @@ def _notes(axis: Any, cases: dict[tuple[str, int, int], dict[str, Row]], methods
 
 
 def table(rows: Sequence[Row]) -> str:
-    """For each case and method that was run seconds, times as long as femsub with their spread, GB, the largest error, and missed modes."""
+    """For each case and method: seconds, times as long as femsub with their spread, GB, the largest error, and missed modes."""
     lines = [["component", "DOF", "modes", "method", "seconds", "times femsub's", "GB", "error of ω", "missed"], ["---"] * 9]
     for (name, dof, modes), found in by_case(rows).items():
         for at, (method, row) in enumerate(found.items()):
