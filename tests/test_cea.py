@@ -16,7 +16,7 @@ from benchmarks.lattices import lattice
 from femsub.algebra.petsc import has_cholmod
 from femsub.checks import Tally
 from femsub.modes import match
-from femsub.modes.quadratic import cost, dense
+from femsub.modes.quadratic import cost, dense, newton
 from femsub.modes.quadratic.complex_modes import with_bars
 from femsub.modes.quadratic.region import Region
 from femsub.modes.quadratic.search import Found
@@ -542,6 +542,20 @@ def test_newton_steps_merge_no_two_eigenvalues() -> None:
     for part in (one, alone):  # each λ of one chain is listed once
         mine = [value for value in found.eigenvalues if abs(root_near(part, value) - value) <= 1e-8 * abs(value)]
         assert len(mine) == len(fs.complex_modes(part, band=(0.0, 0.2))) == len(found) / 2
+
+
+def test_newton_steps_end_where_only_rounding_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """K of a beam of 400 elements changes λ by some 1e-8 from rounding to rounding, so that no step is ever as small as EPS."""
+    sub = fs.beam(1.0, 400, E=2.1e11, I=1e-9, rho=7850.0, A=1e-4, supports={"left": "clamped"})
+    modes, made, factor = fs.complex_modes(sub, count=4), [], newton.ComplexFactor
+    monkeypatch.setattr(newton, "ComplexFactor", lambda A: (made.append(1), factor(A))[1])
+    for k in range(2):
+        made.clear()
+        value = modes.eigenvalues[k] * (1 + 1e-5)
+        X = modes.shapes[:, [k]] * (1 + 1e-6 * np.random.default_rng(k).standard_normal((sub.size, 1)))
+        near, _, _, done, _ = newton.mended(sub.pencil, np.array([value]), X, np.zeros_like(X))
+        assert done[0] and 2 <= len(made) <= 5
+        assert abs(near[0] - modes.eigenvalues[k]) <= 1e-6 * abs(value)
 
 
 # dense models in a band: LAPACK, where PEP would not be much faster ------------------------------------------------------

@@ -99,14 +99,18 @@ def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Ar
         value = value - (step.real if real else step)
         if not np.isfinite(value):
             return None
-        noise = abs(step) <= POOR * abs(value) and abs(step) > before / 2  # of rounding: further steps do not lower it
-        if turn >= apart and (noise or abs(step) <= 4 * EPS * abs(value)):
+        least = abs(step) > before / 2 and _is_settled(pencil, value, x, y)  # only rounding is left: no step will be smaller
+        if turn >= apart and (least or abs(step) <= 4 * EPS * abs(value)):
             break
         before = abs(step)
+    return (value, x, y) if _is_settled(pencil, value, x, y) else None
+
+
+def _is_settled(pencil: Pencil, value: complex, x: Array, y: Array) -> bool:
+    """Whether yᴴP(λ)x is rounding."""
     residual = pencil.residual(np.array([value]), x[:, None])[:, 0]
     rounding = EPS * pencil.magnitude(np.array([value]), x[:, None])[:, 0]
-    settled = np.abs(y) @ np.abs(residual) <= FLOOR * (np.abs(y) @ rounding)
-    return (value, x, y) if settled else None
+    return bool(np.abs(y) @ np.abs(residual) <= FLOOR * (np.abs(y) @ rounding))
 
 
 def _solver(pencil: Pencil, value: complex) -> ComplexFactor | None:
