@@ -63,7 +63,7 @@ def same(A: Matrix, B: Matrix) -> bool:
     """Whether two arrays, or two sparse matrices in canonical form, have equal entries in equal places."""
     if A is B or not (sp.issparse(A) and sp.issparse(B)):
         return A is B or (sp.issparse(A) == sp.issparse(B) and np.array_equal(A, B))
-    return A.nnz == B.nnz and all(np.array_equal(getattr(A, key), getattr(B, key)) for key in ("indptr", "indices", "data"))
+    return same_pattern(A, B) and bool(np.array_equal(A.data, B.data))
 
 
 def is_symmetric(matrix: Matrix) -> bool:
