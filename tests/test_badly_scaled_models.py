@@ -52,6 +52,19 @@ def test_dof_that_are_alike_are_left_as_they_are() -> None:
     assert size.max() <= 4 * size.min()
 
 
+@pytest.mark.parametrize("coupling", [0.5, 50.0])
+def test_friction_leaves_the_units_to_the_stiffness_unless_it_is_far_larger(coupling: float) -> None:
+    """The units come from the diagonal of K; rows in which far more stands beside it, from all of the matrices."""
+    size = 2.0 ** np.array([0, 12, -9, 3])
+    K = np.eye(4) + coupling * np.diag(np.ones(3), 1)
+    alone = fs.Pencil(np.diag(size**2), None, np.diag(size) @ np.eye(4) @ np.diag(size))
+    pencil = fs.Pencil(np.diag(size**2), None, np.diag(size) @ K @ np.diag(size))
+    assert np.array_equal(alone.units[0], 1 / size)
+    assert np.array_equal(pencil.units[0], 1 / size) is (coupling < 1)
+    assert np.array_equal(*pencil.units)
+
+
+
 def test_rows_of_unlike_size_in_an_unsymmetric_pencil() -> None:
     """Equations in other units than the DOF: rows and columns are scaled apart, where M is unsymmetric anyway."""
     rng = np.random.default_rng(4)

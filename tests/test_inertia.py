@@ -19,6 +19,7 @@ from femsub.algebra.factor import TreeFactor, counting, inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.ordering import good_order, leaves_first
 from femsub.algebra.petsc import Factor
+from femsub.modes.dense import orthonormalise
 from femsub.modes.quadratic.projected_count import Projection
 from femsub.modes.quadratic.region import Contour
 
@@ -212,9 +213,15 @@ def test_the_process_starts_before_the_factor_where_it_is_sure_to_be_worth_it(mo
 
 
 def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked, ask, made = [], CountBeside.ask, []
+    asked, ask, made, order = [], CountBeside.ask, [], []
+    answer = CountBeside.answer
     monkeypatch.setattr("femsub.algebra.beside.WORTH", 1e5)
     monkeypatch.setattr(CountBeside, "ask", lambda self, value: (asked.append(value), ask(self, value)))
+    # slower than all else here, as the count of a large part is
+    monkeypatch.setattr(CountBeside, "busy", property(lambda self: self.value is not None))
+    monkeypatch.setattr(CountBeside, "answer", lambda self: (order.append("count"), answer(self))[1])
+    monkeypatch.setattr("femsub.modes.normal_modes.orthonormalise",
+                        lambda *given: (order.append("residuals"), orthonormalise(*given))[1])
     for threads in (1, 2):
         sub = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
         made.append(-factors_made())
@@ -223,6 +230,7 @@ def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) ->
         made[-1] += factors_made()
     assert len(asked) == made[0] - made[1] == int(len(os.sched_getaffinity(0)) > 1)
     assert all(highest < value for value in asked)
+    assert order == ["residuals", "residuals", "count"][:2 + len(asked)]
 
 
 def test_the_modes_of_a_projection_are_counted_beside_its_bounds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -221,8 +221,8 @@ def test_the_sum_over_eigenpairs_is_the_inverse() -> None:
     s = 0.3 + 0.8j
     inverse = (small.x * (small.nu / (1 - (s - small.shift) * small.nu))) @ small.z.conj().T
     P = np.eye(projection.size) + sum(
-        complex(part.weight(np.array([s]))[0]) * (projection.V.T @ image)
-        for part, image in zip(projection.parts, projection.images, strict=True))
+        complex(part.weight(np.array([s]))[0]) * (projection.V.T @ projection.image(i, np.eye(projection.size)))
+        for i, part in enumerate(projection.parts))
     assert la.norm(inverse @ P - np.eye(projection.size)) < 1e-8
 
 
@@ -230,9 +230,27 @@ def test_the_sum_over_eigenpairs_is_the_inverse() -> None:
 def test_modes_need_no_solve_for_their_inertia(seed: int) -> None:
     """A⁻¹Mφ = φ / (ω² + μ), so the products of these images are known; solves give the same."""
     projection = Projection(random_pencil(seed), Contour(1.0))
-    image = projection.images[0]
+    image = projection.image(0, np.eye(projection.size))
     exact = image.T @ projection.solve(image)
     assert projection.size and la.norm(projection.gram[0, :, 0] - exact) < 1e-9 * la.norm(exact)
+
+
+@pytest.mark.parametrize("seed", [7, 3, 10])
+def test_images_that_grow_are_those_of_all_columns(seed: int) -> None:
+    """A contact acts on few rows, of which alone its images are kept."""
+    projection, rng = Projection(random_pencil(seed), Contour(1.0)), np.random.default_rng(seed)
+    n, m = projection.V.shape
+    assert projection.add(rng.standard_normal((n, 3))) and projection.size == m + 3
+    x = rng.standard_normal((m + 3, 2)) + 1j * rng.standard_normal((m + 3, 2))
+    few, exact = 0, []
+    for i, part in enumerate(projection.parts):
+        few += not isinstance(part.rows, slice)
+        exact.append(part.matrix @ projection.V)
+        assert la.norm(projection.image(i, x) - exact[i] @ x) <= 1e-12 * la.norm(exact[i] @ x)
+        assert la.norm(projection.inside[i] - projection.V.T @ exact[i]) <= 1e-12 * la.norm(exact[i])
+    gram = np.einsum("ain,bnj->aibj", np.array([one.T for one in exact]), np.array([projection.solve(one) for one in exact]))
+    assert la.norm(projection.gram - gram.reshape(projection.gram.shape)) <= 1e-9 * la.norm(gram)
+    assert few or seed != 10
 
 
 def test_a_proved_count_and_solved_pairs_cost_nothing_more(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
+from femsub.algebra import halves
 
 M, K = np.diag([1.0, 2.0, 3.0]), np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
 
@@ -96,6 +97,26 @@ def test_flutter_is_not_averaged_away_beside_a_stiff_dof(stiff: float, sparse: b
         given = [sp.csr_array(part) if sparse else part for part in matrices]
         with pytest.raises(fs.InputError, match=rf"{name} is not symmetric.*{name}\[0, 1\] = 200.*difference of .* Pencil"):
             fs.Substructure(*given)
+
+
+@pytest.mark.parametrize("kind", ["everywhere", "one triangle", "skew", "dense"])
+def test_halves_add_up_and_store_no_zeros(kind: str, rng: np.random.Generator) -> None:
+    A = sp.csr_array(sp.random_array((40, 40), density=0.1, rng=rng) + sp.eye_array(40))
+    A = {"everywhere": A + 0.5 * A.T, "one triangle": sp.triu(A), "skew": A - A.T, "dense": A.toarray()}[kind]
+    A = A if kind == "dense" else sp.csr_array(A)
+    even, odd = halves(A)
+    for found, exact in ((even, (A + A.T) / 2), (odd, (A - A.T) / 2)):
+        assert sp.issparse(found) == sp.issparse(A) and abs(found - exact).max() == 0
+        assert not sp.issparse(found) or (found.nnz == np.count_nonzero(exact.toarray()) and found.has_canonical_format)
+
+
+def test_indices_are_short_where_they_may_be() -> None:
+    """A sum of matrices has long ones, twice the memory of each matrix that is made from it."""
+    K = fs.chain(20).K
+    long = sp.csr_array((K.data, K.indices.astype(np.int64), K.indptr.astype(np.int64)), shape=K.shape)
+    pencil = fs.Pencil(sp.eye_array(20), None, long)
+    assert long.indices.dtype == np.int64 and pencil.K.indices.dtype == pencil.K.indptr.dtype == np.int32
+    assert abs(pencil.K - K).max() == 0
 
 
 def test_flutter_in_a_file(tmp_path: Path) -> None:

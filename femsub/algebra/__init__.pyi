@@ -49,6 +49,7 @@ from .matrices import (
     as_matrix as as_matrix,
     block_diagonal as block_diagonal,
     equilibration as equilibration,
+    halves as halves,
     is_identity as is_identity,
     is_symmetric as is_symmetric,
     norm as norm,
@@ -58,6 +59,7 @@ from .matrices import (
     unit_length as unit_length,
     upper as upper,
     without_rounding as without_rounding,
+    without_signs as without_signs,
 )
 from .memory import (
     BLOCKS as BLOCKS,

@@ -20,6 +20,7 @@ from femsub.algebra import (
     changed,
     equilibration,
     freed,
+    halves,
     is_symmetric,
     norm,
     scaled,
@@ -28,9 +29,11 @@ from femsub.algebra import (
     unit_length,
     units as energy_units,
     without_rounding,
+    without_signs,
 )
 from femsub.checks import Array, Matrix
 
+EVEN = 4.0  # largest entry of an unsymmetric K where its diagonal has been scaled to about 1, and tells the units
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
 
 
@@ -115,8 +118,12 @@ class Pencil(Frozen):
         """The symmetric part of K without contacts; K itself where that is symmetric and no contact adds to it."""
         if is_symmetric(self.K0) if self.K0 is not self.K else self.symmetric[2]:
             return self.K0
-        mean = (self.K0 + self.K0.T) * 0.5
-        return sp.csr_array(mean) if self.is_sparse else mean
+        return self.halves[0]
+
+    @cached_property
+    def halves(self) -> tuple[Matrix, Matrix]:
+        """The symmetric and the skew part of K without contacts."""
+        return halves(self.K0)
 
     @cached_property
     def freed(self) -> Freed | None:
@@ -190,13 +197,14 @@ class Pencil(Frozen):
     def units(self) -> tuple[Array, Array]:
         """Scales r and c, (n,) each, powers of two, such that the DOF of diag(r) P(λ) diag(c) are of similar size.
 
-        They follow from the stiffness of each DOF. If a DOF has none, they come from `equilibration` of |K| + ω|D| + ω²|M|
-        with a typical ω. r = c unless M is unsymmetric.
+        They follow from the stiffness of each DOF. If a DOF has none, or far less than couples it to others where K is
+        unsymmetric, they come from `equilibration` of |K| + ω|D| + ω²|M| with a typical ω. r = c unless M is unsymmetric.
         """
         stiffness = np.abs(self.K.diagonal())
-        if self.symmetric[0] and self.symmetric[2] and stiffness.all():
+        if self.symmetric[0] and stiffness.all():
             r = c = 2.0 ** np.rint(-np.log2(stiffness) / 2)
-            return r, c
+            if self.symmetric[2] or without_signs(scaled(self.K, r, c)).max() <= EVEN:
+                return r, c
         mass = np.abs(self.M.diagonal())
         both = (mass > 0) & (stiffness > 0)
         omega = float(np.sqrt(np.median(stiffness[both] / mass[both]))) if both.any() else 1.0
@@ -246,7 +254,8 @@ class Pencil(Frozen):
     def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
         """(|λ|²|M| + |λ||D| + |K|)|x| entry by entry: EPS times this is the rounding in P(λ)x."""
         lam, size = np.abs(eigenvalues), np.abs(shapes)
-        return times(abs(self.M), size) * lam**2 + times(abs(self.D), size) * lam + times(abs(self.K), size)
+        mass, damping, stiffness = (times(without_signs(part), size) for part in (self.M, self.D, self.K))
+        return mass * lam**2 + damping * lam + stiffness
 
     def backward_error(self, eigenvalues: Array, shapes: Array, residual: Array | None = None) -> Array:
         """Backward errors η_j = ‖P(λ_j)x_j‖ / ((|λ_j|²‖M‖ + |λ_j|‖D‖ + ‖K‖) ‖x_j‖), shape (k,).

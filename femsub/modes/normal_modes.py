@@ -29,6 +29,7 @@ from femsub.algebra import (
     search_columns,
     shared,
     times,
+    without_signs,
 )
 from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
 from femsub.errors import (
@@ -235,14 +236,18 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
             order = np.argsort(values, kind="stable")
             values, shapes = values[order], shapes[:, order]
         limit, below = _limit(values, min(count, len(values)), handle.beside)
+        uncounted = (float(np.sqrt(limit)), below + rigid), Tally(below + rigid)
         if heavy and defer:
-            return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), below + rigid),
-                           Tally(below + rigid))
+            return _result(handle, values[:count], shapes[:, :count], *uncounted)
+        checked = None
+        if handle.is_counting:  # by another process: the residuals can be found meanwhile, and else wait for it in turn
+            with handle.sharing:
+                checked = _result(handle, values[:count], shapes[:, :count], *uncounted)
         counted = _count(handle, limit)
         missed = counted - below - rigid
         if missed == 0:
-            found = _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted),
-                            Tally(below + rigid, counted))
+            found = checked or _result(handle, values[:count], shapes[:, :count], *uncounted)
+            found = replace(found, tally=Tally(below + rigid, counted))
             _remember(handle.K, handle.M, limit, found)
             return found
         if missed < 0 or attempt == 3:
@@ -500,7 +505,7 @@ def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Arr
 def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: float = EPS) -> tuple[Array, Array]:
     """The relative residuals and `NormalModes.rounding`, (k,) each; some modes at a time, since each takes six columns."""
     residual, scale, weight = np.zeros((3, shapes.shape[1]))
-    sizes = tuple(_without_signs(A) for A in (K, M))
+    sizes = tuple(without_signs(A) for A in (K, M))
     for start in range(0, shapes.shape[1], COLUMNS):
         part = slice(start, start + COLUMNS)
         x, value = np.ascontiguousarray(shapes[:, part]), values[part]  # as products of sparse matrices have it
@@ -511,13 +516,6 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
         weight[part] = unit * np.einsum("ij,ij->j", size, doubt)
     return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
-
-
-def _without_signs(A: Matrix) -> Matrix:
-    """|A| entry by entry: A itself, or a sparse matrix that shares its pattern. A large one is not copied as a whole."""
-    if not sp.issparse(A) or A.format != "csr":
-        return abs(A)
-    return A if A.data.min(initial=0.0) >= 0 else sp.csr_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
 
 
 def _limit(values: Array, count: int, beside: CountBeside | None = None) -> tuple[float, int]:

@@ -99,7 +99,12 @@ class ShiftInvert:
     @property
     def sharing(self) -> AbstractContextManager[None]:
         """Work with one core, if a process counts the modes of this part now: with both, the two would wait for each other."""
-        return one_thread(self.beside is not None and self.beside.busy)
+        return one_thread(self.is_counting)
+
+    @property
+    def is_counting(self) -> bool:
+        """Whether a process counts modes beside this one now."""
+        return self.beside is not None and self.beside.busy
 
     def _found(self) -> tuple[float, Array, float, float, str]:
         self.rigid, self.lowest, self.unit, self.note = np.zeros((self.K.shape[0], 0)), np.inf, EPS, ""

@@ -66,7 +66,7 @@ def _turning(pencil: Pencil) -> Split | None:
 def _proportional_but_for_columns(pencil: Pencil) -> Split | None:
     M, D, K0 = pencil.M, pencil.D, pencil.symmetric_stiffness
     rng = np.random.default_rng(11)
-    circulatory = [] if K0 is pencil.K0 else [sp.csr_array((pencil.K0 - pencil.K0.T) * 0.5)]
+    circulatory = [] if K0 is pencil.K0 else [pencil.halves[1]]
     if any(_rank_of_some_rows(part[np.unique(part.nonzero()[0])], rng) > RANK for part in circulatory):
         return None  # before the damping is looked at, which takes longer
     own = np.sqrt(np.abs(D.diagonal()))

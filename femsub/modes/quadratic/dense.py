@@ -209,7 +209,7 @@ def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tupl
 
 def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
     """Which shapes (n, k) have an elastic energy within the rounding of K's entries, where these show more than eps; and that."""
-    K = pencil.symmetric_stiffness
+    K = pencil.K0  # its skew part takes no part in the energy
     unit = rounding(K)
     if unit <= EPS:  # none, and no product with K, which takes a second of 83,000 DOF
         return np.zeros(X.shape[1], dtype=bool), unit

@@ -24,6 +24,7 @@ from femsub.algebra import (
     SignsBeside,
     are_definite,
     check_columns,
+    halves,
     inertia,
     one_thread,
     orthonormal,
@@ -108,6 +109,11 @@ class Part:
         found = np.flatnonzero(np.diff(self.matrix.indptr))
         return found if len(found) < FEW_ROWS * self.matrix.shape[0] else slice(None)
 
+    @cached_property
+    def acting(self) -> Matrix:
+        """These rows of the matrix."""
+        return self.matrix if isinstance(self.rows, slice) else self.matrix[self.rows]
+
 
 class Projection:
     """P(s) = s²M + sD + K on a basis V (n, m), VᵀAV = I with A = (K + Kᵀ)/2 + μM, and a bound of what V leaves out.
@@ -136,9 +142,10 @@ class Projection:
         if not pencil.symmetric[0]:
             raise SingularMatrixError("M is unsymmetric")
         self.outer, M, n = outer, pencil.M, pencil.size
-        damping, gyroscopic = _halves(pencil.D, pencil.symmetric[1])
-        known = pencil.symmetric_stiffness if pencil.K0 is pencil.K else None
-        stiffness, circulatory = _halves(pencil.K, pencil.symmetric[2], known)
+        none = sp.csr_array(M.shape)
+        damping, gyroscopic = (pencil.D, none) if pencil.symmetric[1] else halves(pencil.D)
+        stiffness, circulatory = (pencil.K, none) if pencil.symmetric[2] else (
+            pencil.halves if pencil.K0 is pencil.K else halves(pencil.K))
 
         @contextmanager
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[], Bounds]]:
@@ -162,7 +169,7 @@ class Projection:
                  Part(gyroscopic, np.array, -1.0, linear=True), Part(circulatory, np.ones_like, -1.0))
         self.parts = [part for part in given if part.matrix is M or part.matrix.nnz]
         self.V, self.energy = np.zeros((n, 0)), np.zeros((0, 0))  # VᵀAV: the unit matrix but for rounding
-        self.images = [self.V] * len(self.parts)
+        self.images: list[list[Array]] = [[] for _ in self.parts]  # of V, in the parts' rows, in blocks of columns
         self.inside = np.zeros((len(self.parts), 0, 0))  # Vᵀ times the images
         self.gram = np.zeros((len(self.parts), 0, len(self.parts), 0))  # of A⁻¹ times the images
         self.counted: Coupling | None = None  # the last one, if the count was proved
@@ -190,32 +197,53 @@ class Projection:
             return False
         beside = self.V.T @ Anew
         self.energy = np.block([[self.energy, beside], [beside.T, new.T @ Anew]])
-        self.V = np.hstack([self.V, new])
-        fresh = [times(part.matrix, new) for part in self.parts]
-        self.images = [np.hstack(pair) for pair in zip(self.images, fresh, strict=True)]
+        self.V = np.hstack([self.V, new]) if m else new
+        fresh = [times(part.acting, new) for part in self.parts]
         inside = np.zeros((p, m + k, m + k))
         inside[:, :m, :m] = self.inside
-        for i, (part, image) in enumerate(zip(self.parts, fresh, strict=True)):
-            inside[i, :, m:] = self.V[part.rows].T @ image[part.rows]
+        for i, (part, image, blocks) in enumerate(zip(self.parts, fresh, self.images, strict=True)):
+            inside[i, :, m:] = self.V[part.rows].T @ image
             inside[i, m:, :m] = part.sign * inside[i, :m, m:].T
+            blocks.append(image)
         self.inside = inside
         known = [] if values is None else [given @ ((given.T @ fresh[0]) / values[:, None])]  # A⁻¹M of modes needs no solve
-        inverse = np.hstack([*known, self.solve(np.hstack(rest))]) if (rest := fresh[len(known):]) else known[0]
+        inverse = known + self._inverses(range(len(known), p), fresh)
         gram = np.zeros((p, m + k, p, m + k))
         gram[:, :m, :, :m] = self.gram
-        for i, (part, image) in enumerate(zip(self.parts, self.images, strict=True)):
-            gram[i, :, :, m:] = (image[part.rows].T @ inverse[part.rows]).reshape(m + k, p, k)
+        for i, (part, blocks) in enumerate(zip(self.parts, self.images, strict=True)):
+            for j, solution in enumerate(inverse):
+                acting = solution[part.rows]
+                gram[i, :, j, m:] = np.vstack([block.T @ acting for block in blocks])
             gram[:, m:, i, :m] = gram[i, :m, :, m:].transpose(1, 2, 0)
         self.gram = gram
         return True
 
+    def _inverses(self, which: range, images: list[Array]) -> list[Array]:
+        """A⁻¹ times these images, solved for together."""
+        if not which:
+            return []
+        k = images[0].shape[1]
+        B = np.zeros((len(self.V), k * len(which)))
+        for at, i in enumerate(which):
+            B[self.parts[i].rows, at * k:(at + 1) * k] = images[i]
+        return np.split(self.solve(B), len(which), axis=1)
+
+    def image(self, i: int, x: Array) -> Array:
+        """A part times Vx, (n, k)."""
+        found = np.zeros((len(self.V), x.shape[1]), dtype=x.dtype)
+        ends = np.cumsum([block.shape[1] for block in self.images[i]])
+        for block, own in zip(self.images[i], np.split(x, ends[:-1]), strict=True):
+            found[self.parts[i].rows] += block @ own
+        return found
+
     def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
         """A⁻¹P(s)Vx, or of Pᴴ, up to what lies in V: real and imaginary parts, shape (n, 2k)."""
-        total = np.zeros((len(self.V), x.shape[1]), dtype=complex)
-        for part, image in zip(self.parts, self.images, strict=True):
+        total = np.zeros((len(self.V), 2 * x.shape[1]))
+        for i, part in enumerate(self.parts):
             weight = part.weight(s)
-            total += image @ (x * (part.sign * weight.conj() if adjoint else weight))
-        return self.solve(np.hstack([total.real, total.imag]))
+            weighted = x * (part.sign * weight.conj() if adjoint else weight)
+            total += self.image(i, np.hstack([weighted.real, weighted.imag]))
+        return self.solve(total)
 
     def on(self, choose: Callable[[Array], Contour]) -> Count | None:
         """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without."""
@@ -321,7 +349,7 @@ class Coupling:
         if far + worst < SAFE:
             return far + worst, []
         both = 1 + any(part.sign < 0 for part in self.whole.parts)
-        new = [self.whole.solve(self.whole.images[i] @ x) for i, x in wide[:both]] if far > SAFE / 2 else []
+        new = [self.whole.solve(self.whole.image(i, x)) for i, x in wide[:both]] if far > SAFE / 2 else []
         order = np.argsort(-most)[:int(np.count_nonzero(most > 0.2 * SAFE / max(1, len(at))))]
         order = order[self.nu[at[order]].imag <= 0][:WIDER]  # of a pair one is enough
         if len(order):
@@ -378,19 +406,6 @@ class Coupling:
                 share = share * (np.sqrt(np.maximum(square, 0.0)) + far * change)
             found[rows] = np.where(np.isfinite(share), share, np.inf)
         return found
-
-
-def _halves(A: Matrix, symmetric: bool, known: Matrix | None = None) -> tuple[Matrix, Matrix]:
-    """The symmetric part of A, which may be known, and the skew one; A itself where it is symmetric."""
-    if symmetric:
-        return A, sp.csr_array(A.shape)
-    turned = sp.csr_array(A.T)
-    skew = sp.csr_array(A - turned)
-    skew.data *= 0.5
-    if known is None:
-        known = sp.csr_array(A + turned)
-        known.data *= 0.5
-    return known, skew
 
 
 def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:

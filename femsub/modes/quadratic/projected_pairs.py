@@ -144,9 +144,10 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
         # the change is Vρ - step, and VᵀA times it is 0
         step, rho = whole.factor.solve(_real(R)), _complex(rough.T @ _single(R))
         del R
+        short = step.astype(np.float32)
         rest = rho.copy()
         for power, rows, sign, image, inner in acting:
-            share = changed = _complex(inner @ _real(rho) - sign * (image.T @ step[rows].astype(np.float32)))
+            share = changed = _complex(inner @ _real(rho) - sign * (image.T @ short[rows]))
             for _ in range(power):
                 share = _times(share, T, groups)
             rest += share - mu * changed if power == 2 else share
@@ -188,10 +189,12 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
 def _acting(small: Coupling, left: bool) -> list[Acting]:
     """Of each part of P the power of λ, its rows, a sign, these rows of B, and ±BᵀV; ±Bᵀ is Vᵀ times it, transposed if `left`."""
     whole, found = small.whole, []
-    for part, image, inner in zip(whole.parts, whole.images, whole.inside, strict=True):
-        sign = 1.0 if left else part.sign  # image is the part times V
+    for part, blocks, inner in zip(whole.parts, whole.images, whole.inside, strict=True):
+        sign = 1.0 if left else part.sign  # the image is the part times V
         power = 2 if part is whole.parts[0] else int(part.linear)
-        found.append((power, part.rows, sign, image[part.rows].astype(np.float32), sign * inner.T))
+        image = np.empty((len(blocks[0]), whole.size), dtype=np.float32)
+        np.concatenate(blocks, axis=1, out=image, casting="same_kind")
+        found.append((power, part.rows, sign, image, sign * inner.T))
     return found
 
 
