@@ -251,6 +251,14 @@ def test_images_that_grow_are_those_of_all_columns(seed: int) -> None:
     gram = np.einsum("ain,bnj->aibj", np.array([one.T for one in exact]), np.array([projection.solve(one) for one in exact]))
     assert la.norm(projection.gram - gram.reshape(projection.gram.shape)) <= 1e-9 * la.norm(gram)
     assert few or seed != 10
+    s = np.array([0.3 + 0.8j, -0.1 + 0.5j])
+    for adjoint in (False, True):  # Pᴴ of a real pencil is Pᵀ at the conjugates
+        pencil, at = random_pencil(seed), s.conj() if adjoint else s
+        image = np.column_stack([(P.T if adjoint else P) @ (projection.V @ x[:, k]) for k, P in enumerate(map(pencil.at, at))])
+        whole = projection.solve(image.real) + 1j * projection.solve(image.imag)
+        outside = whole - projection.V @ (projection.V.T @ image)
+        found = projection.residuals(s, x, adjoint)
+        assert la.norm(found[:, ::2] + 1j * found[:, 1::2] - outside) <= 1e-5 * la.norm(outside)
 
 
 def test_a_proved_count_and_solved_pairs_cost_nothing_more(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -275,6 +283,25 @@ def test_a_proved_count_and_solved_pairs_cost_nothing_more(monkeypatch: pytest.M
     found = right_pairs(projection.counted, pencil)
     assert found is not None and pencil.backward_error(*found).max() < 4e-15
     assert columns[0] == 2 * len(found[0]) > 2 * columns[-1] and columns == sorted(columns, reverse=True)
+
+
+def test_left_vectors_come_from_what_the_count_has_solved_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All within a per cent of LAPACK's, and most without a solve. With gyroscopic forces the signs of the weights matter."""
+    pencil = random_pencil(16)
+    every, _, exact = dense.solve(pencil.dense())
+    hi = float(np.sort(np.abs(every))[40]) * 1.01
+    projection = Projection(pencil, contour := Contour(hi))
+    assert projection.on(lambda _: contour) is not None and projection.counted is not None
+    found = right_pairs(projection.counted, pencil)
+    assert found is not None
+    columns: list[int] = []
+    solve = projection.factor.solve
+    monkeypatch.setattr(projection.factor, "solve", lambda B: (columns.append(B.shape[1]), solve(B))[1])
+    left = left_vectors(projection.counted, pencil, *found)
+    assert left is not None and sum(columns) < len(found[0])
+    exact = exact[:, [np.abs(every - value).argmin() for value in found[0]]]
+    beside = exact - left * np.einsum("ij,ij->j", left.conj(), exact)
+    assert (la.norm(beside, axis=0) < 4e-3 * la.norm(exact, axis=0)).all()
 
 
 @pytest.mark.slow

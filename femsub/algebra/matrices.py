@@ -101,8 +101,8 @@ def _some(A: Matrix, data: Array, keep: Array) -> Matrix:
     """A CSR matrix with these entries in the places of A's, those that are kept."""
     if keep.all():
         return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
-    starts = np.append(0, np.cumsum(keep, dtype=A.indptr.dtype))[A.indptr]
-    return sp.csr_array((data[keep], A.indices[keep], starts), shape=A.shape)
+    at = np.flatnonzero(keep)
+    return sp.csr_array((data[at], A.indices[at], np.searchsorted(at, A.indptr).astype(A.indptr.dtype)), shape=A.shape)
 
 
 def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:

@@ -11,6 +11,7 @@ ROUGH = 1e-13  # sums of rows that are smaller are rounding of a good assembly
 SEEN = 1e-6  # largest share of K's entries that is taken for rounding
 ALONG = 0.5  # share of the absolute sum from which forces add up, as those of a mount do; those of rounding do not
 SLACK = 4.0  # rounding of K along rotations may be larger than along translations
+MANY = 200_000  # entries of a sparse K from which some are left out at once
 SAMPLE, FEW = 2000, 10  # entries that are looked at; different ones that are needed
 TYPICAL, HALF = 0.125, 4.0  # of the last digit, since many roundings of either sign add up in a mode; half of it, relative
 DIGITS = range(5, 15)  # decimal digits of a written K; numbers with fewer may be round by themselves
@@ -30,7 +31,7 @@ def rounding_of(K: Matrix, t: Array, forces: tuple[Array, Array] | None = None) 
     ratio = np.divide(np.abs(sums), size, out=np.zeros_like(size), where=size > 0).max(axis=0, initial=0.0)
     seen = (SLACK * ratio > ROUGH) & (ratio <= SEEN)
     along, most = t[:, seen] * sums[:, seen], float(ratio[seen].max(initial=0.0))
-    written = _written(K.data if sp.issparse(K) else K.ravel())
+    written = _written(K.data[::max(1, K.nnz // MANY)] if sp.issparse(K) else K.ravel())
     if (along.sum(axis=0) > ALONG * np.abs(along).sum(axis=0)).any():
         # springs to the ground; or a regular mesh, where rounding is the same at many nodes: at most half of the last digit
         return written if most <= HALF * written else EPS

@@ -169,7 +169,9 @@ class Projection:
                  Part(gyroscopic, np.array, -1.0, linear=True), Part(circulatory, np.ones_like, -1.0))
         self.parts = [part for part in given if part.matrix is M or part.matrix.nnz]
         self.V, self.energy = np.zeros((n, 0)), np.zeros((0, 0))  # VᵀAV: the unit matrix but for rounding
-        self.images: list[list[Array]] = [[] for _ in self.parts]  # of V, in the parts' rows, in blocks of columns
+        # of V, in blocks of columns: images in the parts' rows, and A⁻¹ times them outside V in single precision, with a unit
+        self.images: list[list[Array]] = [[] for _ in self.parts]
+        self.outside: list[list[tuple[float, Array]]] = [[] for _ in self.parts]
         self.inside = np.zeros((len(self.parts), 0, 0))  # Vᵀ times the images
         self.gram = np.zeros((len(self.parts), 0, len(self.parts), 0))  # of A⁻¹ times the images
         self.counted: Coupling | None = None  # the last one, if the count was proved
@@ -189,7 +191,7 @@ class Projection:
     def add(self, new: Array, values: Array | None = None) -> bool:
         """Append directions, made orthonormal; whether there were any. Modes have `values`: Ax = Mx value, xᵀMx = 1."""
         m, p = self.size, len(self.parts)
-        check_columns("the pencil", len(new), (p + 2) * (m + 2 * new.shape[1]))
+        check_columns("the pencil", len(new), int((1.5 * p + 2) * (m + 2 * new.shape[1])))
         given = new = new - self.free @ (self.momenta.T @ new)
         new, Anew = orthonormal(np.array(new, order="C"), self.A.__matmul__, self.V)
         k = new.shape[1]
@@ -216,7 +218,20 @@ class Projection:
                 gram[i, :, j, m:] = np.vstack([block.T @ acting for block in blocks])
             gram[:, m:, i, :m] = gram[i, :m, :, m:].transpose(1, 2, 0)
         self.gram = gram
+        self._leave_outside(m, inverse)
         return True
+
+    def _leave_outside(self, m: int, inverse: list[Array]) -> None:
+        """What the new A⁻¹ images (n, k), and those of the first m columns of V, have outside V."""
+        new = self.V[:, m:].astype(np.float32)
+        for blocks, solution, inside in zip(self.outside, inverse, self.inside, strict=True):
+            at = 0
+            for unit, block in blocks:
+                block -= new @ (inside[m:, at:(at := at + block.shape[1])] / unit).astype(np.float32)
+            rest = self.V @ inside[:, m:]
+            np.subtract(solution, rest, out=rest)
+            unit = float(max(rest.max(), -rest.min())) or 1.0
+            blocks.append((unit, np.divide(rest, unit, out=np.empty(rest.shape, dtype=np.float32), casting="same_kind")))
 
     def _inverses(self, which: range, images: list[Array]) -> list[Array]:
         """A⁻¹ times these images, solved for together."""
@@ -237,13 +252,15 @@ class Projection:
         return found
 
     def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
-        """A⁻¹P(s)Vx, or of Pᴴ, up to what lies in V: real and imaginary parts, shape (n, 2k)."""
-        total = np.zeros((len(self.V), 2 * x.shape[1]))
-        for i, part in enumerate(self.parts):
+        """A⁻¹P(s)Vx outside V column by column, or of Pᴴ: real and imaginary parts by turns, (n, 2k), in single precision."""
+        total = np.zeros((len(self.V), 2 * x.shape[1]), dtype=np.float32)
+        for part, blocks in zip(self.parts, self.outside, strict=True):
             weight = part.weight(s)
-            weighted = x * (part.sign * weight.conj() if adjoint else weight)
-            total += self.image(i, np.hstack([weighted.real, weighted.imag]))
-        return self.solve(total)
+            weighted = np.ascontiguousarray(x * (part.sign * weight.conj() if adjoint else weight)).view(float)
+            at = 0
+            for unit, block in blocks:
+                total += block @ (unit * weighted[at:(at := at + block.shape[1])]).astype(np.float32)
+        return total
 
     def on(self, choose: Callable[[Array], Contour]) -> Count | None:
         """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without."""

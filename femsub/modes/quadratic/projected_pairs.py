@@ -121,31 +121,36 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     for sweep in range(SWEEPS):
         groups = [np.flatnonzero(label[here] == group[0]) for group in among]
         T = S[np.ix_(here, here)]
-        R = _times(_complex(times(M, _real(Xh))), T, groups)
-        R += _complex(times(D, _real(Xh)))
-        R = _times(R, T, groups)
-        R += _complex(times(K, _real(Xh)))
-        size = np.abs(T.diagonal())
-        error = _lengths(R) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * _lengths(Xh))
-        slow[here] += ~(error < FALLS * before[here])
-        falls = np.maximum(error / np.where(sweep, before[here], error), USUAL)
-        before[here], least[here] = error, np.minimum(least[here], error)
-        if ((slow > SLOW) & (before > ROUNDED)).any():
-            return None
-        lowest = ((slow > 1) & (before <= least)) | (slow > 2 * SLOW)  # rounding lets it rise and fall
-        stay = np.isin(label[here], label[here[~((error <= SOLVED) | (lowest & (before < ROUNDED))[here])]])
-        if not stay.all():
-            found[:, here[~stay]] = Xh[:, ~stay]
-            here, T, R, Xh, error, falls = here[stay], T[np.ix_(stay, stay)], R[:, stay], Xh[:, stay], error[stay], falls[stay]
-            groups = [np.flatnonzero(label[here] == group[0]) for group in among]
-        if not len(here):
-            break
-        R /= (unit := float(np.abs(R).max()))  # within the range of single precision
+        if sweep:
+            R = _times(_complex(times(M, _real(Xh))), T, groups)
+            R += _complex(times(D, _real(Xh)))
+            R = _times(R, T, groups)
+            R += _complex(times(K, _real(Xh)))
+            size = np.abs(T.diagonal())
+            error = _lengths(R) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * _lengths(Xh))
+            slow[here] += ~(error < FALLS * before[here])
+            falls = np.maximum(error / np.where(sweep, before[here], error), USUAL)
+            before[here], least[here] = error, np.minimum(least[here], error)
+            if ((slow > SLOW) & (before > ROUNDED)).any():
+                return None
+            lowest = ((slow > 1) & (before <= least)) | (slow > 2 * SLOW)  # rounding lets it rise and fall
+            stay = np.isin(label[here], label[here[~((error <= SOLVED) | (lowest & (before < ROUNDED))[here])]])
+            if not stay.all():
+                found[:, here[~stay]] = Xh[:, ~stay]
+                here, T, error, falls = here[stay], T[np.ix_(stay, stay)], error[stay], falls[stay]
+                R, Xh = R[:, stay], Xh[:, stay]
+                groups = [np.flatnonzero(label[here] == group[0]) for group in among]
+            if not len(here):
+                break
+            R /= (unit := float(np.abs(R).max()))  # within the range of single precision
+            step, rho = whole.factor.solve(_real(R)), _complex(rough.T @ _single(R))
+            del R
+        else:  # VᵀR is 0, and the images of V are solved for already
+            step = whole.residuals(values.conj() if left else values, x[:, at], left)
+            rho = np.zeros((V.shape[1], len(at)), dtype=complex)
+            unit, error, falls = 1.0, np.ones(len(at)), np.ones(len(at))
         # the change is Vρ - step, and VᵀA times it is 0
-        step, rho = whole.factor.solve(_real(R)), _complex(rough.T @ _single(R))
-        del R
-        short = step.astype(np.float32)
-        rest = rho.copy()
+        short, rest = step.astype(np.float32), rho.copy()
         for power, rows, sign, image, inner in acting:
             share = changed = _complex(inner @ _real(rho) - sign * (image.T @ short[rows]))
             for _ in range(power):
