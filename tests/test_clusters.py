@@ -71,6 +71,7 @@ def test_other_filters_have_the_same_edges() -> None:
     assert np.array_equal(moving(np.array([1.0, 1e-3, 1e-16j, 0.0]), bars), [True, False, False, False])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("sparse", [False, True])
 def test_every_mode_on_an_edge_is_in(sparse: bool) -> None:
     m = 16 if sparse else 7
@@ -155,6 +156,7 @@ def test_a_count_that_cuts_a_cluster(count: int) -> None:
     assert normal.counted[1] <= count + 5
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("count", [6, 18, 19, 40])
 @pytest.mark.parametrize("seed", [0, 4])
 def test_an_unsymmetric_floating_pencil_has_all_of_its_zeros(seed: int, count: int) -> None:

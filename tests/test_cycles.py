@@ -333,6 +333,7 @@ def test_two_columns_with_stable_sliding_say_so() -> None:
         fs.harmonic_balance(model, fs.Belt(speed=-0.3, law=belt.law), start=0.4)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("n", "place", "damping", "law", "speed", "harmonics"), [
     (5, 2, 0.1, fs.StribeckArctanOdd(eps=0.01), 0.3, 12), (4, 4, 0.2, fs.StribeckArctan(eps=0.01), 0.15, 20),
     (3, 2, 0.1, fs.StribeckArctan(eps=0.01), 0.3, 10), (3, 3, 0.1, fs.StribeckArctan(eps=0.005), 0.2, None),

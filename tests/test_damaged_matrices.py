@@ -265,6 +265,7 @@ def sparse_mat(path: Path, rows: Any, starts: Any) -> Path:
     return path
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("rows", "starts"), [
     ([0, 1, 0, 1, 2, 1, 10 ** 9], [0, 2, 5, 7]), ([0, 1, 0, 1, 2, 1, -5], [0, 2, 5, 7]), ([0, 1, 0, 1, 2, 1, 3], [0, 2, 5, 7]),
     ([0, 1, 0, 1, 2, 1, 2], [0, 2, 5, 10 ** 9]), ([0, 1, 0, 1, 2, 1, 2], [0, 5, 2, 7]),

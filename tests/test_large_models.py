@@ -196,6 +196,7 @@ SHAPES = {"slab": fs.block((1, 0.7, 0.05), (40, 30, 4), "hexahedron"), "cube": f
           "bulk": fs.block((1, 0.5, 0.25), (14, 7, 4)), "tetra": fs.block((1, 0.5, 0.2), (14, 8, 4), "tetra10")}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SHAPES)
 def test_nonzeros_of_the_factor_are_foretold(name: str) -> None:
     sub = fs.solid(SHAPES[name], STEEL, supports=[next(iter(SHAPES[name].sets))])

@@ -372,6 +372,7 @@ def test_rubin_and_dual_craig_bampton_beat_macneal_and_craig_bampton_at_equal_si
             assert float(rubin[what]) < float(dual[what]) < min(float(hcb[what]), float(macneal[what]))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("left_out", [4, 10])
 @pytest.mark.parametrize("name", ["chain in 2", "held truss in 2", "beam in 2", "beam in 4"])
 def test_systems_by_methods_of_one_span_have_one_spectrum(name: str, left_out: int) -> None:

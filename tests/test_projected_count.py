@@ -159,6 +159,7 @@ def test_a_counted_band_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None
         assert found.backward_error.max() < 1e-14 and (found.error_bar < 1e-11 * np.abs(found.eigenvalues)).all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("end", ["works", "is killed"])
 def test_a_fork_corrects_half_of_the_pairs(end: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Right and left vectors, doublets among them, are those that this process finds alone; also where the fork is killed."""

@@ -166,6 +166,7 @@ def verdict(model: fs.Substructure) -> tuple[int, int, bool]:
     return int(modes.rigid.sum()), fs.normal_modes(model, count=0).rigid, modes.is_stable is (True if votes else None)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", EIGHT)
 def test_damped_parts_keep_the_rigid_motion_of_the_full_one(key: str) -> None:
     """VᵀDV keeps rounding where D annuls rigid motion: Guyan's guided beam grew by 1.2e-17, beyond its bar."""

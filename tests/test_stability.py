@@ -332,6 +332,7 @@ EDGES = [("dense", 10, 2), ("dense", 10, 5), ("dense", 10, 10), ("dense", 33, 9)
          ("sparse", 400, 7), ("sparse", 3000, 3)]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kind", "n", "belt"), EDGES)
 @pytest.mark.parametrize("method", ["auto", "bracketing"])
 def test_a_border_on_an_edge_of_the_band_belongs_to_it(kind: str, n: int, belt: int, method: str) -> None:

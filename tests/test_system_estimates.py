@@ -50,6 +50,7 @@ def check(case: Case, rom: fs.System, estimate: Estimate, most: float = 10.0) ->
     return worst
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_system_meets_its_tolerance_with_few_modes(seed: int) -> None:
     case = random_system(seed)
@@ -216,6 +217,7 @@ def test_a_system_is_estimated_from_the_factors_of_its_parts() -> None:
     assert max(sizes, default=0) < 250  # dense ones of the joined model
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_refined_by_the_parts(seed: int) -> None:
     case = random_system(seed)
@@ -330,6 +332,7 @@ def test_the_models_that_are_solved_do_not_grow_with_the_number_of_parts(monkeyp
         assert len(solved) <= 20 and len(damped) <= 8
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("ports", [False, True])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_model_that_meets_the_tolerance_is_passed_over(seed: int, ports: bool, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -239,6 +239,7 @@ def test_a_mode_that_only_the_count_misses_is_fetched_before_any_is_kept() -> No
     np.testing.assert_allclose(np.append(np.sqrt(kept.values), kept.cutoff), fs.chain_frequencies(500, 9), rtol=1e-10)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("problem", "kind"), CASES, ids=NAMES)
 def test_with_one_mode_less_the_tolerance_would_not_be_met(problem: Problem, kind: type) -> None:
     rom = reduced(problem, kind, 1e-3)
