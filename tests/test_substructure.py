@@ -18,6 +18,8 @@ from femsub.algebra import halves
 
 M, K = np.diag([1.0, 2.0, 3.0]), np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
 
+COUPLED = np.array([[1.0, 0, 0], [0, 2, 2.6], [0, 2.6, 3]])  # 2.6² is more than 2 · 3
+
 
 def changed(matrix: np.ndarray, at: tuple[int, int], value: float) -> np.ndarray:
     other = matrix.copy()
@@ -29,6 +31,8 @@ def changed(matrix: np.ndarray, at: tuple[int, int], value: float) -> np.ndarray
     ({"M": changed(M, (1, 1), -2.0)}, r"negative mass: M\[1, 1\] = -2"),
     ({"M": np.zeros((3, 3))}, "no mass at all"),
     ({"M": changed(M, (0, 2), 0.5)}, r"M is not symmetric: M\[0, 2\] = 0.5, but M\[2, 0\] = 0"),
+    ({"M": COUPLED}, r"M is not positive semidefinite: M\[1, 2\] = 2\.6 is larger than sqrt\(M\[1, 1\] M\[2, 2\]\)"),
+    ({"M": sp.csr_array(COUPLED), "K": sp.csr_array(K)}, r"M is not positive semidefinite: M\[1, 2\] = 2\.6 is larger"),
     ({"K": changed(K, (0, 2), 0.5)}, "K is not symmetric.*Pencil"),
     ({"K": changed(K, (2, 1), np.nan)}, "K holds a NaN or Inf, first at row 2, column 1"),
     ({"K": sp.csr_array(changed(K, (2, 1), np.inf))}, "K holds a NaN or Inf, first at row 2, column 1"),

@@ -369,12 +369,17 @@ def _structural(H: Any, K: Matrix) -> Matrix:
 
 def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
     """Check m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too expensive here."""
-    entries, bound = sp.coo_array(M), np.sqrt(diagonal)
-    excess = np.abs(entries.data) - (1 + SYMMETRY) * bound[entries.row] * bound[entries.col]
-    if excess.max(initial=0.0) > 0:
-        where = int(excess.argmax())
-        i, j = int(entries.row[where]), int(entries.col[where])
-        raise InputError(f"M is not positive semidefinite: M[{i}, {j}] = {entries.data[where]:.6g} is larger than "
+    bound = np.sqrt(diagonal)
+    if sp.issparse(M):  # few arrays of its size: the first touch of their memory takes longer than the rest
+        size, limit = np.abs(M.data), np.repeat(bound, np.diff(M.indptr))
+        limit *= bound[M.indices]
+    else:
+        size, limit = np.abs(M), np.outer(bound, bound)
+    limit *= 1 + SYMMETRY
+    if (size > limit).any():
+        where = int((size - limit).argmax())
+        i, j = (np.searchsorted(M.indptr, where, "right") - 1, M.indices[where]) if sp.issparse(M) else divmod(where, len(bound))
+        raise InputError(f"M is not positive semidefinite: M[{i}, {j}] = {M[i, j]:.6g} is larger than "
                          f"sqrt(M[{i}, {i}] M[{j}, {j}]), so some motion would have negative kinetic energy")
 
 
