@@ -89,7 +89,7 @@ def test_the_readme_begins_with_a_picture_that_has_data() -> None:
 def test_pictures_and_pages_tell_of_other_programs_what_was_measured() -> None:
     rows = json.loads(users.DATA.read_text(encoding="utf-8"))["rows"]
     assert {row["component"] for row in rows} == set(users.COMPONENTS)
-    for name, chosen in (("users.png", rows), ("users-readme.png", users.largest(rows))):
+    for name, chosen in (("users.png", rows), ("users-readme.png", users.fullest(rows))):
         assert DATA[name]["shows"] == json.loads(json.dumps(list(lines(users.figure(chosen)))))
     for page, make in users.PAGES.items():
         assert users.between((ROOT / page).read_text(encoding="utf-8")) == make(rows)
