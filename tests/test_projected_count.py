@@ -236,10 +236,12 @@ def test_modes_need_no_solve_for_their_inertia(seed: int) -> None:
     assert projection.size and la.norm(projection.gram[0, :, 0] - exact) < 1e-9 * la.norm(exact)
 
 
-@pytest.mark.parametrize("seed", [7, 3, 10])
-def test_images_that_grow_are_those_of_all_columns(seed: int) -> None:
-    """A contact acts on few rows, of which alone its images are kept."""
-    projection, rng = Projection(random_pencil(seed), Contour(1.0)), np.random.default_rng(seed)
+@pytest.mark.parametrize(("seed", "size"), [(7, 1.0), (3, 1.0), (10, 1.0), (10, 1e-80), (10, 1e80)])
+def test_images_that_grow_are_those_of_all_columns(seed: int, size: float) -> None:
+    """A contact acts on few rows, of which alone its images are kept. Single precision has its range in any units."""
+    pencil = random_pencil(seed)
+    pencil = fs.Pencil(*(size * part for part in (pencil.M, pencil.D, pencil.K)))
+    projection, rng = Projection(pencil, Contour(1.0)), np.random.default_rng(seed)
     n, m = projection.V.shape
     assert projection.add(rng.standard_normal((n, 3))) and projection.size == m + 3
     x = rng.standard_normal((m + 3, 2)) + 1j * rng.standard_normal((m + 3, 2))
@@ -248,17 +250,18 @@ def test_images_that_grow_are_those_of_all_columns(seed: int) -> None:
         few += not isinstance(part.rows, slice)
         exact.append(part.matrix @ projection.V)
         assert la.norm(projection.image(i, x) - exact[i] @ x) <= 1e-12 * la.norm(exact[i] @ x)
-        assert la.norm(projection.inside[i] - projection.V.T @ exact[i]) <= 1e-12 * la.norm(exact[i])
+        assert la.norm(projection.inside[i] - projection.V.T @ exact[i]) <= 1e-12 * la.norm(exact[i]) * la.norm(projection.V)
     gram = np.einsum("ain,bnj->aibj", np.array([one.T for one in exact]), np.array([projection.solve(one) for one in exact]))
     assert la.norm(projection.gram - gram.reshape(projection.gram.shape)) <= 1e-9 * la.norm(gram)
     assert few or seed != 10
     s = np.array([0.3 + 0.8j, -0.1 + 0.5j])
     for adjoint in (False, True):  # Pᴴ of a real pencil is Pᵀ at the conjugates
-        pencil, at = random_pencil(seed), s.conj() if adjoint else s
+        at = s.conj() if adjoint else s
         image = np.column_stack([(P.T if adjoint else P) @ (projection.V @ x[:, k]) for k, P in enumerate(map(pencil.at, at))])
         whole = projection.solve(image.real) + 1j * projection.solve(image.imag)
         outside = whole - projection.V @ (projection.V.T @ image)
-        found = projection.residuals(s, x, adjoint)
+        found, unit = projection.residuals(s, x, adjoint)
+        found = unit * found.astype(float)
         assert la.norm(found[:, ::2] + 1j * found[:, 1::2] - outside) <= 1e-5 * la.norm(outside)
 
 

@@ -223,11 +223,12 @@ class Projection:
 
     def _leave_outside(self, m: int, inverse: list[Array]) -> None:
         """What the new A⁻¹ images (n, k), and those of the first m columns of V, have outside V."""
-        new = self.V[:, m:].astype(np.float32)
+        size = float(np.abs(self.V[:, m:]).max())  # within the range of single precision, whatever the units of the pencil
+        new = (self.V[:, m:] / size).astype(np.float32)
         for blocks, solution, inside in zip(self.outside, inverse, self.inside, strict=True):
             at = 0
             for unit, block in blocks:
-                block -= new @ (inside[m:, at:(at := at + block.shape[1])] / unit).astype(np.float32)
+                block -= new @ (inside[m:, at:(at := at + block.shape[1])] * (size / unit)).astype(np.float32)
             rest = self.V @ inside[:, m:]
             np.subtract(solution, rest, out=rest)
             unit = float(max(rest.max(), -rest.min())) or 1.0
@@ -251,16 +252,19 @@ class Projection:
             found[self.parts[i].rows] += block @ own
         return found
 
-    def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
-        """A⁻¹P(s)Vx outside V column by column, or of Pᴴ: real and imaginary parts by turns, (n, 2k), in single precision."""
-        total = np.zeros((len(self.V), 2 * x.shape[1]), dtype=np.float32)
+    def residuals(self, s: Array, x: Array, adjoint: bool = False) -> tuple[Array, float]:
+        """A⁻¹P(s)Vx outside V column by column, or of Pᴴ, by a unit: real and imaginary parts by turns, (n, 2k). And the unit."""
+        terms = []
         for part, blocks in zip(self.parts, self.outside, strict=True):
             weight = part.weight(s)
             weighted = np.ascontiguousarray(x * (part.sign * weight.conj() if adjoint else weight)).view(float)
-            at = 0
-            for unit, block in blocks:
-                total += block @ (unit * weighted[at:(at := at + block.shape[1])]).astype(np.float32)
-        return total
+            ends = np.cumsum([block.shape[1] for _, block in blocks])
+            terms += [(block, own * size) for (size, block), own in zip(blocks, np.split(weighted, ends[:-1]), strict=True)]
+        unit = max(float(np.abs(own).max(initial=0.0)) for _, own in terms) or 1.0
+        total = np.zeros((len(self.V), 2 * x.shape[1]), dtype=np.float32)
+        for block, own in terms:
+            total += block @ (own / unit).astype(np.float32)
+        return total, unit
 
     def on(self, choose: Callable[[Array], Contour]) -> Count | None:
         """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without."""
@@ -370,7 +374,8 @@ class Coupling:
         order = np.argsort(-most)[:int(np.count_nonzero(most > 0.2 * SAFE / max(1, len(at))))]
         order = order[self.nu[at[order]].imag <= 0][:WIDER]  # of a pair one is enough
         if len(order):
-            new += [self.whole.residuals(where[order], x[:, at[order]], bool(i)) for i, x in enumerate((self.x, self.z)[:both])]
+            s = where[order]
+            new += [self.whole.residuals(s, x[:, at[order]], bool(i))[0] for i, x in enumerate((self.x, self.z)[:both])]
         return far + worst, new
 
     def _far(self, at: Array, near: Array) -> tuple[float, list[tuple[int, Array]]]:

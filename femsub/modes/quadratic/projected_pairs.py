@@ -146,9 +146,9 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
             step, rho = whole.factor.solve(_real(R)), _complex(rough.T @ _single(R))
             del R
         else:  # VᵀR is 0, and the images of V are solved for already
-            step = whole.residuals(values.conj() if left else values, x[:, at], left)
+            step, unit = whole.residuals(values.conj() if left else values, x[:, at], left)
             rho = np.zeros((V.shape[1], len(at)), dtype=complex)
-            unit, error, falls = 1.0, np.ones(len(at)), np.ones(len(at))
+            error = falls = np.ones(len(at))
         # the change is Vρ - step, and VᵀA times it is 0
         short, rest = step.astype(np.float32), rho.copy()
         for power, rows, sign, image, inner in acting:
