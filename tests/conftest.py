@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.algebra import memory, petsc
+from femsub.algebra.threads import threads
 
 pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values as those in tests do
 
@@ -73,6 +74,14 @@ def _imported_before_anything_is_patched() -> None:
     """Names are lazy: a module that is first imported while a test has patched another one would keep what was patched."""
     for name in fs.__all__:
         getattr(fs, name)
+
+
+@pytest.fixture(autouse=True)
+def _blas_keeps_its_threads() -> Iterator[None]:
+    """Threads that a test leaves to BLAS would slow down all tests after it, by a tenth with two processes on two cores."""
+    before = threads()
+    yield
+    assert threads() == before, "this test has changed the number of threads of BLAS, and has not given them back"
 
 
 @pytest.fixture

@@ -37,11 +37,40 @@ assert counts()[:len(before)] == before
 with threads.one_thread(False):
     assert counts()[:len(before)] == before
 """
+OVERLAPPING = """
+from concurrent.futures import ThreadPoolExecutor
+import scipy.linalg
+from femsub.algebra import threads
+
+def counts():
+    return [one["num_threads"] for one in threads.libraries().info()]
+
+before = counts()
+assert max(before) == 2
+with ThreadPoolExecutor(1) as pool:  # its thread lives to the end
+    held = threads.one_thread(True)
+    pool.submit(held.__enter__).result()
+    with threads.one_thread(True):
+        pool.submit(held.__exit__, None, None, None).result()
+        assert set(counts()) == {1}, counts()
+    assert counts() == before, counts()
+    with threads.one_thread(True):
+        assert set(counts()) == {1}, counts()
+        held = threads.one_thread(True)
+        pool.submit(held.__enter__).result()
+    assert set(counts()) == {1}, counts()
+    pool.submit(held.__exit__, None, None, None).result()
+    assert counts() == before, counts()
+    for library, count in zip(threads.libraries().lib_controllers, before):  # not held by a thread that is done
+        library.set_num_threads(1)
+        assert library.num_threads == 1
+"""
 
 
-def test_small_dense_work_takes_one_thread_and_gives_the_others_back() -> None:
+@pytest.mark.parametrize("code", [CODE, OVERLAPPING], ids=["dense", "overlapping"])
+def test_small_dense_work_takes_one_thread_and_gives_the_others_back(code: str) -> None:
     two = {**os.environ, "OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
-    done = subprocess.run([sys.executable, "-c", CODE], env=two, capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", code], env=two, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 

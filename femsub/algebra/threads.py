@@ -51,6 +51,7 @@ def one_thread(small: bool) -> Iterator[None]:
             _Limited.before = threads()
         _Limited.depth += 1
         if controller not in (one for one, _ in _Limited.held):  # the first call, or a BLAS was loaded since
+            _let_any_thread_set(controller)
             _Limited.held.append((controller, controller.limit(limits=1)))
     try:
         yield
@@ -58,7 +59,17 @@ def one_thread(small: bool) -> Iterator[None]:
         with _Limited.lock:
             _Limited.depth -= 1
             while not _Limited.depth and _Limited.held:
-                _Limited.held.pop()[1].restore_original_limits()
+                controller, limit = _Limited.held.pop()
+                _let_any_thread_set(controller)
+                limit.restore_original_limits()
+                _let_any_thread_set(controller)
+
+
+def _let_any_thread_set(controller: ThreadpoolController) -> None:
+    """From its version 3.8 on threadpoolctl heeds one Python thread alone until that one is told to be done, or ends."""
+    for library in controller.lib_controllers:
+        if done := getattr(library, "clear_controlling_thread", None):
+            done(force=True)
 
 
 def cores() -> int:

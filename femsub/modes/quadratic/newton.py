@@ -25,6 +25,7 @@ POOR = 1e-8  # error bar relative to |λ| above which an eigenpair is mended,
 FLOOR = 30.0  # if it is so many times what rounding in P(λ)x alone would make it
 VAGUE = 0.1  # the same above which a pair that cannot be mended may be none
 STEPS = 7  # each with a factorisation
+LAST = 1e-10  # |Δλ| / |λ| of a step whose square, the next one, is rounding if the nearest eigenvalue is 1e-4 away
 NEAR = 1e-6  # |Δλ| / |λ| of two pairs that may have become one
 AROUND = 1e-2  # |Δλ| / |λ|, beside the error bar, of mended pairs whose shapes a new one must not take up,
 APART = 3  # in so many first steps: these shapes are taken out of it
@@ -99,11 +100,13 @@ def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Ar
         value = value - (step.real if real else step)
         if not np.isfinite(value):
             return None
-        least = abs(step) > before / 2 and _is_settled(pencil, value, x, y)  # only rounding is left: no step will be smaller
-        if turn >= apart and (least or abs(step) <= 4 * EPS * abs(value)):
+        settled = _is_settled(pencil, value, x, y)
+        # this step is rounding, or the next one would be, or none will be smaller
+        last = abs(step) <= 4 * EPS * abs(value) or settled and (abs(step) <= LAST * abs(value) or abs(step) > before / 2)
+        if turn >= apart and last:
             break
         before = abs(step)
-    return (value, x, y) if _is_settled(pencil, value, x, y) else None
+    return (value, x, y) if settled else None
 
 
 def _is_settled(pencil: Pencil, value: complex, x: Array, y: Array) -> bool:
