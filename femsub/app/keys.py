@@ -16,6 +16,7 @@ import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import pi
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -125,7 +126,7 @@ def key(default: Any, meaning: str, **known: Any) -> Any:
 
 def keys_of(kind: type) -> dict[str, Declared]:
     """The keys of a scene or of a table, by name: those that are required first, those that all scenes share last."""
-    hints = get_type_hints(kind)
+    hints = _types(kind)
     found: dict[str, Declared] = {}
     for item in dataclasses.fields(kind):
         known = next((told["key"] for one in kind.__mro__ if (field := getattr(one, "__dataclass_fields__", {}).get(item.name))
@@ -135,6 +136,9 @@ def keys_of(kind: type) -> dict[str, Declared]:
             found[item.name] = Declared(item.name, hints[item.name], default, known)
     general = keys_of(base) if (base := next(filter(dataclasses.is_dataclass, reversed(kind.__mro__)))) is not kind else {}
     return dict(sorted(found.items(), key=lambda pair: (not pair[1].key.required, pair[0] in general)))
+
+
+_types = cache(get_type_hints)  # it reads each annotation's text anew, of all classes before this one
 
 
 def defaults_of(kind: type, *name: str) -> dict[str, Any]:
