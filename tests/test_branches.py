@@ -80,6 +80,7 @@ def test_one_oscillator_has_a_hard_onset_with_a_fold(over_speed: Branch) -> None
     assert "fold" in repr(over_speed) and "\n" not in repr(over_speed)
 
 
+@pytest.mark.slow
 def test_a_branch_lists_no_cycle_twice(over_speed: Branch) -> None:
     top = int(np.argmax(over_speed.values))
     for at in (0, 5, top, len(over_speed.values) - 1):  # at the very value of a point, which ends one step and begins the next

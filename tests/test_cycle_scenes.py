@@ -145,6 +145,7 @@ def test_the_scene_tells_which_cycles_of_the_large_model_are_missing(tmp_path: P
     assert "no cycle at slope = -0.06: no luck here" in said and "2 of 3 cycles" in said
 
 
+@pytest.mark.slow
 def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscillator: tuple[fs.Substructure, Branch],
                                                                          monkeypatch: pytest.MonkeyPatch) -> None:
     model, guide = oscillator

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from threading import RLock
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,7 +33,7 @@ class _Limited:
     """How many calls hold BLAS to one thread now, and how many threads it had before the first."""
 
     depth, before, lock = 0, 1, RLock()
-    held: ClassVar[list[tuple[ThreadpoolController, Any]]] = []
+    held: ClassVar[list[tuple[ThreadpoolController, list[int]]]] = []
 
 
 @contextmanager
@@ -42,7 +42,7 @@ def one_thread(small: bool) -> Iterator[None]:
 
     Calls may overlap in any order: the last to end gives the threads back.
     """
-    if not small:
+    if not small or (not _Limited.depth and threads() == 1):
         yield
         return
     with _Limited.lock:
@@ -51,25 +51,27 @@ def one_thread(small: bool) -> Iterator[None]:
             _Limited.before = threads()
         _Limited.depth += 1
         if controller not in (one for one, _ in _Limited.held):  # the first call, or a BLAS was loaded since
-            _let_any_thread_set(controller)
-            _Limited.held.append((controller, controller.limit(limits=1)))
+            counts = [library.num_threads for library in controller.lib_controllers]
+            _Limited.held.append((controller, counts))
+            _set(controller, [1] * len(counts))
     try:
         yield
     finally:
         with _Limited.lock:
             _Limited.depth -= 1
             while not _Limited.depth and _Limited.held:
-                controller, limit = _Limited.held.pop()
-                _let_any_thread_set(controller)
-                limit.restore_original_limits()
-                _let_any_thread_set(controller)
+                _set(*_Limited.held.pop())
 
 
-def _let_any_thread_set(controller: ThreadpoolController) -> None:
-    """From its version 3.8 on threadpoolctl heeds one Python thread alone until that one is told to be done, or ends."""
-    for library in controller.lib_controllers:
-        if done := getattr(library, "clear_controlling_thread", None):
-            done(force=True)
+def _set(controller: ThreadpoolController, counts: list[int]) -> None:
+    """Give each BLAS its number of threads. threadpoolctl 3.8 heeds one Python thread alone until it hears that it is done."""
+    kinds = {kind for library in controller.lib_controllers if hasattr(kind := type(library), "clear_controlling_thread")}
+    for kind in kinds:
+        kind.clear_controlling_thread(force=True)
+    for library, count in zip(controller.lib_controllers, counts, strict=True):
+        library.set_num_threads(count)
+    for kind in kinds:
+        kind.clear_controlling_thread()
 
 
 def cores() -> int:

@@ -102,7 +102,7 @@ def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Ar
             return None
         settled = _is_settled(pencil, value, x, y)
         # this step is rounding, or the next one would be, or none will be smaller
-        last = abs(step) <= 4 * EPS * abs(value) or settled and (abs(step) <= LAST * abs(value) or abs(step) > before / 2)
+        last = abs(step) <= 4 * EPS * abs(value) or (settled and (abs(step) <= LAST * abs(value) or abs(step) > before / 2))
         if turn >= apart and last:
             break
         before = abs(step)
