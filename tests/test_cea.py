@@ -558,6 +558,19 @@ def test_newton_steps_end_where_only_rounding_is_left(monkeypatch: pytest.Monkey
         assert abs(near[0] - modes.eigenvalues[k]) <= 1e-6 * abs(value)
 
 
+@pytest.mark.parametrize(("last", "steps"), [(newton.LAST, 2), (0.0, 3)])
+def test_newton_makes_no_step_that_would_be_rounding(last: float, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of about 1e-6, 1e-12 and then rounding, relative to λ."""
+    pencil = braked_chain(70, (35,))
+    modes, made, factor = fs.complex_modes(pencil, count=4), [], newton.ComplexFactor
+    monkeypatch.setattr(newton, "ComplexFactor", lambda A: (made.append(1), factor(A))[1])
+    monkeypatch.setattr(newton, "LAST", last)
+    value, X = modes.eigenvalues[0] * (1 + 1e-6), modes.shapes[:, [0]]
+    near, _, _, done, _ = newton.mended(pencil, np.array([value]), X, np.zeros_like(X))
+    assert done[0] and len(made) == steps
+    assert abs(near[0] - modes.eigenvalues[0]) <= 1e-12 * abs(value)
+
+
 # dense models in a band: LAPACK, where PEP would not be much faster ------------------------------------------------------
 
 def damped_everywhere(n: int) -> fs.Pencil:

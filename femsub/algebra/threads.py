@@ -36,25 +36,33 @@ class _Limited:
     held: ClassVar[list[tuple[ThreadpoolController, list[int]]]] = []
 
 
+if hasattr(os, "register_at_fork"):  # a forked child would wait forever for a thread of its parent
+    os.register_at_fork(before=_Limited.lock.acquire, after_in_parent=_Limited.lock.release, after_in_child=_Limited.lock.release)
+
+
 @contextmanager
 def one_thread(small: bool) -> Iterator[None]:
     """Context manager: if the work is small, every loaded BLAS uses one thread inside, and as many as before afterwards.
 
-    Calls may overlap in any order: the last to end gives the threads back.
+    Calls may overlap in any order: the last to end gives the threads back. Of a BLAS built on OpenMP each Python thread has its
+    own number, and only that of the first call is set.
     """
-    if not small or (not _Limited.depth and threads() == 1):
+    with _Limited.lock:
+        held = small and (_Limited.depth > 0 or threads() > 1)
+        if held:
+            controller = libraries()
+            if not _Limited.depth:
+                _Limited.before = threads()
+            _Limited.depth += 1
+    if not held:
         yield
         return
-    with _Limited.lock:
-        controller = libraries()
-        if not _Limited.depth:
-            _Limited.before = threads()
-        _Limited.depth += 1
-        if controller not in (one for one, _ in _Limited.held):  # the first call, or a BLAS was loaded since
-            counts = [library.num_threads for library in controller.lib_controllers]
-            _Limited.held.append((controller, counts))
-            _set(controller, [1] * len(counts))
     try:
+        with _Limited.lock:
+            if controller not in (one for one, _ in _Limited.held):  # the first call, or a BLAS was loaded since
+                counts = [library.num_threads for library in controller.lib_controllers]
+                _Limited.held.append((controller, counts))
+                _set(controller, [1] * len(counts))
         yield
     finally:
         with _Limited.lock:
@@ -64,7 +72,7 @@ def one_thread(small: bool) -> Iterator[None]:
 
 
 def _set(controller: ThreadpoolController, counts: list[int]) -> None:
-    """Give each BLAS its number of threads. threadpoolctl 3.8 heeds one Python thread alone until it hears that it is done."""
+    """Give each BLAS its number of threads. threadpoolctl 3.8 lets one Python thread set them until that one gives this up."""
     kinds = {kind for library in controller.lib_controllers if hasattr(kind := type(library), "clear_controlling_thread")}
     for kind in kinds:
         kind.clear_controlling_thread(force=True)

@@ -138,7 +138,7 @@ def keys_of(kind: type) -> dict[str, Declared]:
     return dict(sorted(found.items(), key=lambda pair: (not pair[1].key.required, pair[0] in general)))
 
 
-_types = cache(get_type_hints)  # it reads each annotation's text anew, of all classes before this one
+_types = cache(get_type_hints)  # get_type_hints reads the text of each annotation anew, of all classes before this one
 
 
 def defaults_of(kind: type, *name: str) -> dict[str, Any]:
