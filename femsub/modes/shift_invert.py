@@ -57,6 +57,7 @@ COUNTED = 3000  # DOF up to which the rank of M is computed, and the rigid motio
 BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
 NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no rigid motion. Likely causes: a mount so soft "
                 f"that it is rounding beside the parts' stiffness, or {BY_MULTIPLIERS}")
+DUST = 64 * EPS  # of a shape of unit length, in the norm of M: the most that a piece moves by rounding alone
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -294,15 +295,20 @@ class ShiftInvert:
                 "as that cannot be told from rounding")
 
     def _without_dust(self, x: Array) -> Array:
-        """x with entries below rounding set to 0, if K has DOF without any stiffness (as in reduced models).
+        """x with entries and pieces that move by rounding alone set to 0, if K has DOF without stiffness (as in reduced models).
 
-        Rigid motion of such DOF causes no forces, so the rounding in the other DOF cannot be compared with cancelling forces.
+        Rigid motion of such DOF causes no forces, so the rounding in the other DOF cannot be compared with cancelling forces. A
+        piece that hardly moves is at rest as a whole: an entry set to 0 beside others would stretch it.
         """
         if self.K.diagonal().all():
             return x
         mass = self.M.diagonal()
         weighted = np.sqrt(mass)[:, None] * np.abs(x)
-        x = np.where((weighted > 0) & (weighted < 8 * EPS * np.linalg.norm(weighted, axis=0)), 0.0, x)
+        piece = sp.csgraph.connected_components(sp.csr_array(self.K), directed=False)[1]
+        most = np.zeros((piece.max() + 1, x.shape[1]))
+        np.maximum.at(most, piece, weighted)
+        length = np.linalg.norm(weighted, axis=0)
+        x = np.where((weighted > 0) & ((most[piece] < DUST * length) | (weighted < 8 * EPS * length)), 0.0, x)
         # massless DOF follow the others statically: without a force from these they are at rest
         moved = np.where(mass[:, None] > 0, x, 0.0)
         at_rest = ~(self.K @ moved)[mass == 0].any(axis=0)
