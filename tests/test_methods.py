@@ -383,7 +383,7 @@ def test_systems_by_methods_of_one_span_have_one_spectrum(name: str, left_out: i
         assert all(np.abs(other[one > 0] / one[one > 0] - 1).max() < 1e-9 for other in others)
 
 
-@pytest.mark.parametrize("seed", [6, 86, 98, 111])  # with the last three, some were refused for a chain that moved by rounding
+@pytest.mark.parametrize("seed", [6, 86, 98, 111, 330])  # some of the last four were refused: a chain moved by rounding
 def test_loose_pieces_in_the_interface_stay_rigid_to_the_last_digit(seed: int) -> None:
     """Else their rows of K are squares of roundings, and a motion that costs nothing is taken for an elastic mode."""
     rng = np.random.default_rng(seed)

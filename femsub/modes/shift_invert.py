@@ -57,7 +57,6 @@ COUNTED = 3000  # DOF up to which the rank of M is computed, and the rigid motio
 BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
 NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no rigid motion. Likely causes: a mount so soft "
                 f"that it is rounding beside the parts' stiffness, or {BY_MULTIPLIERS}")
-DUST = 64 * EPS  # of a shape of unit length, in the norm of M: the most that a piece moves by rounding alone
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -227,13 +226,22 @@ class ShiftInvert:
         It stops when the lower half of the Ritz values has converged. A mode is rigid if its energy is only rounding and its
         ω² lies well below the next. The gap is needed: the first bending mode of a long beam may be within rounding,
         too, but the second is at most 40 times higher. The wider the gap, the more rounding is believed.
+
+        Each DOF without stiffness has a rigid motion of its own (as in reduced models). It causes no forces that the rounding
+        of the others could be compared with, so the other motions are sought beside it.
         """
+        stiffness = self.K.diagonal()
+        loose = np.flatnonzero((stiffness <= ENERGY**2 * stiffness.max()) & (self.M.diagonal() > 0))
+        loose = loose[bare(self.K, loose)]
         n, block = self.K.shape[0], SEEDS
+        own = np.zeros((n, len(loose)))
+        own[loose, np.arange(len(loose))] = 1.0
+        own = orthonormal(own, self.M.__matmul__)[0]
         while True:
-            x = np.random.default_rng(3).standard_normal((n, min(block, n)))
+            x = np.random.default_rng(3).standard_normal((n, min(block, n - len(loose))))
             before = np.full(x.shape[1], np.inf)
             for _ in range(20):
-                x = orthonormal(self.factor.solve(self.M @ x), self.M.__matmul__)[0]
+                x = orthonormal(self.factor.solve(self.M @ x), self.M.__matmul__, own)[0]
                 values, rotation = np.linalg.eigh(x.T @ (self.K @ x))
                 x = x @ rotation
                 noise = 1e-14 * np.einsum("ij,ij->j", abs(x), abs(self.K) @ abs(x))
@@ -246,12 +254,12 @@ class ShiftInvert:
             cleaned = unit_length(self.factor.solve(self.M @ x))
             order = np.argsort(np.abs(values), kind="stable")
             values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
-            cleaned = self._without_dust(cleaned)
+            cleaned[loose] = 0.0
             count = self._chosen(values, cleaned)
-            if count < len(values) or block >= n:
+            if count < len(values) or block >= n - len(loose):
                 break
             block *= 2
-        self.rigid = orthonormal(cleaned[:, :count], self.M.__matmul__)[0]
+        self.rigid = orthonormal(np.hstack([own, cleaned[:, :count]]), self.M.__matmul__)[0]
         rest = values[count:]
         if (rest < -noise[count:]).any():
             share = -energy_ratio(self.K, cleaned[:, count + int(rest.argmin())][:, None])[0]
@@ -261,7 +269,7 @@ class ShiftInvert:
                 f"K has a negative eigenvalue, ω² = {rest.min():.3g}: {share:.1e} of the energy of the forces that cancel in "
                 f"this mode, {why}. Check that K belongs to a stable component, and that its file holds all digits (17)")
         self.note = self._told(values, cleaned, count)
-        if not len(rest) and count < self.finite:
+        if not len(rest) and self.elastic > 0:
             return self.lowest_elastic()
         self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
@@ -293,26 +301,6 @@ class ShiftInvert:
                 f"{cost:.0e} of that of the forces that cancel in them, within rounding{_known(self.unit)}, "
                 f"and {beyond}. Write K with all digits (17) to be sure; a support as soft "
                 "as that cannot be told from rounding")
-
-    def _without_dust(self, x: Array) -> Array:
-        """x with entries and pieces that move by rounding alone set to 0, if K has DOF without stiffness (as in reduced models).
-
-        Rigid motion of such DOF causes no forces, so the rounding in the other DOF cannot be compared with cancelling forces. A
-        piece that hardly moves is at rest as a whole: an entry set to 0 beside others would stretch it.
-        """
-        if self.K.diagonal().all():
-            return x
-        mass = self.M.diagonal()
-        weighted = np.sqrt(mass)[:, None] * np.abs(x)
-        piece = sp.csgraph.connected_components(sp.csr_array(self.K), directed=False)[1]
-        most = np.zeros((piece.max() + 1, x.shape[1]))
-        np.maximum.at(most, piece, weighted)
-        length = np.linalg.norm(weighted, axis=0)
-        x = np.where((weighted > 0) & ((most[piece] < DUST * length) | (weighted < 8 * EPS * length)), 0.0, x)
-        # massless DOF follow the others statically: without a force from these they are at rest
-        moved = np.where(mass[:, None] > 0, x, 0.0)
-        at_rest = ~(self.K @ moved)[mass == 0].any(axis=0)
-        return np.where(at_rest, moved, x)
 
     def lowest_elastic(self) -> float:
         """ω² of the first elastic mode by subspace iteration with the rigid-body modes deflated.
