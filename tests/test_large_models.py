@@ -86,7 +86,7 @@ class Counted:
         return self.M @ x
 
 
-@pytest.mark.parametrize("count, block", [(30, 10), (100, 16)])
+@pytest.mark.parametrize("count, block", [(30, 8), (100, 16)])
 def test_a_block_is_orthogonalised_in_one_pass(count: int, block: int) -> None:
     sub = membrane(60)
     factor, M = Factor(sub.K, "definite"), Counted(sub.M)

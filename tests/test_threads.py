@@ -68,6 +68,31 @@ with ThreadPoolExecutor(1) as pool:  # its thread lives to the end
         assert library.num_threads == 1
 """
 
+FACTOR = """
+import os
+import numpy as np
+import scipy.sparse as sp
+from threadpoolctl import ThreadpoolController
+from femsub.algebra import petsc, threads
+
+petsc.load()
+loops = [one.dynlib for one in ThreadpoolController().select(user_api="openmp").lib_controllers]
+levels = [one.omp_get_max_active_levels() for one in loops]
+running = len(os.listdir("/proc/self/task"))
+factor = petsc.Factor(sp.csr_array(np.ones((300, 300)) + 300 * np.eye(300)), "definite")
+factor.again(sp.csr_array(np.ones((300, 300)) + 400 * np.eye(300)))
+if all(one["threading_layer"] == "pthreads" for one in threads.libraries().info()):
+    assert len(os.listdir("/proc/self/task")) == running
+assert [one.omp_get_max_active_levels() for one in loops] == levels
+"""
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/task"), reason="threads are counted in /proc")
+def test_a_factorisation_starts_no_threads_beside_those_of_blas() -> None:
+    """CHOLMOD's OpenMP and BLAS would take the cores from each other."""
+    done = subprocess.run([sys.executable, "-c", FACTOR], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
 
 @pytest.mark.parametrize("code", [CODE, OVERLAPPING], ids=["dense", "overlapping"])
 def test_small_dense_work_takes_one_thread_and_gives_the_others_back(code: str) -> None:

@@ -33,6 +33,7 @@ from femsub.algebra.matrices import Difference, equilibrated
 from femsub.algebra.memory import BUFFERED, disk, goes_to_disk
 from femsub.algebra.ordering import good_order, slender
 from femsub.algebra.process_memory import give_back_freed_memory
+from femsub.algebra.threads import no_openmp
 from femsub.checks import EPS, Array, Matrix, installed_by
 from femsub.errors import (
     BreakdownError,
@@ -243,7 +244,8 @@ class Factor:
         pc.setFactorSetUpSolverType()
         self._factor = _until(self._held, pc.getFactorMatrix())
         if self.package != "mumps":
-            self._ksp.setUp()
+            with no_openmp():
+                self._ksp.setUp()
             return mat
         prefix = f"femsub_{self._order}_" if self._order else "femsub_" if folder else ""
         if prefix:
@@ -295,7 +297,8 @@ class Factor:
         Factor.made += 1
         mat = _matrix(A, self.kind)
         try:
-            code = numeric(ctypes.c_void_p(self._factor.handle), ctypes.c_void_p(mat.handle), (ctypes.c_double * MOST_INFO)())
+            with no_openmp():
+                code = numeric(ctypes.c_void_p(self._factor.handle), ctypes.c_void_p(mat.handle), (ctypes.c_double * MOST_INFO)())
         finally:
             mat.destroy()
         if code:

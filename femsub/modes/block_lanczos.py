@@ -1,7 +1,7 @@
 """Block Lanczos with thick restart: many right-hand sides at once where single solves are bound by memory traffic.
 
 Krylov-Schur (SLEPc) solves for one right-hand side at a time, and reads the whole factor each time. On bulky solids a
-column in a block of 10 costs a quarter of that, while 1.6 times as many columns are needed: see `scripts/bench.py`.
+column in a block of 8 costs a quarter of that, while 1.6 times as many columns are needed: see `scripts/bench.py`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from femsub.errors import NotConvergedError
 if TYPE_CHECKING:
     from femsub.algebra import Handle
 
-BLOCK = 10  # a wider block makes a column cheaper, but needs more of them
+BLOCK = 8  # a wider one makes a column cheaper, but needs more of them; BLAS takes eight at a time, and for ten longer per column
 WIDE, MANY = 16, 100  # the block for so many modes and more, where orthogonalisation gains as well
 RESTARTS = 60
 OFTEN = 16  # the Ritz values are looked at when so small a part of the basis is new
