@@ -61,7 +61,7 @@ LOST = 0.1  # relative change of ω² by rounding in K above which there is a wa
 BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn until no mode lies at it
 BEYOND_WANTED = 1e-4  # error of modes that are not listed, and only show where a limit of the count may lie
 GAP = 1e-6  # relative gap of neighbouring ω² below which they are a cluster: no inertia is counted inside it
-SURE = 3.0  # times the residual of an approximate ω², which has about its square as error, that a limit keeps from it
+SURE = 30.0  # times the square of the residual of an approximate ω², whose error is 2 to 20 of it, that a limit keeps from it
 SAME = 1e-14  # relative difference of a limit from its square root squared
 DENSE = 3000  # DOF up to which LAPACK is used if a large part of all modes is wanted
 COLUMNS = 64  # modes whose residuals are computed at a time
@@ -327,7 +327,7 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
         if handle.solves is not None:
             handle.solves.busy()
         limit = _limit(values, count)[0]
-        clear = bool((np.abs(values - limit) > SURE * error * values).all())
+        clear = bool((np.abs(values - limit) > SURE * error**2 * values).all())
         if beside is not None and beside.value is None and clear:
             beside.ask(limit)
             stack.enter_context(one_thread(True))
