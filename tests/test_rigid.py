@@ -15,6 +15,7 @@ import femsub as fs
 from benchmarks.attacks import rigid as attack
 from benchmarks.lattices import lattice
 from femsub.modes.quadratic.dense import modal_form
+from femsub.modes.shift_invert import ShiftInvert
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 STEEL = {"SI": (fs.Material(2.1e11, 0.3, 7850.0), 1.0), "mm-t-s": (fs.Material(2.1e5, 0.3, 7.85e-9), 1e3)}
@@ -265,3 +266,16 @@ def test_equal_real_eigenvalues_that_rounding_splits_are_no_pair():
     state = np.zeros((2 * n - r, 1), dtype=complex)
     state[0], state[n] = form.omega[r], pair[0]
     assert form.with_energy(pair + 1e-9, state) == pytest.approx(pair, rel=1e-13)
+
+
+@pytest.mark.parametrize("own", [0.0, 1e-40])
+def test_a_dof_that_only_rounding_holds_moves_freely_beside_a_soft_elastic_body(own: float) -> None:
+    """Its motion causes forces of rounding alone, and stays out of the search for the others."""
+    n = 201
+    K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    K[0], K[:, 0] = 0.0, 0.0
+    K[0, 0], K[0, 1], K[1, 0] = own, 1e-16, 1e-16
+    found = ShiftInvert(K, np.eye(n))
+    assert found.rigid.shape[1] == 1 and abs(found.rigid[0, 0]) == 1.0
+    modes = fs.normal_modes(fs.Substructure(np.eye(n), K, interface=[0]), count=3)
+    np.testing.assert_allclose(modes.frequencies[1:], 2 * np.sin(np.pi * np.arange(1, 4) / (2 * n)), rtol=1e-9)

@@ -74,6 +74,7 @@ import numpy as np
 import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 from femsub.algebra import petsc, threads
+from femsub.errors import SingularMatrixError
 
 petsc.load()
 loops = [one.dynlib for one in ThreadpoolController().select(user_api="openmp").lib_controllers]
@@ -81,7 +82,13 @@ levels = [one.omp_get_max_active_levels() for one in loops]
 running = len(os.listdir("/proc/self/task"))
 factor = petsc.Factor(sp.csr_array(np.ones((300, 300)) + 300 * np.eye(300)), "definite")
 factor.again(sp.csr_array(np.ones((300, 300)) + 400 * np.eye(300)))
-if all(one["threading_layer"] == "pthreads" for one in threads.libraries().info()):
+try:
+    petsc.Factor(sp.csr_array(np.ones((300, 300)) - 2 * np.eye(300)), "definite")
+except SingularMatrixError:
+    pass
+if {one["threading_layer"] for one in threads.libraries().info()} == {"pthreads"}:
+    with threads.no_openmp():
+        assert not any(one.omp_get_max_active_levels() for one in loops)
     assert len(os.listdir("/proc/self/task")) == running
 assert [one.omp_get_max_active_levels() for one in loops] == levels
 """

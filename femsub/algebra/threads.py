@@ -31,10 +31,12 @@ BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  #
 
 
 class _Limited:
-    """How many calls hold BLAS to one thread now, and how many threads it had before the first."""
+    """How many calls hold BLAS to one thread now, and how many threads it had before the first; the same of OpenMP."""
 
     depth, before, lock = 0, 1, RLock()
     held: ClassVar[list[tuple[ThreadpoolController, list[int]]]] = []
+    loops = 0
+    levels: ClassVar[list[tuple[CDLL, int]]] = []
 
 
 if hasattr(os, "register_at_fork"):  # a forked child would wait forever for a thread of its parent
@@ -85,12 +87,16 @@ def _set(controller: ThreadpoolController, counts: list[int]) -> None:
 
 @contextmanager
 def no_openmp() -> Iterator[None]:
-    """Context manager: OpenMP loops that this Python thread starts inside have one thread, where BLAS has threads of its own.
+    """Context manager: OpenMP loops inside have one thread, where BLAS has threads of its own. Calls may overlap.
 
     CHOLMOD has four, or as many as there are cores, for small loops between two calls of BLAS. Both sets of threads spin while
-    they wait, and take the cores from each other: on two cores a factorisation takes a third longer, or three times as long.
+    they wait, and take the cores from each other: on two cores a factorisation takes a sixth to a third longer.
     """
-    before = [(library, library.omp_get_max_active_levels()) for library in _openmp(_loaded())]
+    with _Limited.lock:
+        if not _Limited.loops:  # else the levels are those of a thread that is inside, where a library has one number for all
+            _Limited.levels = [(library, library.omp_get_max_active_levels()) for library in _openmp(_loaded())]
+        before = _Limited.levels
+        _Limited.loops += 1
     try:
         for library, _ in before:
             library.omp_set_max_active_levels(0)
@@ -98,12 +104,15 @@ def no_openmp() -> Iterator[None]:
     finally:
         for library, levels in before:
             library.omp_set_max_active_levels(levels)
+        with _Limited.lock:
+            _Limited.loops -= 1
 
 
 @cache
-def _openmp(_loaded: int) -> list[CDLL]:
+def _openmp(_key: int) -> list[CDLL]:
     """OpenMP's libraries; none where a BLAS is built on OpenMP, or may be."""
-    apart = all(getattr(library, "threading_layer", "") == "pthreads" for library in libraries().lib_controllers)
+    layers = {getattr(library, "threading_layer", "") for library in libraries().lib_controllers}
+    apart = layers == {"pthreads"}
     return [library.dynlib for library in ThreadpoolController().select(user_api="openmp").lib_controllers] if apart else []
 
 
@@ -123,7 +132,7 @@ def _loaded() -> int:
 
 
 @cache
-def _libraries(_loaded: int) -> ThreadpoolController:
+def _libraries(_key: int) -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 

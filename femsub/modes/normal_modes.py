@@ -61,7 +61,7 @@ LOST = 0.1  # relative change of ω² by rounding in K above which there is a wa
 BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn until no mode lies at it
 BEYOND_WANTED = 1e-4  # error of modes that are not listed, and only show where a limit of the count may lie
 GAP = 1e-6  # relative gap of neighbouring ω² below which they are a cluster: no inertia is counted inside it
-SURE = 30.0  # times the square of the residual of an approximate ω², whose error is 2 to 20 of it, that a limit keeps from it
+SURE = 3.0  # times the bound of its error that a limit keeps from an approximate ω²
 SAME = 1e-14  # relative difference of a limit from its square root squared
 DENSE = 3000  # DOF up to which LAPACK is used if a large part of all modes is wanted
 COLUMNS = 64  # modes whose residuals are computed at a time
@@ -327,8 +327,11 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
         if handle.solves is not None:
             handle.solves.busy()
         limit = _limit(values, count)[0]
-        clear = bool((np.abs(values - limit) > SURE * error**2 * values).all())
-        if beside is not None and beside.value is None and clear:
+        # a residual bounds the error; its square over the distance to modes that are not seen yet does, too, once these are apart
+        apart = max(values[-1] / values[count - 1] - 1, EPS) if count else EPS
+        near = SURE * error * np.minimum(1.0, error / apart)
+        clear = bool((np.abs(values - limit) > SURE * error * values).all())
+        if beside is not None and beside.value is None and (np.abs(values - limit) > near * values).all():
             beside.ask(limit)
             stack.enter_context(one_thread(True))
         elif beside is not None and not beside.busy:
@@ -368,8 +371,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
             which = np.flatnonzero((poor | (scaled > GOOD)) & (values > 0))
             values, shapes = refined(handle.K, handle.M, values, shapes, which)
             residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
-    if handle.carries:  # K may hold nothing of these coordinates but rounding
-        residual[:handle.rigid.shape[1]] = 0.0
+    residual[:handle.surely_rigid] = 0.0  # K may hold nothing of these coordinates but rounding
     beyond = residual / np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
     if not beyond.max(initial=0.0) <= 1:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "

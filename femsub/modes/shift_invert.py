@@ -34,6 +34,7 @@ from femsub.algebra import (
     smooth_shape,
     translations,
     unit_length,
+    without_signs,
 )
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, SingularMatrixError, warn
@@ -189,6 +190,7 @@ class ShiftInvert:
     def _float(self, search: Callable[[], float]) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
         loaded = (mass > 0) & (stiffness > 0)
+        loaded[self.loose] = False
         if not loaded.any():
             raise SingularMatrixError("no DOF has both stiffness and mass, so nothing can vibrate. Check K and M")
         ratio = stiffness[loaded] / mass[loaded]
@@ -230,21 +232,20 @@ class ShiftInvert:
         Each DOF without stiffness has a rigid motion of its own (as in reduced models). It causes no forces that the rounding
         of the others could be compared with, so the other motions are sought beside it.
         """
-        stiffness = self.K.diagonal()
-        loose = np.flatnonzero((stiffness <= ENERGY**2 * stiffness.max()) & (self.M.diagonal() > 0))
-        loose = loose[bare(self.K, loose)]
+        loose = self.loose
         n, block = self.K.shape[0], SEEDS
         own = np.zeros((n, len(loose)))
         own[loose, np.arange(len(loose))] = 1.0
         own = orthonormal(own, self.M.__matmul__)[0]
         while True:
             x = np.random.default_rng(3).standard_normal((n, min(block, n - len(loose))))
+            x -= own @ (own.T @ (self.M @ x))  # a solve would enlarge this part so much that the rest is rounding beside it
             before = np.full(x.shape[1], np.inf)
             for _ in range(20):
                 x = orthonormal(self.factor.solve(self.M @ x), self.M.__matmul__, own)[0]
                 values, rotation = np.linalg.eigh(x.T @ (self.K @ x))
                 x = x @ rotation
-                noise = 1e-14 * np.einsum("ij,ij->j", abs(x), abs(self.K) @ abs(x))
+                noise = 1e-14 * np.einsum("ij,ij->j", abs(x), without_signs(self.K) @ abs(x))
                 half = slice(0, (len(values) + 1) // 2)
                 still = np.abs(values - before[:len(values)]) <= 0.1 * np.abs(values) + noise
                 if still[half].all():
@@ -254,12 +255,12 @@ class ShiftInvert:
             cleaned = unit_length(self.factor.solve(self.M @ x))
             order = np.argsort(np.abs(values), kind="stable")
             values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
-            cleaned[loose] = 0.0
+            cleaned[loose] = 0.0  # such a DOF causes no force, and `own` spans its motion
             count = self._chosen(values, cleaned)
             if count < len(values) or block >= n - len(loose):
                 break
             block *= 2
-        self.rigid = orthonormal(np.hstack([own, cleaned[:, :count]]), self.M.__matmul__)[0]
+        self.rigid = np.hstack([own, orthonormal(cleaned[:, :count], self.M.__matmul__, own)[0]])
         rest = values[count:]
         if (rest < -noise[count:]).any():
             share = -energy_ratio(self.K, cleaned[:, count + int(rest.argmin())][:, None])[0]
@@ -335,6 +336,18 @@ class ShiftInvert:
         except SingularMatrixError:
             return rank_of_mass(M)
         return len(massive)
+
+    @cached_property
+    def loose(self) -> Array:
+        """DOF with mass to which K gives no stiffness but rounding."""
+        stiffness = self.K.diagonal()
+        few = np.flatnonzero((stiffness <= ENERGY**2 * stiffness.max(initial=0.0)) & (self.M.diagonal() > 0))
+        return few[bare(self.K, few)]
+
+    @property
+    def surely_rigid(self) -> int:
+        """How many rigid-body modes, the first ones, the model carries or single DOF make: K may hold rounding there."""
+        return self.rigid.shape[1] if self.carries else min(len(self.loose), self.rigid.shape[1])
 
     @property
     def elastic(self) -> int:
@@ -463,7 +476,7 @@ def _nothing(rounding: Array, energy: Array, unit: float) -> Array:
 
 def _forces(K: Matrix, x: Array) -> tuple[Array, Array]:
     """Kx and |K||x|."""
-    return K @ x, abs(K) @ np.abs(x)
+    return K @ x, without_signs(K) @ np.abs(x)
 
 
 def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
