@@ -34,7 +34,6 @@ from femsub.algebra import (
     smooth_shape,
     translations,
     unit_length,
-    without_signs,
 )
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, SingularMatrixError, warn
@@ -245,7 +244,7 @@ class ShiftInvert:
                 x = orthonormal(self.factor.solve(self.M @ x), self.M.__matmul__, own)[0]
                 values, rotation = np.linalg.eigh(x.T @ (self.K @ x))
                 x = x @ rotation
-                noise = 1e-14 * np.einsum("ij,ij->j", abs(x), without_signs(self.K) @ abs(x))
+                noise = 1e-14 * np.einsum("ij,ij->j", abs(x), abs(self.K) @ abs(x))
                 half = slice(0, (len(values) + 1) // 2)
                 still = np.abs(values - before[:len(values)]) <= 0.1 * np.abs(values) + noise
                 if still[half].all():
@@ -476,7 +475,7 @@ def _nothing(rounding: Array, energy: Array, unit: float) -> Array:
 
 def _forces(K: Matrix, x: Array) -> tuple[Array, Array]:
     """Kx and |K||x|."""
-    return K @ x, without_signs(K) @ np.abs(x)
+    return K @ x, abs(K) @ np.abs(x)
 
 
 def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
