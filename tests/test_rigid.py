@@ -268,13 +268,12 @@ def test_equal_real_eigenvalues_that_rounding_splits_are_no_pair():
     assert form.with_energy(pair + 1e-9, state) == pytest.approx(pair, rel=1e-13)
 
 
-@pytest.mark.parametrize("own", [0.0, 1e-40])
-def test_a_dof_that_only_rounding_holds_moves_freely_beside_a_soft_elastic_body(own: float) -> None:
+def test_a_dof_that_only_rounding_holds_moves_freely_beside_a_soft_elastic_body() -> None:
     """Its motion causes forces of rounding alone, and stays out of the search for the others."""
     n = 201
     K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     K[0], K[:, 0] = 0.0, 0.0
-    K[0, 0], K[0, 1], K[1, 0] = own, 1e-16, 1e-16
+    K[0, 1] = K[1, 0] = 1e-16
     found = ShiftInvert(K, np.eye(n))
     assert found.rigid.shape[1] == 1 and abs(found.rigid[0, 0]) == 1.0
     modes = fs.normal_modes(fs.Substructure(np.eye(n), K, interface=[0]), count=3)

@@ -189,7 +189,6 @@ class ShiftInvert:
     def _float(self, search: Callable[[], float]) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
         loaded = (mass > 0) & (stiffness > 0)
-        loaded[self.loose] = False
         if not loaded.any():
             raise SingularMatrixError("no DOF has both stiffness and mass, so nothing can vibrate. Check K and M")
         ratio = stiffness[loaded] / mass[loaded]
@@ -338,9 +337,11 @@ class ShiftInvert:
 
     @cached_property
     def loose(self) -> Array:
-        """DOF with mass to which K gives no stiffness but rounding."""
-        stiffness = self.K.diagonal()
-        few = np.flatnonzero((stiffness <= ENERGY**2 * stiffness.max(initial=0.0)) & (self.M.diagonal() > 0))
+        """DOF with mass and without stiffness, but for rounding beside the diagonal of K.
+
+        Where that is not exactly 0, a soft mount in other units cannot be told from rounding.
+        """
+        few = np.flatnonzero((self.K.diagonal() == 0) & (self.M.diagonal() > 0))
         return few[bare(self.K, few)]
 
     @property
