@@ -327,7 +327,7 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
         if handle.solves is not None:
             handle.solves.busy()
         limit = _limit(values, count)[0]
-        # a residual bounds the error; its square over the distance to modes that are not seen yet does, too, once these are apart
+        # The residual bounds the error of ω². So does its square over the distance to the modes beyond, about `apart`.
         apart = max(values[-1] / values[count - 1] - 1, EPS) if count else EPS
         near = SURE * error * np.minimum(1.0, error / apart)
         clear = bool((np.abs(values - limit) > SURE * error * values).all())
