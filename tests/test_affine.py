@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,6 +50,24 @@ def test_each_matrix_is_projected_once_and_the_pencils_agree() -> None:
     found = fs.complex_modes(chain.reduced(rom.V).at(slope=-0.1)).eigenvalues
     exact = fs.complex_modes(rom, fs.Belt(slope=-0.1)).eigenvalues
     assert np.abs(found[:, None] - exact).min(axis=1).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", [sp.csr_array, np.asarray])
+def test_what_does_not_act_leaves_no_trace(kind: Callable[[np.ndarray], Any]) -> None:
+    """A matrix whose factor is 0 is not added, and one that stands alone is not copied."""
+    K, friction = 2 * np.eye(3), np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    family = fs.Affine(kind(np.eye(3)), None, [(1.0, kind(K)), ("mu", kind(friction))])
+    still, sliding = family.at(mu=0.0), family.at(mu=0.5)
+    assert still.symmetric[2] and not sliding.symmetric[2]
+    if kind is sp.csr_array:
+        assert np.shares_memory(still.K.data, family.K[0][1].data) and sliding.K.nnz == 4
+        assert np.shares_memory(still.M.data, sliding.M.data)
+    for pencil, mu in ((still, 0.0), (sliding, 0.5)):
+        assert not abs(pencil.K - (K + mu * friction)).max()
+    nothing = fs.Affine(kind(np.eye(3)), [("a", kind(K)), ("a", kind(K))], kind(K)).at(a=0.0)
+    assert abs(nothing.D).max() == 0 and nothing.D.shape == (3, 3)
+    with pytest.raises(ValueError, match="read-only"):
+        (sliding.K.data if kind is sp.csr_array else sliding.K)[0] = 1.0
 
 
 def test_what_does_not_fit_is_told() -> None:

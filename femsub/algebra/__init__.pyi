@@ -58,6 +58,7 @@ from .matrices import (
     translations as translations,
     unit_length as unit_length,
     upper as upper,
+    weighted as weighted,
     without_rounding as without_rounding,
     without_signs as without_signs,
 )

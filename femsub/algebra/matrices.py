@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -53,7 +55,7 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
         entries = sp.coo_array(matrix)
         row, column = (int(places[~np.isfinite(entries.data)][0]) for places in (entries.row, entries.col))
         raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
-    largest = float(np.abs(data).max(initial=0.0))
+    largest = max(float(data.max(initial=0.0)), -float(data.min(initial=0.0)))  # |A| would be a copy of it
     if largest > LARGEST or (name not in "DH" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
         raise InputError(f"{name}'s largest entry is {largest:.3g}. Products of such numbers leave the range of floating point. "
                          "Choose other units")
@@ -77,8 +79,14 @@ def is_symmetric(matrix: Matrix) -> bool:
     """Whether A = Aᵀ exactly."""
     if sp.issparse(matrix):
         other = matrix.T.tocsr()  # canonical, as `matrix` is
-        return same(matrix, other) or (matrix != other).nnz == 0
+        return bool(np.array_equal(matrix.data, other.data)) if same_pattern(matrix, other) else (matrix != other).nnz == 0
     return bool(np.array_equal(matrix, matrix.T))
+
+
+def weighted(terms: Sequence[tuple[float, Matrix]]) -> Matrix:
+    """Σ θ_i A_i of a model's matrices, dense or CSR. Read-only as they are, so that no copy of it need be made."""
+    acting = [(theta, A) for theta, A in terms if theta] or terms
+    return frozen(reduce(add, (A if theta == 1 else theta * A for theta, A in acting)))
 
 
 def is_identity(matrix: Matrix) -> bool:
@@ -120,14 +128,25 @@ def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
     An assembly may add up the two triangles in different order. The skew part is then rounding, but it would rule out the
     cheaper methods for symmetric matrices.
     """
-    if is_symmetric(matrix):
+    other = matrix.T
+    if sp.issparse(matrix):
+        other = other.tocsr()  # canonical, as `matrix` is
+        if same_pattern(matrix, other):
+            at = np.flatnonzero(matrix.data != other.data)
+            row, column = np.searchsorted(matrix.indptr, at, side="right") - 1, matrix.indices[at]
+            skew = matrix.data[at] - other.data[at]
+        else:
+            rest = sp.coo_array(matrix - other)
+            row, column, skew = rest.row, rest.col, rest.data
+    else:
+        row, column = np.nonzero(matrix != other)
+        skew = (matrix - other)[row, column]
+    if not skew.any():
         return matrix, True
     scale = np.sqrt(np.abs(matrix.diagonal()))
-    skew = sp.coo_array(matrix - matrix.T)
-    if (np.abs(skew.data) > ROUNDING * scale[skew.row] * scale[skew.col]).any():
+    if (np.abs(skew) > ROUNDING * scale[row] * scale[column]).any():
         return matrix, False
-    mean = (matrix + matrix.T) * 0.5
-    return frozen(sp.csr_array(mean) if sp.issparse(mean) else mean), True
+    return frozen(halves(matrix)[0]), True
 
 
 def without_signs(A: Matrix) -> Matrix:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial, reduce
+from functools import cached_property, lru_cache, partial
 from inspect import Parameter, signature
-from operator import add
 from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import Frozen, as_matrix
+from femsub.algebra import Frozen, as_matrix, weighted
 from femsub.checks import Array, Matrix, finite_number, real_array, shown
 from femsub.errors import FemsubError, InputError, InputTypeError, unknown_name
 from femsub.model.pencil import Pencil
@@ -103,7 +102,8 @@ class Affine(Frozen):
         self._check(values)
         if rest := [name for name in self.parameters if name not in values]:
             raise InputError(f"no value is given for {', '.join(rest)}. Give all of {', '.join(self.parameters)}")
-        return Pencil(*(reduce(add, (_fixed(theta, values) * A for theta, A in terms)) if terms else None
+        factor = iter(self.factors(**values))
+        return Pencil(*(weighted([(next(factor), A) for _, A in terms]) if terms else None
                         for terms in (self.M, self.D, self.K)))
 
     def fixed(self, **values: float) -> Affine:
