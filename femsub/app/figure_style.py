@@ -14,6 +14,7 @@ from femsub.checks import package
 from femsub.studies import ROUNDING, Chart, Panel
 
 HERTZ = (lambda omega: omega / (2 * np.pi), lambda hertz: 2 * np.pi * hertz)
+DPI = 150
 PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one is smaller there
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labelsize": 8, "ytick.labelsize": 8,
          "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True}
@@ -35,7 +36,11 @@ def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note
             title = figure._suptitle  # get_suptitle is newer than the oldest matplotlib
             figure.suptitle(f"{title.get_text()}\n{note}" if title else note)
         _fit_title(figure)
-        figure.savefig(file, format="png", dpi=150)
+        figure.set_dpi(DPI)
+        if figure.axes:
+            figure.get_layout_engine().execute(figure)
+            figure.set_layout_engine("none")  # else `savefig` would draw all of it once more for the layout alone
+        figure.savefig(file, format="png", dpi=DPI)
 
 
 def _fit_title(figure: Any) -> None:
