@@ -19,6 +19,7 @@ from femsub.algebra.factor import TreeFactor, counting, inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.ordering import good_order, leaves_first
 from femsub.algebra.petsc import Factor
+from femsub.modes.block_lanczos import BLOCK
 from femsub.modes.dense import orthonormalise
 from femsub.modes.quadratic.projected_count import Projection
 from femsub.modes.quadratic.region import Contour
@@ -213,10 +214,12 @@ def test_the_process_starts_before_the_factor_where_it_is_sure_to_be_worth_it(mo
 
 
 def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked, ask, made, order = [], CountBeside.ask, [], []
-    answer = CountBeside.answer
+    """From about the middle of the search on: its limit need not be known to more than a few digits."""
+    asked, ask, made, order, blocks = [], CountBeside.ask, [], [], []
+    answer, solve = CountBeside.answer, Factor.solve
     monkeypatch.setattr("femsub.algebra.beside.WORTH", 1e5)
-    monkeypatch.setattr(CountBeside, "ask", lambda self, value: (asked.append(value), ask(self, value)))
+    monkeypatch.setattr(CountBeside, "ask", lambda self, value: (asked.append(value), blocks.append("ask"), ask(self, value)))
+    monkeypatch.setattr(Factor, "solve", lambda self, B: (blocks.append(B.shape[1:]), solve(self, B))[1])
     # slower than all else here, as the count of a large part is
     monkeypatch.setattr(CountBeside, "busy", property(lambda self: self.value is not None))
     monkeypatch.setattr(CountBeside, "answer", lambda self: (order.append("count"), answer(self))[1])
@@ -225,12 +228,16 @@ def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) ->
     for threads in (1, 2):
         sub = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
         made.append(-factors_made())
+        blocks.clear()
         with libraries().limit(limits=threads):
             highest = fs.reduce(sub, fs.CraigBampton(20)).K[-1, -1]
         made[-1] += factors_made()
     assert len(asked) == made[0] - made[1] == int(len(os.sched_getaffinity(0)) > 1)
     assert all(highest < value for value in asked)
     assert order == ["residuals", "residuals", "count"][:2 + len(asked)]
+    if asked:
+        search = [one for one in blocks if one in ("ask", (BLOCK,))]
+        assert search.index("ask") < 0.7 * len(search)
 
 
 def test_the_modes_of_a_projection_are_counted_beside_its_bounds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,7 +64,7 @@ GAP = 1e-6  # relative gap of neighbouring ω² below which they are a cluster: 
 SURE = 3.0  # times the bound of its error that a limit keeps from an approximate ω²
 SAME = 1e-14  # relative difference of a limit from its square root squared
 DENSE = 3000  # DOF up to which LAPACK is used if a large part of all modes is wanted
-COLUMNS = 64  # modes whose residuals are computed at a time
+COLUMNS = 16  # modes whose residuals are computed at a time: fresh memory takes longer than the products
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -505,17 +505,26 @@ def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Arr
 
 
 def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: float = EPS) -> tuple[Array, Array]:
-    """The relative residuals and `NormalModes.rounding`, (k,) each; some modes at a time, since each takes six columns."""
+    """The relative residuals and `NormalModes.rounding`, (k,) each; some modes at a time, since each takes four columns."""
     residual, scale, weight = np.zeros((3, shapes.shape[1]))
     sizes = tuple(without_signs(A) for A in (K, M))
+
+    def lengths(A: Array) -> Array:
+        return np.sqrt(np.einsum("ij,ij->j", A, A))
+
     for start in range(0, shapes.shape[1], COLUMNS):
         part = slice(start, start + COLUMNS)
-        x, value = np.ascontiguousarray(shapes[:, part]), values[part]  # as products of sparse matrices have it
-        wrong = times(K, x) - times(M, x) * value
-        size = np.abs(x)
-        doubt = times(sizes[0], size) + times(sizes[1], size) * np.abs(value)
-        residual[part], scale[part] = (np.sqrt(np.einsum("ij,ij->j", one, one)) for one in (wrong, doubt))
-        weight[part] = unit * np.einsum("ij,ij->j", size, doubt)
+        x, value = np.array(shapes[:, part], order="C"), values[part]  # as products of sparse matrices have it
+        inertia = times(M, x)
+        inertia *= value
+        wrong = times(K, x)
+        wrong -= inertia
+        residual[part] = lengths(wrong)
+        size = np.abs(x, out=x)
+        doubt, inertia = times(sizes[0], size), times(sizes[1], size)
+        inertia *= np.abs(value)
+        doubt += inertia
+        scale[part], weight[part] = lengths(doubt), unit * np.einsum("ij,ij->j", size, doubt)
     return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
 
