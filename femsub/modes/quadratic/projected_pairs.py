@@ -116,8 +116,7 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     for group in among:
         label[group] = group[0]
     here, Xh, found = np.arange(len(at)), X, np.empty_like(X)
-    before, least = np.full((2, len(at)), np.inf)
-    slow = np.zeros(len(at), dtype=int)
+    errors = _Errors(len(at))
     for sweep in range(SWEEPS):
         groups = [np.flatnonzero(label[here] == group[0]) for group in among]
         T = S[np.ix_(here, here)]
@@ -128,13 +127,10 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
             R += _complex(times(K, _real(Xh)))
             size = np.abs(T.diagonal())
             error = _lengths(R) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * _lengths(Xh))
-            slow[here] += ~(error < FALLS * before[here])
-            falls = np.maximum(error / np.where(sweep, before[here], error), USUAL)
-            before[here], least[here] = error, np.minimum(least[here], error)
-            if ((slow > SLOW) & (before > ROUNDED)).any():
+            falls = errors.add(here, error)
+            if errors.stuck:
                 return None
-            lowest = ((slow > 1) & (before <= least)) | (slow > 2 * SLOW)  # rounding lets it rise and fall
-            stay = np.isin(label[here], label[here[~((error <= SOLVED) | (lowest & (before < ROUNDED))[here])]])
+            stay = np.isin(label[here], label[here[~errors.done[here]]])
             if not stay.all():
                 found[:, here[~stay]] = Xh[:, ~stay]
                 here, T, error, falls = here[stay], T[np.ix_(stay, stay)], error[stay], falls[stay]
@@ -149,25 +145,9 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
             step, unit = whole.residuals(values.conj() if left else values, x[:, at], left)
             rho = np.zeros((V.shape[1], len(at)), dtype=complex)
             error = falls = np.ones(len(at))
-        # the change is Vρ - step, and VᵀA times it is 0
-        short, rest = step.astype(np.float32), rho.copy()
-        for power, rows, sign, image, inner in acting:
-            share = changed = _complex(inner @ _real(rho) - sign * (image.T @ short[rows]))
-            for _ in range(power):
-                share = _times(share, T, groups)
-            rest += share - mu * changed if power == 2 else share
-        inside = z.conj().T @ rest
-        own, alone = at[here], np.setdiff1d(np.arange(len(here)), np.concatenate([[], *groups]).astype(int))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            change = inside / (T.diagonal() - each[:, None])
-        change[own[alone], alone] = 0.0
-        S[here[alone], here[alone]] += unit * inside[own[alone], alone]
-        for columns in groups:
-            among_own, others = np.ix_(own[columns], columns), np.setdiff1d(np.arange(len(each)), own[columns])
-            apart = each[others, None, None] * np.eye(len(columns)) - T[np.ix_(columns, columns)].T
-            change[among_own] = 0.0
-            change[np.ix_(others, columns)] = -np.linalg.solve(apart, inside[np.ix_(others, columns)][:, :, None])[:, :, 0]
-            S[np.ix_(here[columns], here[columns])] += unit * inside[among_own]
+        inside = z.conj().T @ _left_inside(acting, rho, step, T, mu, groups)
+        change, of_S = _change_inside(inside, T, each, at[here], groups)
+        S[np.ix_(here, here)] += unit * of_S
         moved = _complex(rough @ _single(rho + x @ change) - step) * unit
         more = error * falls > SOLVED
         if left:
@@ -189,6 +169,63 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
         X[:, group] = X[:, group] @ turn
     values[real], X[:, real] = values[real].real, X[:, real].real
     return (values, X / np.linalg.norm(X, axis=0)) if np.isfinite(values).all() else None
+
+
+class _Errors:
+    """Backward errors of pairs from sweep to sweep, and what follows from how they fall."""
+
+    def __init__(self, number: int) -> None:
+        self._last, self._least = np.full((2, number), np.inf)
+        self._slow = np.zeros(number, dtype=int)  # sweeps in which they hardly fell
+
+    def add(self, here: Array, error: Array) -> Array:
+        """Takes the errors of these pairs, and returns by how much they fell in this sweep, as far as one may rely on it."""
+        last = self._last[here]  # infinite at first
+        self._slow[here] += ~(error < FALLS * last)
+        self._last[here], self._least[here] = error, np.minimum(error, self._least[here])
+        return np.maximum(error / last, USUAL)
+
+    @property
+    def stuck(self) -> bool:
+        """Whether a pair does not converge."""
+        return bool(((self._slow > SLOW) & (self._last > ROUNDED)).any())
+
+    @property
+    def done(self) -> Array:
+        """Which pairs are solved, or as near as rounding allows, which lets the errors rise and fall."""
+        lowest = ((self._slow > 1) & (self._last <= self._least)) | (self._slow > 2 * SLOW)
+        return (self._last <= SOLVED) | (lowest & (self._last < ROUNDED))
+
+
+def _left_inside(acting: list[Acting], rho: Array, step: Array, T: Array, mu: float, groups: list[Array]) -> Array:
+    """VᵀR (m, k) after the change Vρ - step of X: VᵀA times this change is 0, so only the other parts of P change VᵀR = ρ."""
+    short, left = step.astype(np.float32), rho.copy()
+    for power, rows, sign, image, inner in acting:
+        share = changed = _complex(inner @ _real(rho) - sign * (image.T @ short[rows]))
+        for _ in range(power):
+            share = _times(share, T, groups)
+        left += share - mu * changed if power == 2 else share
+    return left
+
+
+def _change_inside(inside: Array, T: Array, each: Array, own: Array, groups: list[Array]) -> tuple[Array, Array]:
+    """The change of X in the eigenvectors of VᵀPV, shape (len(each), k), and that of S (k, k); `inside` is zᴴVᵀR.
+
+    Column k belongs to the eigenvalue each[own[k]], those of a group to several. What has these eigenvalues changes S; all
+    others change X.
+    """
+    alone = np.setdiff1d(np.arange(len(own)), np.concatenate([[], *groups]).astype(int))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change, more = inside / (T.diagonal() - each[:, None]), np.zeros_like(T)
+    change[own[alone], alone] = 0.0
+    more[alone, alone] = inside[own[alone], alone]
+    for columns in groups:
+        here, others = np.ix_(own[columns], columns), np.setdiff1d(np.arange(len(each)), own[columns])
+        apart = each[others, None, None] * np.eye(len(columns)) - T[np.ix_(columns, columns)].T
+        change[here] = 0.0
+        change[np.ix_(others, columns)] = -np.linalg.solve(apart, inside[np.ix_(others, columns)][:, :, None])[:, :, 0]
+        more[np.ix_(columns, columns)] = inside[here]
+    return change, more
 
 
 def _acting(small: Coupling, left: bool) -> list[Acting]:
