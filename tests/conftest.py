@@ -74,7 +74,7 @@ def _imported_before_anything_is_patched() -> None:
     """Names are lazy: a module that is first imported while a test has patched another one would keep what was patched."""
     for name in fs.__all__:
         getattr(fs, name)
-    petsc.has_cholmod()  # loads PETSc with its BLAS, whose threads a first test would else leave as they are
+    petsc.load()  # it brings a BLAS of its own: loaded inside a test, it would miss the limit that the test has set
 
 
 @pytest.fixture(autouse=True)

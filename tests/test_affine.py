@@ -54,7 +54,7 @@ def test_each_matrix_is_projected_once_and_the_pencils_agree() -> None:
 
 @pytest.mark.parametrize("kind", [sp.csr_array, np.asarray])
 def test_what_does_not_act_leaves_no_trace(kind: Callable[[np.ndarray], Any]) -> None:
-    """A matrix whose factor is 0 is not added, and one that stands alone is not copied."""
+    """A sparse matrix whose factor is 0 is not added, and one that stands alone is not copied."""
     K, friction = 2 * np.eye(3), np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     family = fs.Affine(kind(np.eye(3)), None, [(1.0, kind(K)), ("mu", kind(friction))])
     still, sliding = family.at(mu=0.0), family.at(mu=0.5)
@@ -64,6 +64,8 @@ def test_what_does_not_act_leaves_no_trace(kind: Callable[[np.ndarray], Any]) ->
         assert np.shares_memory(still.M.data, sliding.M.data)
     for pencil, mu in ((still, 0.0), (sliding, 0.5)):
         assert not abs(pencil.K - (K + mu * friction)).max()
+    mixed = fs.Affine(sp.eye_array(3), None, [(1.0, sp.csr_array(K)), ("mu", kind(friction))])
+    assert [mixed.at(mu=mu).is_sparse for mu in (0.0, 0.5)] == [kind is sp.csr_array] * 2  # no value changes the kind
     nothing = fs.Affine(kind(np.eye(3)), [("a", kind(K)), ("a", kind(K))], kind(K)).at(a=0.0)
     assert abs(nothing.D).max() == 0 and nothing.D.shape == (3, 3)
     with pytest.raises(ValueError, match="read-only"):

@@ -328,6 +328,18 @@ def test_figures_have_units_texts_that_can_be_read_and_legends_beside_the_data(n
         assert any(axis.get_xlabel() for axis in figure.axes) and any(axis.get_ylabel() for axis in figure.axes), title
 
 
+def test_a_figure_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    from matplotlib.axes import Axes
+
+    drawn, draw_axes = [], Axes.draw
+    monkeypatch.setattr(Axes, "draw", lambda self, *given: (drawn.append(self), draw_axes(self, *given))[1])
+    figure = new_figure(4.0, 3.0)
+    panels = [figure.add_subplot(1, 2, place) for place in (1, 2)]
+    label_points(figure, [(panels[0], 0.5, 0.5, "17", "#000000")])
+    render(lambda: figure, BytesIO())
+    assert drawn == panels and [text.get_text() for text in panels[0].texts] == ["17"]
+
+
 def test_a_long_title_is_broken_where_its_figure_ends() -> None:
     figure = new_figure(4.0, 3.0)
     figure.suptitle("a title of many words " * 6)

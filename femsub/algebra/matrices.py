@@ -84,8 +84,12 @@ def is_symmetric(matrix: Matrix) -> bool:
 
 
 def weighted(terms: Sequence[tuple[float, Matrix]]) -> Matrix:
-    """Σ θ_i A_i of a model's matrices, dense or CSR. Read-only as they are, so that no copy of it need be made."""
-    acting = [(theta, A) for theta, A in terms if theta] or terms
+    """Σ θ_i A_i of a model's matrices, dense or CSR, without sparse ones whose θ is 0; dense if one of them is.
+
+    The sum is read-only as they are, so that `as_matrix` takes a sparse one without a copy.
+    """
+    dense = not all(sp.issparse(A) for _, A in terms)
+    acting = [(theta, A) for theta, A in terms if theta or (dense and not sp.issparse(A))] or terms
     return frozen(reduce(add, (A if theta == 1 else theta * A for theta, A in acting)))
 
 
@@ -128,9 +132,8 @@ def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
     An assembly may add up the two triangles in different order. The skew part is then rounding, but it would rule out the
     cheaper methods for symmetric matrices.
     """
-    other = matrix.T
     if sp.issparse(matrix):
-        other = other.tocsr()  # canonical, as `matrix` is
+        other = matrix.T.tocsr()  # canonical, as `matrix` is
         if same_pattern(matrix, other):
             at = np.flatnonzero(matrix.data != other.data)
             row, column = np.searchsorted(matrix.indptr, at, side="right") - 1, matrix.indices[at]
@@ -138,9 +141,11 @@ def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
         else:
             rest = sp.coo_array(matrix - other)
             row, column, skew = rest.row, rest.col, rest.data
+    elif np.array_equal(matrix, matrix.T):
+        return matrix, True
     else:
-        row, column = np.nonzero(matrix != other)
-        skew = (matrix - other)[row, column]
+        row, column = np.ogrid[:len(matrix), :len(matrix)]
+        skew = matrix - matrix.T
     if not skew.any():
         return matrix, True
     scale = np.sqrt(np.abs(matrix.diagonal()))

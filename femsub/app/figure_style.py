@@ -37,10 +37,7 @@ def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note
             figure.suptitle(f"{title.get_text()}\n{note}" if title else note)
         _fit_title(figure)
         figure.set_dpi(DPI)
-        if figure.axes:
-            figure.get_layout_engine().execute(figure)
-            figure.set_layout_engine("none")  # else `savefig` would draw all of it once more for the layout alone
-        figure.savefig(file, format="png", dpi=DPI)
+        figure.canvas.print_png(file)  # `savefig` draws all of it once more, for the layout alone
 
 
 def _fit_title(figure: Any) -> None:

@@ -515,16 +515,18 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
     for start in range(0, shapes.shape[1], COLUMNS):
         part = slice(start, start + COLUMNS)
         x, value = np.array(shapes[:, part], order="C"), values[part]  # as products of sparse matrices have it
-        inertia = times(M, x)
-        inertia *= value
+        inertial = times(M, x)
+        inertial *= value
         wrong = times(K, x)
-        wrong -= inertia
+        wrong -= inertial
         residual[part] = lengths(wrong)
+        del wrong, inertial  # before others take their place
         size = np.abs(x, out=x)
-        doubt, inertia = times(sizes[0], size), times(sizes[1], size)
-        inertia *= np.abs(value)
-        doubt += inertia
+        doubt, inertial = times(sizes[0], size), times(sizes[1], size)
+        inertial *= np.abs(value)
+        doubt += inertial
         scale[part], weight[part] = lengths(doubt), unit * np.einsum("ij,ij->j", size, doubt)
+        del x, size, doubt, inertial
     return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
 

@@ -172,14 +172,14 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
 
 
 class _Errors:
-    """Backward errors of pairs from sweep to sweep, and what follows from how they fall."""
+    """Backward errors of pairs from sweep to sweep, and which pairs are solved or do not converge."""
 
     def __init__(self, number: int) -> None:
         self._last, self._least = np.full((2, number), np.inf)
         self._slow = np.zeros(number, dtype=int)  # sweeps in which they hardly fell
 
     def add(self, here: Array, error: Array) -> Array:
-        """Takes the errors of these pairs, and returns by how much they fell in this sweep, as far as one may rely on it."""
+        """Takes the errors of these pairs, and returns the factors by which they fell in this sweep, at least `USUAL`."""
         last = self._last[here]  # infinite at first
         self._slow[here] += ~(error < FALLS * last)
         self._last[here], self._least[here] = error, np.minimum(error, self._least[here])
@@ -192,13 +192,13 @@ class _Errors:
 
     @property
     def done(self) -> Array:
-        """Which pairs are solved, or as near as rounding allows, which lets the errors rise and fall."""
+        """Which pairs are solved. Rounding lets small errors rise and fall: one below `ROUNDED` that falls no more will do."""
         lowest = ((self._slow > 1) & (self._last <= self._least)) | (self._slow > 2 * SLOW)
         return (self._last <= SOLVED) | (lowest & (self._last < ROUNDED))
 
 
 def _left_inside(acting: list[Acting], rho: Array, step: Array, T: Array, mu: float, groups: list[Array]) -> Array:
-    """VᵀR (m, k) after the change Vρ - step of X: VᵀA times this change is 0, so only the other parts of P change VᵀR = ρ."""
+    """VᵀR (m, k) after X has changed by Vρ - step; `rho` is VᵀR before. VᵀA times this change is 0: the other parts of P act."""
     short, left = step.astype(np.float32), rho.copy()
     for power, rows, sign, image, inner in acting:
         share = changed = _complex(inner @ _real(rho) - sign * (image.T @ short[rows]))
@@ -209,10 +209,10 @@ def _left_inside(acting: list[Acting], rho: Array, step: Array, T: Array, mu: fl
 
 
 def _change_inside(inside: Array, T: Array, each: Array, own: Array, groups: list[Array]) -> tuple[Array, Array]:
-    """The change of X in the eigenvectors of VᵀPV, shape (len(each), k), and that of S (k, k); `inside` is zᴴVᵀR.
+    """The change of X in the eigenvectors of VᵀPV, shape (len(each), k), and that of S (k, k); `inside` is zᴴ `_left_inside`.
 
-    Column k belongs to the eigenvalue each[own[k]], those of a group to several. What has these eigenvalues changes S; all
-    others change X.
+    Column k belongs to the eigenvalue each[own[k]], a column of a group to all of the group's. Components along a column's own
+    eigenvectors change S. Those along all others change X.
     """
     alone = np.setdiff1d(np.arange(len(own)), np.concatenate([[], *groups]).astype(int))
     with np.errstate(divide="ignore", invalid="ignore"):
