@@ -88,8 +88,7 @@ def weighted(terms: Sequence[tuple[float, Matrix]]) -> Matrix:
 
     The sum is read-only as they are, so that `as_matrix` takes a sparse one without a copy.
     """
-    dense = not all(sp.issparse(A) for _, A in terms)
-    acting = [(theta, A) for theta, A in terms if theta or (dense and not sp.issparse(A))] or terms
+    acting = [(theta, A) for theta, A in terms if theta or not sp.issparse(A)] or terms
     return frozen(reduce(add, (A if theta == 1 else theta * A for theta, A in acting)))
 
 
