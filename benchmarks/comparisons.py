@@ -339,6 +339,16 @@ def pardiso(K: Any) -> Iterator[Solve]:
     solver.free_memory(everything=True)
 
 
+@contextmanager
+def cholmod(K: Any) -> Iterator[Solve]:
+    """CHOLMOD's factor by PETSc, for all columns of a block at once."""
+    from femsub.algebra.petsc import Factor
+
+    factor = Factor(K, "definite", probed=False)
+    yield factor.solve
+    factor.close()
+
+
 def fastest(K: Any) -> AbstractContextManager[Solve]:
     """Pardiso where it is installed, else SuperLU."""
     return pardiso(K) if find_spec("pypardiso") else superlu(K, **SYMMETRIC)
@@ -464,7 +474,8 @@ METHODS: dict[str, Callable[..., tuple[Any, ...]]] = {
     "SciPy": partial(factored_bases, factorise=partial(superlu, **SYMMETRIC), lowest=arpack),
     "SciPy, defaults": partial(factored_bases, factorise=superlu, lowest=arpack),
     "SLEPc, CHOLMOD": partial(slepc_bases, package="cholmod"), "SLEPc, MUMPS": partial(slepc_bases, package="mumps"),
-    "PRIMME": partial(factored_bases, factorise=fastest, lowest=primme)}
+    "PRIMME": partial(factored_bases, factorise=fastest, lowest=primme),
+    "PRIMME, CHOLMOD": partial(factored_bases, factorise=cholmod, lowest=primme)}
 NAMES = (*METHODS, FREQUENCIES)  # of all that `bases` takes
 
 

@@ -27,6 +27,7 @@ KEPT = ("component", "dof", "interface", "modes", "method", "runs", "seconds", "
         "error", "missed", "ended")
 LOOKS = {"SciPy, MKL Pardiso": ("#1f6fb4", "o"), "SciPy": ("#6aa5d8", "s"), "SciPy, defaults": ("#9cc3e6", "P"),
          "SLEPc, CHOLMOD": ("#2a8f4d", "^"), "SLEPc, MUMPS": ("#7cc08b", "v"), "PRIMME": ("#c44e00", "D"),
+         "PRIMME, CHOLMOD": ("#e08a4a", "d"),
          FREQUENCIES: ("#7a3fa0", "X")}
 LABELS = {"SciPy": "SciPy, SuperLU", "SciPy, defaults": "SciPy, SuperLU as it comes"}
 NOT_RUN: Row = dict.fromkeys(KEPT) | {"ended": "not run"}

@@ -10,7 +10,8 @@ bases     All constraint modes and 40 fixed-interface modes, with the reduced M 
           - SciPy's `eigsh(sigma=0)` with MKL's Pardiso (the extra `pardiso`), and with SuperLU and its options for symmetric
             matrices. --defaults adds SuperLU with the options that `splu` has by itself.
           - SLEPc as it comes, with CHOLMOD and MUMPS: one factor in Krylov-Schur and in a KSP that solves column by column.
-          - PRIMME (the extra `primme`) with the factor of Pardiso, or of SuperLU without it, as its preconditioner.
+          - PRIMME (the extra `primme`) with the factor of Pardiso, or of SuperLU without it, as its preconditioner, and with
+            that of CHOLMOD.
           - Automated multilevel substructuring alone (AMLS): parts to 3 times the highest frequency, no refinement, no count.
           Only `reduce` counts the modes by a second factorisation; ratios are given with it and without it. The error is
           the largest of ω against femsub's certified frequencies. A mode is missed if no frequency lies within 1 % of it.
@@ -60,7 +61,7 @@ SIZES: dict[bool, Row] = {  # by --quick: bricks, nodes of the interface, modes
 SOLVED = [0, 50, 99]  # slopes at which the full model is solved
 TIMES = {"assembly": 5.0, "SciPy": 6.0, "SciPy, MKL Pardiso": 3.0, "SLEPc": 1.5, "cea": 300.0}  # so many times faster is asked,
 MEMORY = 0.5  # such a share of SciPy's memory,
-PACKAGES = {"SciPy, MKL Pardiso": "pypardiso", "PRIMME": "primme"}  # without which a method is left out
+PACKAGES = {"SciPy, MKL Pardiso": "pypardiso", "PRIMME": "primme", "PRIMME, CHOLMOD": "primme"}  # without which a method is left out
 ENTRIES, SAME = 1e-12, 1e-8  # and such an agreement of the entries and of the bases
 
 
@@ -169,7 +170,7 @@ def assembly(bench: Bench, sizes: Row) -> None:
 def bases(bench: Bench, cases: list[Case], defaults: bool, only: list[str] | None, journal: Journal) -> None:
     left_out = set() if defaults else {"SciPy, defaults"}
     if not fresh(has_cholmod):
-        left_out.add("SLEPc, CHOLMOD")
+        left_out |= {name for name in tasks.NAMES if name.endswith("CHOLMOD")}
     left_out |= {name for name, package in PACKAGES.items() if find_spec(package) is None}
     methods = [name for name in tasks.NAMES if name not in left_out and (only is None or name in (tasks.REFERENCE, *only))]
     for case in cases:

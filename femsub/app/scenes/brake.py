@@ -300,7 +300,7 @@ def _unstable(brake: Brake) -> Result:
         return Result(data, drawn, paged)
     (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, chosen]).items()
     fields = fields * np.exp(-1j * np.angle(_largest(fields)))
-    titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g}" for row in rows]
+    titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g} 1/s" for row in rows]
     names = [f"{row['hertz']:.5g} Hz" for row in rows]
     title = f"{scene.name}: unstable modes at μ = {mu:g}, at the phase of the largest displacement"
     drawn.append(Picture("unstable", partial(shapes_figure, mesh, fields[..., :DRAWN].real, titles[:DRAWN], title,
