@@ -70,7 +70,6 @@ def test_a_full_disk_is_told_as_such_and_not_remembered(kind: str, place: Path, 
 
 def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "MOST_FILL", 1e9)
-    monkeypatch.setattr(memory, "cores", lambda: 1)
     sub = lattice(*SIZE, held=True)
     cache.drop()
     need = cache.FACTOR_BYTES * memory.factor_nonzeros(sub.K)
@@ -79,12 +78,6 @@ def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: 
         with memory.kept_free(beside * need):
             assert memory.goes_to_disk(sub.K, True) is on_disk
             assert not memory.goes_to_disk(sub.K, False)  # of a count nothing is kept
-    monkeypatch.setattr(memory, "cores", lambda: 2)
-    room = memory.room_of_count(sub.K, memory.factor_nonzeros(sub.K))
-    for free, on_disk in ((0.9, True), (1.1, False)):  # so that the modes can be counted beside their search
-        machine(free=need + 1000.0 + free * room, large=100)
-        with memory.kept_free(1000.0):
-            assert memory.goes_to_disk(sub.K, True) is on_disk
     machine(free=0.9 * need, large=sub.size + 1)
     assert not memory.goes_to_disk(sub.K, True)  # a small model
     machine(free=0.9 * need, large=100)
@@ -96,7 +89,6 @@ def test_a_reduction_that_would_not_fit_has_its_factor_on_disk(place: Path, mach
                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "MOST_FILL", 1e9)
     monkeypatch.setattr(memory, "LOADED", 0.0)
-    monkeypatch.setattr(memory, "cores", lambda: 1)
     sub, kinds = lattice(*SIZE, held=True), []
     cache.drop()
     parts, less = (memory.reduction_bytes(sub.K, len(sub.interface) + 2, 5, sub.interface, on_disk=on_disk)

@@ -19,7 +19,6 @@ from femsub.algebra.cache import FACTOR_BYTES, give_up_until, kept_bytes
 from femsub.algebra.folders import in_memory
 from femsub.algebra.ordering import layers as distance_layers, neighbours, quotient
 from femsub.algebra.process_memory import available, left_of_limit
-from femsub.algebra.threads import cores
 from femsub.checks import Array, Matrix
 from femsub.errors import NotEnoughMemoryError
 
@@ -130,7 +129,7 @@ def at_hand(need: float) -> float | None:
 
 @contextmanager
 def kept_free(bytes_beside: float) -> Iterator[None]:
-    """Inside, a factor that would leave less memory than this, and than an inertia count beside it needs, goes to a disk."""
+    """Inside, a factor that would leave less memory than this goes to a disk."""
     token = _beside.set(max(bytes_beside, _beside.get()))
     try:
         yield
@@ -152,7 +151,8 @@ def disk() -> tuple[Path, float]:
 def goes_to_disk(A: Matrix, possible: bool) -> bool:
     """Whether the factor of a sparse A, about to be made, is too large for the memory, and a disk has room for it.
 
-    Shared factors are freed before, if their memory is needed.
+    Shared factors are freed before, if their memory is needed. Where it holds no count beside the search, this one stays in memory
+    nevertheless, and the modes are counted afterwards: solves from a disk take longer than that.
 
     Raises
     ------
@@ -163,9 +163,7 @@ def goes_to_disk(A: Matrix, possible: bool) -> bool:
     enough = MOST_FILL * FACTOR_BYTES * A.nnz + beside
     if (limit is None or limit > BUFFERS + enough) and (free is None or free > (1 + (kept_bytes() > 0)) * enough):
         return False
-    nonzeros = factor_nonzeros(A)
-    need = FACTOR_BYTES * nonzeros
-    beside += room_of_count(A, nonzeros) if beside and cores() > 1 else 0.0
+    need = FACTOR_BYTES * factor_nonzeros(A)
     if free is not None and (kept_bytes() or free < need + beside):
         free = at_hand(2 * need + beside)
     left = min(np.inf if limit is None else limit - BUFFERS, np.inf if free is None else free)
