@@ -61,7 +61,7 @@ SIZES: dict[bool, Row] = {  # by --quick: bricks, nodes of the interface, modes
 SOLVED = [0, 50, 99]  # slopes at which the full model is solved
 TIMES = {"assembly": 5.0, "SciPy": 6.0, "SciPy, MKL Pardiso": 3.0, "SLEPc": 1.5, "cea": 300.0}  # so many times faster is asked,
 MEMORY = 0.5  # such a share of SciPy's memory,
-PACKAGES = {"SciPy, MKL Pardiso": "pypardiso", "PRIMME": "primme", "PRIMME, CHOLMOD": "primme"}  # without which a method is left out
+PACKAGES = {"SciPy, MKL Pardiso": "pypardiso", "PRIMME": "primme", "PRIMME, CHOLMOD": "primme"}  # that methods need
 ENTRIES, SAME = 1e-12, 1e-8  # and such an agreement of the entries and of the bases
 
 

@@ -151,8 +151,8 @@ def disk() -> tuple[Path, float]:
 def goes_to_disk(A: Matrix, possible: bool) -> bool:
     """Whether the factor of a sparse A, about to be made, is too large for the memory, and a disk has room for it.
 
-    Shared factors are freed before, if their memory is needed. Where it holds no count beside the search, this one stays in memory
-    nevertheless, and the modes are counted afterwards: solves from a disk take longer than that.
+    Shared factors are freed before, if their memory is needed. One that leaves no room for a count beside the search stays in
+    memory nevertheless, and the modes are counted afterwards: solves from a disk take longer than that.
 
     Raises
     ------
