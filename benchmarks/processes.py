@@ -25,7 +25,8 @@ from femsub.app import report
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 LEFT_MB = 500.0  # below so much free memory of the machine a measurement is stopped, before the system stops something else
-WATCHED = 0.25  # seconds between two looks at a measurement
+WATCHED = 0.25  # seconds between two looks at a measurement,
+SELDOM = 50  # or so many times what a look takes: all pages of a large process are counted
 Row = dict[str, Any]
 
 
@@ -93,8 +94,6 @@ def fresh(task: Callable[..., Any], *args: Any, cores: int | None = None) -> Any
 def watched(task: Callable[..., Row], *args: Any, limit: float) -> Row:
     """The row of `fresh`, whose peak_mb is that of the process with all it started; Linux.
 
-    The memory that processes share counts once: Σ RssAnon + max(RssFile + RssShmem).
-
     Raises
     ------
     StoppedError
@@ -102,11 +101,13 @@ def watched(task: Callable[..., Row], *args: Any, limit: float) -> Row:
     """
     with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
         process, start = pool.submit(os.getpid).result(), time.perf_counter()
-        running, peak, why = pool.submit(task, *args), 0.0, ""
+        running, peak, why, pause = pool.submit(task, *args), 0.0, "", WATCHED
         try:
             while not running.done():
-                time.sleep(WATCHED)
+                time.sleep(pause)
+                looked = time.perf_counter()
                 peak = max(peak, together_mb(process))
+                pause = max(WATCHED, SELDOM * (time.perf_counter() - looked))
                 if time.perf_counter() - start > limit:
                     why = f"longer than {limit:g} s"
                 elif available_mb() < LEFT_MB:
@@ -131,14 +132,16 @@ def available_mb() -> float:
 
 
 def together_mb(process: int) -> float:
-    """The resident memory of a process and of all that it started, in 10⁶ bytes; 0 where it has ended."""
-    own, shared, waiting = 0.0, 0.0, [process]
+    """The memory of a process and of all that it started, in 10⁶ bytes; 0 where it has ended.
+
+    What they share counts once, as the pages of a fork do: Σ Pss.
+    """
+    total, waiting = 0.0, [process]
     while waiting:
         folder = Path("/proc", str(waiting.pop()))
-        with suppress(OSError, ValueError, KeyError):
-            lines = dict(line.split(":", 1) for line in (folder / "status").read_text(encoding="ascii").splitlines())
-            size = {name: 1.024e-3 * int(lines[name].split()[0]) for name in ("RssAnon", "RssFile", "RssShmem")}
-            own, shared = own + size["RssAnon"], max(shared, size["RssFile"] + size["RssShmem"])
+        with suppress(OSError, StopIteration):
+            lines = (folder / "smaps_rollup").read_text(encoding="ascii").splitlines()
+            total += 1.024e-3 * int(next(line for line in lines if line.startswith("Pss:")).split()[1])
             for thread in (folder / "task").iterdir():
                 waiting += [int(word) for word in (thread / "children").read_text(encoding="ascii").split()]
-    return own + shared
+    return total

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -18,7 +19,7 @@ import numpy as np
 import pytest
 
 from benchmarks.comparisons import NAMES
-from benchmarks.processes import StoppedError, watched
+from benchmarks.processes import StoppedError, together_mb, watched
 from benchmarks.users import LOST, Case, Journal, compared
 from femsub.algebra import petsc
 
@@ -140,6 +141,21 @@ def test_a_measurement_that_takes_too_long_is_told(tmp_path: Path) -> None:
     journal.add(case, "SciPy", 0, {"ended": "longer than 0.1 s"})
     assert Journal(tmp_path).ended(case, "SciPy") == "longer than 0.1 s" and not journal.ended(case, "femsub")
     assert Journal(tmp_path).runs(case, ["SciPy"]) == {"SciPy": [None]}
+
+
+@pytest.mark.skipif(not Path("/proc/self/smaps_rollup").exists(), reason="the memory of other processes is told by Linux")
+def test_what_a_fork_shares_is_counted_once() -> None:
+    """Both touch 100 MB of one array, the fork alone 50 MB of its own."""
+    script = ("import os, time; held = bytearray(b'x') * 10**8; fork = os.fork() == 0; "
+              "own = bytearray(b'x') * (fork * 5 * 10**7); sum(held[::4096]); print('ready', flush=True); time.sleep(60)")
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, process_group=0) as process:
+        try:
+            assert process.stdout is not None
+            assert [process.stdout.readline() for _ in range(2)] == ["ready\n"] * 2
+            assert 150 < together_mb(process.pid) < 190
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert together_mb(process.pid) == 0
 
 
 def test_missed_modes_are_counted() -> None:
