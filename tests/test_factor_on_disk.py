@@ -73,7 +73,7 @@ def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: 
     sub = lattice(*SIZE, held=True)
     cache.drop()
     need = cache.FACTOR_BYTES * memory.factor_nonzeros(sub.K)
-    for free, beside, on_disk in ((1.1, 0.0, False), (0.9, 0.0, True), (1.1, 0.5, True), (1.6, 0.5, False), (0.2, 0.0, False)):
+    for free, beside, on_disk in ((1.2, 0.0, False), (1.0, 0.0, True), (1.1, 0.5, True), (1.7, 0.5, False), (0.2, 0.0, False)):
         machine(free=free * need, large=100)
         with memory.kept_free(beside * need):
             assert memory.goes_to_disk(sub.K, True) is on_disk
