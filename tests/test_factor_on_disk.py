@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub.algebra import cache, factorise, folders, memory, shared_factor
+from femsub.algebra import cache, factorise, factors_made, folders, memory, shared_factor
 from femsub.algebra.petsc import Factor
+from femsub.modes import ShiftInvert
 
 SIZE = (40, 30)
 
@@ -112,6 +114,26 @@ def test_a_reduction_that_would_not_fit_has_its_factor_on_disk(place: Path, mach
     with pytest.raises(fs.NotEnoughMemoryError, match="TMPDIR"):
         fs.reduce(sub, fs.CraigBampton(5), ports=True)
     assert not list(place.iterdir())
+
+
+@pytest.mark.parametrize("what", [{"count": 20}, {"band": (0.0, 6e3)}], ids=["count", "band"])
+def test_a_factor_makes_room_for_the_count_of_its_modes(what: dict[str, Any], machine: Callable[..., None],
+                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is given up where both would not fit, and made again if solves follow, as they do after the count of a band."""
+    held, make_room = [], ShiftInvert.make_room
+    monkeypatch.setattr(ShiftInvert, "make_room", lambda self: (make_room(self), held.append("factor" in vars(self)))[0])
+    found, made = [], []
+    for free in (1e12, memory.BASE):
+        cache.drop()
+        machine(free=free, large=100)
+        sub = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0),
+                       supports={"left": "clamped"})
+        before = factors_made()
+        found.append(fs.normal_modes(sub, **what))
+        made.append(factors_made() - before)
+    assert held == [True, False] and made[1] - made[0] == int("band" in what)
+    assert len(found[0].frequencies) == len(found[1].frequencies) and found[1].evidence == "certified"
+    assert np.allclose(found[0].frequencies, found[1].frequencies, rtol=1e-9, atol=0)
 
 
 @pytest.mark.skipif(not Path("/proc/mounts").exists(), reason="mounts are told by Linux")

@@ -68,6 +68,7 @@ from .memory import (
     check_columns as check_columns,
     check_memory as check_memory,
     check_room as check_room,
+    has_room_to_count as has_room_to_count,
     kept_free as kept_free,
     reduction_bytes as reduction_bytes,
     search_columns as search_columns,

@@ -238,6 +238,12 @@ def room_of_count(K: Matrix, nonzeros: float) -> float:
     return SPARE * count_bytes(K, nonzeros) + BASE
 
 
+def has_room_to_count(K: Matrix, nonzeros: float) -> bool:
+    """Whether this count fits into memory beside all else, after shared factors have been freed as far as it requires."""
+    need = room_of_count(K, nonzeros)
+    return K.shape[0] < LARGE or (free := at_hand(need)) is None or free >= need
+
+
 def factor_nonzeros(A: Matrix) -> float:
     """Estimated number of nonzeros of the Cholesky factor of a sparse symmetric A (n, n) after nested dissection.
 

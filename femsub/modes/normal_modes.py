@@ -243,6 +243,8 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
         if handle.is_counting:  # by another process: the residuals can be found meanwhile, and else wait for it in turn
             with handle.sharing:
                 checked = _result(handle, values[:count], shapes[:, :count], *uncounted)
+        elif heavy:
+            handle.make_room()
         counted = _count(handle, limit)
         missed = counted - below - rigid
         if missed == 0:
@@ -444,6 +446,8 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
     handle = handle or ShiftInvert(K, M)
     for beyond in BEYOND:
         reach = limit * (1 + beyond)
+        if not handle.is_counting:
+            handle.make_room()
         try:
             below = _count(handle, reach**2)
         except SingularMatrixError as error:

@@ -24,6 +24,7 @@ from femsub.algebra import (
     factors_made,
     forget_factor,
     found,
+    has_room_to_count,
     one_thread,
     orthonormal,
     phase,
@@ -88,8 +89,14 @@ class ShiftInvert:
         self.sigma, self.rigid, self.lowest, self.unit, self.note = shared(*key, self._found, lambda found: found[1].nbytes)
         if self.note:
             warn(self.note, ConditionWarning)
-        if not hasattr(self, "factor"):
+        if "factor" not in vars(self):
             self._factorise(self.sigma)
+
+    @cached_property
+    def factor(self) -> Handle:
+        """The factor of K - σM. One that was given up is made again."""
+        self._factorise(self.sigma)
+        return self.factor
 
     def _prepared(self, seeks: int) -> CountBeside | None:
         from femsub.algebra import CountBeside
@@ -163,12 +170,12 @@ class ShiftInvert:
 
     @phase("factorisation")
     def _factorise(self, sigma: float) -> None:
-        if hasattr(self, "factor"):
+        if "factor" in vars(self):
             self.release()
             forget_factor(self.K, "definite", self.M, self.sigma)  # two large factors may not fit in memory
         before = factors_made()
         try:
-            self.factor: Handle = shared_factor(self.K, "definite", self.M, sigma)
+            self.factor = shared_factor(self.K, "definite", self.M, sigma)
         finally:  # a factorisation that broke down counts, too
             self.factorisations += factors_made() - before
         self.sigma = sigma
@@ -364,8 +371,16 @@ class ShiftInvert:
         return self.rigid.shape[1] > 0
 
     def release(self) -> None:
-        """Drop the factor, which others may share. Everything that needs no solve still works."""
+        """Drop the factor, which others may share. Everything that needs no solve still works without it."""
         del self.factor
+
+    def make_room(self) -> None:
+        """Drop the factor where a count of the modes would not fit into memory beside it."""
+        from femsub.algebra import Factor
+
+        factor = vars(self).get("factor")
+        if isinstance(factor, Factor) and not has_room_to_count(self.K, factor.fill * factor.size):
+            self.release()
 
     def deflate(self, x: Array, shapes: Array | None = None) -> Array:
         """(I - ΦΦᵀM)x, M-orthogonal to the modes Φ; by default the rigid-body modes."""
