@@ -77,17 +77,10 @@ def same(A: Matrix, B: Matrix) -> bool:
 
 def is_symmetric(matrix: Matrix) -> bool:
     """Whether A = Aᵀ exactly."""
-    return not _skew(matrix)[2].any() if sp.issparse(matrix) else bool(np.array_equal(matrix, matrix.T))
-
-
-def _skew(A: Matrix) -> tuple[Array, Array, Array]:
-    """i, j and a_ij - a_ji of a sparse A in canonical form, at least where the two differ."""
-    turned = A.T.tocsr()  # canonical, too
-    if same_pattern(A, turned):
-        at = np.flatnonzero(A.data != turned.data)
-        return np.searchsorted(A.indptr, at, side="right") - 1, A.indices[at], A.data[at] - turned.data[at]
-    rest = sp.coo_array(A - turned)
-    return rest.row, rest.col, rest.data
+    if sp.issparse(matrix):
+        other = matrix.T.tocsr()  # canonical, as `matrix` is
+        return bool(np.array_equal(matrix.data, other.data)) if same_pattern(matrix, other) else (matrix != other).nnz == 0
+    return bool(np.array_equal(matrix, matrix.T))
 
 
 def weighted(terms: Sequence[tuple[float, Matrix]]) -> Matrix:
@@ -139,7 +132,14 @@ def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
     cheaper methods for symmetric matrices.
     """
     if sp.issparse(matrix):
-        row, column, skew = _skew(matrix)
+        other = matrix.T.tocsr()  # canonical, as `matrix` is
+        if same_pattern(matrix, other):
+            at = np.flatnonzero(matrix.data != other.data)
+            row, column = np.searchsorted(matrix.indptr, at, side="right") - 1, matrix.indices[at]
+            skew = matrix.data[at] - other.data[at]
+        else:
+            rest = sp.coo_array(matrix - other)
+            row, column, skew = rest.row, rest.col, rest.data
     elif np.array_equal(matrix, matrix.T):
         return matrix, True
     else:
