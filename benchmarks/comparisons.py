@@ -345,6 +345,8 @@ def cholmod(K: Any) -> Iterator[Solve]:
     from femsub.algebra.petsc import Factor
 
     factor = Factor(K, "definite", probed=False)
+    if factor.package != "cholmod":
+        raise MemoryError("CHOLMOD's factor does not fit")
     yield factor.solve
     factor.close()
 

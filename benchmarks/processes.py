@@ -26,7 +26,7 @@ from femsub.app import report
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 LEFT_MB = 500.0  # below so much free memory of the machine a measurement is stopped, before the system stops something else
 WATCHED = 0.25  # seconds between two looks at a measurement,
-SELDOM = 50  # or so many times what a look takes: all pages of a large process are counted
+SELDOM = 10  # and of its memory after so many times what the last look took: all pages of a large process are counted
 Row = dict[str, Any]
 
 
@@ -101,13 +101,13 @@ def watched(task: Callable[..., Row], *args: Any, limit: float) -> Row:
     """
     with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
         process, start = pool.submit(os.getpid).result(), time.perf_counter()
-        running, peak, why, pause = pool.submit(task, *args), 0.0, "", WATCHED
+        running, peak, why, due = pool.submit(task, *args), 0.0, "", 0.0
         try:
             while not running.done():
-                time.sleep(pause)
-                looked = time.perf_counter()
-                peak = max(peak, together_mb(process))
-                pause = max(WATCHED, SELDOM * (time.perf_counter() - looked))
+                time.sleep(WATCHED)
+                if (begun := time.perf_counter()) >= due:
+                    peak = max(peak, together_mb(process))
+                    due = time.perf_counter() + SELDOM * (time.perf_counter() - begun)
                 if time.perf_counter() - start > limit:
                     why = f"longer than {limit:g} s"
                 elif available_mb() < LEFT_MB:
@@ -136,12 +136,13 @@ def together_mb(process: int) -> float:
 
     What they share counts once, as the pages of a fork do: Σ Pss.
     """
-    total, waiting = 0.0, [process]
-    while waiting:
-        folder = Path("/proc", str(waiting.pop()))
+    processes, total = [process], 0.0
+    for one in processes:  # all of them before the first look: what is forked between two looks may not count twice
+        with suppress(OSError):
+            for thread in Path("/proc", str(one), "task").iterdir():
+                processes += [int(word) for word in (thread / "children").read_text(encoding="ascii").split()]
+    for one in processes:
         with suppress(OSError, StopIteration):
-            lines = (folder / "smaps_rollup").read_text(encoding="ascii").splitlines()
+            lines = Path("/proc", str(one), "smaps_rollup").read_text(encoding="ascii").splitlines()
             total += 1.024e-3 * int(next(line for line in lines if line.startswith("Pss:")).split()[1])
-            for thread in (folder / "task").iterdir():
-                waiting += [int(word) for word in (thread / "children").read_text(encoding="ascii").split()]
     return total

@@ -181,3 +181,11 @@ def test_no_fork_where_it_would_not_be_safe_or_not_be_worth_it(monkeypatch: pyte
     assert there == [False]
     assert not fork_pays(factor, 10)
     assert not fork_pays(shared_factor(sub.K + 2e6 * sub.M, "symmetric"), 1000)
+
+
+def test_columns_that_are_left_are_told() -> None:
+    """Their memory is not taken yet."""
+    work = Divided(lambda part: None, 10, beside=False, width=4)
+    assert work.left == 10
+    work.finish()
+    assert work.left == 0

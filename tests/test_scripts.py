@@ -143,7 +143,8 @@ def test_a_measurement_that_takes_too_long_is_told(tmp_path: Path) -> None:
     assert Journal(tmp_path).runs(case, ["SciPy"]) == {"SciPy": [None]}
 
 
-@pytest.mark.skipif(not Path("/proc/self/smaps_rollup").exists(), reason="the memory of other processes is told by Linux")
+@pytest.mark.skipif(not all(Path("/proc/self", name).exists() for name in ("smaps_rollup", f"task/{os.getpid()}/children")),
+                    reason="the memory of other processes is told by Linux")
 def test_what_a_fork_shares_is_counted_once() -> None:
     """Both touch 100 MB of one array, the fork alone 50 MB of its own."""
     script = ("import os, time; held = bytearray(b'x') * 10**8; fork = os.fork() == 0; "

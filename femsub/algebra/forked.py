@@ -100,6 +100,11 @@ class Divided:
         self._solve(self._parts[at])
         self._state[at] = DONE
 
+    @property
+    def left(self) -> int:
+        """How many columns are not found yet."""
+        return sum(part.stop - part.start for part, state in zip(self._parts, self._state, strict=True) if state != DONE)
+
     def busy(self) -> bool:
         """Whether the fork still works. Who asks, and hears that it does not, has both cores again."""
         if self._fork:

@@ -34,7 +34,7 @@ SMALL_PART = 0.01  # share of the DOF up to which an interface that is held make
 BUFFERS = 3e8  # bytes that the BLAS libraries take for their own use when they are first called
 LARGE = 50_000  # DOF from which memory is checked
 MOST_FILL = 60  # nonzeros of a factor and its count for each one of A, rarely reached: where so many fit, none are estimated
-SAFE = 1.1  # times what a factor and the columns beside it are foretold to take, for one in memory: who takes too much is killed
+SAFE = 1.2  # times what a factor is foretold to take must be there, or a disk takes it: a process that takes too much is killed
 FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it goes to a disk, and while it is used there
 DISK_LEFT = 2e9  # bytes of the disk that others may need
 FREELY = 1e6  # bytes that are granted without a look at the available memory, which costs as much as a small model
@@ -149,8 +149,10 @@ def disk() -> tuple[Path, float]:
     return Path(gettempdir()), 0.0
 
 
-def goes_to_disk(A: Matrix, possible: bool) -> bool:
+def goes_to_disk(A: Matrix, possible: bool, kept: bool = True) -> bool:
     """Whether the factor of a sparse A, about to be made, is too large for the memory, and a disk has room for it.
+
+    Of one that is not kept only the signs of pivots are, which takes a quarter of the memory.
 
     Shared factors are freed before, if their memory is needed. One that leaves no room for a count beside the search stays in
     memory nevertheless, and the modes are counted afterwards: solves from a disk take longer than that.
@@ -164,10 +166,11 @@ def goes_to_disk(A: Matrix, possible: bool) -> bool:
     enough = MOST_FILL * FACTOR_BYTES * A.nnz + beside
     if (limit is None or limit > BUFFERS + enough) and (free is None or free > (1 + (kept_bytes() > 0)) * enough):
         return False
-    need = FACTOR_BYTES * factor_nonzeros(A)
-    whole = SAFE * (need + beside)
+    nonzeros = factor_nonzeros(A)
+    need = FACTOR_BYTES * nonzeros if kept else count_bytes(A, nonzeros)
+    whole = SAFE * need + beside
     if free is not None and (kept_bytes() or free < whole):
-        free = at_hand(2 * need + beside)
+        free, limit = at_hand(2 * need + beside), left_of_limit()
     left = min(np.inf if limit is None else limit - BUFFERS, np.inf if free is None else free)
     if possible and A.shape[0] >= LARGE and FRONTS * need < left < whole and need < disk()[1]:
         return True

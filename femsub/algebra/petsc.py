@@ -195,7 +195,7 @@ class Factor:
         PETSc, _ = load()
         self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
         A = Difference.of(A)
-        self.on_disk = goes_to_disk(A.K, keep and has("mumps"))
+        self.on_disk = goes_to_disk(A.K, keep and has("mumps"), keep)
         self.package = "mumps" if self.on_disk else package(kind, A.K)
         self._order = good_order(A.K) if self.package == "mumps" else None
         self._held = ExitStack()

@@ -243,9 +243,7 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
         if handle.is_counting:  # by another process: the residuals can be found meanwhile, and else wait for it in turn
             with handle.sharing:
                 checked = _result(handle, values[:count], shapes[:, :count], *uncounted)
-        elif heavy:
-            handle.make_room()
-        counted = _count(handle, limit)
+        counted = _count(handle, limit, handle.make_room if heavy else None)
         missed = counted - below - rigid
         if missed == 0:
             found = checked or _result(handle, values[:count], shapes[:, :count], *uncounted)
@@ -322,7 +320,8 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
     from femsub.algebra import CountBeside
 
     if handle.beside is None:
-        handle.beside = CountBeside.started(handle.K, handle.M, nonzeros, search_columns(count))
+        columns = search_columns(count) + (0 if handle.solves is None else handle.solves.left)
+        handle.beside = CountBeside.started(handle.K, handle.M, nonzeros, columns)
     beside = handle.beside
 
     def seen(values: Array, error: Array) -> int:
@@ -343,11 +342,11 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
     return seen
 
 
-def _count(handle: ShiftInvert, limit: float) -> int:
-    """The number of ω² below the limit, from the process that counts beside where it was told this limit."""
+def _count(handle: ShiftInvert, limit: float, make_room: Callable[[], None] | None = None) -> int:
+    """The number of ω² below the limit, from the process that counts beside where it was told this limit; see `modes_under`."""
     beside, handle.beside = handle.beside, None
     counted = beside.answer() if beside is not None and isclose(limit, beside.value or 0.0, rel_tol=SAME) else None
-    return modes_under(handle.K, handle.M, limit) if counted is None else counted
+    return modes_under(handle.K, handle.M, limit, make_room) if counted is None else counted
 
 
 def _check_count(counted: int, found: int, limit: float) -> None:
@@ -446,10 +445,8 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
     handle = handle or ShiftInvert(K, M)
     for beyond in BEYOND:
         reach = limit * (1 + beyond)
-        if not handle.is_counting:
-            handle.make_room()
         try:
-            below = _count(handle, reach**2)
+            below = _count(handle, reach**2, handle.make_room)
         except SingularMatrixError as error:
             last: FemsubError = error
             continue
@@ -474,15 +471,20 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
 
 
 @phase("certificate")
-def modes_under(K: Matrix, M: Matrix, value: float) -> int:
-    """The number of ω² below `value`: the inertia of K - value M, by a separate factorisation.
+def modes_under(K: Matrix, M: Matrix, value: float, make_room: Callable[[], None] | None = None) -> int:
+    """The number of ω² below `value`: the inertia of K - value M, by a separate factorisation, for which `make_room` is called.
 
     No factorisation is needed if all modes up to a higher limit are known and counted, and none of them lies at `value`.
     """
+    def counted() -> int:
+        if make_room is not None:
+            make_room()
+        return inertia(Difference(K, M, value))
+
     for reach, values, doubt in _counted(K, M):
         if value <= reach and (np.abs(values - value) > doubt).all():
             return int(np.count_nonzero(values < value))
-    return shared((K, M), ("count below", value), lambda: inertia(Difference(K, M, value)))
+    return shared((K, M), ("count below", value), counted)
 
 
 def _counted(K: Matrix, M: Matrix) -> list[tuple[float, Array, Array]]:

@@ -372,7 +372,7 @@ class ShiftInvert:
 
     def release(self) -> None:
         """Drop the factor, which others may share. Everything that needs no solve still works without it."""
-        del self.factor
+        vars(self).pop("factor", None)
 
     def make_room(self) -> None:
         """Drop the factor where a count of the modes would not fit into memory beside it."""
