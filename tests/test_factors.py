@@ -12,6 +12,8 @@ import warnings
 import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from types import FrameType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -357,3 +359,26 @@ def test_threads_may_solve_with_a_factor_and_with_its_transpose() -> None:
     finally:
         sys.setswitchinterval(before)
     assert all(found)
+
+
+def test_what_goes_while_room_is_made_is_no_error() -> None:
+    """Matrices go at each step of it, as the garbage collector may drop them."""
+    cache.drop()
+    owners = [sp.eye_array(4, format="csr") for _ in range(6)]
+    for one in owners:
+        cache.shared((one,), "kept", lambda: "result", lambda _: 8.0)
+
+    def trace(frame: FrameType, event: str, _: object) -> Any:
+        if event == "line" and owners and frame.f_code.co_filename == cache.__file__:
+            sys.settrace(None)
+            cache.drop(owners.pop())
+            sys.settrace(trace)
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        cache.give_up_until(lambda: False)
+    finally:
+        sys.settrace(before)
+    assert not owners and not cache.kept_bytes()

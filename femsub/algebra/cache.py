@@ -84,7 +84,9 @@ def _within(limit: float | None) -> bool:
 def give_up_until(enough: Callable[[], bool]) -> None:
     """Drop cached objects, least recently used first, until there is enough room; objects without size stay."""
     with _lock:
-        for key in [key for key, (_, size) in _kept.items() if size]:
+        for key in list(_kept):  # a copy: the garbage collector may drop a matrix at any step, and its entries with it
+            if not _kept.get(key, (None, 0))[1]:
+                continue
             if enough():
                 return
             _kept.pop(key, None)
@@ -105,8 +107,9 @@ def drop(*owners: Matrix) -> None:
 def _gone(at: int, _: object = None) -> None:
     with _lock:
         _owners.pop(at, None)
-        for key in [key for key in _kept if at in key[0]]:
-            _kept.pop(key, None)
+        for key in list(_kept):
+            if at in key[0]:
+                _kept.pop(key, None)
 
 
 atexit.register(drop)  # a matrix that outlives this module would call _gone without its globals
