@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -158,6 +159,61 @@ def test_the_modal_way_is_within_its_bound_at_every_frequency(seed: int, monkeyp
     monkeypatch.setattr(receptance, "REACH", 1.3)
     coarse = fs.frequency_response(model, acts, at=omega, method="modal")
     assert within(coarse, exact) and not (coarse.bound > 1e5 * np.abs(exact.receptance).max(axis=(1, 2), keepdims=True)).any()
+
+
+def feedback(way: str) -> sp.csr_array:
+    """D of 150 DOF whose rows are not its columns: a sensor far from its actuator, turning forces, a full block."""
+    D = sp.lil_array((150, 150))
+    if way == "feedback":
+        D[110, 21] = 10.0
+    elif way == "gyroscopic":
+        D[110, 21], D[21, 110], D[60, 60] = 3.0, -3.0, 0.2
+    else:
+        D[np.ix_([5, 90, 130], [40, 41, 140])] = np.random.default_rng(3).standard_normal((3, 3))
+    return sp.csr_array(D)
+
+
+@pytest.mark.parametrize("way", ["feedback", "gyroscopic", "block"])
+def test_forces_may_act_elsewhere_than_the_motion_that_causes_them(way: str) -> None:
+    n, omega = 150, np.linspace(0.01, 0.25, 12)
+    ports = {"sensor": np.eye(n)[21], "far": np.eye(n)[133]}
+    model = fs.Substructure(sp.eye_array(n), fs.chain(n).K, feedback(way), ports=ports)
+    exact = fs.frequency_response(model, at=omega, method="direct")
+    found = fs.frequency_response(model, at=omega, method="modal")
+    assert exact.evidence == found.evidence == "certified" and within(found, exact)
+    assert not np.allclose(exact.receptance[:, 0, 1], exact.receptance[:, 1, 0], rtol=1e-3)
+
+
+def test_the_bound_holds_on_a_soft_mount() -> None:
+    n, rng = 200, np.random.default_rng(8)
+    k = 10 ** rng.uniform(-1, 1, n + 1)
+    k[0], k[-1] = 3e-11, 0.0  # the rigid motion on it has 1e12 times the static response of what moves inside
+    K = sp.diags_array([-k[1:n], k[:n] + k[1:n + 1], -k[1:n]], offsets=[-1, 0, 1]).tocsr()
+    M = sp.diags_array(10 ** rng.uniform(-1, 1, n)).tocsr()
+    model = fs.Substructure(M, K, 1e-3 * M, ports={"a": np.eye(n)[n // 3], "b": np.eye(n)[n - 5]})
+    omega = np.linspace(0.05, 0.3, 12)
+    exact = fs.frequency_response(model, at=omega, method="direct")
+    found = fs.frequency_response(model, at=omega, method="modal")
+    assert exact.evidence == found.evidence == "certified" and within(found, exact)
+
+
+def test_where_the_equations_are_singular_within_rounding_nothing_is_known() -> None:
+    """Two masses, in exact arithmetic: what LAPACK finds may be wrong by orders of magnitude, and by more than first order."""
+    unknown, rng = 0, np.random.default_rng(1)
+    for _ in range(150):
+        k, omega = float(rng.uniform(1, 9)), float(10 ** rng.uniform(-9.5, -7))
+        K, m = [[k * (1 + rng.integers(0, 3) * 2.2e-16), -k], [-k, k]], rng.uniform(0.5, 2, 2).tolist()
+        model = fs.Substructure(np.diag(m), K, ports={"a": [1.0, 0.0]})
+        a, b, c = (Fraction(x) - y * Fraction(omega) ** 2 for x, y in (
+            (K[0][0], Fraction(m[0])), (K[1][1], Fraction(m[1])), (K[0][1], Fraction(0))))
+        try:
+            found = fs.frequency_response(model, at=omega)
+        except fs.SingularMatrixError:
+            continue
+        error = abs(Fraction(found.receptance[0, 0, 0].real) - b / (a * b - c * c))
+        unknown += np.isinf(found.bound[0, 0, 0])
+        assert np.isinf(found.bound[0, 0, 0]) or error <= Fraction(found.bound[0, 0, 0])
+    assert unknown
 
 
 # what is chosen, and what is told

@@ -231,6 +231,40 @@ def test_the_bound_goes_through_the_joints() -> None:
         assert known_here.all() or size > 1e-6
 
 
+@pytest.mark.parametrize("omega", [3e-6, 3e-5, 1e-3])
+def test_the_bound_has_the_cancellation_of_joining_in_it(omega: float) -> None:
+    """A free chain moves by 1/(20ω²), far more than the joined chains do."""
+    one, other = fs.chain(30, damping=0.0), fs.chain(20, fixed=False, damping=0.0)
+    known = {name: fs.frequency_response(part, at=omega, loads=[0]) for name, part in (("a", one), ("b", other))}
+    found = fs.couple_responses(known, [(("a", "DOF 0"), ("b", "DOF 0"))])
+    K, M = np.zeros((2, 49, 49))
+    for part, at in ((one, np.arange(30)), (other, np.array([0, *range(30, 49)]))):
+        K[np.ix_(at, at)] += part.K.toarray()
+        M[np.ix_(at, at)] += part.M.toarray()
+    exact = np.linalg.inv(K - omega**2 * M)[0, 0]  # well conditioned
+    assert (np.abs(found.receptance - exact) <= found.bound + 1e-12).all()
+    sharp = fs.couple_responses(known, [(("a", "DOF 0"), ("b", "DOF 0"))], tol=0.5 * float(found.bound.max()))
+    assert sharp.evidence == "not checked"
+    assert fs.couple_responses(known, [(("a", "DOF 0"), ("b", "DOF 0"))], tol=0.5).evidence == "certified"
+
+
+def test_displacements_and_rotations_join_in_any_units() -> None:
+    scaled = []
+    for length in (1.0, 1e-6, 1e5):
+        h, E = length / 50, 1.6e11
+        data = {"E": E, "I": h**4 / 12, "rho": 2330.0, "A": h * h}
+        a = fs.beam(length, 8, **data, supports={"left": "clamped"}, interface=["right"])
+        b = fs.beam(length, 8, **data, interface=["left"])
+        omega = fs.normal_modes(a, count=1).frequencies[0] * np.array([0.2, 0.5, 1.3, 2.2])
+        known = {name: fs.frequency_response(part, at=omega, loads=part.interface.tolist()) for name, part in (("a", a), ("b", b))}
+        found = fs.couple_responses(known, [(("a", f"DOF {i}"), ("b", f"DOF {j}"))
+                                            for i, j in zip(a.interface, b.interface, strict=True)])
+        assert found.evidence == "certified"
+        scaled.append(found.receptance[:, 0, 0] * E * h**4 / 12 / length**3)
+    for other in scaled[1:]:
+        assert other == pytest.approx(scaled[0], rel=1e-4)
+
+
 def test_a_virtual_point_of_sensors_around_a_rigid_interface() -> None:
     rng = np.random.default_rng(2)
     point, places = np.array([0.1, 0.2, 0.0]), {}

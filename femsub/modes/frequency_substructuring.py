@@ -10,6 +10,8 @@ For an error δ of the receptances, with T = I - Y B_fᵀ Z B on the left and S 
     δY_c = T δ S - T δ B_fᵀ (B (Y + δ) B_fᵀ)⁻¹ B δ S.
 
 The first term takes the noise of measurements along (`noise`), the second tells how far it may be trusted.
+
+Where a part moves far more than the joined parts do, Y_c is a small difference of large terms. Their rounding is in the bound.
 """
 
 from __future__ import annotations
@@ -20,9 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, Tally, instance, items, mapping, real_array, shown
+from femsub.algebra import equilibration
+from femsub.checks import EPS, Array, Tally, instance, items, mapping, positive_number, real_array, shown
 from femsub.errors import InputError, InputTypeError, SingularMatrixError, unknown_name, warn
-from femsub.modes.receptance import FrequencyResponse
+from femsub.modes.receptance import TOL, FrequencyResponse, beyond
 
 MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # of a virtual point
 LOUD, LOST = 0.4, 1.0  # second order relative to the first: a warning from here on (95 % were 90 to 94 %); nothing stated
@@ -30,7 +33,8 @@ SINGULAR = 1e-13  # reciprocal condition below which a matrix has no inverse
 End = tuple[str, str]
 
 
-def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tuple[End, End]]) -> FrequencyResponse:
+def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tuple[End, End]], *, tol: float = TOL
+                     ) -> FrequencyResponse:
     """Join parts that are known by their receptances: Lagrange multiplier frequency-based substructuring (LM-FBS).
 
     Y_c = Y - Y Bᵀ(B Y Bᵀ)⁻¹B Y with Y = diag(Y_p), shape (nf, nr, nl), and B the joints as signed Boolean rows.
@@ -44,11 +48,14 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
         By name. Each motion that is joined must be a response and a load of its part, under one name.
     joints : sequence of ((part, name), (part, name))
         Motions that become equal. The forces there are opposite.
+    tol : float
+        The bound that is allowed where computed parts are joined, relative to |h_ij|, as in `frequency_response`.
 
     Returns
     -------
     FrequencyResponse
-        Its names begin with the part's, 'disc.rim'. `bound` is taken along with the second-order term of the errors. `scatter`,
+        Its names begin with the part's, 'disc.rim'. `bound` is taken along with the second-order term of the errors, and has the
+        rounding of the joining in it. It is 'certified' if all parts are computed and no bound exceeds `tol`. `scatter`,
         `ellipses` and `covariance` are the first-order effect of the noise of all parts, which are independent of each other.
         `residual` is the expected size of the second-order term relative to the first, √E‖Z B δ B_fᵀ‖².
 
@@ -87,6 +94,7 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
         instance(f"the part {name!r}", part, FrequencyResponse, "made by frequency_response or read_response")
     if not given:
         raise InputError("parts is empty: give at least one")
+    positive_number("tol", tol)
     omega = next(iter(given.values())).omega
     for name, part in given.items():
         if not np.array_equal(part.omega, omega):
@@ -116,8 +124,8 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
                   for part, rows, columns in places for one in part.noise)
     _told(omega, second)
     bound = joined.bounded(bound)
-    whole = all(part.tally.counted == part.tally.listed > 0 for part in given.values())
-    known = int(np.isfinite(bound).all(axis=(1, 2)).sum()) if whole else None
+    whole = all(part.tally.counted is not None for part in given.values())
+    known = int(np.count_nonzero(~beyond(joined.Y, bound, tol))) if whole else None
     return FrequencyResponse(omega, joined.Y, bound, second, tuple(responses), tuple(loads),
                              np.zeros(len(omega), dtype=bool), tally=Tally(len(omega), known), noise=noise)
 
@@ -154,8 +162,12 @@ def _joint(joint: Any, parts: Mapping[str, FrequencyResponse]) -> tuple[str, str
 
 @dataclass(frozen=True, eq=False)
 class _Joined:
-    """Y_c, Z, T and S at all frequencies, with B and B_f; see the module's text."""
+    """Y_c, Z, T and S at all frequencies, with B and B_f; see the module's text.
 
+    The rows of B and B_f are scaled, so that joints of displacements and of rotations count alike in any units.
+    """
+
+    given: Array
     Y: Array
     Z: Array
     left: Array
@@ -165,6 +177,9 @@ class _Joined:
 
     @classmethod
     def of(cls, Y: Array, B: Array, B_f: Array) -> _Joined:
+        size = np.abs(B @ Y @ B_f.T)
+        r, c = equilibration((size / np.maximum(size.max(axis=(1, 2), keepdims=True), np.finfo(float).tiny)).sum(axis=0))
+        B, B_f = r[:, None] * B, c[:, None] * B_f
         across = B @ Y @ B_f.T
         rank = np.linalg.svd(across, compute_uv=False)
         if (bad := rank[:, -1] <= SINGULAR * rank[:, 0]).any():
@@ -173,17 +188,32 @@ class _Joined:
         Z = np.linalg.inv(across)
         left = np.eye(Y.shape[1]) - Y @ B_f.T @ Z @ B
         right = np.eye(Y.shape[2]) - B_f.T @ Z @ B @ Y
-        return cls(left @ Y, Z, left, right, B, B_f)
+        return cls(Y, left @ Y, Z, left, right, B, B_f)
 
     def bounded(self, bound: Array) -> Array:
-        """The bound of δY_c for |δ| ≤ bound, entry by entry; inf where the second-order term has none."""
-        Z, B, B_f = np.abs(self.Z), np.abs(self.B), np.abs(self.B_f)
+        """The bound of δY_c for |δ| ≤ bound, entry by entry, and of its rounding; inf where the second-order term has none.
+
+        Z is the inverse of B Y B_fᵀ + Δ, with Δ from its residual: Y_c changes by Y B_fᵀ Z Δ (B Y B_fᵀ)⁻¹ B Y.
+        """
+        B, B_f, unit = np.abs(self.B), np.abs(self.B_f), np.eye(len(self.B))
         found = np.full(self.Y.shape, np.inf)
+        few = EPS * (4 + np.sqrt(sum(self.Y.shape[1:]) + len(B)))  # roundings of a product; they add up at random
         for k, own in enumerate(bound):
-            across = B @ own @ B_f.T
-            if np.isfinite(own).all() and np.linalg.norm(Z[k] @ across, np.inf) < 1:
-                series = np.linalg.inv(np.eye(len(B)) - Z[k] @ across) @ Z[k]
-                found[k] = np.abs(self.left[k]) @ (own + own @ B_f.T @ series @ B @ own) @ np.abs(self.right[k])
+            if not np.isfinite(own).all():
+                continue
+            Y, Z, size = self.given[k], np.abs(self.Z[k]), np.abs(self.given[k])
+            across = self.B @ Y @ self.B_f.T
+            own = own + few * size
+            inverse = (np.abs(across @ self.Z[k] - unit) + few * np.abs(across) @ Z) @ np.abs(across)
+            changed = Z @ (B @ own @ B_f.T + inverse)
+            if np.linalg.norm(changed, np.inf) >= 1:
+                continue
+            series = np.linalg.inv(unit - changed)
+            out, into = np.abs(Y @ self.B_f.T @ self.Z[k]) @ inverse @ series, np.abs(self.Z[k] @ self.B @ Y)
+            left = np.abs(self.left[k]) + out @ Z @ B
+            right = np.abs(self.right[k]) + B_f.T @ series @ Z @ inverse @ into
+            found[k] = left @ (own + own @ B_f.T @ series @ Z @ B @ own) @ right + out @ into
+            found[k] += few * (size @ B_f.T @ Z @ B @ size + np.abs(self.left[k]) @ size)
         return found
 
     def second_order(self, places: Sequence[tuple[FrequencyResponse, slice, slice]]) -> Array:
@@ -196,7 +226,8 @@ class _Joined:
 
 
 def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str, tuple[Any, Any]],
-                  impacts: Mapping[str, tuple[Any, Any]] | None = None, name: str = "point") -> FrequencyResponse:
+                  impacts: Mapping[str, tuple[Any, Any]] | None = None, name: str = "point", *, tol: float = TOL
+                  ) -> FrequencyResponse:
     """The receptance of an interface's six rigid motions from sensors and impacts around it: virtual point transformation.
 
     Y_q = T Y T_fᵀ with T = (RᵀR)⁻¹Rᵀ (6, ns), rows of R: dᵀ and ((x - p) × d)ᵀ for a sensor at x along d, and p the point.
@@ -212,6 +243,8 @@ def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str,
         impacts are at the sensors.
     name : str
         Of the point: its motions are 'point.ux' to 'point.rz'. Responses and loads that are not named here stay.
+    tol : float
+        The bound that is allowed of a computed receptance, relative to |h_ij|, as in `frequency_response`.
 
     Returns
     -------
@@ -240,21 +273,25 @@ def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str,
     ('point.ux', True, True)
     """
     instance("response", response, FrequencyResponse)
+    positive_number("tol", tol)
     p = _three("point", point)
-    left, rows, T, R = _at_point("sensors", sensors, response.responses, p, name)
-    right, columns, *_ = _at_point("impacts", sensors if impacts is None else impacts, response.loads, p, name)
+    left, rows, T, R, unclear = _at_point("sensors", sensors, response.responses, p, name)
+    right, columns, *_, blurred = _at_point("impacts", sensors if impacts is None else impacts, response.loads, p, name)
     moved = response.receptance[:, [response.responses.index(key) for key in sensors]]
     rest = np.linalg.norm(moved - R @ (T @ moved), axis=1)
     size = np.linalg.norm(moved, axis=1)
     share = np.divide(rest, size, out=np.zeros_like(rest), where=size > 0).max(axis=1)
-    return replace(response, receptance=left @ response.receptance @ right.T, residual=share, responses=rows, loads=columns,
-                   bound=np.abs(left) @ response.bound @ np.abs(right.T),
+    rounding = EPS * (4 + np.sqrt(sum(response.receptance.shape[1:]))) * (unclear + blurred)  # of products, and of T and T_f
+    own = response.bound + rounding * np.abs(response.receptance)
+    h, bound = left @ response.receptance @ right.T, np.abs(left) @ own @ np.abs(right.T)
+    known = None if response.tally.counted is None else int(np.count_nonzero(~beyond(h, bound, tol)))
+    return replace(response, receptance=h, residual=share, responses=rows, loads=columns, bound=bound, tally=Tally(len(h), known),
                    noise=tuple(one.through(left, right.T) for one in response.noise))
 
 
 def _at_point(what: str, given: Mapping[str, tuple[Any, Any]], names: Sequence[str], p: Array, name: str
-              ) -> tuple[Array, tuple[str, ...], Array, Array]:
-    """The transformation of all responses or loads, their new names, T (6, k) and R (k, 6)."""
+              ) -> tuple[Array, tuple[str, ...], Array, Array, float]:
+    """The transformation of all responses or loads, their new names, T (6, k), R (k, 6) and its condition number."""
     for key in mapping(what, given, "names, places and directions, as {'acc1': ((0, 0, 1), (1, 0, 0))}"):
         if key not in names:
             raise unknown_name(what.removesuffix("s"), key, names)
@@ -268,7 +305,8 @@ def _at_point(what: str, given: Mapping[str, tuple[Any, Any]], names: Sequence[s
         R[k] = [*(d / length), *np.cross(x - p, d / length)]
     reach = np.linalg.norm(R[:, 3:], axis=1).max(initial=0.0) or 1.0
     scaled = R / np.array([1.0, 1.0, 1.0, reach, reach, reach])
-    if len(R) < 6 or np.linalg.svd(scaled, compute_uv=False)[-1] < 1e-8:
+    values = np.linalg.svd(scaled, compute_uv=False)
+    if len(R) < 6 or values[-1] < 1e-8:
         raise InputError(f"{what} must tell all six motions of the point, but these {len(R)} leave some of them unknown. Add "
                          "some at other places or along other directions")
     T = np.linalg.pinv(scaled) / np.array([1.0, 1.0, 1.0, reach, reach, reach])[:, None]
@@ -276,7 +314,7 @@ def _at_point(what: str, given: Mapping[str, tuple[Any, Any]], names: Sequence[s
     whole = np.zeros((6 + len(kept), len(names)))
     whole[:6, [names.index(key) for key in given]] = T
     whole[6 + np.arange(len(kept)), [names.index(one) for one in kept]] = 1.0
-    return whole, (*(f"{name}.{motion}" for motion in MOTIONS), *kept), T, R
+    return whole, (*(f"{name}.{motion}" for motion in MOTIONS), *kept), T, R, float(values[0] / values[-1])
 
 
 def _three(what: str, value: Any) -> Array:

@@ -1,19 +1,21 @@
 """`frequency_response`: the answer of a model to harmonic forces, h(iω) = Cᵀ(-ω²M + iωD + K + iH)⁻¹F, directly or by modes.
 
 The modal way works on V = [Φ Ψ]. Φ are all modes below a limit Ω, counted by inertia. Ψ are the static responses that the modes
-leave out, to the loads F, to unit forces C at the responses, on the ports of contacts, and where few dashpots act. With Z for all
-other motions, K-orthogonal to V and ZᵀKZ = I, the equations are
+leave out, to the loads F, to unit forces C at the responses, on the ports of contacts, and on all rows and columns of D where it
+acts on few DOF. K' = K + MΦ(Ω² - Λ)ΦᵀM lifts the modes to Ω, so that K' ≥ Ω²M, however soft the mounts are. With Z for all
+other motions, K'-orthogonal to V and ZᵀK'Z = I, the equations are
 
-    [A  Bᵀ] [v]   [VᵀF]          A = VᵀP(iω)V,
-    [B  E ] [z] = [ 0 ],         B = Zᵀ(-ω²M + iωD + iH)V,   E = I - ω²ZᵀMZ + i(ωZᵀDZ + ZᵀHZ).
+    [A   B_lᵀ] [v]   [VᵀF]          A = VᵀP(iω)V,
+    [B_r E    ] [z] = [ZᵀF],         B_r = ZᵀP(iω)V,   B_l = ZᵀP(iω)ᵀV,   E = ZᵀP(iω)Z.
 
-ZᵀF = 0 and ZᵀC = 0, since Ψ holds all of their static response. So contacts are in A alone, unsymmetric or not. With
-ω < Ω the real part of E is at least γ = 1 - ω²/Ω². The modal response h' = CᵀV A⁻¹ VᵀF is therefore off by at most
+What Ψ holds of the loads is absent from ZᵀF, ZᵀC and B, whether forces act in the direction of motion or not. What solutions,
+dependent columns and rounding leave of them is computed. With ω < Ω the real part of E is at least γ = 1 - ω²/Ω², less what is
+left of contacts. The modal response h' = CᵀV A⁻¹ VᵀF is therefore off by at most
 
-    |h - h'| ≤ ‖B A⁻ᵀVᵀC‖ ‖B A⁻¹VᵀF‖ / (γ - ‖B A⁻¹Bᵀ‖).
+    |h - h'| ≤ ‖ZᵀC - B_l A⁻ᵀVᵀC‖ ‖ZᵀF - B_r A⁻¹VᵀF‖ / (γ - ‖B_r A⁻¹B_lᵀ‖).
 
-Norms of B follow from small matrices. Where B is large, the static responses to it join Ψ. Rounding in the entries of the
-matrices is added to the bound.
+Norms over Z follow from small matrices. Where B is large, the static responses to it join Ψ. The bound also has the residual of
+the small equations, and rounding in the entries of the matrices.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.algebra import SMALL, ComplexFactor, Frozen, shared_factor
@@ -47,7 +50,7 @@ from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, co
 from femsub.modes.noise import Noise
 from femsub.modes.normal_modes import modes_below, modes_under
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.modes.static_shapes import independent
+from femsub.modes.static_shapes import DEPENDENT, energy_directions
 
 if TYPE_CHECKING:
     from femsub.modes.normal_modes import NormalModes
@@ -397,18 +400,18 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     if basis is not None:
         for k, value in enumerate(omega.tolist()):
             h[k], bound[k], residual[k] = basis.response(value)
-        direct = _beyond(h, bound, tol) & (method == "auto")
+        direct = beyond(h, bound, tol) & (method == "auto")
     if direct.any():
         whole = Whole(pencil.dense() if pencil.size <= SMALL else pencil, model.H, F, C)
         for k in np.flatnonzero(direct):
             h[k], bound[k], residual[k] = whole.response(float(omega[k]))
     found = FrequencyResponse(omega, h, bound, residual, outputs, names, direct, 0 if basis is None else basis.modes,
-                              Tally(len(omega), int(np.count_nonzero(~_beyond(h, bound, tol)))))
+                              Tally(len(omega), int(np.count_nonzero(~beyond(h, bound, tol)))))
     log.info("%r", found)
     return found
 
 
-def _beyond(h: Array, bound: Array, tol: float) -> Array:
+def beyond(h: Array, bound: Array, tol: float) -> Array:
     """At which frequencies some bound is not within the tolerance, bool, shape (nf,)."""
     size = np.abs(h)
     size = np.maximum(size, FAINT * np.maximum(size.max(axis=1, keepdims=True), np.median(size, axis=0)))
@@ -476,28 +479,26 @@ def port_responses(pencil: Pencil, s: complex, W: Array, H: Matrix | None = None
         s is an eigenvalue, e.g. iω at an undamped resonance.
     """
     both, p = all(pencil.symmetric), W.shape[1]
-    other = W if left is None else left
+    other, solve = W if left is None else left, _solver(pencil, s, H)
     once = other is W and both
-    if pencil.is_sparse:
-        solve = _solver(pencil, s, H)
-        if both:
-            x = solve(W if once else np.hstack([W, other]), False)
-            return (x, x) if once else (x[:, :p], x[:, p:])
-        return solve(W, False), solve(other, True)
-    try:
-        P = pencil.at(s) if H is None else pencil.at(s) + 1j * H
-        x = np.linalg.solve(P, W.astype(complex))
-        return x, x if once else np.linalg.solve(P.T, other.astype(complex))
-    except np.linalg.LinAlgError:
-        raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g}") from None
+    if both:
+        x = solve(W if once else np.hstack([W, other]), False)
+        return (x, x) if once else (x[:, :p], x[:, p:])
+    return solve(W, False), solve(other, True)
 
 
 def _solver(pencil: Pencil, s: complex, H: Matrix | None) -> Any:
-    """(B, transposed) to P(s)⁻¹B or P(s)⁻ᵀB of a sparse pencil."""
-    if s == 0 and H is None and pencil.symmetric[2]:
+    """(B, transposed) to P(s)⁻¹B or P(s)⁻ᵀB."""
+    if pencil.is_sparse and s == 0 and H is None and pencil.symmetric[2]:
         real = shared_factor(pencil.K, "symmetric")
         return lambda B, transposed: real.solve(B)
-    return ComplexFactor(pencil.at(s) if H is None else pencil.at(s) + 1j * H).solve
+    P = pencil.at(s) if H is None else pencil.at(s) + 1j * H
+    if pencil.is_sparse:
+        return ComplexFactor(P).solve
+    lu, pivots, info = la.lapack.zgetrf(P)
+    if info:
+        raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g}")
+    return lambda B, transposed: la.lapack.zgetrs(lu, pivots, B, trans=int(transposed))[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -513,22 +514,45 @@ class Whole:
         """h (nr, nl), its bound, and the largest backward error.
 
         With x' and y' for P⁻¹F and P⁻ᵀC as they were computed, y'ᵀ(F - Px') is their error to first order. What rounding does to
-        the residual is added entry by entry; it is as much as a rounding in each entry of the matrices may do.
+        the residual is added entry by entry; it is as much as a rounding in each entry of the matrices may do. The bound is
+        infinite where such roundings, of random signs, change x' or y' by their own size: P is singular within rounding.
         """
-        pencil, s = self.pencil, 1j * omega
+        pencil, s = self.pencil, 1j * omega if omega else 0.0
         try:
-            x, y = port_responses(pencil, s if omega else 0.0, self.F, self.H, self.C)
+            solve = _solver(pencil, s, self.H)
+            x = solve(self.F, False)
+            y = x if self.C is self.F and all(pencil.symmetric) else solve(self.C, True)
         except SingularMatrixError:
             raise _singular(omega) from None
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             raise _singular(omega)
-        each, values = np.abs(self.F), np.full(x.shape[1], s)
-        rest = self.F - pencil.residual(values, x)
-        each = each + pencil.magnitude(values, x)
+        rest, each = self._residual(pencil, s, self.F, x)
+        wrong = pencil.backward_error(np.full(x.shape[1], s), x, rest).max(initial=0.0)
+        changed = _changed(solve, False, each, x)
+        if y is not x:
+            changed = max(changed, _changed(solve, True, self._residual(self._transposed, s, self.C, y)[1], y))
+        bound = np.abs(y).T @ each / (1 - changed) ** 2 if changed < 1 else np.full((y.shape[1], x.shape[1]), np.inf)
+        return self.C.T @ x, bound, float(wrong)
+
+    @cached_property
+    def _transposed(self) -> Pencil:
+        return self.pencil if all(self.pencil.symmetric) else self.pencil.transposed()
+
+    def _residual(self, pencil: Pencil, s: complex, F: Array, x: Array) -> tuple[Array, Array]:
+        """F - Px, and its size with that of its rounding, entry by entry."""
+        values = np.full(x.shape[1], s)
+        rest, size = F - pencil.residual(values, x), np.abs(F) + pencil.magnitude(values, x)
         if self.H is not None:
-            rest, each = rest - 1j * (self.H @ x), each + abs(self.H) @ np.abs(x)
-        wrong = pencil.backward_error(values, x, rest).max(initial=0.0)
-        return self.C.T @ x, np.abs(y).T @ (np.abs(rest) + _terms(pencil) * EPS * each), float(wrong)
+            rest, size = rest - 1j * (self.H @ x), size + abs(self.H) @ np.abs(x)
+        return rest, np.abs(rest) + _terms(pencil) * EPS * size
+
+
+def _changed(solve: Any, transposed: bool, residual: Array, x: Array) -> float:
+    """The largest change of a column of x by a residual of this size and random signs, relative to the column."""
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], residual.shape)
+    size = np.linalg.norm(x, axis=0)
+    change = np.linalg.norm(solve(signs * residual, transposed), axis=0)
+    return float(np.divide(change, size, out=np.zeros_like(size), where=size > 0).max(initial=0.0))
 
 
 def _terms(pencil: Pencil) -> float:
@@ -551,13 +575,18 @@ class Modal:
     Attributes
     ----------
     M, D, K, H : ndarray, shape (r, r)
+        With contacts.
     F, C : ndarray, shapes (r, nl) and (r, nr)
-    lost : ndarray, shapes (q, r) each
-        L_M, L_D and L_H with ‖B v‖ = ‖(-ω²L_M + iωL_D + iL_H)v‖.
+    lost, lost_left : tuple of ndarray, shapes (q, r) each
+        L_M, L_D, L_K and L_H with ‖Zᵀ P(iω)V v‖ = ‖(-ω²L_M + iωL_D + L_K + iL_H)v‖; the same of Pᵀ.
+    lost_F, lost_C : ndarray, shapes (q, nl) and (q, nr)
+        ZᵀF and ZᵀC in the same norm.
+    spoilt : (float, float, float)
+        c_M, c_D and c_K: Re xᴴE(iω)x ≥ 1 - ω²c_M - ωc_D - c_K for all |x| = 1.
     noise : ndarray, shape (r, r)
         What rounding in each entry of the matrices, and the errors of the modes, may change in those of A.
-    limit : float
-        No mode that is left out lies below.
+    noise_F, noise_C : ndarray, shapes (r, nl) and (r, nr)
+        What rounding may change in VᵀF and VᵀC.
     modes : int
         Rigid-body modes included.
     """
@@ -568,9 +597,14 @@ class Modal:
     H: Array
     F: Array
     C: Array
-    lost: tuple[Array, Array, Array]
+    lost: tuple[Array, ...]
+    lost_left: tuple[Array, ...]
+    lost_F: Array
+    lost_C: Array
+    spoilt: tuple[float, float, float]
     noise: Array
-    limit: float
+    noise_F: Array
+    noise_C: Array
     modes: int
 
     @classmethod
@@ -585,13 +619,15 @@ class Modal:
         terms = [small_matrices(model, contact) for contact in contacts_of(contacts)]
         if any(map(sp.issparse, (part for term in terms for part in term))):
             raise InputError("contacts of surfaces act on too many DOF for the modal way. Take method='direct'")
-        braked = np.unique(model.D.nonzero()[1])
+        braked = np.unique(np.concatenate(model.D.nonzero()))  # its rows and its columns
         few = len(braked) <= DASHPOTS
-        if not few and not model.pencil.symmetric[1]:
+        if few:  # D acts as a contact does
+            one_by_one = np.zeros((model.size, len(braked)))
+            one_by_one[braked, np.arange(len(braked))] = 1.0
+            terms.append((one_by_one, one_by_one.T @ (model.D @ one_by_one), 0.0))
+        elif not model.pencil.symmetric[1]:
             raise InputError("an unsymmetric D on many DOF has no bound for the modal way. Take method='direct'")
-        one_by_one = np.zeros((model.size, len(braked) if few else 0))
-        one_by_one[braked[:one_by_one.shape[1]], np.arange(one_by_one.shape[1])] = 1.0
-        forces = np.hstack([F, *([] if C is F else [C]), *(W for W, *_ in terms), one_by_one])
+        forces = np.hstack([F, C, *(W for W, *_ in terms)] if C is not F else [F, *(W for W, *_ in terms)])
         if forces.shape[1] > WIDE:
             raise InputError(f"{forces.shape[1]} columns of loads, responses, contacts and dashpots are too many for the modal "
                              f"way (at most {WIDE}). Take method='direct', or ask for fewer at a time")
@@ -601,64 +637,140 @@ class Modal:
             raise InputError(f"{count} modes lie below {limit:.5g} rad/time, more than {most}. Take method='direct'")
         found = modes_below(model.K, model.M, limit, handle)
         spread = (None if few else model.D, model.H)
-        V, M, K, lost = _basis(handle, found, forces, spread, highest or limit)
-        D, H = (np.zeros(K.shape) if A is None else V.T @ (A @ V) for A in (model.D, model.H))
-        size = np.abs(V)
-        each = abs(model.K) @ size + highest**2 * (abs(model.M) @ size) + highest * (abs(model.D) @ size)
-        noise = _terms(model.pencil) * EPS * (size.T @ (each if model.H is None else each + abs(model.H) @ size))
+        basis = _Basis.of(handle, found, forces, spread, highest or limit)
+        V, M, K = basis.V, basis.M, basis.K
+        D, H = (np.zeros(K.shape) if A is None else V.T @ (A @ V) for A in spread)
+        size, rounding = np.abs(V), _terms(model.pencil) * EPS
+        each = abs(model.K) @ size + highest**2 * (abs(model.M) @ size)
+        for A, rate in zip(spread, (highest, 1.0), strict=True):
+            each = each if A is None else each + rate * (abs(A) @ size)
+        noise = rounding * (size.T @ each)
         noise += np.abs(V.T @ (model.K @ V) - K) + highest**2 * np.abs(V.T @ (model.M @ V) - M)  # the modes' own errors
-        for W, C_D, C_K in terms:
-            w = V.T @ W
-            added = [w @ (part if np.ndim(part) else part * np.eye(w.shape[1])) @ w.T for part in (C_D, C_K)]
-            D, K, noise = D + added[0], K + added[1], noise + EPS * (highest * np.abs(added[0]) + np.abs(added[1]))
-        return cls(M, D, K, H, V.T @ F, V.T @ C, lost, noise, found.counted[0], len(found.eigenvalues))
+        own, other = slice(F.shape[1]), slice(0 if C is F else F.shape[1], F.shape[1] if C is F else F.shape[1] + C.shape[1])
+        right, left, spoilt, start = [*basis.lost], [*basis.lost], [*basis.spoilt], other.stop
+        for W, *factors in terms:
+            w, L, start = V.T @ W, basis.loads[:, start:start + W.shape[1]], start + W.shape[1]
+            C_D, C_K = (np.array(part if np.ndim(part) else part * np.eye(W.shape[1])) for part in factors)
+            touched, weak = size.T @ np.abs(W), float(np.linalg.norm(L, 2)) ** 2 if L.size else 0.0
+            noise += rounding * (touched @ (highest * np.abs(C_D) + np.abs(C_K)) @ touched.T)
+            D, K = D + w @ C_D @ w.T, K + w @ C_K @ w.T
+            for at, part in ((1, C_D), (2, C_K)):
+                right[at], left[at] = right[at] + L @ part @ w.T, left[at] + L @ part.T @ w.T
+                spoilt[at] += weak * float(np.linalg.norm(part))
+        return cls(M, D, K, H, V.T @ F, V.T @ C, (*right,), (*left,), basis.loads[:, own], basis.loads[:, other],
+                   (spoilt[0], spoilt[1], spoilt[2]), noise, rounding * (size.T @ np.abs(F)), rounding * (size.T @ np.abs(C)),
+                   len(found.eigenvalues))
 
     def response(self, omega: float) -> tuple[Array, Array, float]:
         """h (nr, nl), its bound, and the largest ‖F - Px‖ / ‖x‖ in the norms of energy."""
         A = self.K - omega**2 * self.M + 1j * (omega * self.D + self.H)
-        B = -omega**2 * self.lost[0] + 1j * (omega * self.lost[1] + self.lost[2])
+        right, left = (L[2] - omega**2 * L[0] + 1j * (omega * L[1] + L[3]) for L in (self.lost, self.lost_left))
         try:
             inverse = np.linalg.inv(A)
         except np.linalg.LinAlgError:
             raise _singular(omega) from None
         v, w = inverse @ self.F, inverse.T @ self.C
-        margin = 1 - (omega / self.limit) ** 2 - float(np.linalg.norm(B @ inverse @ B.T))
-        out, into = (np.linalg.norm(B @ part, axis=0) for part in (w, v))
-        left_out = np.outer(out, into) / margin if margin > 0 else np.full((len(out), len(into)), np.inf)
+        into, out = (np.linalg.norm(own - B @ part, axis=0) for own, B, part in ((self.lost_F, right, v), (self.lost_C, left, w)))
+        changed = np.abs(inverse) @ self.noise  # by rounding: what a vector A⁻¹b may change, relative to its entries
+        sure = 1 - float(np.linalg.norm(changed))
+        margin = 1 - omega**2 * self.spoilt[0] - omega * self.spoilt[1] - self.spoilt[2]
+        margin -= float(np.linalg.norm(right @ inverse @ left.T)) / max(sure, EPS)
+        bound = np.full((len(out), len(into)), np.inf)
+        if margin > 0 and sure > 0:
+            size = np.linalg.solve(np.eye(len(A)) - changed, np.abs(v))
+            rest = np.abs(self.F - A @ v) + self.noise @ size + self.noise_F
+            bound = np.outer(out, into) / (margin * sure**2) + np.abs(w).T @ rest + self.noise_C.T @ size
         energy = np.sqrt(np.abs(self.K.diagonal()) @ np.abs(v) ** 2)
         wrong = np.divide(into, energy, out=np.zeros_like(into), where=energy > 0)
-        return self.C.T @ v, left_out + np.abs(w).T @ self.noise @ np.abs(v), float(wrong.max(initial=0.0))
+        return self.C.T @ v, bound, float(wrong.max(initial=0.0))
 
 
-def _basis(handle: ShiftInvert, modes: NormalModes, forces: Array, spread: tuple[Matrix | None, Matrix | None], highest: float
-           ) -> tuple[Array, Array, Array, tuple[Array, Array, Array]]:
-    """V = [Φ Ψ] (n, r), VᵀMV and VᵀKV, diagonal both, and `Modal.lost`, for forces and a `spread` of D and H over many DOF.
+@dataclass(frozen=True, eq=False)
+class _Basis:
+    """V = [Φ Ψ] (n, r), each column of about unit energy, and what it leaves out; see the module's text.
 
-    What the basis leaves out of -ω²MV, iωDV and iHV is itself a load. Its static responses join the basis, those of the most
-    energy first.
+    Attributes
+    ----------
+    M, K : ndarray, shape (r, r)
+    lost : tuple of ndarray, shapes (q, r) each
+        `Modal.lost` without contacts, and of D and H over many DOF alone.
+    loads : ndarray, shape (q, p)
+        Zᵀ times the forces in the same norm.
+    spoilt : (float, float, float)
+        `Modal.spoilt` without contacts.
     """
-    kept, rest = modes.shapes, handle.elastic_solve(forces, modes.shapes)
-    for sweep in range(SWEEPS + 1):
-        statics, stiffness, mass, _ = independent(handle, rest, forces, kept, modes.eigenvalues)
-        V, energies = np.hstack([kept, statics]), np.append(modes.eigenvalues, stiffness)
-        moved = [np.append(np.zeros(kept.shape[1], dtype=bool), mass > 0), *(np.full(V.shape[1], A is not None) for A in spread)]
-        beside = np.hstack([A @ V[:, use] for A, use in zip((handle.M, *spread), moved, strict=True) if use.any()] or [V[:, :0]])
-        response = handle.elastic_solve(beside, kept)
-        left = response - statics @ ((statics.T @ beside) / stiffness[:, None])
-        gram = left.T @ (handle.K @ left)
-        unit = np.maximum(energies, highest**2) ** -0.5  # makes motions of energy 1
-        weight = np.concatenate([rate * unit[use] for rate, use in zip((highest**2, highest, 1.0), moved, strict=True)])
-        size, turn = np.linalg.eigh((gram + gram.T) / 2 * np.outer(weight, weight))
-        lost = np.flatnonzero(size > LEAST**2)[-MOST:]
-        if sweep == SWEEPS or not len(lost):
-            break
-        change = weight[:, None] * turn[:, lost]
-        forces, rest = np.hstack([forces, beside @ change]), np.hstack([rest, response @ change])
-    root = np.sqrt(np.maximum(size, 0.0))[:, None] * turn.T / weight
-    parts, start = [], 0
-    for use in moved:
-        L = np.zeros((len(size), V.shape[1]))
-        L[:, use] = root[:, start:start + int(use.sum())]
-        parts.append(L)
-        start += int(use.sum())
-    return V, np.diag(np.append(np.ones(kept.shape[1]), mass)), np.diag(energies), (parts[0], parts[1], parts[2])
+
+    V: Array
+    M: Array
+    K: Array
+    lost: tuple[Array, Array, Array, Array]
+    loads: Array
+    spoilt: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, handle: ShiftInvert, modes: NormalModes, forces: Array, spread: tuple[Matrix | None, Matrix | None],
+           highest: float) -> _Basis:
+        """For forces, and a `spread` of D and H over many DOF.
+
+        What the basis leaves out of -ω²MV, iωDV and iHV is itself a load. Its static responses join the basis, those of the
+        most energy first.
+        """
+        Phi, values, top = modes.shapes, modes.eigenvalues, modes.counted[0] ** 2
+        unit = np.maximum(values, highest**2) ** -0.5  # makes motions of energy 1
+        given = handle.elastic_solve(forces, Phi)
+        energy, through = _energy(handle, given), ((Phi.T @ forces) ** 2).sum(axis=0) / top
+        static = given[:, energy > DEPENDENT**2 * through]  # the rest is rounding
+        for sweep in range(SWEEPS + 1):
+            Psi = _of_unit_energy(handle, static, Phi)
+            V = np.hstack([Phi * unit, Psi])
+            acting = [(handle.M, Psi, highest**2), *zip(spread, (V, V), (highest, 1.0), strict=True)]
+            beside = np.hstack([rate * (A @ x) for A, x, rate in acting if A is not None])
+            response = handle.elastic_solve(beside, Phi)
+            size, turn = np.linalg.eigh(_gram(handle, response, Psi))
+            joining = np.flatnonzero(size > LEAST**2)[-MOST:]
+            if sweep == SWEEPS or not len(joining):
+                break
+            static = np.hstack([static, response @ turn[:, joining]])
+        seen = np.sqrt(energy + through)
+        seen[seen == 0] = 1.0
+        errors = (handle.K @ Phi - (handle.M @ Phi) * values) * unit
+        every = np.hstack([forces / seen, errors, beside])
+        response = np.hstack([given / seen, handle.elastic_solve(errors, Phi), response])
+        change = handle.elastic_solve(every - handle.K @ response, Phi)  # the error of the solutions, to first order
+        gram = _gram(handle, response + change, Psi) + np.diag(_energy(handle, change))
+        size, turn = np.linalg.eigh(gram)
+        root = np.sqrt(np.maximum(size, EPS * size.max(initial=0.0)))[:, None] * turn.T
+        m, p = Phi.shape[1], forces.shape[1]
+        loads, wrong, left = root[:, :p] * seen, root[:, p:p + m], root[:, p + m:]
+        parts = [np.zeros((len(root), V.shape[1])) for _ in range(4)]
+        for at, (A, x, rate) in zip((0, 1, 3), acting, strict=True):
+            if A is not None:
+                parts[at][:, V.shape[1] - x.shape[1]:] = left[:, :x.shape[1]] / rate
+                left = left[:, x.shape[1]:]
+        parts[0][:, :m], parts[2][:, :m] = -wrong / top, wrong * (1 - values / top)
+        spoilt = 4 * float(((wrong / unit) ** 2).sum(axis=0) @ (1 / (top - values)))
+        mass = Psi.T @ (handle.M @ Psi)
+        M = np.diag(np.append(unit**2, np.zeros(len(mass))))
+        M[m:, m:] = (mass + mass.T) / 2
+        K = np.diag(np.append(values * unit**2, np.ones(len(mass))))
+        return cls(V, M, K, (parts[0], parts[1], parts[2], parts[3]), loads, ((1 + spoilt) / top, 0.0, spoilt))
+
+
+def _energy(handle: ShiftInvert, x: Array) -> Array:
+    return np.einsum("ij,ij->j", x, handle.K @ x).clip(0.0)
+
+
+def _gram(handle: ShiftInvert, x: Array, Psi: Array) -> Array:
+    """The energies of what is left of x beside Ψ."""
+    left = x - Psi @ (Psi.T @ (handle.K @ x))
+    gram = left.T @ (handle.K @ left)
+    return (gram + gram.T) / 2
+
+
+def _of_unit_energy(handle: ShiftInvert, x: Array, Phi: Array) -> Array:
+    """Ψ with ΨᵀKΨ = I and ΦᵀMΨ = 0 that spans x beside Φ; in two passes, since nearly dependent columns lose digits."""
+    for _ in range(2):
+        x = handle.deflate(x, Phi)
+        energy = x.T @ (handle.K @ x)
+        x = x @ energy_directions((energy + energy.T) / 2, energy.diagonal(), len(x) - Phi.shape[1])[0]
+    return x
