@@ -256,7 +256,8 @@ def test_displacements_and_rotations_join_in_any_units() -> None:
         a = fs.beam(length, 8, **data, supports={"left": "clamped"}, interface=["right"])
         b = fs.beam(length, 8, **data, interface=["left"])
         omega = fs.normal_modes(a, count=1).frequencies[0] * np.array([0.2, 0.5, 1.3, 2.2])
-        known = {name: fs.frequency_response(part, at=omega, loads=part.interface.tolist()) for name, part in (("a", a), ("b", b))}
+        known = {name: fs.frequency_response(part, at=omega, loads=part.interface.tolist())
+                 for name, part in (("a", a), ("b", b))}
         found = fs.couple_responses(known, [(("a", f"DOF {i}"), ("b", f"DOF {j}"))
                                             for i, j in zip(a.interface, b.interface, strict=True)])
         assert found.evidence == "certified"
@@ -281,6 +282,9 @@ def test_a_virtual_point_of_sensors_around_a_rigid_interface() -> None:
     assert found.responses == ("point.ux", "point.uy", "point.uz", "point.rx", "point.ry", "point.rz", "far") == found.loads
     # forces at the sensors are those of the point: T_f of Rᵀ is the identity on all that a rigid interface feels
     assert found.receptance == pytest.approx(flexible, rel=1e-9) and found.residual.max() < 1e-12
+    order = list(places)[::-1]  # the same sum in another order: rounding alone, which the bound has
+    other = fs.virtual_point(sensed, point, {key: places[key] for key in order})
+    assert (np.abs(other.receptance - found.receptance) <= other.bound + found.bound).all() and found.bound.max() < 1e-9
     bent = replace(sensed, receptance=sensed.receptance + 0.1 * rng.standard_normal((3, 10, 10)))
     assert 1e-3 < fs.virtual_point(bent, point, places).residual.max() < 1
     assert sensed.scatter is not None

@@ -1,7 +1,8 @@
 """Receptances against the stored matrices in 64 bits of mantissa: no entry is further off than its bound, by any method.
 
 The reference is an LU in double precision, refined with residuals in long double; where that does not converge, an LU in
-long double. It is of the matrices as they are stored. That of joined parts is the primal system.
+long double. It is of the matrices as they are stored. That of joined parts is the primal system, that of virtual points the
+least-squares motion, by Gram-Schmidt in long double.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 
-KINDS = ("rows", "soft", "direct", "coupled", "units")
+KINDS = ("rows", "soft", "direct", "coupled", "units", "points")
 Array: TypeAlias = np.ndarray
 EXACT = np.finfo(np.longdouble).eps
 
@@ -288,9 +289,41 @@ def joined(kind: str, rng: np.random.Generator) -> str:
     return f"wrong: {what}" if (what := fault(found, exact)) else found.evidence
 
 
+# ---- virtual points
+
+def point(rng: np.random.Generator) -> str:
+    """Sensors around a point, at any distance, on parts that move by translation more than by rotation, or less."""
+    count, reach, far = int(rng.integers(6, 13)), 10.0 ** rng.uniform(-6, 2), rng.standard_normal(3) * 10.0 ** rng.uniform(-6, 2)
+    places = {f"s{k}": (tuple((far + reach * rng.standard_normal(3)).tolist()), tuple(rng.standard_normal(3).tolist()))
+              for k in range(count)}
+    Y = 10.0 ** rng.uniform(-12, 3) * (rng.standard_normal((2, count + 1, count + 1)) + 1j)
+    Y += rng.integers(0, 2) * 10.0 ** rng.uniform(-12, 3)
+    given = fs.FrequencyResponse.measured([1.0, 2.0], Y, [*places, "far"], [*places, "far"])
+    try:
+        found = fs.virtual_point(given, far, places)
+    except fs.InputError as error:
+        return f"refused: {error}"
+    R = np.zeros((count, 6), dtype=np.longdouble)
+    for k, (x, d) in enumerate(places.values()):
+        arm, along = np.array(x, dtype=np.longdouble) - far, np.array(d, dtype=np.longdouble)
+        along = along / np.sqrt(along @ along)
+        R[k] = [*along, *np.cross(arm, along)]
+    unit = np.sqrt((R * R).sum(axis=0))
+    Q = R / unit
+    for _ in range(3):  # Gram-Schmidt, repeated
+        for j in range(6):
+            for i in range(j):
+                Q[:, j] -= Q[:, i] * (Q[:, i] @ Q[:, j])
+            Q[:, j] /= np.sqrt(Q[:, j] @ Q[:, j])
+    T = np.zeros((7, count + 1), dtype=np.longdouble)
+    T[:6, :count] = substituted(*eliminated(Q.T @ R), Q.T)
+    T[6, count] = 1
+    return f"wrong: {what}" if (what := fault(found, T @ Y @ T.T)) else "bounded"
+
+
 def attacked(kind: str, seed: int) -> str:
     rng = np.random.default_rng([53, KINDS.index(kind), seed])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = joined(kind, rng) if kind in ("coupled", "units") else alone(kind, rng)
+        found = point(rng) if kind == "points" else joined(kind, rng) if kind in ("coupled", "units") else alone(kind, rng)
     return found.replace("wrong:", f"wrong: seed {seed}:", 1)

@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 
-from femsub.algebra import equilibration
 from femsub.checks import EPS, Array, Tally, instance, items, mapping, positive_number, real_array, shown
 from femsub.errors import InputError, InputTypeError, SingularMatrixError, unknown_name, warn
 from femsub.modes.receptance import TOL, FrequencyResponse, beyond
@@ -57,7 +56,7 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
         Its names begin with the part's, 'disc.rim'. `bound` is taken along with the second-order term of the errors, and has the
         rounding of the joining in it. It is 'certified' if all parts are computed and no bound exceeds `tol`. `scatter`,
         `ellipses` and `covariance` are the first-order effect of the noise of all parts, which are independent of each other.
-        `residual` is the expected size of the second-order term relative to the first, √E‖Z B δ B_fᵀ‖².
+        `residual` is the expected size of the second-order term relative to the first, √E‖Z B δ B_fᵀ‖², with scaled joints.
 
     Raises
     ------
@@ -178,8 +177,9 @@ class _Joined:
     @classmethod
     def of(cls, Y: Array, B: Array, B_f: Array) -> _Joined:
         size = np.abs(B @ Y @ B_f.T)
-        r, c = equilibration((size / np.maximum(size.max(axis=(1, 2), keepdims=True), np.finfo(float).tiny)).sum(axis=0))
-        B, B_f = r[:, None] * B, c[:, None] * B_f
+        size = (size / np.maximum(size.max(axis=(1, 2), keepdims=True), np.finfo(float).tiny)).sum(axis=0)
+        B = _per(size.max(axis=1))[:, None] * B
+        B_f = _per((_per(size.max(axis=1))[:, None] * size).max(axis=0))[:, None] * B_f
         across = B @ Y @ B_f.T
         rank = np.linalg.svd(across, compute_uv=False)
         if (bad := rank[:, -1] <= SINGULAR * rank[:, 0]).any():
@@ -223,6 +223,11 @@ class _Joined:
             for one in part.noise:
                 found += one.through(self.Z @ self.B[:, rows], self.B_f[:, columns].T).moments()[0].sum(axis=(1, 2))
         return np.sqrt(found)
+
+
+def _per(size: Array) -> Array:
+    """1 / size, to a power of two, so that scaling rounds nothing; 1 where it is 0."""
+    return 2.0 ** -np.rint(np.log2(np.where(size > 0, size, 1.0)))
 
 
 def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str, tuple[Any, Any]],
