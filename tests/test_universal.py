@@ -206,6 +206,85 @@ def test_real_files_say_what_pyuff_says(tmp_path: Path, binary: bool) -> None:
     assert found.repeated == 2 and found.receptance[:, 0, 0] == pytest.approx(h, rel=1e-10)
 
 
+HERTZ = np.array([5.0, 15.0, 25.0, 35.0, 45.0])
+RECEPTANCE = 1 / (2e3 * (1 - (HERTZ / 64) ** 2 + 0.05j))
+
+
+def functions(types: tuple[int, int], values: np.ndarray, fill: str = "", end: str = "\n") -> str:
+    """Data set 58 of one response in text, single precision, evenly spaced, whose last line goes on with `fill`."""
+    flat = [f"{value:13.5E}" for value in np.column_stack([values.real, values.imag]).ravel()]
+    lines = ["".join(flat[start:start + 6]) for start in range(0, len(flat), 6)]
+    head = ["    -1", "    58", *["NONE"] * 5, f"    4{1:10d}{1:5d}{0:10d} {'NONE':10s}{3:10d}{3:4d} {'NONE':10s}{7:10d}{3:4d}",
+            numbers(5, len(values), 1).rstrip() + reals(HERTZ[0], 10.0, 0.0).rstrip(),
+            *(f"{kind:10d}    0    0    0 NONE                 NONE" for kind in (18, *types, 0))]
+    return end.join([*head, *lines[:-1], lines[-1] + fill, "    -1", ""])
+
+
+@pytest.mark.parametrize(("fill", "message"), [
+    (f"{0.0:13.5E}" * 2, None), (" " * 26, None), (f"{0.0:13.5E}{1e-9:13.5E}", "announces 5 values, but has 6"),
+    (f"{0.0:13.5E}" * 3, "has 6.5"), (f"\n{0.0:13.5E}{0.0:13.5E}", "has 6"), (f"{0.0:13.5E}{np.nan:13.5E}", "has 6")])
+def test_zeros_fill_the_last_line(tmp_path: Path, fill: str, message: str | None) -> None:
+    (tmp_path / "a.uff").write_text(functions((8, 13), RECEPTANCE, fill))
+    if message is None:
+        assert fs.read_response(tmp_path / "a.uff").receptance[:, 0, 0] == pytest.approx(RECEPTANCE, rel=1e-5)
+        return
+    with pytest.raises(fs.InputError, match=message):
+        fs.read_response(tmp_path / "a.uff")
+
+
+@pytest.mark.parametrize(("types", "stated", "message"), [
+    ((8, 9), {}, None), ((12, 0), {"over": "force"}, None), ((1, 13), {"quantity": "acceleration"}, None),
+    ((0, 1), {"quantity": "velocity", "over": "force"}, None), ((11, 13), {"quantity": "velocity", "over": "force"}, None),
+    ((12, 0), {}, r"types 12 over 0 \(unknown\), .* state it by over='force'$"),
+    ((1, 13), {"over": "force"}, r"types 1 \(general\) over 13, .* state it by quantity='displacement', 'velocity' or"),
+    ((12, 13), {"quantity": "velocity"}, "which are not those of velocity over the load, as stated"),
+    ((3, 0), {}, r"needed$"), ((12, 8), {"over": "force"}, "as stated"), ((1, 3), {"quantity": "force"}, "quantity")])
+def test_what_a_file_leaves_open_is_stated(tmp_path: Path, types: tuple[int, int], stated: dict[str, str],
+                                           message: str | None) -> None:
+    order = {8: 0, 11: 1, 12: 2, "velocity": 1, "acceleration": 2}.get(stated.get("quantity", types[0]), 0)
+    (tmp_path / "a.uff").write_text(functions(types, (2j * np.pi * HERTZ) ** order * RECEPTANCE))
+    if message is None:
+        assert fs.read_response(tmp_path / "a.uff", **stated).receptance[:, 0, 0] == pytest.approx(RECEPTANCE, rel=1e-5)
+        return
+    with pytest.raises(fs.InputError, match=message):
+        fs.read_response(tmp_path / "a.uff", **stated)
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+def test_no_byte_of_binary_values_is_lost_unseen(tmp_path: Path, end: bytes) -> None:
+    """Blanks and line ends follow the values; they are no values where bytes are missing."""
+    raw = np.column_stack([RECEPTANCE.real, RECEPTANCE.imag]).astype("<f4").tobytes()
+    text = functions((8, 13), RECEPTANCE[:5], end=end.decode()).encode()
+    start = [at for at in range(len(text)) if text.startswith(end, at)][12] + len(end)
+    head = text[:start].replace(b"    58", f"    58b     1     2          11{len(raw):12d}".encode())
+    for values, behind in ((raw, end), (raw, b""), (raw, end + end)):
+        (tmp_path / "a.uff").write_bytes(head + values + behind + b"    -1" + end)
+        assert fs.read_response(tmp_path / "a.uff").receptance[:, 0, 0] == pytest.approx(RECEPTANCE, rel=1e-6)
+    for count in (1, 2, 4, 6):
+        for values in (raw[:-count], raw + b"x" * count):
+            (tmp_path / "a.uff").write_bytes(head + values + end + b"    -1" + end)
+            with pytest.raises(fs.InputError, match="does not end where it says"):
+                fs.read_response(tmp_path / "a.uff")
+
+
+def test_lines_of_nodes_and_members_may_be_filled(tmp_path: Path) -> None:
+    """As the trace lines of a test model may be; other numbers than 0 are still too many."""
+    text, _ = universal("tetra")
+    mode = old_mode(10.0, 0.0, SHAPES[0])
+    for row in SHAPES[0]:
+        mode = mode.replace(reals(*row), reals(*row, 0, 0, 0))
+    (tmp_path / "mode.uff").write_text(BENCH + mode)
+    assert fs.read_modes(tmp_path / "mode.uff").shapes[:, 0] == pytest.approx(SHAPES[0].ravel(), rel=1e-5)
+    line = numbers(11, 12, 13, 14)
+    for more in (0, 3):
+        (tmp_path / "part.unv").write_text(text.replace(line, line.rstrip() + numbers(0, 0, 0, more)))
+        if not more:
+            assert fs.read_mesh(tmp_path / "part.unv").kind == "tetra"
+            continue
+        with pytest.raises(fs.InputError, match="announces 4 nodes, but has 8"):
+            fs.read_mesh(tmp_path / "part.unv")
+
+
 def test_modes_are_paired_by_their_shapes() -> None:
     """At some DOF, by numbers or by places; a double mode by its plane; rows in another order and scale."""
     part = fs.solid(fs.block((1.0, 0.1, 0.1), (6, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from femsub.checks import Array, path_of
+from femsub.checks import Array, choice, path_of
 from femsub.errors import InputError
 from femsub.io.mesh_text import as_numbers, whole
 from femsub.io.universal import NUMBERS, DataSet, apart, data_sets, nodes_of, told
@@ -16,8 +16,11 @@ from femsub.modes import FrequencyResponse, ModeSet
 
 FUNCTION, HEAD = 58, 11  # the data set, and the lines before its numbers
 RESPONSE = 4  # function type of data set 58
-FORCE = 13  # data type of the denominator
-ORDERS = {8: 0, 11: 1, 12: 2}  # of the numerator: displacement, velocity, acceleration
+FORCES = (13, 9)  # data types of the denominator: excitation force, reaction force
+QUANTITIES = {"displacement": 8, "velocity": 11, "acceleration": 12}  # data types of the numerator
+ORDERS = {8: 0, 11: 1, 12: 2}  # by these, how often the displacement is differentiated
+SILENT = {0: "unknown", 1: "general"}  # data types that do not name a quantity
+RECORD = {"f4": 6, "f8": 4}  # numbers on a full line of text, by precision
 DIRECTIONS = ("s", "ux", "uy", "uz", "rx", "ry", "rz")  # by number; scalar first
 OLD_SHAPES, SHAPES = 55, 2414  # data at nodes
 NORMAL, COMPLEX, OTHER_COMPLEX = 2, 3, 7  # analysis types of these: normal modes, complex ones of first and second order
@@ -25,16 +28,18 @@ WIDTHS = {2: 3, 3: 6}  # values of a node, by the kind of data: translations in 
 SAME = 1e-6  # relative difference of frequencies that count as equal: text has six digits
 
 
-def read_response(path: str | Path, *, level: float | None = None) -> FrequencyResponse:
+def read_response(path: str | Path, *, level: float | None = None, quantity: str | None = None,
+                  over: str | None = None) -> FrequencyResponse:
     """The receptances of a part from a universal file: all frequency response functions in it, as a matrix.
 
     ===================  =======================================================================================
     it reads             data set 58 of function type 4, text and binary: displacement, velocity or acceleration
-                         over force, converted to displacement over force; other data sets are passed over
+                         over force, converted to displacement over force; other data sets are passed over. Zeros may fill
+                         the last line of text behind the announced values
     it refuses           a pair of response and load that is missing, different frequencies, other quantities, real values,
                          NaN, a data set without an end, fewer or more values than it says
     it cannot know       the units of the numbers: they must be those of the other parts. The directions are those of each
-                         node's own frame
+                         node's own frame. What data of the types 0 (unknown) and 1 (general) are: state it
     ===================  =======================================================================================
 
     A response or load is named by node and direction, '12:uz'; directions against an axis are turned. A frequency of 0 is left
@@ -45,6 +50,11 @@ def read_response(path: str | Path, *, level: float | None = None) -> FrequencyR
     path : str or Path
     level : float, optional
         The stated noise, relative to each entry; see `FrequencyResponse.measured`.
+    quantity : {'displacement', 'velocity', 'acceleration'}, optional
+        What the responses are where the file has the data type 0 (unknown) or 1 (general). A file that names another quantity
+        is refused.
+    over : {'force'}, optional
+        States that the loads are forces where the file has the data type 0 or 1.
 
     Returns
     -------
@@ -62,6 +72,8 @@ def read_response(path: str | Path, *, level: float | None = None) -> FrequencyR
     >>> joined = fs.couple_responses({"part": part, "rest": rest}, [(("part", "3:uz"), ("rest", "DOF 7"))])  # doctest: +SKIP
     """
     file = path_of("path", path)
+    stated = (None if quantity is None else choice("quantity", quantity, QUANTITIES),
+              None if over is None else choice("over", over, ("force",)))
     if not file.is_file():
         raise InputError(f"there is no file {file}")
     sets = list(data_sets(file))
@@ -75,7 +87,7 @@ def read_response(path: str | Path, *, level: float | None = None) -> FrequencyR
     pairs: dict[tuple[str, str], list[Array]] = {}
     at: Array | None = None
     for one in found:
-        pair, x, h = _receptance(file, one)
+        pair, x, h = _receptance(file, one, *stated)
         at = x if at is None else at
         if x.shape != at.shape or not np.allclose(x, at, rtol=SAME, atol=0):
             raise InputError(f"{file}: the response from {pair[1]} to {pair[0]} has other frequencies than the first one")
@@ -95,7 +107,7 @@ def read_response(path: str | Path, *, level: float | None = None) -> FrequencyR
     return FrequencyResponse.measured(2 * np.pi * at[moving], h if len(h) > 1 else h[0], responses, loads, level=level)
 
 
-def _receptance(file: Path, one: DataSet) -> tuple[tuple[str, str], Array, Array]:
+def _receptance(file: Path, one: DataSet, quantity: str | None, over: str | None) -> tuple[tuple[str, str], Array, Array]:
     """The names of response and load, the frequencies [Hz], and displacement over force there."""
     names, sign, dofs = [], 1.0, one.lines[5]
     for end, start in (("response", 41), ("load", 66)):
@@ -107,9 +119,18 @@ def _receptance(file: Path, one: DataSet) -> tuple[tuple[str, str], Array, Array
         sign = -sign if direction < 0 else sign
     where = f"{file}: the response from {names[1]} to {names[0]}"
     top, bottom = (whole(file, where, [one.lines[line][:10].strip()])[0] for line in (8, 9))
-    if top not in ORDERS or bottom != FORCE:
-        raise InputError(f"{where} has the data types {top} over {bottom}, but displacement (8), velocity (11) or acceleration "
-                         f"(12) over force ({FORCE}) is needed")
+    if (quantity and top not in (*SILENT, QUANTITIES[quantity])) or (over and bottom not in (*SILENT, *FORCES)):
+        raise InputError(f"{where} has the data types {top} over {bottom}, which are not those of {quantity or 'the response'} "
+                         f"over {over or 'the load'}, as stated. State only what the file leaves open (data types 0 and 1)")
+    top = QUANTITIES[quantity] if quantity and top in SILENT else top
+    bottom = FORCES[0] if over and bottom in SILENT else bottom
+    if top not in ORDERS or bottom not in FORCES:
+        named = " over ".join(f"{kind} ({SILENT[kind]})" if kind in SILENT else f"{kind}" for kind in (top, bottom))
+        usable = top in (*ORDERS, *SILENT) and bottom in (*FORCES, *SILENT)
+        said = " and ".join(["quantity='displacement', 'velocity' or 'acceleration'"] * (top in SILENT) +
+                            ["over='force'"] * (bottom in SILENT))
+        raise InputError(f"{where} has the data types {named}, but displacement (8), velocity (11) or acceleration (12) over "
+                         f"force (13 or 9) is needed{f'. If it is that, state it by {said}' * usable}")
     x, h = _values(file, where, one)
     if not (np.isfinite(x).all() and np.isfinite(h).all() and len(x) and x.min() >= 0 and np.any(x > 0)):
         raise InputError(f"{where} holds a NaN, an infinite number or no positive frequency")
@@ -122,17 +143,31 @@ def _values(file: Path, where: str, one: DataSet) -> tuple[Array, Array]:
     kind, count, even = whole(file, where, [one.lines[6][at:at + 10].strip() for at in (0, 10, 20)])
     if kind not in NUMBERS or NUMBERS[kind][1] < 2:
         raise InputError(f"{where} has values of the type {kind}; complex ones (5, 6) are needed")
-    name, width = NUMBERS[kind]
-    if one.values is None:
-        values = as_numbers(f"{where}: its values", apart(" ".join(one.lines[HEAD:])), float)
-    else:
-        values = np.frombuffer(one.values[:len(one.values) // int(name[1]) * int(name[1])], f"{one.order}{name}").astype(float)
-    width += even == 0
+    name, width = NUMBERS[kind][0], NUMBERS[kind][1] + (even == 0)
+    values = _listed(where, one, name, count * width)
     if len(values) != count * width:
         raise InputError(f"{where} announces {count} values, but has {len(values) / width:g}; it is damaged")
     table = values.reshape(count, width)
     start, step = as_numbers(f"{where}: its frequencies", apart(one.lines[6][30:56]), float)[:2]
     return table[:, 0] if even == 0 else start + step * np.arange(count), table[:, -2] + 1j * table[:, -1]
+
+
+def _listed(where: str, one: DataSet, name: str, announced: int) -> Array:
+    """The numbers of a data set 58, without what fills its end: zeros on the last line of text, blanks or NUL behind bytes."""
+    if one.values is not None:
+        size = int(name[1])
+        stop = announced * size if announced >= 0 else 0
+        fill = one.values[stop:]
+        if fill.strip(b" \t\r\n\0") or len(fill) >= 2 * size or len(one.values) < stop:
+            raise InputError(f"{where} announces {stop} bytes of values, but has {len(one.values)}; it is damaged")
+        return np.frombuffer(one.values[:stop], f"{one.order}{name}").astype(float)
+    lines = [apart(line) for line in one.lines[HEAD:] if line.strip()]
+    values = as_numbers(f"{where}: its values", " ".join(lines), float)
+    if len(values) > announced and not values[announced:].any():
+        longest = max(RECORD[name], *(len(line.split()) for line in lines[:-1]), 0)
+        if len(values) - announced < len(lines[-1].split()) <= longest:
+            return values[:announced]
+    return values
 
 
 def read_modes(path: str | Path) -> ModeSet:
@@ -257,6 +292,9 @@ def _values_at_nodes(file: Path, where: str, lines: list[str], width: int, parts
     nodes = whole(file, where, [line.strip() for line in lines[::step]])
     text = " ".join(line for at, line in enumerate(lines) if at % step)
     values = as_numbers(where, apart(text), float)
+    filled = values.reshape(-1, 6 * (step - 1)) if len(values) == len(nodes) * 6 * (step - 1) else np.ones((0, 0))
+    if filled.size and not filled[:, width * parts:].any():  # zeros may fill the last line of a node
+        values = filled[:, :width * parts].ravel()
     if len(set(nodes)) < len(nodes) or len(values) != len(nodes) * width * parts:
         raise InputError(f"{where} gives a node twice, or {len(values)} numbers for {len(nodes)} nodes of {width * parts}")
     if not np.isfinite(values).all() or not nodes:

@@ -28,7 +28,7 @@ NODE, ELEMENT = 7, 8  # kinds of members of a group
 #: of the values of functions, by their type: what they are in binary, and how many numbers a value has
 NUMBERS = {2: ("f4", 1), 4: ("f8", 1), 5: ("f4", 2), 6: ("f8", 2)}
 #: the beginning of a binary data set: its number, then order of bytes, kind of numbers, lines of text and bytes behind them
-_BINARY = re.compile(rb"(?m)^[ \t]*-1[ \t]*\r?\n[ \t]*(\d{1,4})b([ \t\d]*)\r?\n")
+_BINARY = re.compile(rb"(?m)^([ \t]*)-1[ \t]*(\r?\n)[ \t]*(\d{1,4})b([ \t\d]*)\r?\n")
 #: number of the element's type: kind, and at which of our nodes each of theirs is (they go around the bottom, up, around the top)
 _CELLS: dict[int, tuple[str, list[int]]] = {
     **dict.fromkeys((11, 21, 22, 23), ("line", [0, 1])), **dict.fromkeys((24,), ("line3", [0, 2, 1])),
@@ -144,14 +144,14 @@ def data_sets(path: Path) -> Iterator[DataSet]:
     raw, at = path.read_bytes(), 0
     parts, values = list[bytes](), list[tuple[bytes, str]]()
     while (head := _BINARY.search(raw, at)) is not None:
-        words = [int(word[:18]) for word in head[2].split()]
+        words = [int(word[:18]) for word in head[4].split()]
         start = head.end()
         for _ in range(min(words[2], 100) if len(words) > 3 else 0):
             start = raw.find(b"\n", start) + 1 or len(raw)
         sizes = (words[3], _bytes_of(raw[head.end():start])) if len(words) > 3 else ()
-        stops = [start + size for size in sizes if re.match(rb"\s*-1[ \t]*(\r?\n|\Z)", raw[start + size:start + size + 90])]
+        stops = [start + size for size in sizes if _closes(raw, start + size, head[1], head[2])]
         if not stops:
-            raise InputError(f"{path}: a binary data set {head[1].decode()}b does not end where it says: it is cut short or "
+            raise InputError(f"{path}: a binary data set {head[3].decode()}b does not end where it says: it is cut short or "
                              "damaged")
         stop = stops[0]
         parts, at = [*parts, raw[at:start], b"\n"], stop
@@ -166,6 +166,19 @@ def data_sets(path: Path) -> Iterator[DataSet]:
             raise InputError(f"{path}, line {begin + 2}: {lines[begin + 1]!r:.40} is not the number of a data set")
         content = values.pop(0) if kind[-1] == "b" else ()
         yield DataSet(int(kind.rstrip("b")), lines[begin + 2:end], *content)
+
+
+def _closes(raw: bytes, stop: int, indent: bytes, end: bytes) -> bool:
+    """Whether values end at `stop`, in front of a line -1 like the first line of the data set, and that line's end.
+
+    Where values were lost, the place lies behind the real end of the values: in the blanks of the line -1, or inside or
+    behind the end of the line before it.
+    """
+    line = re.match(rb"([ \t\r\n]*)-1[ \t]*(\r?\n|\Z)", raw[stop:stop + 90])
+    if line is None or len(line[1].rpartition(b"\n")[2]) < len(indent):
+        return False
+    lost = raw[stop - len(end):stop] == end if b"\n" not in line[1] else end == b"\r\n" == raw[stop - 1:stop + 1]
+    return not lost
 
 
 def _bytes_of(head: bytes) -> int:
@@ -246,9 +259,10 @@ def _elements(path: Path, lines: list[str]) -> Iterator[tuple[int, int, list[int
         words: list[str] = []
         while len(words) < head[5] and at < len(lines):
             words, at = [*words, *lines[at].split()], at + 1
-        if len(words) != head[5]:
-            raise InputError(f"{path}: element {head[0]} announces {head[5]} nodes, but has {len(words)}")
-        yield head[0], head[1], whole(path, f"element {head[0]}", words)
+        nodes = whole(path, f"element {head[0]}", words)
+        if len(nodes) < head[5] or any(nodes[head[5]:]):  # the last line may be filled up with 0
+            raise InputError(f"{path}: element {head[0]} announces {head[5]} nodes, but has {len(nodes)}")
+        yield head[0], head[1], nodes[:head[5]]
 
 
 def _groups(path: Path, kind: int, lines: list[str]) -> Iterator[tuple[str, list[tuple[int, int]]]]:
@@ -261,9 +275,9 @@ def _groups(path: Path, kind: int, lines: list[str]) -> Iterator[tuple[str, list
             raise InputError(f"{path}: {lines[at].strip()!r:.60} is no head of a group (data set {kind})")
         stop = at + 2 + (head[-1] + 1) // 2
         words = whole(path, f"the group {name}", " ".join(lines[at + 2:stop]).split())
-        if len(words) != 4 * head[-1]:
+        if len(words) < 4 * head[-1] or any(words[4 * head[-1]:]):  # the last line may be filled up with 0
             raise InputError(f"{path}: the group {name} announces {head[-1]} members, but has {len(words) / 4:g}")
-        yield name, list(zip(words[::4], words[1::4], strict=True))
+        yield name, list(zip(words[:4 * head[-1]:4], words[1:4 * head[-1]:4], strict=True))
         at = stop
 
 
