@@ -6,6 +6,7 @@ import difflib
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
+from itertools import islice
 from typing import Any
 
 
@@ -83,6 +84,19 @@ def warn(message: str | Warning, category: type[Warning] = FemsubWarning) -> Non
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(("femsub.", "functools")):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
+
+
+def empty_dofs_error(count: int, names: Iterable[str], model: str = "") -> SingularMatrixError:
+    """The error for DOF that no matrix of a model acts on; it names the first three."""
+    return SingularMatrixError((f"{model!r}: " if model else "") + empty_dofs_text(count, names) + ". Leave them out: "
+                               "read_component(..., drop_empty=True), or M, D and K without their rows and columns")
+
+
+def empty_dofs_text(count: int, names: Iterable[str]) -> str:
+    """'5 DOF have neither mass nor stiffness: rx at node 1, ry at node 1, rz at node 1 and 2 more'."""
+    first = list(islice(names, 3))
+    more = f" and {count - len(first)} more" if count > len(first) else ""
+    return f"{count} DOF {'have' if count > 1 else 'has'} neither mass nor stiffness: {', '.join(first)}{more}"
 
 
 def unknown_name(kind: str, found: object, valid: Iterable[str], *more: object) -> InputError:

@@ -139,7 +139,7 @@ def test_a_part_of_matrices_that_is_indefinite_is_refused_by_free_interface_meth
         assert fs.reduce(parts["p1"], fs.Guyan()).size
     with pytest.raises(fs.SingularMatrixError, match=r"^'p[123]': K of this part is indefinite.* or cut the mesh"):
         fs.reduce(fs.couple(parts, joints), dict.fromkeys(parts, fs.CraigChang(4)))
-    free = fs.Substructure(np.diag([1.0, 1.0, 0.0]), np.diag([1.0, -1.0, 0.0]))
+    free = fs.Substructure(np.diag([1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 0.0]))
     with pytest.raises(fs.SingularMatrixError, match=r"^'part': K - σM is not positive definite") as caught:
         fs.reduce(free, fs.CraigChang(1))
     assert "cut" not in str(caught.value)

@@ -311,6 +311,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "ports": None,
                 "name": None,
                 "massless": False,
+                "drop_empty": False,
                 "cutoff": None,
             },
         ),

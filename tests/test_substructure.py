@@ -311,3 +311,53 @@ def test_m_and_k_in_each_others_place_are_told(kind: str) -> None:
 def test_two_masses_that_move_against_each_other_are_a_mass_matrix() -> None:
     M = np.kron(np.eye(3), [[1.0, -1.0], [-1.0, 1.0]]) + np.eye(6)
     assert fs.Substructure(M, fs.chain(6).K.toarray()).size == 6
+
+
+LAW = fs.Belt(law=fs.StribeckArctan(), speed=1.0)
+ANALYSES: dict[str, Callable[[fs.Substructure], Any]] = {
+    "normal modes": lambda part: fs.normal_modes(part, count=2), "band": lambda part: fs.normal_modes(part, band=(0.0, 1.0)),
+    "complex modes": lambda part: fs.complex_modes(part, count=4),
+    "Craig-Bampton": lambda part: fs.reduce(part, fs.CraigBampton(2)),
+    "Craig-Chang": lambda part: fs.reduce(part, fs.CraigChang(2)), "Guyan": lambda part: fs.reduce(part, fs.Guyan()),
+    "response": lambda part: fs.frequency_response(part, at=[1.0]), "transient": lambda part: fs.transient(part, LAW, (0.0, 1.0)),
+    "balance": lambda part: fs.harmonic_balance(part, LAW), "slope": lambda part: fs.critical_slope(part),
+    "couple": lambda part: fs.couple({"part": part, "b": fs.chain(2, interface=[1])}, [fs.Rigid(("part", [0]), ("b", [0]))])}
+
+
+def with_empty_dofs(dofs: fs.DofMap | None, D: Any = None) -> fs.Substructure:
+    """Three masses on springs, and four DOF between them that no element acts on."""
+    K = np.zeros((7, 7))
+    K[np.ix_([0, 2, 5], [0, 2, 5])] = [[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]
+    return fs.Substructure(np.diag([1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0]), K, D, [0], {"belt": np.eye(7)[5]}, dofs=dofs)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+@pytest.mark.parametrize("name", list(ANALYSES))
+def test_each_analysis_refuses_empty_dofs_in_the_same_words(name: str, sparse: bool) -> None:
+    part = with_empty_dofs(fs.DofMap([1, 1, 2, 2, 3, 3, 4], [0, 3, 0, 3, 3, 0, 3], ("ux", "uy", "uz", "rx")))
+    if sparse:
+        part = fs.Substructure(*map(sp.csr_array, (part.M, part.K)), interface=[0], ports=part.ports, dofs=part.dofs)
+    with pytest.raises(fs.SingularMatrixError, match=r"^'part': 4 DOF have neither mass nor stiffness: rx at node 1, rx at node 2"
+                       r", rx at node 3 and 1 more\. Leave them out: read_component\(\.\.\., drop_empty=True\)"):
+        ANALYSES[name](part)
+
+
+def test_an_empty_dof_is_what_nothing_acts_on() -> None:
+    """A dashpot gives it a real λ, a joint what its partner has; a pencil names it by its number."""
+    d = np.array([[1.0, -1.0, 0, 0, 0, 0, 0], [0, 0, 0, 1.0, -1.0, 1.0, -1.0]])
+    part = with_empty_dofs(None, d.T @ np.diag([0.1, 0.1]) @ d + np.diag([0, 0, 0, 0.1, 0.2, 0, 0.3]))
+    assert len(fs.complex_modes(part)) > 6
+    assert np.isfinite(fs.frequency_response(part, at=[1.0]).receptance).all()
+    with pytest.raises(fs.SingularMatrixError, match="4 DOF have neither mass nor stiffness: DOF 1, DOF 3, DOF 4 and 1 more"):
+        fs.normal_modes(part, count=1)
+    two = fs.Substructure([[1.0, 0.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, 0.0]], interface=[0, 1])
+    with pytest.raises(fs.SingularMatrixError, match="1 DOF has neither mass nor stiffness: DOF 1"):
+        fs.complex_modes(two.pencil)
+    chain = fs.chain(3, interface=[1], damping=0.0)
+    for part in (two, fs.reduce(two, fs.Guyan())):
+        joined = fs.couple({"a": part, "b": chain}, [fs.Rigid(("a", [1]), ("b", [0]))])
+        assert fs.normal_modes(joined, count=4).frequencies == pytest.approx(
+            np.sort([1.0, *fs.normal_modes(chain, count=3).frequencies]))
+        left = fs.couple({"a": part, "b": chain}, [fs.Rigid(("a", [0]), ("b", [0]))])
+        with pytest.raises(fs.SingularMatrixError, match=r"'system': 1 DOF has neither mass nor stiffness: a: (DOF|coord)"):
+            fs.normal_modes(left, count=1)

@@ -58,6 +58,36 @@ def test_held_and_massless_dof_of_abaqus(tmp_path: Path, sub: fs.Substructure) -
         fs.read_component(*paths, massless=True, interface=["10:ux"])
 
 
+def test_empty_dof_of_abaqus(tmp_path: Path) -> None:
+    """Trusses along x, whose motions along y have zeros in K and in M, or nothing in M at all."""
+    (tmp_path / "K.mtx").write_text(N3 + "".join(f"{node},2, {node},2, 0.0\n" for node in (1, 2, 3)))
+    (tmp_path / "M.mtx").write_text(M3 + "".join(f"{node},2, {node},2, 0.0\n" for node in (1, 2, 3)))
+    (tmp_path / "short.mtx").write_text(M3)
+    (tmp_path / "cut.mtx").write_text(M3[:M3.index("3,1")])
+    said = "3 DOF have neither mass nor stiffness: uy at node 1, uy at node 2, uy at node 3"
+    with pytest.warns(fs.FemsubWarning, match=f"{said}.*drop_empty=True"):
+        whole = fs.read_component(tmp_path / "M.mtx", tmp_path / "K.mtx", interface=["2:*"])
+    assert whole.size == 6
+    with pytest.raises(fs.SingularMatrixError, match=said):
+        fs.normal_modes(whole, count=1)
+    exact = np.sqrt(np.linalg.eigvalsh([[2, -1, 0], [-1, 2, -1], [0, -1, 1]]))
+    for mass in ("M.mtx", "short.mtx"):
+        part = fs.read_component(tmp_path / mass, tmp_path / "K.mtx", interface=["3:ux"], ports={"end": {(2, "ux"): 2.0}},
+                                 drop_empty=True)
+        assert part.dofs is not None and [part.dofs.name(row) for row in range(part.size)] == [
+            "ux at node 1", "ux at node 2", "ux at node 3"]
+        assert part.interface.tolist() == [2] and part.port("end").tolist() == [0.0, 2.0, 0.0]
+        assert fs.normal_modes(part, count=3).frequencies == pytest.approx(exact)
+    for bad, message in (({"interface": ["2:*"]}, "interface of 'K': 1 DOF has neither mass nor stiffness: uy at node 2"),
+                         ({"ports": {"p": "1:uy"}}, "port 'p' of 'K': 1 DOF has neither .*: uy at node 1")):
+        with pytest.raises(fs.InputError, match=message):
+            fs.read_component(tmp_path / "M.mtx", tmp_path / "K.mtx", drop_empty=True, **bad)
+    with pytest.raises(fs.InputError, match=r"3 DOF that are not in M.*zeros of K say, leave them out by drop_empty=True"):
+        fs.read_component(tmp_path / "short.mtx", tmp_path / "K.mtx")
+    with pytest.raises(fs.InputError, match="1 DOF that are not in M, first DOF 1 of node 3"):
+        fs.read_component(tmp_path / "cut.mtx", tmp_path / "K.mtx", drop_empty=True)
+
+
 def test_lagrange_multipliers_of_abaqus_have_no_diagonal(tmp_path: Path) -> None:
     (tmp_path / "K.mtx").write_text("** a comment\n\n" + N3 + "3,1, -2,1, 5.0\n")
     (tmp_path / "M.mtx").write_text(M3)

@@ -53,6 +53,7 @@ from .matrices import (
     is_identity as is_identity,
     is_symmetric as is_symmetric,
     norm as norm,
+    rows_of_zeros as rows_of_zeros,
     same as same,
     scaled as scaled,
     translations as translations,

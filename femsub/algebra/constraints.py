@@ -9,10 +9,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra.elimination import LEAST, Equations, comparable, eliminate, masked, product, units
-from femsub.algebra.matrices import is_symmetric, same, unit_length
+from femsub.algebra.matrices import is_symmetric, rows_of_zeros, same, unit_length
 from femsub.algebra.rigid_motion import Restricted, changed
 from femsub.checks import Array, Matrix
-from femsub.errors import SingularMatrixError
+from femsub.errors import SingularMatrixError, empty_dofs_error
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -68,6 +68,8 @@ def freed(pencil: Pencil) -> Freed | None:
     held = _multipliers(pencil)
     if not len(held):
         return None
+    if len(empty := rows_of_zeros(pencil.K, among=held)):
+        raise empty_dofs_error(len(empty), (f"DOF {row}" for row in empty))
     rest, K = np.setdiff1d(np.arange(pencil.size), held), sp.csr_array(pencil.K)
     B, C = sp.csr_array(K[held][:, rest]), sp.csr_array(K[rest][:, held].T)
     unit = comparable(units(pencil.M.diagonal(), pencil.K.diagonal())[0][rest])

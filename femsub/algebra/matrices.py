@@ -92,6 +92,20 @@ def weighted(terms: Sequence[tuple[float, Matrix]]) -> Matrix:
     return frozen(reduce(add, (A if theta == 1 else theta * A for theta, A in acting)))
 
 
+def rows_of_zeros(*matrices: Matrix, among: Array | None = None) -> Array:
+    """The rows, of those in `among`, that hold zeros alone in each matrix; of a square one their columns as well."""
+    rows = np.arange(matrices[0].shape[0]) if among is None else among
+    for A in matrices:
+        if A.shape[0] == A.shape[1]:
+            rows = rows[A.diagonal()[rows] == 0]  # most are not
+    for A in matrices:
+        size = np.asarray(abs(A[rows]).sum(axis=-1)) if len(rows) else np.zeros(0)
+        if len(rows) and A.shape[0] == A.shape[1]:
+            size = size + np.asarray(abs(A[:, rows]).sum(axis=0))
+        rows = rows[size == 0]
+    return rows
+
+
 def is_identity(matrix: Matrix) -> bool:
     """Whether a sparse A in canonical form is the unit matrix."""
     return matrix.shape[0] == matrix.shape[1] and same(matrix, sp.eye_array(matrix.shape[0], format="csr"))

@@ -133,6 +133,15 @@ class System(Substructure):
         return (f"System {self.name!r}: {self.size} DOF of {len(self.parts)} parts ({', '.join(self.parts)}) and "
                 f"{joints}, {kind}, {self.interface_rows.shape[0]} interface DOF{beside}")
 
+    def dof_name(self, row: int) -> str:
+        """The part's name of the first of its DOF that move with this coordinate, as 'pad: uz at node 12'."""
+        column = self.L[:, [row]]
+        at = int(np.argmax((column.toarray() if sp.issparse(column) else column).ravel() != 0))
+        ends = np.cumsum([0, *(part.size for part in self.parts.values())])
+        place = int(np.searchsorted(ends, at, "right")) - 1
+        name, part = list(self.parts.items())[place]
+        return f"{name}: {part.dof_name(at - int(ends[place]))}"
+
     @cached_property
     def interface_rows(self) -> Matrix:
         """B with u_b = B x, shape (n_b, n)."""
@@ -321,6 +330,10 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
               for joint in items("joints", joints, "joints")]
     links = [linked(joint, parts) for joint in joints]
     check_connected(parts, links)
+    full = {key: part for key, part in parts.items() if not isinstance(part, ReducedSubstructure)}
+    for key, part in full.items():  # joints reach the interface, contacts the ports
+        acting = [part.D, part.H, *(w.reshape(part.size, -1) for w in part.ports.values())]
+        part.refuse_empty(*acting, rows=part.interior, name=key)
     weak = [bool(link.equations) and (assembly == "dual" or any(by_forces(parts[part]) for part in link.equations))
             for link in links]
     C, owner = conditions(parts, links)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, mapping, path_of, positive_number
-from femsub.errors import InputError, InputTypeError
+from femsub.checks import Array, Matrix, mapping, path_of, positive_number, truth
+from femsub.errors import InputError, InputTypeError, empty_dofs_text, warn
 from femsub.io.abaqus_calculix import DIRECTIONS, HELD, dof_map, read_dofs
 from femsub.io.matrix_files import guarded, read_labelled
 from femsub.io.model_folder import read_model
@@ -26,7 +26,7 @@ NAMES = {"M": {"m", "mas", "mass", "masse", "maa", "mff", "mgg"}, "K": {"k", "st
 def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | None = None, *,
                    dofs: DofMap | str | Path | None = None, interface: Iterable[Any] = (),
                    ports: Mapping[str, Any] | None = None, name: str | None = None, massless: bool = False,
-                   cutoff: float | None = None) -> Substructure:
+                   drop_empty: bool = False, cutoff: float | None = None) -> Substructure:
     """Read a component from the files of another program, a superelement, or a model that `write_matrices` wrote.
 
     The component is M ü + D u̇ + K u = Σ w_p f_p with M, K, D of shape (n, n).
@@ -51,13 +51,18 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         Default: the name of K's file.
     massless : bool
         Whether M may lack DOF of K, as Abaqus' files do for DOF without mass. Otherwise the file counts as cut short.
+    drop_empty : bool
+        Whether DOF with neither mass, damping nor stiffness are left out, as Nastran's KGG has them at nodes of solids. DOF
+        map and ports follow. `interface` and `ports` count from 0 in the files' rows. An interface DOF or a port that needs such
+        a DOF is refused.
     cutoff : float, optional
         Of a superelement, in rad per unit of time: up to which frequency its author kept modes. Its files do not tell it.
 
     Returns
     -------
     Substructure
-        DOF that an Abaqus boundary condition holds (1e36 on the diagonal of K) are removed; the others keep their names. A
+        DOF that an Abaqus boundary condition holds (1e36 on the diagonal of K) are removed, as are empty ones with `drop_empty`;
+        the others keep their names. A
         superelement is a `ReducedSubstructure`. Its interface has the set 'boundary' and a set for each boundary grid, named by
         its number. Its motions are along the basic axes ('ux', ..., 'rz'), whatever frames the grids have.
 
@@ -75,7 +80,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     Warns
     -----
     FemsubWarning
-        A superelement without `cutoff`.
+        A superelement without `cutoff`. DOF with neither mass, damping nor stiffness: their number, and the first of them.
 
     Examples
     --------
@@ -84,6 +89,21 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     >>> fs.read_component("model/M.mtx", "model/K.mtx", interface=[0], ports={"belt": 1})
     Substructure 'K': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
+    truth("drop_empty", drop_empty)
+    found = _component(M, K, D, dofs, interface, ports, name, massless, drop_empty, cutoff)
+    empty = found.empty(found.D, found.H)
+    if len(empty) and drop_empty:
+        return _without(found, empty)
+    if len(empty):
+        advice = "" if np.isin(empty, found.interface).all() else ". Leave them out by drop_empty=True"
+        warn(f"{found.name!r}: {empty_dofs_text(len(empty), map(found.dof_name, empty.tolist()))}. Analyses refuse them, unless "
+             f"joints or contacts act there{advice}")
+    return found
+
+
+def _component(M: str | Path, K: str | Path | None, D: str | Path | None, dofs: DofMap | str | Path | None,
+               interface: Iterable[Any], ports: Mapping[str, Any] | None, name: str | None, massless: bool, drop_empty: bool,
+               cutoff: float | None) -> Substructure:
     ports = None if ports is None else mapping("ports", ports, "names and columns")
     if cutoff is not None and (K is not None or not _superelement(path_of("M", M))):
         raise InputError("cutoff is for superelements, read_component('part.op4', cutoff=...)")
@@ -104,7 +124,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     if _kind(paths["M"]) == "K" and _kind(paths["K"]) == "M":
         raise InputError(f"M is {paths['M']}, which by its name holds a stiffness matrix, and K is {paths['K']}, by its name a "
                          "mass matrix. The mass comes first: read_component(M, K). If the names are wrong, rename the files")
-    matrices, found = read_aligned(paths, {key: key for key in paths}, "K", ("M",), massless)
+    matrices, found = read_aligned(paths, {key: key for key in paths}, "K", ("M",), massless, drop_empty)
     size = matrices["K"].shape[0]
     if dofs is not None and found is not None:
         raise InputError(f"dofs: {paths['K']} already contains node and DOF of each entry. Leave the map out")
@@ -122,6 +142,25 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     except (InputError, InputTypeError) as error:
         listed = ", ".join(f"{key} is {path}" for key, path in paths.items())
         raise type(error)(f"{error} ({listed})") from None
+
+
+def _without(sub: Substructure, empty: Array) -> Substructure:
+    """The component without these DOF; its interface and ports have no part in them."""
+    def named(rows: Array) -> str:
+        return f"{empty_dofs_text(len(rows), map(sub.dof_name, rows.tolist()))}, so drop_empty cannot leave "\
+               f"{'them' if len(rows) > 1 else 'it'} out"
+
+    if len(taken := np.intersect1d(sub.interface, empty)):
+        raise InputError(f"interface of {sub.name!r}: {named(taken)}. Name other interface DOF")
+    for port, w in sub.ports.items():
+        if len(taken := empty[w.reshape(sub.size, -1)[empty].any(axis=1)]):
+            raise InputError(f"port {port!r} of {sub.name!r}: {named(taken)}. Let the port act on other DOF")
+    if isinstance(sub, ReducedSubstructure):
+        raise InputError(f"{sub.name!r} is reduced: {named(empty)}")
+    keep = np.setdiff1d(np.arange(sub.size), empty)
+    M, K, D, H = (None if A is None else A[keep][:, keep] for A in (sub.M, sub.K, sub.D, sub.H))
+    return Substructure(M, K, D, np.searchsorted(keep, sub.interface), {port: w[keep] for port, w in sub.ports.items()}, sub.name,
+                        None if sub.dofs is None else sub.dofs.kept(keep), sub.sets, H)
 
 
 def _superelement(path: Path) -> bool:
@@ -144,11 +183,11 @@ def _kind(path: Path) -> str:
 
 
 def read_aligned(paths: Mapping[str, Path], usual: Mapping[str, str], frame: str,
-                 masses: Collection[str], massless: bool) -> tuple[dict[str, Matrix], DofMap | None]:
+                 masses: Collection[str], massless: bool, drop_empty: bool = False) -> tuple[dict[str, Matrix], DofMap | None]:
     """Matrices from files by keys, all on the rows of one of them, the frame, without those that Abaqus holds in it.
 
     `usual` has the name that a matrix has in a file of several; `masses` are masses, which must have all DOF of the
-    frame unless `massless`.
+    frame unless `massless`; those for which the frame has zeros alone may be missing with `drop_empty`.
     """
     read = {}
     for key, path in paths.items():
@@ -182,10 +221,14 @@ def read_aligned(paths: Mapping[str, Path], usual: Mapping[str, str], frame: str
                              f"{_named(item.labels[strange][0])} ({paths[key]}, {paths[frame]}). Both must be complete, and of "
                              "the same step of the same model")
         missing = np.setdiff1d(np.flatnonzero(~held), place)
+        size = abs(read[frame].matrix)
+        empty = missing[np.asarray(size.sum(axis=0) + size.sum(axis=1))[missing] == 0]
+        missing = np.setdiff1d(missing, empty) if drop_empty else missing
         if key in masses and len(missing) and not massless:
+            advice = "they have no mass, give massless=True" if len(empty) < len(missing) else \
+                f"no element acts on them, as the zeros of {frame} say, leave them out by drop_empty=True"
             raise InputError(f"{frame} has {len(missing)} DOF that are not in {key}, first {_named(target[missing[0]])} "
-                             f"({paths[frame]}, {paths[key]}). {key} may be cut short. If those DOF have no mass, give "
-                             "massless=True")
+                             f"({paths[frame]}, {paths[key]}). {key} may be cut short. If {advice}")
         entries = item.matrix.tocoo()
         whole = sp.csr_array((entries.data, (place[entries.row], place[entries.col])), shape=(len(keys), len(keys)))
         matrices[key] = whole[rows][:, rows] if held.any() else whole

@@ -10,9 +10,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import Carried, Frozen, RigidMotion, as_matrix, is_symmetric, translations
+from femsub.algebra import Carried, Frozen, RigidMotion, as_matrix, is_symmetric, rows_of_zeros, shared, translations
 from femsub.checks import Array, Matrix, check_band, instance, mapping, real_array, whole_numbers, word
-from femsub.errors import InputError, unknown_name, warn
+from femsub.errors import InputError, empty_dofs_error, unknown_name, warn
 from femsub.model.bands import beyond
 from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
@@ -182,6 +182,31 @@ class Substructure(Frozen):
                              "motion alone. Take fs.equivalent_viscous(model, omega), which damps motion at ω as much, or "
                              "model.with_structural_damping(None)")
 
+    def dof_name(self, row: int) -> str:
+        """What a message calls a DOF: 'uz at node 12', or 'DOF 3', counted from 0, where there is no map."""
+        return f"DOF {row}" if self.dofs is None else self.dofs.name(row)
+
+    def empty(self, *beside: Matrix | None) -> Array:
+        """The DOF with neither mass nor stiffness: their rows and columns of M and K, and of the matrices `beside`, are zero."""
+        found: Array = shared((self.M, self.K), "empty DOF", lambda: rows_of_zeros(self.M, self.K))
+        return rows_of_zeros(*(A for A in beside if A is not None), among=found) if len(found) else found
+
+    def refuse_empty(self, *beside: Matrix | None, rows: Array | None = None, name: str | None = None) -> None:
+        """Refuse DOF with neither mass nor stiffness, of these rows only: the one check of all analyses.
+
+        `beside` (n, n) or (n, p) is what else acts in an analysis: the D and K of its pencil, or the columns of its contacts.
+        `name` is what the message calls the model.
+
+        Raises
+        ------
+        SingularMatrixError
+            There are such DOF. The message names the first.
+        """
+        found = self.empty(*beside)
+        found = found if rows is None else np.intersect1d(found, rows)
+        if len(found):
+            raise empty_dofs_error(len(found), map(self.dof_name, found.tolist()), self.name if name is None else name)
+
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
         """What a model made of others knows from them."""
         self._set(rigid_motion=rigid_motion, noise=noise, pencil=self.pencil.carrying(rigid_motion, noise))
@@ -308,6 +333,11 @@ class ReducedSubstructure(Substructure):
     def with_damping(self, D: Any) -> Self:
         """A copy with another D, shape (r, r), and without the estimate, which is not valid for it."""
         return super().with_damping(D)._with(estimate=None, estimated=None, wider=self.wider)
+
+    def dof_name(self, row: int) -> str:
+        """The name of an interface DOF that is a coordinate, or 'coordinate 3'."""
+        at = np.flatnonzero(self.interface == row)
+        return self.interface_dofs.name(int(at[0])) if len(at) and self.interface_dofs is not None else f"coordinate {row}"
 
     def expand(self, q: Array) -> Array:
         """u = V q, shape (r,) or (r, k) to (n,) or (n, k)."""

@@ -422,6 +422,8 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
         raise InputTypeError(f"normal_modes takes a Substructure, not {shown(model)}")
     if (count is None) == (band is None):
         raise InputError("give either count, the number of elastic modes, or band=(lo, hi) in rad per unit of time")
+    if isinstance(model, Substructure):
+        model.refuse_empty()
     if count is not None:
         with kept_free(8.0 * model.K.shape[0] * search_columns(whole_number("count", count))):
             modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion, seeks=count), count)

@@ -386,6 +386,7 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     choice("method", method, ("auto", "direct", "modal"))
     positive_number("tol", tol)
     pencil = model.linearised(contacts, structural=True)
+    model.refuse_empty(pencil.D, pencil.K, model.H)
     basis: Modal | None = None
     if method == "modal" or (method == "auto" and pencil.is_sparse and pencil.size > SMALL and len(omega) >= MANY):
         try:

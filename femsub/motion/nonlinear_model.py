@@ -307,6 +307,7 @@ def sliding(model: Substructure, contacts: Any, what: str = "the nonlinear model
     if len(set(names)) < len(names):
         raise InputError(f"two belts act on one port: {names}. Give each its own port")
     columns = [W.toarray() if sp.issparse(W) else W for W in (columns_of(model, contact) for contact in given)]
+    model.refuse_empty(model.D, model.H, *columns)
     ends = np.cumsum([0, *(W.shape[1] for W in columns)]).tolist()
     return Sliding(model, given, moving, np.hstack(columns), tuple(slice(*pair) for pair in pairwise(ends)))
 

@@ -120,6 +120,7 @@ def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], cont
                          "Craig-Chang does). Reduce the full component instead")
     if isinstance(ports, str) or not isinstance(ports, (bool, Sequence)):
         raise InputTypeError(f"ports must be True, False or a sequence of port names, not {ports!r}")
+    sub.refuse_empty(rows=sub.interior if method.held else None)
     columns = {name: w.reshape(len(w), -1) for name, w in sub.ports.items()}
     names = list(sub.ports) if ports is True else list(ports or [])
     for name in names:

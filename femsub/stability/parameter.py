@@ -23,6 +23,7 @@ from femsub.model import (
     Contacts,
     Substructure,
     affine_fields,
+    columns_of,
     contacts_of,
     fields_of,
     kinks_of,
@@ -206,6 +207,8 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
     for contact, names in zip(given, known, strict=True):
         if parameter not in names:
             log.info("%s has no %r and stays as it is", type(contact).__name__, parameter)
+
+    model.refuse_empty(model.D, *(columns_of(model, contact) for contact in given))
 
     def at(p: float) -> Pencil:
         return model.linearised([replace(contact, **{parameter: p}) if parameter in names else contact  # type: ignore[type-var]

@@ -25,6 +25,7 @@ class MatricesScene(ComponentScene):
     dofs: str = key("", "the file of the DOF map, where the matrices do not carry it in themselves: .dof, or 'node,component' a "
                     "line", example="K.dof", file=True)
     massless: bool = key(False, "whether M may leave out DOF of K")
+    drop_empty: bool = key(False, "whether DOF with neither mass, damping nor stiffness are left out")
     interface: list[int | str] = key([], "interface DOF: counted from 0, or by the map as '12:uz', '12.3' (node and direction) "
                                      "or '12:*'", least=0, otherwise="none", example=[0])
     port: list[int | str] = key([], "the DOF under the belt, as for interface: the port is w with 1 there", least=0,
@@ -41,7 +42,8 @@ class MatricesScene(ComponentScene):
         """The component, checked."""
         paths = {name: Path(self.folder) / getattr(self, name) for name in ("M", "K", "D", "dofs") if getattr(self, name)}
         return read_component(paths["M"], paths["K"], paths.get("D"), dofs=paths.get("dofs"), interface=self.interface,
-                              ports={"belt": self.port}, name=self.name, massless=self.massless), None
+                              ports={"belt": self.port}, name=self.name, massless=self.massless,
+                              drop_empty=self.drop_empty), None
 
 
 SCENE = MatricesScene

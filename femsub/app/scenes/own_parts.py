@@ -57,6 +57,7 @@ class PartKeys:
     dofs: str = key("", "the file of the DOF map, where the matrices do not carry it in themselves", example="disc-K.dof",
                     otherwise="none", file=True)
     massless: bool = key(False, "whether M may leave out DOF of K")
+    drop_empty: bool = key(False, "whether DOF with neither mass, damping nor stiffness are left out")
     mesh: str = key("", "a mesh file of hexahedra or tetrahedra, instead of matrices", example="pad.msh", file=True,
                     otherwise="the part comes from its matrices")
     E: float = key(2.1e11, "Young's modulus of a mesh", unit="Pa", above=0)
@@ -106,7 +107,7 @@ class PartKeys:
         first = paths.pop("M") if file is None else file.parent if file.name == MODEL else file
         ports = {"belt": self.port} if self.port else {}
         given: dict[str, Any] = {"interface": self.interface, "ports": ports, "cutoff": self.cutoff}
-        found = read_component(first, **paths, name=self.name, massless=self.massless,
+        found = read_component(first, **paths, name=self.name, massless=self.massless, drop_empty=self.drop_empty,
                                **{name: value for name, value in given.items() if value})
         if isinstance(found, ReducedSubstructure) or found.sets:
             return found, None

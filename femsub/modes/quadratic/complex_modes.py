@@ -260,6 +260,7 @@ def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> tuple[Pe
         pencil, cutoff = model, np.inf
     else:
         pencil = instance("model", model, Substructure, "or a Pencil").linearised(contacts, structural=True)
+        model.refuse_empty(pencil.D, pencil.K, model.H)
         pencil = pencil if model.H is None else LossyPencil.of(pencil, model.H, model.name)
         cutoff = model.cutoff
     if pencil.norms[0] == 0 and pencil.norms[1] == 0:

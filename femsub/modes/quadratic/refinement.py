@@ -149,6 +149,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     whole_number("steps", steps, least=1)
     rows, mirrored = _representatives(modes, chosen)
     pencil = full.linearised(contacts)
+    full.refuse_empty(pencil.D, pencil.K)
     K, by = _held(full, rom, pencil, contacts)
     space = _Space(pencil, K, by)
     values, X = modes.eigenvalues[rows], V @ modes.shapes[:, rows]
