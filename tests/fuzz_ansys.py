@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import fuzz_measured
+import numpy as np
 from fuzzing import Subject
 
-import femsub as fs
+from benchmarks.attacks.files import full_file
+from femsub.io.ansys import read_full as labelled
 
 
 def examples() -> Path | None:
@@ -23,9 +25,8 @@ def examples() -> Path | None:
 
 
 def read_full(path: Path) -> Any:
-    part = fs.read_component(path)
-    assert part.dofs is not None
-    return {"K": part.K, "M": part.M, "nodes": part.dofs.nodes, "components": part.dofs.components}
+    found = labelled(path)
+    return {key: found[key].matrix for key in "KM"} | {"labels": found["K"].labels}
 
 
 def read_rst(path: Path) -> Any:
@@ -33,13 +34,18 @@ def read_rst(path: Path) -> Any:
 
 
 def subjects(folder: Path) -> list[Subject]:
-    source, made = examples(), list[Subject]()
-    if source is None:
-        return made
-    for name, header in (("full", 1000), ("rst", 3000)):
-        path = folder / name / f"file.{name}"
+    source, made, rng = examples(), list[Subject](), np.random.default_rng(5)
+    for unsymmetric in (False, True):
+        path = folder / f"full-{unsymmetric}" / "file.full"
+        path.parent.mkdir(parents=True)
+        B = np.tril(rng.standard_normal((6, 6))) + 3 * np.eye(6)
+        about = {"nodes": np.array([3, 1]), "kinds": np.array([1, 2, 3]), "held": np.arange(1, 7)}
+        full_file(path, B @ B.T + unsymmetric * rng.standard_normal((6, 6)), B @ B.T, about, unsymmetric)
+        made.append(Subject(f"ansys-full{'-unsymmetric' * unsymmetric}", path, "fuzz_ansys:read_full", text=False,
+                            strict=frozenset({"cut"}), header=1000))
+    if source is not None:
+        path = folder / "rst" / "file.rst"
         path.parent.mkdir(parents=True)
         shutil.copy(source / path.name, path)
-        made.append(Subject(f"ansys-{name}", path, f"fuzz_ansys:read_{name}", text=False, strict=frozenset({"cut"}),
-                            header=header))
+        made.append(Subject("ansys-rst", path, "fuzz_ansys:read_rst", text=False, strict=frozenset({"cut"}), header=3000))
     return made

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 import femsub as fs
 
-KINDS = ("universal 58", "universal 58 damaged")
+KINDS = ("universal 58", "universal 58 damaged", "Ansys full", "Ansys full damaged")
 Array = np.ndarray
 ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 TYPES = {"displacement": 8, "velocity": 11, "acceleration": 12}
@@ -157,8 +158,124 @@ def damaged(case: Response58) -> bytes:
     return b"".join(sets)
 
 
+def record(values: np.ndarray) -> np.ndarray:
+    """A record of Ansys: its length in words, flags, the content, the length again."""
+    content = np.ascontiguousarray(values).view("<i4") if values.dtype == float else values.astype("<i4")
+    return np.concatenate([[len(content), 0 if values.dtype == float else -2**31], content, [len(content)]]).astype("<i4")
+
+
+def full_file(path: Path, K: np.ndarray, M: np.ndarray, about: Mapping[str, np.ndarray], unsymmetric: bool,
+              triangle: bool = True) -> Path:
+    """A .full file of all columns of an unsymmetric K, or of lower triangles; of M its `triangle`, or all."""
+    def columns(A: np.ndarray, lower: bool) -> tuple[list[np.ndarray], int]:
+        found, terms = [], 0
+        for column in range(len(A)):
+            rows = np.flatnonzero((A[:, column] != 0) | (A[column] != 0))
+            rows = rows[(rows > column) | (not lower and rows != column)]
+            rows = np.append(rows, column)
+            found += [record(rows + 1), record(A[rows, column])]
+            terms += len(rows)
+        return found, terms
+
+    nodes, kinds, held = about["nodes"], about["kinds"], about["held"]
+    first = [record(kinds), record(nodes)]
+    tables = [record(np.full(len(nodes), len(kinds))), record(held)]
+    stiffness, mass = columns(K, not unsymmetric), columns(M, triangle or not unsymmetric)
+    starts = np.cumsum([206, *(sum(map(len, part)) for part in (first, stiffness[0], tables, mass[0]))])
+    standard, head = np.zeros(100), np.zeros(160)
+    standard[[0, 1, 26]] = 4, -1, starts[4]
+    head[[0, 1, 7, 8, 13, 18, 26, 32, 33, 35]] = (-4, len(K), len(kinds), stiffness[1], unsymmetric, starts[1] + 60,
+                                                  starts[3] + 60, len(nodes), mass[1], starts[2] + 60)
+    standard[26] += 60
+    parts = [record(standard.astype(int)), record(head.astype(int)), *first, *stiffness[0], *tables, *mass[0]]
+    np.concatenate(parts).tofile(path)
+    return path
+
+
+def ansys(rng: np.random.Generator) -> tuple[dict[str, Any], Array]:
+    """Arguments of `full_file` with a random K, symmetric or not, and the rows that are not held, by node and direction."""
+    kinds = np.sort(rng.permutation(6)[:int(rng.integers(1, 5))]) + 1
+    nodes = rng.permutation(90)[:int(rng.integers(2, 8))] + 1
+    n = len(nodes) * len(kinds)
+    B = np.tril(rng.standard_normal((n, n)) * (rng.random((n, n)) < rng.uniform(0.1, 1.0)), -1) + np.diag(rng.uniform(1, 3, n))
+    B[1, 0] = 1.0
+    scale, unsymmetric = 10.0 ** rng.uniform(-6, 12), bool(rng.integers(2))
+    K, M = scale * (B @ B.T), np.diag(rng.uniform(1, 2, n)) + 0.01 * (B + B.T)
+    if unsymmetric:
+        for _ in range(int(rng.integers(1, 6))):
+            i, j = rng.permutation(n)[:2]
+            K[i, j] += scale * rng.standard_normal()
+    held = np.arange(1, n + 1) * np.where(rng.random(n) < 0.2, -1, 1)
+    held[rng.integers(n)] = 1
+    given = {"K": K, "M": M, "about": {"nodes": nodes, "kinds": kinds, "held": held}, "unsymmetric": unsymmetric,
+             "triangle": bool(rng.integers(2))}
+    labels = np.array([(node, kind) for node in nodes for kind in kinds])
+    order = np.lexsort([labels[:, 1], labels[:, 0]])
+    return given, order[held[order] > 0]
+
+
+def harmed(rng: np.random.Generator, path: Path) -> str:
+    """One fault that shows: of the length of the file, of a record, of the header, of a number of a row."""
+    words = np.fromfile(path, "<i4")
+    size, K, M = int(words[106]), int(words[123]), int(words[131])
+    at = K if rng.random() < 0.5 else M
+    for _ in range(int(rng.integers(size))):
+        at += 3 * int(words[at]) + 6
+    count = int(words[at])
+    fault = str(rng.choice(["cut", "length", "flags", "row", "twice", "terms", "header", "nan", "symmetry", "nodes"]))
+    if fault == "cut":
+        words = words[:int(rng.integers(1, len(words)))]
+    elif fault == "length":
+        words[at + int(rng.choice([0, count + 2, count + 3, 3 * count + 5]))] += int(rng.choice([-1, 1, 1000]))
+    elif fault == "flags":
+        words[at + int(rng.choice([1, count + 4]))] = -2**31 + 8 if rng.random() < 0.5 else 8
+    elif fault == "row":
+        words[at + 2] = int(rng.choice([0, -1, size + 1, 2**30]))
+    elif fault == "twice":
+        words[at + 2 + int(rng.integers(max(count - 1, 1)))] = words[at + 2 + count - 1] if count > 1 else size + 1
+    elif fault == "terms":
+        words[105 + int(rng.choice([8, 33]))] += int(rng.choice([-1, 1, 50]))
+    elif fault == "header":
+        places = ((0, 4), (10, 1), (1, size + 1), (1, size - 1), (18, 3), (35, 3), (26, len(words)), (36, 5))
+        place, value = places[rng.integers(len(places))]
+        words[105 + place] = value
+    elif fault == "nan":
+        words[at + count + 5:at + count + 7] = np.array([np.nan]).view("<i4")
+    elif fault == "symmetry":
+        words[105 + 13] = 1 - words[105 + 13]
+    else:
+        first = 103 + int(words[103]) + 3
+        first += int(words[first]) + 3
+        words[first + 2] = words[first + 3]  # a node twice
+    words.tofile(path)
+    return fault
+
+
+def from_ansys(rng: np.random.Generator, bad: bool) -> str:
+    given, rows = ansys(rng)
+    with tempfile.TemporaryDirectory() as folder:
+        path = full_file(Path(folder) / "a.full", **given)
+        fault = harmed(rng, path) if bad else ""
+        try:
+            K, M = (fs.read_matrix(path, name).toarray() for name in "KM")
+        except fs.FemsubError as error:
+            return f"refused: {error}" if bad else f"wrong: refused: {error}"
+        if bad:
+            return f"wrong: read in spite of {fault}"
+        if not given["unsymmetric"]:
+            part = fs.read_component(path)
+            kinds = [("ux", "uy", "uz", "rx", "ry", "rz")[kind - 1] for kind in given["about"]["kinds"]]
+            names = [f"{way} at node {node}" for node in given["about"]["nodes"] for way in kinds]
+            if part.dofs is None or [part.dofs.name(row) for row in range(part.size)] != [names[row] for row in rows]:
+                return "wrong: names of DOF"
+    kept = np.ix_(rows, rows)
+    return "certified" if np.array_equal(K, given["K"][kept]) and np.array_equal(M, given["M"][kept]) else "wrong: entries"
+
+
 def attacked(kind: str, seed: int) -> str:
     rng = np.random.default_rng(seed)
+    if kind.startswith("Ansys"):
+        return from_ansys(rng, kind.endswith("damaged"))
     with tempfile.TemporaryDirectory() as folder:
         path, case = Path(folder) / "a.uff", Response58(rng)
         bad = kind.endswith("damaged")

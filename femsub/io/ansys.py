@@ -1,4 +1,4 @@
-"""Ansys' binary files: K and M of .full files, modes of .rst files, read by PyAnsys' reader in a process of its own."""
+"""Ansys' binary files: K and M of .full files, and modes of .rst files by PyAnsys' reader in a process of its own."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from functools import lru_cache
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,6 +21,7 @@ from femsub.io.abaqus_calculix import TextMatrix
 MODULE = "ansys.mapdl.reader"
 SECONDS = 600  # for a file
 MEMORY = 16  # GB of addresses that reading may take
+INTEGERS = -2**31  # the flags of a record of whole numbers; 0 are those of double precision
 WORDS = 103  # of four bytes: the first record with its length and type, that is the standard header
 FULL, RESULT = 4, 12  # kinds of files, by the first word of the standard header
 MODAL = 2  # the type of a modal analysis
@@ -36,12 +38,6 @@ resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), h
 bare = types.ModuleType("{MODULE}")
 bare.__path__ = list(find_spec("{MODULE}").submodule_search_locations)
 sys.modules["{MODULE}"] = bare
-"""
-MATRICES = """
-from ansys.mapdl.reader.full import FullFile
-dofs, K, M = FullFile(path).load_km(sort=True)
-K, M = K.tocoo(), M.tocoo()
-np.savez(target, dofs=dofs, K=K.data, K_row=K.row, K_col=K.col, M=M.data, M_row=M.row, M_col=M.col)
 """
 #: records of the result file as they are; what they mean is told by `read_rst`
 SETS = """
@@ -74,41 +70,119 @@ def read_full(path: Path) -> dict[str, TextMatrix]:
     """K and M of a .full file, shape (n, n), with (node, direction from 1) of each row, ascending.
 
     ===================  =======================================================================================
-    it reads             symmetric stiffness and mass in .full files of Ansys (WRFULL, or a modal analysis)
+    it reads             stiffness and mass in .full files of Ansys (WRFULL, or a modal analysis): one triangle of symmetric
+                         matrices; all columns of unsymmetric ones, as friction makes them
     it leaves out        DOF that a constraint holds
-    it refuses           a lumped mass, unsymmetric matrices, a file that is shorter than its header tells, whatever the
-                         reader refuses or crashes at
-    it cannot know       whether a number is wrong: there is no checksum
+    it refuses           a lumped mass, compressed records, a file that is shorter than its header says, records whose lengths
+                         differ from what stands around them, another number of entries than announced, an entry twice
+    it cannot know       whether a number is wrong: there is no checksum. Whether a program wrote the rows of an unsymmetric
+                         matrix in place of its columns: the transposed pencil has the same λ
     ===================  =======================================================================================
-
-    The reader's compiled part crashes at files that are damaged, so it runs in a process of its own.
 
     Raises
     ------
     InputError
         See the table.
-    MissingPackageError
-        ansys-mapdl-reader is not installed.
     """
     stamp = _checked(path, FULL, ".full").stat()
     found = _matrices(path, stamp.st_mtime_ns, stamp.st_size)
     return {key: TextMatrix(item.matrix.copy(), item.labels) for key, item in found.items()}
 
 
+class _Records:
+    """The records of a file: their length in words of four bytes, a word of flags, the content, and the length again."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.words = path, np.fromfile(path, "<i4")
+
+    def damaged(self, what: str) -> InputError:
+        return InputError(f"{self.path} cannot be read: {what}; it is damaged, or of a kind that is not known. Write it again")
+
+    def integers(self, what: str, at: int, count: int | None = None) -> tuple[Array, int]:
+        """The content of the record at a place, and the place of the next one."""
+        words, length = self.words, int(self.words[at]) if 0 <= at < len(self.words) else -1
+        stop = at + 2 + length
+        if length < 0 or stop >= len(words) or words[at + 1] != INTEGERS or words[stop] != length or count not in (None, length):
+            raise self.damaged(f"there is no record of {what} at the word {at}")
+        return words[at + 2:stop], stop + 1
+
+    def matrix(self, name: str, at: int, size: int, terms: int) -> Any:
+        """Columns of a matrix (size, size): for each a record of rows, counted from 1, and one of their entries."""
+        words, places = memoryview(self.words.data), np.zeros((size, 2), dtype=np.int64)
+        try:
+            for column in range(size):  # a chain: each record begins where the one before it ends
+                count = words[at]
+                middle, end = at + count + 3, at + 3 * count + 5
+                if not 0 < count <= size or (words[at + 1], words[middle - 1], words[middle], words[middle + 1], words[end]) != (
+                        INTEGERS, count, 2 * count, 0, 2 * count):
+                    raise self.damaged(f"the records of column {column + 1} of {name} do not fit each other")
+                places[column] = at + 2, count
+                at = end + 1
+        except IndexError:
+            raise self.damaged(f"{name} ends within column {column + 1}") from None
+        start, counts = places.T
+        if counts.sum() != terms:
+            raise self.damaged(f"{name} has {counts.sum()} entries, but {terms} are announced")
+        offset = np.arange(terms) - np.repeat(np.cumsum(counts) - counts, counts)
+        rows = self.words[np.repeat(start, counts) + offset] - 1
+        low = np.repeat(start + counts + 3, counts) + 2 * offset
+        values = np.ascontiguousarray(np.stack([self.words[low], self.words[low + 1]], axis=1)).view("<f8").ravel()
+        if terms and not 0 <= rows.min() <= rows.max() < size:
+            raise self.damaged(f"{name} has a row beyond its {size}")
+        if not np.isfinite(values).all():
+            raise InputError(f"{self.path} holds a NaN or Inf in {name}")
+        found = sp.csr_array(sp.coo_array((values, (rows, np.repeat(np.arange(size), counts))), shape=(size, size)))
+        if found.nnz < terms:
+            raise self.damaged(f"{name} has an entry twice")
+        return found
+
+
+def _whole(records: _Records, name: str, A: Any, unsymmetric: bool) -> tuple[Any, bool]:
+    """A matrix of which the file holds one triangle or all, and whether it held all."""
+    one, other = sp.tril(A, -1).nnz, sp.triu(A, 1).nnz
+    if not one or not other:
+        return sp.csr_array(A + A.T - sp.diags_array(A.diagonal())), False
+    if not unsymmetric:
+        raise records.damaged(f"a symmetric {name} is one triangle, but has {one} entries below the diagonal and {other} above")
+    return A, True
+
+
 @lru_cache(maxsize=1)  # K and M are asked for one after the other
 def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
-    found = _asked(path, MATRICES)
-    dofs = found["dofs"].astype(np.int64)
-    part = {key: sp.coo_array((found[key], (found[f"{key}_row"], found[f"{key}_col"])), shape=(len(dofs), len(dofs)))
-            for key in "KM"}
-    whole = {key: sp.csr_array(matrix + sp.triu(matrix, 1).T + sp.tril(matrix, -1).T) for key, matrix in part.items()}
-    if not all(np.isfinite(matrix.data).all() for matrix in whole.values()):
-        raise InputError(f"{path} holds a NaN or Inf")
-    used = np.flatnonzero((abs(whole["K"]) + abs(whole["M"])).sum(axis=0))
-    labels = np.stack([dofs[used, 0], dofs[used, 1] + 1], axis=1)
-    if not len(used) or len(np.unique(labels, axis=0)) < len(labels) or labels.min() < 1:
+    records = _Records(path)
+    head, at = records.integers("its header", WORDS)
+    if len(head) < 37 or head[0] >= 0 or head[10] or not head[1] > 0:
+        raise InputError(f"{path} holds a lumped mass, or was written by a frontal solver. Take consistent masses "
+                         "(LUMPM,OFF) and another solver (EQSLV,SPARSE)")
+    count, unsymmetric = int(head[1]), bool(head[13])
+    kinds, at = records.integers("the kinds of DOF", at)
+    numbers, _ = records.integers("the numbers of nodes", at)
+    widths, at = records.integers("DOF for each node", _long(head[35], head[36]), len(numbers))
+    held, _ = records.integers("constraints", at, count)
+    if widths.sum() != count or (len(widths) and not 0 <= widths.min() <= widths.max() <= len(kinds)):
+        raise records.damaged(f"its {len(numbers)} nodes have {widths.sum()} DOF, but {count} are announced")
+    nodes = np.repeat(numbers, widths).astype(np.int64)
+    directions = kinds[np.arange(count) - np.repeat(np.cumsum(widths) - widths, widths)].astype(np.int64)
+    order = np.lexsort([directions, nodes])
+    order = order[held[order] >= 0]
+    labels = np.stack([nodes, directions], axis=1)[order]
+    if not len(order) or labels.min() < 1 or len(np.unique(numbers)) < len(numbers) or len(np.unique(kinds)) < len(kinds):
         raise InputError(f"{path} holds no DOF, or some of them twice; it may be damaged, write it again")
-    return {key: TextMatrix(sp.csr_array(matrix[used][:, used]), labels) for key, matrix in whole.items()}
+    found, all_ = dict[str, TextMatrix](), False
+    for name, place, terms in (("K", _long(head[18], head[19]), _long(head[8], head[9])),
+                               ("M", _long(head[26], head[27]), _long(head[33], head[21]))):
+        if not terms:
+            raise InputError(f"{path} holds no {name}. Write it with a modal analysis (ANTYPE,MODAL and WRFULL,1)")
+        matrix, whole = _whole(records, name, records.matrix(name, place, count, terms), unsymmetric)
+        all_ |= whole
+        found[name] = TextMatrix(sp.csr_array(matrix[order][:, order]), labels)
+    if unsymmetric and not all_:
+        raise records.damaged("it announces an unsymmetric matrix, but has one triangle of each")
+    return found
+
+
+def _long(low: Any, high: Any) -> int:
+    return int(low) % 2**32 + (int(high) << 32)
 
 
 def read_rst(path: Path) -> tuple[Array, Array, Array, Array, Array, list[str]]:
@@ -180,8 +254,8 @@ def _place() -> ModuleSpec | None:
 
 
 def _checked(path: Path, kind: int, ending: str) -> Path:
-    """The path, if the package is there, and the file begins as one of Ansys of this kind and is as long as it says."""
-    if _place() is None:
+    """The path, if the file begins as one of Ansys of this kind and is as long as it says, and the package for it is there."""
+    if kind == RESULT and _place() is None:
         raise MissingPackageError(f"Ansys' {ending} files need PyAnsys' reader: {installed_by('ansys-mapdl-reader')}")
     if not path.is_file():
         raise InputError(f"there is no file {path}")

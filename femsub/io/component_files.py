@@ -75,7 +75,8 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     ------
     InputError
         A file that cannot be read, is cut short or belongs to another model, a DOF that does not exist, matrices that are
-        not a component (see `Substructure`). The message names the file.
+        not a component (see `Substructure`). The message names the file. An unsymmetric K is none: `read_matrix` reads it for a
+        `Pencil`.
 
     Warns
     -----
