@@ -166,7 +166,7 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
         values, left, right = _by_qz(A, E, len(E))
         q1, qa = right[top], right[low]
         speed = right[middle]
-        fast = np.linalg.norm(speed, axis=0) > np.linalg.norm(q1, axis=0)
+        fast = (values != 0) & (np.linalg.norm(speed, axis=0) > np.linalg.norm(q1, axis=0))
         q1 = np.where(fast, speed / np.where(fast, values, 1.0), q1)
         values, w1, wa = gamma * values, left[middle], left[low]
         qb = g1 @ q1 + gv @ (q1 * values) + ga @ qa
