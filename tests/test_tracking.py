@@ -136,6 +136,26 @@ def test_two_meetings_in_one_step_are_both_seen() -> None:
     assert np.allclose([met.value for met in found.meetings], [0.5, 1.5], atol=1e-7)
 
 
+def test_a_third_mode_that_passes_a_growing_and_a_decaying_one_coalesces_with_neither() -> None:
+    """Two λ become one at 0.421; from 0.45 on all of them are at least 0.09 apart."""
+    K = np.array([[5.74, 0.22, -0.08, 0.34], [0.22, 3.6, -0.19, -0.06], [-0.08, -0.19, 3.36, -0.1], [0.34, -0.06, -0.1, 4.68]])
+    C = np.array([[0.0, 2.43, 0.32, -0.52], [0.0, 0.0, 0.46, 0.04], [0.0, 0.0, 0.0, -0.08], [0.0, 0.0, 0.0, 0.0]])
+    found = fs.track(fs.Affine(np.eye(4), None, [(1.0, K), ("p", C - C.T)]), None, "p", np.linspace(0, 1, 14))
+    (met,) = [met for met in found.meetings if met.kind in ("coalescence", "splitting")]
+    assert met.value == pytest.approx(0.421069, abs=1e-6) and met.gap < 1e-6
+    assert [other.kind for other in found.meetings if other is not met] == ["crossing", "crossing"]
+
+
+@pytest.mark.parametrize("beside", [1e-6, 1e-9])
+def test_a_value_next_to_a_narrow_flutter_hides_neither_of_its_ends(beside: float) -> None:
+    """ω² = 4 ± √(p² - c²): the two λ at the middle value are one but for 1e-6."""
+    c = 1e-3
+    model = fs.Affine(EYE, None, [(1.0, [[4.0, c], [-c, 4.0]]), ("p", [[1.0, 0.0], [0.0, -1.0]])])
+    found = fs.track(model, None, "p", [-1.0, -c * (1 - beside), 1.1])
+    assert [met.kind for met in found.meetings] == ["coalescence", "splitting"]
+    assert np.allclose([met.value for met in found.meetings], [-c, c], atol=1e-8)
+
+
 def test_equal_eigenvalues_all_along_cost_nothing() -> None:
     """Four double eigenvalues, as of a disc; their vectors are arbitrary at each value."""
     Q = np.linalg.qr(np.random.default_rng(3).standard_normal((8, 8)))[0]

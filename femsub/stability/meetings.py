@@ -1,13 +1,22 @@
-"""Meetings of two branches of eigenvalues: crossing, veering, coalescence and splitting, told from the eigenvalues alone.
+"""Meetings of two branches of eigenvalues: crossing, veering, coalescence and splitting.
 
 Near a meeting of λ_a and λ_b their mean and (λ_a - λ_b)² are analytic in p, also at an exceptional point, where each of the two
 has a square root. So the turn of λ_a - λ_b in the complex plane from one side to the other tells the kind: half a turn at a
 crossing, a quarter at a coalescence or splitting, none at a veering.
+
+That holds while no third mode meets one of the two nearby. A coalescence is therefore verified with the vectors at a computed
+value next to it. There (λ_a - λ_b)² continues to other values h of the parameter, real or complex, as
+
+    (λ_a - λ_b - h(g_aa - g_bb))² + 4h² g_ab g_ba,   g_jk = y_jᴴP'(λ_k)x_k.
+
+Of its two zeros, one must lie at the meeting and the other far from it, and so must the zeros of either mode with a third one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +26,8 @@ from femsub.model import DOUBLE
 
 APART = 4.0  # the distance of two branches beside a meeting, relative to the least
 HALF, QUARTER = 3 * np.pi / 4, np.pi / 4  # limits between half a turn, a quarter, and none
+
+Modes = Callable[[float], tuple[Array, Array]]  # p ↦ λ (k,) and y_jᴴP'(λ_k)x_k (k, k), both of two conjugates
 
 
 @dataclass(frozen=True)
@@ -28,7 +39,9 @@ class Meeting:
     kind : str
         'crossing': their frequencies change order; the modes act on each other less than their damping differs, or not at all.
         'veering': they turn away and exchange their shapes. 'coalescence': two frequencies become one and the growth rates part,
-        as at the onset of flutter; also a pair that becomes two real eigenvalues. 'splitting': the reverse.
+        as at the onset of flutter; also a pair that becomes two real eigenvalues. 'splitting': the reverse. Both are verified
+        with the vectors: two eigenvalues become one at a value of the parameter next to this one (real, or with damping complex),
+        and no third mode takes part.
     value : float
         The parameter at which they are nearest.
     width : float
@@ -61,17 +74,20 @@ class Meeting:
                 f"{self.eigenvalue:.6g} ∓ {self.gap / 2:.1g}, condition {self.condition:.1g}")
 
 
-def meetings_of(p: Array, values: Array, bar: Array, condition: Array, inside: Array) -> tuple[Meeting, ...]:
-    """All meetings of branches that are neighbours in frequency at some value."""
+def meetings_of(p: Array, values: Array, bar: Array, condition: Array, inside: Array, modes: Modes) -> tuple[Meeting, ...]:
+    """All meetings of branches that are neighbours in frequency at some value; `modes` at a value verify a coalescence."""
+    modes = cache(modes)
     pairs = {tuple(sorted(map(int, pair))) for row in values
              for pair in pairwise(np.lexsort((row.real, row.imag))[:np.count_nonzero(~np.isnan(row.real))])}
     found = [meeting for a, b in sorted(pairs)
-             for meeting in _of_pair(p, values[:, [a, b]], bar[:, [a, b]], condition[:, [a, b]], inside[:, [a, b]], (a, b))]
+             for meeting in _of_pair(p, values[:, [a, b]], bar[:, [a, b]], condition[:, [a, b]], inside[:, [a, b]], (a, b),
+                                    modes)]
     above = [one for one in found if one.eigenvalue.imag >= -DOUBLE * abs(one.eigenvalue)]  # others are conjugates of these
     return tuple(sorted(above, key=lambda one: (one.value, one.branches)))
 
 
-def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Array, branches: tuple[int, int]) -> list[Meeting]:
+def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Array, branches: tuple[int, int],
+             modes: Modes) -> list[Meeting]:
     """Where two branches change the order of their frequencies, and where they are nearer than on both sides."""
     both = np.flatnonzero(~np.isnan(values).any(axis=1))
     if len(both) < 2:
@@ -105,12 +121,34 @@ def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Arra
         turn = np.abs(np.angle(gap[after[0]] / gap[before[-1]]))
         if turn > HALF or not inside[i].all():
             continue
-        left, right = before[-1], after[0]
-        steep = np.abs(gap[[left, right]].imag) > np.abs(gap[[left, right]].real)
-        kind = "veering" if turn < QUARTER else "coalescence" if steep[0] else "splitting"
         value, least = _nearest(p[i - 1:i + 2], gap[i - 1:i + 2])
+        kind = "veering"
+        if turn >= QUARTER:
+            apart = np.flatnonzero(size > doubt)  # where vectors say something
+            at = apart[np.argmin(np.abs(p[apart] - value))]
+            if not _become_one(*modes(float(p[at])), values[at], value - float(p[at])):
+                continue
+            kind = "coalescence" if np.abs(gap[before[-1]].imag) > np.abs(gap[before[-1]].real) else "splitting"
+        left, right = before[-1], after[0]
         result.append(meeting(kind, value, i - 1, i + 1, least))
     return result
+
+
+def _become_one(values: Array, rates: Array, pair: Array, ahead: float) -> bool:
+    """Whether two modes have one exceptional point about `ahead`, alone up to where they are APART times as far from each other.
+
+    There (λ_a - λ_b)² is APART² times as large, and so is the distance from the exceptional point.
+    """
+    a = int(np.argmin(np.abs(values - pair[0])))
+    b = int(np.argmin(np.where(np.arange(len(values)) == a, np.inf, np.abs(values - pair[1]))))
+    with np.errstate(all="ignore"):
+        gap = values[[a, b], None] - values
+        drift = rates.diagonal()[[a, b], None] - rates.diagonal()
+        turn = 2j * np.sqrt(rates[[a, b]] * rates[:, [a, b]].T)
+        near, far = np.sort(np.abs(gap / np.stack([drift + turn, drift - turn]) - ahead), axis=0)
+    alone = APART**2 * near[0, b]
+    others = np.delete(np.where(np.abs(turn) > DOUBLE * np.abs(drift), near, np.inf), [a, b], axis=1)  # else they only cross
+    return bool(alone <= far[0, b] and (others >= alone).all())
 
 
 def _crossing(p: Array, gap: Array, i: int, k: int) -> tuple[float, float]:

@@ -219,6 +219,11 @@ class _Chain:
                 here, label = _turned(here, ahead.pop(), to), found
                 self._keep(here, label)
 
+    def modes(self, p: float) -> tuple[Array, Array]:
+        """λ and their rates at one value."""
+        node = self._node(p)
+        return node.values, node.rates
+
     def _new(self, count: int) -> Array:
         self.branches += count
         return np.arange(self.branches - count, self.branches)
@@ -322,15 +327,14 @@ def _meet(here: _Node, there: _Node, s: Array, to: Array, asked: Array) -> bool:
     t = PLACES[:, None]
     path = ((1 + 2 * t) * begin + t * rise) * (1 - t) ** 2 + ((3 - 2 * t) * end - (1 - t) * fall) * t**2
     gap = path[:, :, None] - path[:, None, :]
-    ends = np.minimum(np.abs(gap[0]), np.abs(gap[-1]))
-    near = (np.abs(gap).min(axis=0) < APPROACH * ends) | (np.abs(np.angle(gap * gap[0].conj())).max(axis=0) > TURN)
-    coupled = np.abs(s[np.ix_(rows, columns)]) > UNCOUPLED
-    for rates in (first, last):
-        coupled |= np.abs(rates * rates.T) > DOUBLE**2 * np.multiply.outer(size, size)
+    nearer = np.minimum(np.abs(gap[0]), np.abs(gap[-1]))
+    near = (np.abs(gap).min(axis=0) < APPROACH * nearer) | (np.abs(np.angle(gap * gap[0].conj())).max(axis=0) > TURN)
+    ends = [np.equal.outer(cluster, cluster) for cluster in (here.cluster[rows], there.cluster[columns])]
+    coupled = (np.abs(s[np.ix_(rows, columns)]) > UNCOUPLED) & ~ends[0] & ~ends[1]
+    for rates, together in zip((first, last), ends, strict=True):  # vectors within a cluster are arbitrary
+        coupled |= (np.abs(rates * rates.T) > DOUBLE**2 * np.multiply.outer(size, size)) & ~together
     coupled |= coupled.T
-    together = np.equal.outer(here.cluster[rows], here.cluster[rows]) | np.equal.outer(there.cluster[columns],
-                                                                                      there.cluster[columns])
-    return bool((near & coupled & ~together & ~np.eye(len(rows), dtype=bool)).any())
+    return bool((near & coupled & ~np.eye(len(rows), dtype=bool)).any())
 
 
 def _continue_defective(here: _Node, there: _Node, to: Array, missed: Array) -> None:
@@ -411,5 +415,5 @@ def _collected(chain: _Chain, parameter: str, points: Array) -> Tracked:
     kept = [kept[i] for i in np.lexsort(([values[i, j].real for i, j in zip(first, kept, strict=True)],
                                          [values[i, j].imag for i, j in zip(first, kept, strict=True)], first))]
     values, bar, condition, inside = values[:, kept], bar[:, kept], condition[:, kept], inside[:, kept]
-    return Tracked(parameter, p, np.isin(p, points), values, bar, condition, meetings_of(p, values, bar, condition, inside),
-                   chain.band)
+    return Tracked(parameter, p, np.isin(p, points), values, bar, condition,
+                   meetings_of(p, values, bar, condition, inside, chain.modes), chain.band)
