@@ -289,6 +289,37 @@ def test_nothing_is_said_of_a_hundred_sound_models() -> None:
     assert sum(check_sound(part, 3, 7) for part in PARTS) >= 100
 
 
+@pytest.mark.parametrize("modes", [0, 4])
+def test_rigid_coordinates_of_hurty_are_no_modes_of_mass_one(modes: int) -> None:
+    """Two DOF hold the beam, so all of its interface coordinates are rigid motions; their masses are not 1."""
+    whole = fs.beam(4.0, 26, E=2.1e11, I=1e-9, rho=7850.0, A=1e-4, interface=["right"])
+    rom = fs.reduce(whole, fs.Hurty(modes))
+    for told in (rom, given(rom, "V")):
+        for found in (fs.audit(told, whole), fs.audit(told)):
+            assert not found.faults, found.text
+
+
+@pytest.mark.parametrize("method", ["craig-chang", "dual-craig-bampton", "rubin", "hurty", "herting"])
+@pytest.mark.parametrize("key", ["M", "K"])
+def test_a_wrong_entry_of_any_coordinate_is_found_without_v(method: str, key: str) -> None:
+    whole = PARTS["floating chain"]()
+    rom = fs.reduce(whole, METHODS[method](4))
+    assert not fs.audit(given(rom, "V"), whole).faults
+    for j in range(rom.size):
+        told = given(rom, "V")
+        if key == "K" and rom.kinds[j] == "rigid":
+            continue
+        assert fs.audit(changed(told, key, put((j, j, 1.02))), whole).faults, rom.kinds[j]
+
+
+def test_lost_mass_of_macneal_is_found() -> None:
+    whole = PARTS["floating chain"]()
+    rom = fs.reduce(whole, METHODS["macneal"](4))
+    j = rom.kinds.index("free")
+    assert not fs.audit(given(rom), whole).faults
+    assert names(fs.audit(changed(given(rom), "M", put((j, j, 0.98))), whole))[0] == "M = VᵀMΦΦᵀMV"
+
+
 def test_interface_modes_are_sound_too() -> None:
     mesh = fs.block((1.0, 0.1, 0.1), (9, 1, 1), "hexahedron")
     system = fs.couple(*fs.cut(mesh, fs.solid, into=3, material=STEEL, supports=["left"]))

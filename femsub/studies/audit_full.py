@@ -12,7 +12,18 @@ from femsub.checks import EPS, Array, Matrix, Tally
 from femsub.errors import FemsubError
 from femsub.modes import ShiftInvert, lowest_modes, modes_under, motion_of, rounding_of
 from femsub.studies.audit_alone import FREE, STATED, factor, strain
-from femsub.studies.audit_model import FAULT, GOOD, UNKNOWN, Finding, Model, listed, units, within
+from femsub.studies.audit_model import (
+    FAULT,
+    GOOD,
+    HELD_KIND,
+    UNKNOWN,
+    Finding,
+    Model,
+    frequencies,
+    listed,
+    units,
+    within,
+)
 
 if TYPE_CHECKING:
     from femsub.algebra import RigidMotion
@@ -94,6 +105,8 @@ def compared(model: Model, full: Full) -> Compared:
     found: list[Finding] = [*_interface(model, full)]
     if model.V is not None:
         found += _projections(model, full)
+    else:
+        found += _spectrum(model, full)
     found += _statics(model, full)
     found += _rigid(model, full)
     tally, first = Tally(0), np.nan
@@ -142,20 +155,61 @@ def _projections(model: Model, full: Full) -> Iterator[Finding]:
         rounding = ROUNDING * (size.T @ (abs(A) @ size))
         name, scale = f"{key} = Vᵀ{key}V", whole if key != "D" else _damping_scale(whole, V, sub)
         if key == "M" and not model.projected:
-            lowest = float(np.linalg.eigvalsh(within_signed(whole - mine, whole))[0])
-            yield Finding.of(name, max(-lowest, 0.0), SAME, "M has more mass than VᵀMV, in some motion",
-                             "MacNeal's M leaves mass out. It adds none: V, or M, is of another model")
-            continue
+            part = _massive(model, full).shapes.T @ (A @ V)
+            name, whole = "M = VᵀMΦΦᵀMV", part.T @ part
         apart = within(mine - whole, scale, rounding)
         i, j = _first_of(apart)
         yield Finding.of(name, float(apart[i, j]), SAME, f"{key}[{i}, {j}] is {mine[i, j]:.6g}, but Vᵀ{key}V gives "
                          f"{whole[i, j]:.6g}{_scale_of(mine, whole)}", _advice(apart, key))
 
 
-def within_signed(A: Array, scale: Array) -> Array:
-    """A over √(s_ii s_jj)."""
-    size = np.sqrt(np.where(scale.diagonal() > 0, scale.diagonal(), 1.0))
-    return (A + A.T) / 2 / np.outer(size, size)
+def _massive(model: Model, full: Full) -> NormalModes:
+    """The free modes Φ of the full model that have mass in MacNeal's; its other coordinates have none."""
+    handle = full.handle("free")
+    return lowest_modes(handle, max(0, min(model.mass_rank - handle.rigid.shape[1], handle.elastic)))
+
+
+def _spectrum(model: Model, full: Full) -> Iterator[Finding]:
+    """All ω of the reduced model, against those of the full one in the shapes that the kinds of coordinates name.
+
+    The span of constraint and fixed-interface modes is known, and that of free modes and the residual response to forces at the
+    interface. ω does not depend on the coordinates in it, so no V is needed.
+    """
+    what, sub = "frequencies of the shapes stated", full.sub
+    if not model.kinds or not model.basis or not len(full.rows) or (model.basis == "held" and full.statics is None):
+        return
+    handle = full.handle(model.basis)
+    rigid = 0 if model.basis == "held" else handle.rigid.shape[1]
+    kept = model.kinds.count(HELD_KIND if model.basis == "held" else "free")
+    if model.basis == "free" and not kept:  # Herting's kinds do not name the modes alone
+        if sub.ports:
+            return
+        kept = max(0, model.size - len(full.rows) - rigid)
+    if kept > MOST:
+        yield Finding(what, UNKNOWN, f"the model has {kept} modes, and only up to {MOST} are compared", todo="Give V")
+        return
+    modes = lowest_modes(handle, min(kept, handle.elastic))
+    forces, ports = np.eye(sub.size)[:, full.rows], np.column_stack([np.zeros((sub.size, 0)), *sub.ports.values()])
+    also = ports if model.size == kept + rigid + len(full.rows) + ports.shape[1] else ports[:, :0]
+    if model.basis == "held" and full.statics is not None:
+        inner = np.zeros((sub.size, modes.shapes.shape[1] + also.shape[1]))
+        inner[full.inside] = np.hstack([modes.shapes, handle.elastic_solve(also[full.inside], modes.shapes)])
+        shapes = np.hstack([full.statics[0], inner])
+    else:
+        residual = handle.elastic_solve(np.hstack([forces, also]), modes.shapes)
+        shapes = np.hstack([modes.shapes, residual if model.projected else residual[:, :0]])
+    there, own = frequencies(*(shapes.T @ (A @ shapes) for A in (sub.K, sub.M))), model.free_frequencies
+    if len(own) != len(there):
+        return  # shapes that depend on each other were left out
+    elastic = there[full.handle("free").rigid.shape[1]:]
+    if not len(elastic) or not elastic[0]:
+        return
+    beyond = np.maximum(np.abs(own**2 - there**2) - ROUNDING * len(own) * there[-1] ** 2, 0.0)
+    apart = beyond / np.maximum(there, elastic[0]) ** 2
+    worst = int(apart.argmax())
+    yield Finding.of(what, float(apart[worst]), SAME, f"frequency {worst + 1} of all {len(own)} is {own[worst]:.6g}, but "
+                     f"{there[worst]:.6g} in the span of the shapes that the kinds name", "An entry of M or K is wrong, or the "
+                     "coordinates are not what their kinds say")
 
 
 def _damping_scale(whole: Array, V: Array, sub: Substructure) -> Array:
@@ -349,7 +403,7 @@ def _kept(model: Model) -> Array:
     """ω of the modes that the model keeps, ascending: of a free basis with its rigid motions, and what else follows them."""
     if model.basis != "held":
         return np.sort(model.modal_frequencies) if len(model.modal) else model.free_frequencies
-    if "static port" in model.kinds or (len(model.modal) and not len(model.B)):
+    if "static port" in model.kinds or not len(model.B):
         return np.sort(model.modal_frequencies)
     return model.held_frequencies
 

@@ -130,11 +130,14 @@ class Model:
         return np.flatnonzero(~self.M.any(axis=0) & (self.K.diagonal() > 0))
 
     @cached_property
+    def mass_rank(self) -> int:
+        """The rank of M, but for rounding."""
+        return int(np.linalg.matrix_rank(scaled(self.M), 256 * EPS, hermitian=True))
+
+    @cached_property
     def projected(self) -> bool:
-        """Whether M is that of a Ritz model. MacNeal's is not: none of its interface DOF has mass, and K couples all of them."""
-        if not len(self.massless):
-            return True
-        return self.basis != "free"
+        """Whether M is that of a Ritz model. MacNeal's is not: its free modes alone have mass."""
+        return self.basis != "free" or self.mass_rank == self.size
 
     @cached_property
     def basis(self) -> str:
@@ -158,7 +161,7 @@ class Model:
         """The coordinates that are modes, each with a frequency of its own: by their kinds, or those beside the interface."""
         kinds = np.array(self.kinds, dtype=object)
         if len(kinds):
-            alone = not set(self.kinds) & set(PHYSICAL)
+            alone = self.basis == "free" and not set(self.kinds) & set(PHYSICAL)  # Hurty's rigid motions are no modes
             wanted = [HELD_KIND, *(("rigid", "free") if alone else ())]
             return np.flatnonzero([kind in wanted for kind in kinds])
         if self.basis == "held" and self.places is not None:
