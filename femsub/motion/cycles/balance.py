@@ -128,6 +128,14 @@ class Terms(NamedTuple):
     course: Course
 
 
+class StepsEndedError(NotConvergedError):
+    """Newton's steps did not become small; `orbit` is where they ended."""
+
+    def __init__(self, message: str, orbit: Orbit) -> None:
+        super().__init__(message)
+        self.orbit = orbit
+
+
 class Balance:
     """R(v, ω) of contacts and one model's compliance, with its derivatives."""
 
@@ -208,10 +216,11 @@ class Balance:
         one, two = (part[1:] + np.einsum("kab,bjc->kajc", mean[1:], part[0]) for part in (one, two))
         return one, two, fed[1:] + np.einsum("kab,b->ka", mean[1:], fed[0])
 
-    def unresolved(self, orbit: Orbit, target: float = 0.0) -> tuple[float, float, int]:
+    def unresolved(self, orbit: Orbit, target: float = 0.0, disturbed: float = 0.0) -> tuple[float, float, int]:
         """Errors relative to v: truncation ‖Y_k f_k‖ over k > H, and aliasing of k ≤ H; and a sufficient number of harmonics.
 
-        With that number, and the f_k of this orbit, the truncation is at most `target`, by default a tenth of its value now.
+        `disturbed` is added to the truncation. With that number, and the f_k of this orbit, the truncation is at most `target`
+        if both parts fall alike; by default a tenth of its value now.
         """
         H = orbit.harmonics
         used = self.samples(orbit)
@@ -223,10 +232,31 @@ class Balance:
         rest = np.linalg.norm(np.einsum("kij,kj->ki", Y, f), axis=1)
         size = float(np.linalg.norm(orbit.v)) or 1.0
         beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # ‖.‖ over all harmonics from k on
-        truncation = float(beyond[H]) if top > H else 0.0
-        enough = np.flatnonzero(beyond <= (target or 0.1 * truncation))
+        tail = float(beyond[H]) if top > H else 0.0
+        truncation = tail + disturbed
+        enough = np.flatnonzero(beyond * truncation <= (target or 0.1 * truncation) * tail)
         alias = float(np.linalg.norm(np.einsum("kij,kj->ki", Y[:H], coarse - f[:H]))) / size
         return truncation, alias, int(enough[0]) if len(enough) else top
+
+    def disturbed(self, orbit: Orbit) -> float:
+        """By how much the neglected harmonics change those that are kept, relative to v, and ω.
+
+        That is the Newton step with Y_k f_k in their place; infinite at a singular Jacobian.
+        """
+        H, used = orbit.harmonics, self.samples(orbit)
+        top = min(2 * SAMPLES, 4 * used) // 4
+        whole = orbit.with_harmonics(max(top, H))
+        f = coefficients(self.force(orbit, 4 * top), whole.harmonics)[1 + H:]
+        whole.v[H:] = np.einsum("kij,kj->ki", self.flexibility.estimate(whole.s[H:]), f)
+        terms = self.residual(orbit, used)
+        changed = coefficients(self.force(whole, 4 * top), H)[1:]
+        R, J = self.system(orbit, terms)
+        R[:-1] = parts_of(orbit.v - np.einsum("kij,kj->ki", terms.Y, changed))
+        try:
+            step = la.solve(J, R, check_finite=False)
+        except (la.LinAlgError, ValueError):
+            return np.inf
+        return float(np.linalg.norm(step[:-1]) / np.linalg.norm(parts_of(orbit.v)) + abs(step[-1]) / orbit.omega)
 
     def solve(self, orbit: Orbit, *, rounds: int = 40, tol: float = STEP) -> tuple[Orbit, float, int]:
         """Newton's method with a line search on `system`; returns ‖R‖/‖v‖ and the steps, too.
@@ -256,9 +286,10 @@ class Balance:
                 needed = self.samples(orbit)
                 if needed != count:
                     count, terms = needed, self.residual(orbit, needed)
-        raise NotConvergedError(f"harmonic balance with {orbit.harmonics} harmonics did not converge: after {rounds} steps the "
-                                f"last relative step was {size:.1e}, above {tol:g}. Give a better start, e.g. a "
-                                "transient's signal: start=(t, v)")
+        raise StepsEndedError(f"harmonic balance with {orbit.harmonics} harmonics did not converge: after {rounds} steps the "
+                              f"last relative step was {size:.1e}, above {tol:g}. Give more (harmonics={2 * orbit.harmonics}), "
+                              "or a start nearer to the cycle, such as a transient's signal: start=(t, v). fs.shoot needs "
+                              "no harmonics", orbit)
 
     def _searched(self, orbit: Orbit, step: Array, size: float, terms: Terms, count: int) -> tuple[Orbit, Terms]:
         before, factor = np.linalg.norm(terms.R), min(1.0, 0.5 / size)

@@ -13,7 +13,7 @@ import numpy as np
 from femsub.checks import Array, finite_number, positive_number, whole_number
 from femsub.coupling import Belt
 from femsub.errors import FemsubWarning, InputError, NotConvergedError, warn
-from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase, power_of_two
+from femsub.motion.cycles.balance import Balance, Orbit, StepsEndedError, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
@@ -28,7 +28,6 @@ log = logging.getLogger(__name__)
 MOST_ASKED = 100_000  # largest number of harmonics that may be requested; each needs some 16 samples of every column
 MOST = 1500  # largest number of harmonics that is chosen automatically
 TAIL = 1e-5  # share of a cycle that its highest harmonics may be together and yet be left out of a start
-ROUGH = 1e-2  # truncation or aliasing above which there is a warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,7 +45,8 @@ class LimitCycle:
     residual : float
         ‖R_k‖ / ‖v‖ over the harmonics kept.
     truncation : float
-        ‖Y(ikω) f_k‖ / ‖v‖ over the neglected harmonics: an estimate of their effect.
+        An estimate of the effect of the neglected harmonics, relative to the cycle: ‖Y(ikω) f_k‖ / ‖v‖ over them and, unless the
+        cycle is a point of a branch, by how much they change the harmonics kept and ω, to first order.
     aliasing : float
         Change of the right-hand side, relative to ‖v‖, with four times as many samples.
     newton : int
@@ -171,7 +171,8 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
         As for `transient`. With contacts that are no belts a `start` is needed that moves (not a frequency). Of forces that
         depend on displacements no multipliers are computed: `shoot` has them.
     harmonics : int, optional
-        H. By default enough to make the effect of the neglected ones smaller than `tol`.
+        H. By default it is increased, at most doubled at a time, until the effect of the neglected ones is smaller than `tol`,
+        also where the iteration does not converge with fewer; up to 1500.
     start : optional
         The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
         sliding that grows fastest. A frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under
@@ -188,12 +189,12 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
     InputError
         No friction law, a floating model, an unusable start; steady sliding is stable and no start is given.
     NotConvergedError
-        Newton's method found no cycle; the message tells how far it came.
+        Newton's method found no cycle; the message reports how far it came.
 
     Warns
     -----
     FemsubWarning
-        There are too few `harmonics`; the message tells a sufficient number.
+        The effect of the neglected harmonics is larger than `tol`; the message has its figure and a sufficient number.
 
     References
     ----------
@@ -217,20 +218,21 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
     if all(isinstance(one, Belt) and one.force == 0 for one in contact.contacts):
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
     flexibility = flexibility_of(contact, start)
-    orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
-    balance = Balance(contact, flexibility)
-    orbit = orbit.with_harmonics(harmonics or min(orbit.harmonics, MOST))
+    most = MOST if harmonics is None else harmonics
+    begin, count, steps = _sought(contact, flexibility, start, tol)
+    balance, starts, count = Balance(contact, flexibility), [begin], min(count, most) if harmonics is None else harmonics
     while True:
-        orbit, residual, turns = balance.solve(orbit)
+        orbit, residual, turns = _converged(balance, starts, count, most, tol)
         steps += turns
-        truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tol)
-        if harmonics is not None or truncation <= tol or orbit.harmonics >= MOST:
+        truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tol, balance.disturbed(orbit))
+        if truncation <= tol or orbit.harmonics >= most:
             break
-        orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
-    if max(truncation, aliasing) > ROUGH:
+        starts, count = [orbit, begin], min(most, 2 * orbit.harmonics, max(enough, orbit.harmonics + 1))
+    if max(truncation, aliasing) > tol:
         target = 0.1 * truncation if harmonics else 0.5 * tol  # the truncation with `enough` harmonics
-        warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}). "
-             f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning)
+        warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle, more than tol = {tol:g} (aliasing "
+             f"{aliasing:.0e}). harmonics={enough} would leave out about {target:.1e} of it. fs.shoot needs no harmonics",
+             FemsubWarning)
     log.info("limit cycle at ω = %.6g with %d harmonics after %d Newton steps", orbit.omega, orbit.harmonics, steps)
     return LimitCycle(contact, in_phase(orbit), flexibility, residual, truncation, aliasing, steps)
 
@@ -253,21 +255,41 @@ def flexibility_of(contact: Sliding, start: Any) -> Compliance:
     return start.flexibility if known.model is contact.model and np.array_equal(known.W, contact.W) else compliance(contact)
 
 
-def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) -> tuple[Orbit, int]:
+def _converged(balance: Balance, starts: list[Orbit], count: int, most: int, tol: float) -> tuple[Orbit, float, int]:
+    """`Balance.solve` from the first start that converges with `count` harmonics, or with more if they leave out `tol`.
+
+    Raises
+    ------
+    NotConvergedError
+        With the last number.
+    """
+    while True:
+        for begin in starts:
+            try:
+                return balance.solve(begin.with_harmonics(count))
+            except StepsEndedError as error:
+                ended = error
+        if count >= most or max(balance.unresolved(one.with_harmonics(count))[0] for one in (*starts, ended.orbit)) <= tol:
+            raise ended
+        count = min(2 * count, most)
+
+
+def _sought(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -> tuple[Orbit, int, int]:
+    """The initial orbit with all that is known of it, the number of harmonics to begin with, and the Newton steps it took."""
     if isinstance(start, LimitCycle):
         beyond = np.sqrt(np.cumsum(np.square(np.linalg.norm(start.harmonics, axis=1))[::-1])[::-1])
-        return start.orbit.with_harmonics(max(5, np.count_nonzero(beyond > TAIL * beyond[0]))), 0
+        return start.orbit, max(5, np.count_nonzero(beyond > TAIL * beyond[0])), 0
     if isinstance(start, Transient):
         start = (start.t, _speeds(contact, start))
     if isinstance(start, tuple) and len(start) == 2:
         orbit = of_signal(*start, contact.columns)
-        return orbit.with_harmonics(harmonics_for(contact, min(most, orbit.harmonics))), 0
+        return orbit, harmonics_for(contact, orbit.harmonics), 0
     near = None if start is None else \
         positive_number("start (a frequency, if it is no LimitCycle, transient or (t, v))", start)
     if bare := next((one for one in contact.contacts if not isinstance(one, Belt)), None):
         raise InputError(f"with {type(bare).__name__} a cycle needs a start that moves: a transient, a signal start=(t, v), or a "
                          "LimitCycle. Only belts have one that is found by itself")
-    return _sharpened(contact, flexibility, near)
+    return _sharpened(contact, flexibility, near, tol)
 
 
 def _speeds(contact: Sliding, run: Transient) -> Array:
@@ -280,7 +302,7 @@ def _speeds(contact: Sliding, run: Transient) -> Array:
     return np.vstack([np.asarray(run.velocity(port)).T for one in contact.contacts for port in one.ports])
 
 
-def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None) -> tuple[Orbit, int]:
+def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None, tol: float) -> tuple[Orbit, int, int]:
     """From one harmonic of a smooth law to all harmonics of the belts' own laws, level by level."""
     failed: NotConvergedError | None = None
     for sharp, orbit in orbits(contact, flexibility, near):
@@ -288,10 +310,10 @@ def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None) ->
         levels = [(sharp[0], count) for count in (1, 3, 5, 10)] + [(at, harmonics_for(at, MOST)) for at in sharp]
         try:
             for at, count in levels:
-                orbit, _, turns = Balance(at, flexibility).solve(orbit.with_harmonics(count))
+                orbit, _, turns = _converged(Balance(at, flexibility), [orbit], count, MOST if count >= 10 else count, tol)
                 steps += turns
         except NotConvergedError as error:
             failed = failed or error
         else:
-            return orbit, steps
+            return orbit, orbit.harmonics, steps
     raise failed or NotConvergedError("no cycle was found. Give start=, e.g. a frequency or a transient")
