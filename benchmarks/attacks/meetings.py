@@ -96,7 +96,7 @@ def blocks(rng: np.random.Generator, through: bool) -> Problem:
         A[2 * j, 2 * j], A[2 * j + 1, 2 * j + 1] = base, base + apart
         B[2 * j:2 * j + 2, 2 * j:2 * j + 2] = [[s, b], [-b, t]]
         middle = base + apart / 2
-        for root in (apart / (s - t - 2 * b), apart / (s - t + 2 * b), -apart / (t - s - 2 * b), -apart / (t - s + 2 * b)):
+        for root in (apart / (s - t - 2 * b), apart / (s - t + 2 * b)):
             if 0 < root < 1:
                 kappa = -2 * (apart - (s - t) * root) * (s - t) - 8 * b**2 * root  # d/dp of (a - c + (s - t)p)² - 4b²p²
                 where = places[0 if kappa < 0 else 1]
@@ -133,7 +133,8 @@ def by_grid(task: Problem) -> tuple[list[float], list[float]]:
     lo, hi = task.between
     grid = np.linspace(lo, hi, GRID)
     counts = counted(task, grid)
-    up, down = [], []
+    up: list[float] = []
+    down: list[float] = []
     for i in np.flatnonzero((np.diff(counts, axis=0) != 0).any(axis=1)):
         a, b, before, after = float(grid[i]), float(grid[i + 1]), counts[i], counts[i + 1]
         while b - a > 1e-10 * (hi - lo):

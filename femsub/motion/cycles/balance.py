@@ -129,7 +129,7 @@ class Terms(NamedTuple):
 
 
 class StepsEndedError(NotConvergedError):
-    """Newton's steps did not become small; `orbit` is where they ended."""
+    """Newton's steps did not become small, or led to steady sliding; `orbit` is where they ended."""
 
     def __init__(self, message: str, orbit: Orbit) -> None:
         super().__init__(message)
@@ -278,8 +278,9 @@ class Balance:
             size = float(np.linalg.norm(step[:-1]) / np.linalg.norm(orbit.v) + abs(step[-1]) / orbit.omega)
             orbit, terms = self._searched(orbit, step, size, terms, count)
             if orbit.norm < 1e-3 * start or not orbit.omega > 0:
-                raise NotConvergedError("the iteration fell back to steady sliding: there is no cycle near the initial guess. "
-                                        "Give another start, e.g. a transient's signal: start=(t, v)")
+                raise StepsEndedError(f"with {orbit.harmonics} harmonics the iteration fell back to steady sliding: there is no "
+                                      "cycle near the initial guess. Give another start, e.g. a transient's signal: start=(t, v), "
+                                      f"or more (harmonics={2 * orbit.harmonics}). fs.shoot needs no harmonics", orbit)
             if size <= tol or (size <= 1e-6 and turn > 12):
                 return orbit, float(np.linalg.norm(terms.R) / np.linalg.norm(orbit.v)), turn
             if size < 0.1:
