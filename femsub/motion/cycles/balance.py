@@ -279,7 +279,7 @@ class Balance:
             orbit, terms = self._searched(orbit, step, size, terms, count)
             if orbit.norm < 1e-3 * start or not orbit.omega > 0:
                 raise StepsEndedError(f"with {orbit.harmonics} harmonics the iteration fell back to steady sliding: there is no "
-                                      "cycle near the initial guess. Give another start, e.g. a transient's signal: start=(t, v), "
+                                      "cycle near the initial guess. Give another start, such as a transient: start=(t, v), "
                                       f"or more (harmonics={2 * orbit.harmonics}). fs.shoot needs no harmonics", orbit)
             if size <= tol or (size <= 1e-6 and turn > 12):
                 return orbit, float(np.linalg.norm(terms.R) / np.linalg.norm(orbit.v)), turn
