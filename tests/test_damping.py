@@ -174,8 +174,9 @@ def test_complex_modes_with_structural_damping_under_friction(seed: int) -> None
     found = fs.complex_modes(sub, contacts)
     pencil = sub.linearised(contacts, structural=True).dense()
     H = sub.H.toarray() if sp.issparse(sub.H) else sub.H
-    every = np.linalg.eigvals(np.block([[np.zeros((6, 6)), np.eye(6)], [-(pencil.K + 1j * H), -pencil.D]]))  # M = I
-    assert len(found) == 12
+    every, plain = (np.linalg.eigvals(np.block([[np.zeros((6, 6)), np.eye(6)], [-stiffness, -pencil.D]]))  # M = I
+                    for stiffness in (pencil.K + 1j * H, pencil.K))
+    assert len(found) == 2 * np.count_nonzero(every.imag > 0) + np.count_nonzero(plain.imag == 0)
     for value, x, bar in zip(found.eigenvalues, found.shapes.T, found.error_bar, strict=True):
         sign = np.sign(value.imag)
         assert np.linalg.norm((pencil.at(value) + 1j * sign * H) @ x) < 1e-12
@@ -190,9 +191,39 @@ def test_motion_that_does_not_oscillate_is_listed_without_structural_damping() -
     pushed = fs.LinearContact(("end",), stiffness=[[-2.0]])
     found, plain = (fs.complex_modes(model, pushed) for model in (fs.damped(sub, structural=0.1), sub))
     diverging = [modes.eigenvalues[(modes.eigenvalues.imag == 0) & (modes.eigenvalues.real > 0)] for modes in (found, plain)]
-    assert len(found) == 6 and found.is_stable is False and diverging[0] == pytest.approx(diverging[1], rel=1e-12)
+    assert found.is_stable is False and diverging[0] == pytest.approx(diverging[1], rel=1e-12)
+    assert len(found) == 8  # the decaying partner of the λ that grows is lifted
     braked = fs.complex_modes(fs.damped(sub, structural=0.1, dashpots={0: 0.1}))
-    assert len(braked) == 6 and (braked.eigenvalues.imag == 0).sum() == 2 and braked.growth < 0
+    assert len(braked) == 8 and (braked.eigenvalues.imag == 0).sum() == 2 and braked.growth < 0
+
+
+def test_a_mode_that_structural_damping_lifts_off_the_axis_is_listed() -> None:
+    """d > 2 sqrt(km): the real λ are those without H, and the faster one moves up with it. In P₊ the slower one moves down."""
+    sub, d = fs.Substructure([[1.0]], [[1.0]], [[2.5]], H=[[0.3]], ports={"p": [1.0]}), 2.5
+    found = fs.complex_modes(sub)
+    lifted = (-d - np.sqrt(d * d - 4 - 1.2j)) / 2
+    assert found.evidence == "certified" and lifted.imag > 0
+    assert np.sort_complex(found.eigenvalues) == pytest.approx(np.sort_complex([-2.0, -0.5, lifted, lifted.conjugate()]), rel=1e-13)
+    turning = fs.Substructure(np.eye(2), np.diag([1.0, 4.0]), [[0.0, 1.0], [-1.0, 0.0]], H=np.diag([0.0, 0.5]),
+                              ports={"a": [1, 0], "b": [0, 1]})
+    pushed = fs.LinearContact(("a", "b"), stiffness=[[-3.0, 2.0], [0.5, 0.0]])  # det K < 0: a λ grows on the axis without H
+    pencil = turning.linearised(pushed, structural=True)
+    every = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-(pencil.K + 1j * turning.H), -pencil.D]]))
+    found = fs.complex_modes(turning, pushed)
+    upper = found.eigenvalues[found.eigenvalues.imag > 0]
+    assert len(upper) == np.count_nonzero(every.imag > 0) and (np.abs(upper[:, None] - every).min(axis=1) < 1e-13).all()
+    real = found.eigenvalues[found.eigenvalues.imag == 0]
+    plain = fs.complex_modes(fs.Pencil(pencil.M, pencil.D, pencil.K)).eigenvalues
+    assert real == pytest.approx(np.sort(plain[plain.imag == 0].real)[np.argsort(np.argsort(real.real))]) and len(real) == 2
+    assert found.is_stable is False and found.evidence == "certified"
+
+
+def test_structural_damping_against_a_fixed_point_acts_on_rigid_motion() -> None:
+    """m λ² + ih = 0 above the axis; on it, the rigid motion without H."""
+    found = fs.complex_modes(fs.Substructure(np.eye(2), [[1, -1], [-1, 1]], H=np.eye(2)))
+    upper = np.sort_complex(found.eigenvalues[found.eigenvalues.imag > 0])
+    assert upper == pytest.approx(np.sort_complex([-np.sqrt(-1j), -np.sqrt(-2 - 1j)]), rel=1e-13)
+    assert found.rigid.sum() == 2
 
 
 def test_the_border_with_structural_damping_is_that_of_viscous_damping_at_its_frequency() -> None:

@@ -1,13 +1,19 @@
-"""Complex modes under structural damping: P(λ) = λ²M + λD + K + i s H with s the sign of Im λ.
+"""Complex modes under structural damping: P(λ)x = 0 with P(λ) = λ²M + λD + K + i s H and s = 1, -1, 0 the sign of Im λ.
 
-P is conjugated where λ is, so its eigenvalues come in pairs. Those with Im λ > 0 are eigenvalues of λ²M + λD + K + iH, all of
-which LAPACK finds on the state matrix of `dense`, complex here. Its eigenvalues with Im λ < 0 belong to no motion. Real λ are
-those of λ²M + λD + K, since motion without oscillation has no sign. H lifts one of two such λ off the axis. It is left out: of
-the upper λ as many count as λ²M + λD + K has, those with the largest Im λ / |λ|.
+P is conjugated where λ is, so all solutions off the real axis come in pairs. Those above it are the eigenvalues with Im λ > 0 of
+
+    P₊(λ) = λ²M + λD + K + iH,
+
+all of them, those included that have come from the real axis with H. LAPACK finds the 2n eigenvalues of P₊ on the state matrix
+of `dense`, complex here. Those with Im λ < 0 solve nothing. The solutions on the axis are the real eigenvalues of
+P₀(λ) = λ²M + λD + K, since motion without oscillation has no sign. An H that acts on such a motion moves its λ in P₊ to one
+side. If that is the upper one, both are solutions: the real λ, and a pair beside it. So there may be more than 2n solutions, or
+fewer. In a mode of viscous damping ζ > 1 it is the faster λ that moves up, if H is positive semidefinite.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Self
 
@@ -15,19 +21,24 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from femsub.algebra import undamped
 from femsub.checks import Array, Matrix, Tally
-from femsub.errors import InputError
+from femsub.errors import ConditionWarning, InputError, warn
 from femsub.model import Pencil
 from femsub.modes.quadratic import dense
+from femsub.modes.quadratic.bars import bars
+from femsub.modes.quadratic.multiplicity import match
 from femsub.modes.quadratic.search import Found
+from femsub.modes.shift_invert import units
 
 MOST = 2000  # DOF up to which LAPACK's time is accepted
 
 
 class LossyPencil(Pencil):
-    """A dense pencil with K + i s H in place of K."""
+    """A dense pencil with K + i s H in place of K; `side`, if it is not 0, is s for all λ."""
 
     H: Array
+    side: int
 
     @classmethod
     def of(cls, pencil: Pencil, H: Matrix, name: str) -> Self:
@@ -37,7 +48,7 @@ class LossyPencil(Pencil):
                              f"{pencil.size}. Reduce it first, or take fs.equivalent_viscous(model, omega)")
         plain = pencil.dense()
         found = cls(plain.M, plain.D, plain.K)._with(rigid_motion=plain.rigid_motion, noise=plain.noise)
-        found._set(H=H.toarray() if sp.issparse(H) else H)
+        found._set(H=H.toarray() if sp.issparse(H) else H, side=0)
         return found
 
     @cached_property
@@ -45,41 +56,82 @@ class LossyPencil(Pencil):
         mass, damping, stiffness = super().norms
         return mass, damping, stiffness + float(np.linalg.norm(self.H))
 
+    def sign(self, eigenvalues: Array | complex) -> Array:
+        return np.sign(np.imag(eigenvalues)) if not self.side else np.full(np.shape(eigenvalues), float(self.side))
+
     def at(self, value: complex) -> Matrix:
-        return super().at(value) + 1j * np.sign(np.imag(value)) * self.H
+        return super().at(value) + 1j * self.sign(value) * self.H
 
     def restoring(self, eigenvalues: Array, shapes: Array) -> Array:
-        return self.K @ shapes + 1j * np.sign(np.imag(eigenvalues)) * (self.H @ shapes)
+        return self.K @ shapes + 1j * self.sign(eigenvalues) * (self.H @ shapes)
 
     def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
         return super().magnitude(eigenvalues, shapes) + np.abs(self.H) @ np.abs(shapes)
 
     def all_modes(self) -> Found:
-        """All eigenpairs, each followed by its conjugate.
+        """All solutions, each pair side by side.
+
+        An eigenvalue of P₊ whose Im λ is within its error bar lies on the axis, if P₀ has one there within both bars.
 
         Raises
         ------
         InputError
             M is singular.
+
+        Warns
+        -----
+        ConditionWarning
+            Error bars leave it open on which side of the axis a λ lies, or whether it is real without H: 'not checked'.
         """
+        plain, upper = Pencil(self.M, self.D, self.K).carrying(self.rigid_motion, self.noise), self._with(H=self.H, side=1)
+        values, X, Y = self._upper_modes()
+        real, X_real, Y_real = dense.solve(plain)
+        bar, bar_real = bars(upper, values, X, Y).error_bar, bars(plain, real, X_real, Y_real).error_bar
+        axis = np.flatnonzero(np.abs(values.imag) <= bar)
+        at, to = match(values[axis], real)
+        met = np.abs(values[axis[at]] - real[to]) <= bar[axis[at]] + bar_real[to]
+        at, to = axis[at[met]], to[met]
+        still = np.flatnonzero(real.imag == 0)
+        nearly = np.setdiff1d(np.flatnonzero(np.abs(real.imag) <= bar_real), [*still, *to])
+        up = np.setdiff1d(np.flatnonzero(values.imag > 0), at[real[to].imag == 0])
+        doubt = len(axis) - len(at) + len(nearly)
+        if doubt:
+            warn(f"{doubt} eigenvalues lie so near to the real axis that rounding decides whether structural damping makes them "
+                 f"oscillate: λ about {np.append(values[np.setdiff1d(axis, at)], real[nearly])[0].real:.4g}. Some may be missing, "
+                 "or listed though they are none", ConditionWarning)
+        pairs = [np.stack([part, part.conj()], axis=-1).reshape(*part.shape[:-1], -1)
+                 for part in (values[up], X[:, up], Y[:, up])]
+        found, X_all, Y_all = (np.concatenate([pair, part[..., still]], axis=-1)
+                               for pair, part in zip(pairs, (real, X_real, Y_real), strict=True))
+        known = np.concatenate([values, values.conj(), real])
+        return Found(found, X_all, Y_all, known, Tally(len(found), None if doubt else len(found)))
+
+    def _upper_modes(self) -> tuple[Array, Array, Array]:
+        """The 2n eigenvalues of P₊, right and left shapes (n, 2n) of unit length."""
         form = dense.modal_form(self)
         if form is None:
             raise InputError("M is singular or nearly so (massless DOF), and complex modes with structural damping need a "
                              "regular M. Condense such DOF, or take fs.equivalent_viscous(model, omega)")
-        state, begin = form.state().astype(complex), len(form.omega) - form.rigid
-        state[begin:, :begin] -= 1j * (form.shapes.T @ self.H @ form.shapes[:, form.rigid:]) / form.omega[form.rigid:]
+        form = self._resisted(form)
+        n, r = len(form.omega), form.rigid
+        state = form.state().astype(complex)
+        state[n - r:, :n - r] -= 1j * (form.shapes.T @ self.H @ form.shapes[:, r:]) / form.omega[r:]
         values, left, right = la.eig(state, left=True, right=True, check_finite=False)
-        real, X_real, Y_real = dense.solve(Pencil(self.M, self.D, self.K).carrying(self.rigid_motion, self.noise))
-        still = np.flatnonzero(real.imag == 0)
-        size = np.abs(values)
-        flat = np.divide(-values.imag, size, out=np.zeros_like(size), where=size > 0)
-        up = np.argsort(flat, kind="stable")[:(len(real) - len(still)) // 2]
-        up = up[flat[up] < 0]
-        pairs = [np.stack([part, part.conj()], axis=-1).reshape(*part.shape[:-1], -1)
-                 for part in (values[up], *(_unit(form.shapes @ part[begin:, up]) for part in (right, left)))]
-        found, X, Y = (np.concatenate([pair, part[..., still]], axis=-1)
-                       for pair, part in zip(pairs, (real, X_real, Y_real), strict=True))
-        return Found(found, X, Y, found, Tally(len(found), len(real)))
+        X, Y = (np.hstack([form.shapes @ part[n - r:], form.shapes[:, :r]]) for part in (right, left))
+        return np.append(values, np.zeros(r)), _unit(X), _unit(Y)
+
+    def _resisted(self, form: dense.ModalForm) -> dense.ModalForm:
+        """The form with those rigid motions among the elastic modes on which H acts, as a loss against a fixed point does."""
+        r = form.rigid
+        turn, free = undamped(self.H, form.shapes[:, :r], units(self.M))
+        if len(free) == r:
+            return form
+        T = np.eye(len(form.omega))
+        T[:r, :r] = turn[:, [*free, *np.setdiff1d(np.arange(r), free)]]
+        shapes, omega = form.shapes @ T, form.omega.copy()
+        omega[:r] = np.sqrt(np.maximum(np.abs(np.einsum("ij,ij->j", shapes[:, :r], self.H @ shapes[:, :r])), omega[:r]**2))
+        return replace(form, shapes=shapes, omega=omega, H=None if form.H is None else T.T @ form.H @ T, C=T.T @ form.C @ T,
+                       rigid=len(free))
 
 
 def _unit(shapes: Array) -> Array:
