@@ -1,7 +1,7 @@
 """Complex modes with structural damping H under friction: every solution of λ²M + λD + K ± iH, against 60 digits.
 
 'friction': H ⪰ 0 of any rank, unsymmetric contacts. 'overdamped': some λ are real without H. 'gyroscopic': D with a skew part.
-'floating': rigid motion, with an H that acts on it in half of the models. 'large': 8 to 24 DOF of all of these, against LAPACK
+'floating': rigid motion, with an H that acts on it in half of the models. 'large': 8 to 24 DOF of the first three, against LAPACK
 on the companion matrix. The solutions are the λ of λ²M + λD + K + iH above the real axis, their conjugates, and the real λ
 without H.
 """
@@ -61,7 +61,7 @@ def _model(kind: str, rng: np.random.Generator) -> tuple[fs.Substructure, fs.Lin
     K = _semidefinite(rng, n, n) + 0.1 * np.eye(n)
     H = _semidefinite(rng, n, int(rng.integers(1, n + 1))) * 10 ** rng.uniform(-4, 1)
     D = np.zeros((n, n))
-    kinds = {kind} if kind != "large" else set(rng.choice(KINDS[:-1], int(rng.integers(1, 4))))
+    kinds = {kind} if kind != "large" else set(rng.choice(KINDS[:3], int(rng.integers(1, 4))))
     if "overdamped" in kinds:
         D = D + _semidefinite(rng, n, int(rng.integers(1, n + 1))) * 10 ** rng.uniform(0, 2)
     if "gyroscopic" in kinds:
@@ -98,9 +98,8 @@ def _exact(pencil: fs.Pencil, H: Array, by_lapack: bool) -> Array:
     n = pencil.size
     if by_lapack:
         inverse = np.linalg.inv(pencil.M)
-        values = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)],
-                                             [-inverse @ (pencil.K + 1j * H), -inverse @ pencil.D]]))
-        return np.where(np.abs(values) <= 1e-7 * np.abs(values).max(), 0.0, values)  # a double λ of rigid motion
+        return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)],
+                                           [-inverse @ (pencil.K + 1j * H), -inverse @ pencil.D]]))
     with mp.workdps(DIGITS):
         lead, companion = mp.matrix(pencil.M.tolist()) ** -1, mp.zeros(2 * n)
         stiffness = mp.matrix(pencil.K.tolist()) + mp.mpc(0, 1) * mp.matrix(H.tolist())
