@@ -110,3 +110,23 @@ def test_a_factor_with_one_parameter_fixed_is_told_with_both() -> None:
     family = fs.Affine(np.eye(1), None, [(lambda a, b: math.sqrt(a - b), np.eye(1))]).fixed(a=1.0)
     with pytest.raises(fs.InputError, match=r"factor <lambda>\(a, b\) cannot be computed at a = 1, b = 2: ValueError"):
         family.at(b=2.0)
+
+
+@pytest.mark.parametrize("storage", ["dense", "sparse"])
+def test_d_and_k_in_each_others_place_are_noticed(storage: str) -> None:
+    """Dashpots, damping of the material, and both; in their own places there is no word, as heavy as the damping may be."""
+    sub = fs.chain(30, damping=0.1)
+    beam = fs.beam(1.0, 10, E=2.1e11, I=1e-9, rho=7850.0, A=1e-4, supports={"left": "clamped"})
+    heavy = fs.chain(30, damping=0.0)
+    cases = [(sub.M, sub.K, sub.D), (sub.M, sub.K, 0.01 * sub.K + 0.01 * sub.M), (beam.M, beam.K, 1e-7 * beam.K)]
+    for M, K, D in cases:
+        M, K, D = (part.toarray() if storage == "dense" else sp.csr_array(part) for part in (M, K, D))
+        for model in (fs.Pencil(M, K, D), fs.Substructure(M, D, K)):
+            with pytest.warns(fs.FemsubWarning, match=r"in each other's place: .* \d+ DOF .*Pencil\(M, D, K\)"):
+                fs.complex_modes(model, count=4)
+        with pytest.warns(fs.FemsubWarning, match="in each other's place"):
+            fs.Affine(M, K, [(1.0, D), ("mu", K)])
+        fs.Affine(M, D, [(1.0, K), ("mu", K)])
+        fs.complex_modes(fs.Pencil(M, D, K), count=4)  # warnings are errors here
+    for D in (40.0 * heavy.M, sp.diags_array(np.linspace(30, 50, 30))):
+        fs.complex_modes(fs.Pencil(heavy.M, sp.csr_array(D), heavy.K), count=4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -12,7 +13,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.lattices import lattice
+from benchmarks.lattices import lattice, membrane
 from femsub.algebra.petsc import has_cholmod
 from femsub.checks import Tally
 from femsub.modes import match
@@ -163,16 +164,22 @@ def test_a_missed_eigenvalue_is_noticed(way: str, by: str, counted_by: Callable[
 
         monkeypatch.setattr(module, name, without_one)
 
+    def not_for_lapack(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr("femsub.modes.quadratic.search.QUADRATIC", 200)
+
     sub = fs.chain(300, belt=2)
-    exact = fs.complex_modes(sub, BELT, band=(0.0, 0.2))
-    assert exact.evidence == ("certified" if way == "projection" else "confirmed")
-    forgetful(certificate, "right_pairs")
-    searched = fs.complex_modes(sub, BELT, band=(0.0, 0.2))
+    with monkeypatch.context() as patch:
+        if way == "winding":  # only of a model that is too large for LAPACK, where it is asked for
+            not_for_lapack(patch)
+        exact = fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
+        assert exact.evidence == ("certified" if way == "projection" else "confirmed")
+        forgetful(certificate, "right_pairs")
+        searched = fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
     assert searched.evidence == exact.evidence and np.allclose(searched.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
     forgetful(sparse, "quadratic_modes")
     whole = fs.complex_modes(sub, BELT, band=(0.0, 0.2))  # by LAPACK, which can do a model as small as this
     assert whole.evidence == "certified" and np.allclose(whole.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
-    monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 200)
+    not_for_lapack(monkeypatch)
     with pytest.raises(fs.MissedModesError, match=by):
         fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
 
@@ -604,13 +611,33 @@ def test_a_dense_model_in_a_band_takes_one_decomposition(share: float, monkeypat
     assert abs(len(found) - 320 * (5 * share - 0.1) / 4.9) <= 1
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_a_sparse_model_is_certified_as_a_dense_one_is(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A few dashpots far stronger than all else: neither disc nor projection counts, and det P is not sampled, which took 50 times
+    as long as all eigenvalues by LAPACK."""
+    rng, base = np.random.default_rng(seed), membrane(12)
+    strong = np.where(rng.random(base.size) < 0.05, 10 ** rng.uniform(4, 6, base.size), 0.0)
+    pencil = fs.Pencil(base.M, sp.csr_array(sp.diags_array(strong)), base.K)
+
+    def sampled(*_: object) -> None:
+        raise AssertionError("det P was sampled")
+
+    monkeypatch.setattr("femsub.modes.quadratic.winding_count.phase_of", sampled)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.FemsubWarning)  # backward errors beside such a D
+        found, dense_one = (fs.complex_modes(each, band=(0.0, 1.0)) for each in (pencil, pencil.dense()))
+    assert found.evidence == dense_one.evidence == "certified" and len(found) == len(dense_one)
+
+
 def test_the_predicted_cost_is_that_of_the_cheaper_way() -> None:
     """PEP is for few eigenvalues of many; columns to be counted make it dearer; repeated searches add up."""
     assert cost.by_pep(1500, 40) < cost.SHARE < cost.by_pep(1500, 400)
     assert cost.by_pep(1000, 100) < cost.by_pep(1000, 100, 14) < cost.by_pep(1000, 100, 40)
     budget = cost.Budget(1000, True)
     assert budget.covers(100) and [budget.spend(100) for _ in range(4)] == [True, True, False, False]
-    assert cost.Budget(1000, False).spend(1000, 40)
+    assert cost.Budget(3000, False, False).spend(3000, 40)
+    sparse_one = cost.Budget(1000, False)  # all of LAPACK's cost, whose turn it is then
+    assert sparse_one.covers(400) and not budget.covers(400) and not sparse_one.covers(1000)
 
 
 @pytest.mark.slow

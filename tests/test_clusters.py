@@ -170,7 +170,8 @@ def test_an_unsymmetric_floating_pencil_has_all_of_its_zeros(seed: int, count: i
     assert np.count_nonzero(modes.eigenvalues == 0) == 4  # of two translations; a turn shears the contact
     squares = la.eigvals(pencil.K.toarray(), pencil.M.toarray())
     exact = np.sort(np.abs(np.sqrt(np.append(squares, squares).astype(complex))))[:len(modes)]
-    assert np.sort(np.abs(modes.eigenvalues))[4:] == pytest.approx(exact[4:], rel=1e-6) and modes.evidence == "confirmed"
+    assert np.sort(np.abs(modes.eigenvalues))[4:] == pytest.approx(exact[4:], rel=1e-6)
+    assert modes.evidence == ("certified" if count == 40 else "confirmed")  # by LAPACK; by a disc
 
 
 def test_a_breakdown_is_met_with_another_start_and_more_room(monkeypatch: pytest.MonkeyPatch) -> None:

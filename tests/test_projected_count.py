@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import signal
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
+from scipy.io import loadmat
 
 import femsub as fs
 from benchmarks.lattices import lattice
@@ -328,3 +330,49 @@ def test_the_energy_of_modes_is_computed_only_where_digits_of_k_are_missing(monk
     assert len(fs.complex_modes(pencil, count=4)) == 4 and not asked
     monkeypatch.setattr(dense, "rounding", lambda K: 1e-7)
     assert len(fs.complex_modes(pencil, count=4)) == 4 and asked == [4]
+
+
+def strongly_damped(cells: int) -> tuple[fs.Pencil, np.ndarray]:
+    """A chain of 60 masses and so many cells of four, each with a strong dashpot: sparse, shuffled; and all eigenvalues."""
+    rng = np.random.default_rng(7)
+    parts, values = [], []
+    for n, strong in ((60, 0.0), *((4, 60.0),) * cells):
+        line = sp.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+        K = sp.csr_array(rng.uniform(0.8, 1.2) * (25.0 if strong else 1.0) * line)
+        D = 1e-3 * K + sp.diags_array(strong * (np.arange(n) == n // 2))
+        parts.append((sp.eye_array(n), D, K))
+        values.append(dense.solve(fs.Pencil(*(part.toarray() for part in parts[-1])))[0])
+    whole = [sp.csr_array(sp.block_diag(some)) for some in zip(*parts, strict=True)]
+    order = rng.permutation(whole[0].shape[0])
+    return fs.Pencil(*(part[order][:, order] for part in whole)), np.concatenate(values)
+
+
+def test_a_count_that_is_possible_is_made_and_one_that_is_not_names_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """210 strongly damped shapes: the model decides how many there may be. Where they are too many, the warning has their number."""
+    pencil, values = strongly_damped(210)
+    contour = Contour(sides=(-0.2, 0.2, 0.2))
+    found = count(pencil, contour)
+    assert found is not None and found.number == np.count_nonzero(contour.encloses(values)) > 2 and found.size >= 210
+    for module in ("search", "certificate"):
+        monkeypatch.setattr(f"femsub.modes.quadratic.{module}.QUADRATIC", 40)
+    pencil, values = strongly_damped(50)
+    with pytest.warns(fs.FemsubWarning, match=r"the basis needs \d+ shapes, of which \d+ are strongly damped, and the limit is 40"):
+        assert fs.complex_modes(pencil, band=(0.0, 0.2)).evidence == "not checked"
+
+
+BRAKE = Path(__file__).parent.parent.parent / "shared" / "brake-m0"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not BRAKE.is_dir(), reason=f"the matrices of a brake are not in {BRAKE}")
+@pytest.mark.parametrize("turns", [1, 2, 4])
+def test_the_public_brake_with_its_material_damping_is_certified(turns: int) -> None:
+    """37 eigenvalues, one of which grows; 230 shapes are strongly damped (Gräbner et al., ZAMM 96 (2016) 1388)."""
+    M, D1, DG, DR, D4, K1, KR, KG = (
+        sp.csr_array(next(value for name, value in loadmat(BRAKE / f"{file}.mat").items() if not name.startswith("_")))
+        for file in ("BMLL", "BDLL", "BYLL", "BDIWLL", "BHLL", "BKLL", "BKQLL", "BWLL"))
+    speed = 2 * np.pi * turns
+    found = fs.complex_modes(fs.Pencil(M, D1 + DR / speed + speed * DG + D4 / 1600, K1 + KR + speed**2 * KG), band=(0.0, 2e4))
+    assert found.evidence == "certified" and len(found) == 37 and len(found.unstable) == 1
+    growing = {1: 0.000250 + 5130.604314j, 2: 0.000193 + 5130.604345j, 4: 0.000049 + 5130.605396j}[turns]
+    assert abs(found.eigenvalues[found.unstable[0]] - growing) < 1e-6

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from femsub.algebra import Frozen, as_matrix, weighted
 from femsub.checks import Array, Matrix, finite_number, real_array, shown
 from femsub.errors import FemsubError, InputError, InputTypeError, unknown_name
-from femsub.model.pencil import Pencil
+from femsub.model.pencil import Pencil, look_at_the_order
 
 Theta: TypeAlias = float | str | Callable[..., float]
 Terms: TypeAlias = tuple[tuple[Theta, Matrix], ...]
@@ -64,6 +64,8 @@ class Affine(Frozen):
             raise InputError("M and K need at least one matrix each")
         size = as_matrix("M", parts["M"][0][1]).shape[0]
         self._set(**{name: tuple((theta, as_matrix(name, A, size)) for theta, A in terms) for name, terms in parts.items()})
+        look_at_the_order(*([(theta, A) for theta, A in terms if not callable(theta) and not isinstance(theta, str)]
+                            for terms in (self.M, self.D, self.K)))
 
     def __repr__(self) -> str:
         kind = "sparse" if all(sp.issparse(A) for _, A in self._all) else "dense"

@@ -439,10 +439,10 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     return modes
 
 
-def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None) -> NormalModes:
+def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None, most: float = np.inf) -> NormalModes:
     """All modes with ω < limit. The inertia of K - limit² M gives their number before the search, and proves completeness.
 
-    If a mode lies at the limit, within rounding, the limit is raised slightly.
+    If a mode lies at the limit, within rounding, the limit is raised slightly. More than `most` are a NotConvergedError.
     """
     handle = handle or ShiftInvert(K, M)
     for beyond in BEYOND:
@@ -454,6 +454,8 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
             continue
         if handle.solves is not None:
             handle.solves.busy()
+        if below > most:
+            raise NotConvergedError(f"{below} undamped modes lie below ω = {reach:.6g}, and the limit is {most:.0f}")
         count = below - handle.rigid.shape[1]
         if count > handle.elastic:
             last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the model has only "

@@ -8,6 +8,7 @@ corrected until it solves the full problem, and none is listed twice.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -34,6 +35,8 @@ from femsub.modes.quadratic.winding_count import clear_of, missed_eigenvalues, u
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
+log = logging.getLogger(__name__)
+
 Counted = Count | projected_count.Count
 DISCS, WIDER = 3, 1.25  # attempts at a disc that holds the eigenvalues nearest to 0, and how much wider the next one is
 MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hours and backward errors grow
@@ -47,10 +50,16 @@ class _Counted:
         self.counted: Counted | None = None
         self.count: projected_count.Count | None = None  # by a projection before the search
         self.short = False  # whether a disc was too small for it
+        self.why = ""  # the projection gave no count
         self.tally = Tally(0)
         self.projection: Projection | None = None
         self.pairs: tuple[Array, Array] | None = None  # all that are needed, where no search is
         self.parts = damping_split.split(pencil) if wanted else None
+
+    @property
+    def can_count(self) -> bool:
+        """Whether a way to count is left before the search."""
+        return self.count is not None or not self.why or self.parts is not None
 
     @cached_property
     def problem(self) -> Shifted:
@@ -61,10 +70,18 @@ class _Counted:
         """The count by projection, for any damping; `inside` chooses the contour from the projection's eigenvalues."""
         if not self.wanted or not np.isfinite(outer.size):
             return None
-        with suppress(SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError):
-            self.projection = Projection(self.pencil, outer)
-            return self.projection.on(inside)
-        return None
+        n = self.pencil.size  # two of the projection's eigenproblems, the usual number, cost no more than all eigenvalues
+        try:
+            self.projection = Projection(self.pencil, outer, int(n * 0.5 ** (1 / 3)) if n <= QUADRATIC else QUADRATIC)
+            found = self.projection.on(inside)
+        except (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError) as error:
+            self.why = str(error)
+            found = None
+        else:
+            self.why = self.projection.why
+        if found is None:
+            log.info("no count by projection: %s", self.why)
+        return found
 
     def _pairs(self) -> tuple[Array, Array] | None:
         """All eigenpairs inside the contour from those of the projection, if as many as it counts are solved for."""
@@ -237,9 +254,8 @@ class Enclosed(_Counted):
         super().__init__(pencil, evidence is not False)
         self.box, self.most = box, float(min(pencil.size, MOST))
         self.at = None if self.parts is None else self.edge(self._radius)
-        self.wound = winding and (pencil.size <= QUADRATIC if evidence is None else evidence)  # whether det P may be sampled
-        self.count = None if self.at else self.projected(
-            self._outside(), lambda values: Contour(sides=(*(clear := clear_of(values[values.imag >= 0], box))[:2], clear[3])))
+        self.wound = winding and bool(evidence)  # whether det P may be sampled
+        self.count = None if self.at else self._projected()
         self.pairs = self._pairs()
         if self.count is not None:  # only the eigenvalues up to the farthest in the rectangle are needed
             size = np.abs(self.count.values)
@@ -256,10 +272,15 @@ class Enclosed(_Counted):
         a, b, _, hi = self.box
         return 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + self.problem.shift
 
-    def _outside(self) -> Contour:
-        """A rectangle around 0 that holds all those to which the edges may move."""
+    def _projected(self) -> projected_count.Count | None:
+        """The count by projection in the rectangle from the real axis on, whose edges move by up to 2 %."""
         a, b, _, hi = self.box
-        return Contour(sides=(a - 0.02 * hi, b + 0.02 * hi, 1.02 * hi))
+
+        def inside(values: Array) -> Contour:
+            left, right, _, top = clear_of(values[values.imag >= 0], self.box)
+            return Contour(sides=(left, right, top))
+
+        return self.projected(Contour(sides=(a - 0.02 * hi, b + 0.02 * hi, 1.02 * hi)), inside)
 
     @cached_property
     def reference(self) -> tuple[Matrix, Array] | None:
@@ -286,6 +307,8 @@ class Enclosed(_Counted):
     def missed(self, values: Array, X: Array) -> int | None:
         """As for `Nearest`."""
         missed = self.missed_in(self.at, values, X)
+        if missed is None and self.at is not None and self.count is None and not self.why:
+            self.count = self._projected()
         if self.count is not None:
             self.counted = self.count
             return self.lacked(values)

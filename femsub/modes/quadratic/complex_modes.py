@@ -11,7 +11,7 @@ import numpy as np
 from femsub.algebra import reused_memory
 from femsub.checks import Array, Tally, check_band, instance
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
-from femsub.model import Pencil, Substructure, beyond
+from femsub.model import Pencil, Substructure, beyond, look_at_the_order
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
@@ -264,6 +264,7 @@ def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> tuple[Pe
         model.refuse_empty(pencil.D, pencil.K, model.H)
         pencil = pencil if model.H is None else LossyPencil.of(pencil, model.H, model.name)
         cutoff = model.cutoff
+    look_at_the_order(*([(1.0, part)] for part in (pencil.M, pencil.D, pencil.K)))
     if pencil.norms[0] == 0 and pencil.norms[1] == 0:
         raise InputError("M and D are both zero, so there are no eigenvalues")
     return pencil, cutoff

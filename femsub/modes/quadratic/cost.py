@@ -1,4 +1,4 @@
-"""The predicted cost of a dense quadratic eigenproblem: all eigenvalues by LAPACK, or some of them by PEP with their count.
+"""The predicted cost of a quadratic eigenproblem, sparse or dense: all eigenvalues by LAPACK, or some of them by PEP with their count.
 
 Costs are in units of LAPACK's, which are proportional to n³. The coefficients are measured, with one thread, on reduced models of
 446 to 1,500 coordinates. LAPACK took 6 ns n³. PEP took (1.2 x + 13 x²) ns n³ for xn eigenvalues: solves, and orthogonalisation.
@@ -19,10 +19,14 @@ def by_pep(size: int, ask: int, columns: int = 0) -> float:
 
 
 class Budget:
-    """What searches by PEP may cost before LAPACK is asked for all eigenvalues. A sparse model has no limit."""
+    """What searches by PEP may cost before LAPACK is asked for all eigenvalues; without a limit of a model too large for it.
 
-    def __init__(self, size: int, is_limited: bool) -> None:
-        self.size, self.is_limited, self.left = size, is_limited, SHARE if is_limited else float("inf")
+    A sparse model may take all of LAPACK's cost: its solves cost next to nothing, and its counts are cheap.
+    """
+
+    def __init__(self, size: int, is_dense: bool, is_limited: bool = True) -> None:
+        self.size, self.is_dense, self.is_limited = size, is_dense, is_limited
+        self.left = (SHARE if is_dense else 1.0) if is_limited else float("inf")
 
     def covers(self, ask: int, columns: int = 0) -> bool:
         """Whether a search for `ask` eigenvalues is within the budget."""

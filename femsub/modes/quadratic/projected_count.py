@@ -6,6 +6,7 @@ whether the number of its eigenvalues is right. All factors are real and positiv
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -18,12 +19,14 @@ import scipy.sparse as sp
 
 from femsub.algebra import (
     FEW,
+    QUADRATIC,
     Carried,
     Difference,
     Handle,
     SignsBeside,
     are_definite,
     check_columns,
+    check_room,
     halves,
     inertia,
     one_thread,
@@ -45,6 +48,8 @@ from femsub.modes.shift_invert import ShiftInvert
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
+log = logging.getLogger(__name__)
+
 REACH = 2.5  # undamped modes are kept up to so many times the largest Im λ
 LIFTS = (0.0, 0.2, 1.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
 MORE, ROUGH, FEW_RESTARTS = 4, 1e-4, 4  # modes beyond half of the eigenvalues, tolerance of θ and restarts for a radius
@@ -52,14 +57,12 @@ MOTION = 1e-9  # quotient relative to the largest up to which a shape is rigid m
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
 COLUMNS = 500  # of n numbers that are needed at most while a process looks for strong damping
 DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
-STRONG = 200  # shapes of stronger damping at most
 SAFE = 0.9  # required margin; the theorem needs 1
 AWAY = 1.3  # σ, in units of the largest |λ|
 FAR = 0.1  # |s - λ| / |λ - σ| on all of the contour above which an eigenvalue is far from it
 POINTS, RIGHT = 5, 1e-6  # at which the sum over eigenpairs is compared with the inverse, and its largest error
 ROUNDS = 8  # of enrichment
 WIDER = 40  # residuals of each kind that enrich the basis in one round
-MOST = 1200  # columns of the basis
 PIECES = 20_000  # of the contour at most
 FEW_ROWS = 0.3  # share of the rows up to which the others are left out of products
 SHORT = 1e-10  # of the contour: a piece that is not halved again
@@ -135,32 +138,34 @@ class Projection:
     Raises
     ------
     SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError
-        There is no such A or V: M is unsymmetric, K far from definite, or damping too strong.
+        There is no such A or V: M is unsymmetric, K far from definite, or damping so strong that V would have more than `most`
+    columns. LAPACK finds all eigenvalues of VᵀPV, so that it is no larger than a model may be of which it finds all.
     """
 
-    def __init__(self, pencil: Pencil, outer: Contour) -> None:
+    def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC) -> None:
         if not pencil.symmetric[0]:
             raise SingularMatrixError("M is unsymmetric")
-        self.outer, M, n = outer, pencil.M, pencil.size
+        self.outer, self.most, M, n = outer, most, pencil.M, pencil.size
+        self.why = ""  #: there is no count
         none = sp.csr_array(M.shape)
         damping, gyroscopic = (pencil.D, none) if pencil.symmetric[1] else halves(pencil.D)
         stiffness, circulatory = (pencil.K, none) if pencil.symmetric[2] else (
             pencil.halves if pencil.K0 is pencil.K else halves(pencil.K))
 
         @contextmanager
-        def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[], Bounds]]:
+        def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[int], Bounds]]:
             self.factor, self.mu = handle.factor, lift - handle.sigma
             solve = self.factor.solve
             self.A = Difference(stiffness, M, -self.mu)
 
-            def found() -> Bounds:
+            def found(modes: int) -> Bounds:
                 none = looked()
-                return *_strong(self.A, damping, solve, outer.side, none), _bound_of_skew(self.A, gyroscopic, solve)
+                return *_strong(self.A, damping, solve, outer.side, none, modes, most), _bound_of_skew(self.A, gyroscopic, solve)
 
             with _none_strong(self.A, damping, outer.side, handle.factor) as looked:
                 yield found
 
-        modes, lift, (strong, d, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds)
+        modes, lift, (strong, d, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds, most)
         self.free, rest = _free(modes, [damping, gyroscopic, circulatory])
         self.momenta = M @ self.free
         beyond = modes.counted[0] ** 2 - lift + self.mu
@@ -192,6 +197,7 @@ class Projection:
         """Append directions, made orthonormal; whether there were any. Modes have `values`: Ax = Mx value, xᵀMx = 1."""
         m, p = self.size, len(self.parts)
         check_columns("the pencil", len(new), int((1.5 * p + 2) * (m + 2 * new.shape[1])))
+        check_room("the count by projection", 8.0 * (3 * p * p + 24) * (m + new.shape[1])**2)  # products, and the eigenproblem
         given = new = new - self.free @ (self.momenta.T @ new)
         new, Anew = orthonormal(np.array(new, order="C"), self.A.__matmul__, self.V)
         k = new.shape[1]
@@ -268,21 +274,29 @@ class Projection:
 
     def on(self, choose: Callable[[Array], Contour]) -> Count | None:
         """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without."""
+        self.why = ""
         if self.least <= 0:
+            self.why = f"damping or gyroscopic forces may outweigh the stiffness of other shapes by {1 - self.least:.2g}"
             return None
         for _ in range(ROUNDS):
             try:
                 small = Coupling(self, choose)
-            except la.LinAlgError:
+            except la.LinAlgError as error:
+                self.why = str(error)
                 return None
             if not small.wrong < RIGHT:
+                self.why = f"eigenpairs of the projection have errors of {small.wrong:.0e}"
                 return None
             margin, new = small.margin()
             if margin < SAFE:
                 self.counted = small
                 values = np.append(small.values, np.zeros(2 * self.free.shape[1]))
                 return Count(small.contour, int(np.count_nonzero(small.contour.encloses(values))), values, self.size, margin)
-            if self.size > MOST or not new or not self.add(np.hstack(new)):
+            self.why = f"on {self.size} shapes the bound of what they leave out is {margin:.2g}, but must be below {SAFE}"
+            if self.size > self.most:
+                self.why += f", and {self.most} shapes are the limit"
+                break
+            if not new or not self.add(np.hstack(new)):
                 break
         return None
 
@@ -443,7 +457,7 @@ def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
 
 
 def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
-              bounds: Callable[[ShiftInvert, float], AbstractContextManager[Callable[[], Bounds]]]
+              bounds: Callable[[ShiftInvert, float], AbstractContextManager[Callable[[int], Bounds]]], most: int
               ) -> tuple[NormalModes, float, Bounds]:
     """The modes of K + lift M, positive semidefinite, all up to the reach; the lift; and `bounds` by its factor.
 
@@ -466,9 +480,9 @@ def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
             with ExitStack() as stack:
                 with counted_beside(handle, limit):
                     found = stack.enter_context(bounds(handle, lift))
-                modes = modes_below(held, M, limit, handle)
+                modes = modes_below(held, M, limit, handle, most)
             if len(modes.eigenvalues) == modes.counted[1]:
-                return modes, lift, found()
+                return modes, lift, found(len(modes.eigenvalues))
             last = MissedModesError("an undamped mode is missing")
         except (SingularMatrixError, MissedModesError) as error:
             last = error
@@ -517,14 +531,14 @@ def _none_strong(A: Difference, D: Matrix, side: float, factor: Handle) -> Itera
         yield lambda: beside.answer() or signs(A.formed(), D, d)
 
 
-def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: float, first: tuple[bool, bool]
-            ) -> tuple[Array, float]:
+def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: float, first: tuple[bool, bool],
+            modes: int, most: int) -> tuple[Array, float]:
     """Shapes U (n, k) such that |xᵀDx| ≤ d xᵀAx wherever UᵀAx = 0, and d; D symmetric; `first` is what `_none_strong` found.
 
     Raises
     ------
-    NotConvergedError
-        More than 200 shapes are strongly damped, or some are missed.
+    NotConvergedError, NotEnoughMemoryError
+        Beside so many `modes` there are too many for `most` columns, or some are missed.
     """
     none = np.zeros((A.shape[0], 0))
     if not D.nnz:
@@ -537,15 +551,21 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
         number = sum(inertia(sp.csr_array(one)) for one, known in zip(both, definite, strict=True) if not known)
         if not number:
             return none, d
-        if number <= min(STRONG, A.shape[0] // 2):
+        if modes + number <= most:
             break
     else:
-        raise NotConvergedError(f"{number} shapes are strongly damped")
-    from scipy.sparse.linalg import LinearOperator, eigsh
+        raise NotConvergedError(f"the basis needs {modes + number} shapes, of which {number} are strongly damped, and the limit is "
+                                f"{most}")
+    log.info("the count by projection takes %d shapes, of which %d are strongly damped", modes + number, number)
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
+    check_columns("the pencil", A.shape[0], 2 * number + 1)
     start = np.random.default_rng(3).standard_normal(A.shape[0])
-    values, shapes = eigsh(D, number, M=A.formed(), Minv=LinearOperator(A.shape, matvec=solve, dtype=float), which="LM",
-                           tol=1e-12, v0=start)
+    try:
+        values, shapes = eigsh(D, number, M=A.formed(), Minv=LinearOperator(A.shape, matvec=solve, dtype=float), which="LM",
+                               tol=1e-12, v0=start)
+    except ArpackNoConvergence as error:
+        raise NotConvergedError(f"of {number} strongly damped shapes {len(error.eigenvalues)} were found") from None
     if np.abs(values).min() < d * (1 - 1e-9):
         raise NotConvergedError(f"of {number} strongly damped shapes some were missed")
     return shapes, d

@@ -9,7 +9,7 @@ import numpy as np
 
 from femsub.algebra import FEW, QUADRATIC, SMALL, WIDE, negative_eigenvalues, one_thread
 from femsub.checks import Array, Tally
-from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, warn
+from femsub.errors import ConditionWarning, FemsubWarning, InputError, MissedModesError, NotConvergedError, warn
 from femsub.modes.quadratic import damping_split, dense
 from femsub.modes.quadratic.certificate import MOST, Enclosed, Nearest
 from femsub.modes.quadratic.cost import Budget
@@ -44,7 +44,8 @@ class Found(NamedTuple):
 def search(pencil: Pencil, region: Region, evidence: bool | None) -> Found:
     """Search by LAPACK if that is faster, or if most eigenvalues are wanted; else by PEP. Multipliers are projected out first.
 
-    A dense model is searched by PEP only where that is predicted to take a tenth of LAPACK's time (`cost`).
+    A model of up to 2,000 DOF is searched by PEP where that is predicted to be cheaper (`cost`) and gives a count; a dense one
+    where it takes a tenth of LAPACK's time. Else LAPACK finds all eigenvalues, and so certifies them.
     """
     if (freed := pencil.freed) is not None:
         found = _searched(freed.pencil, region.at_most(2 * freed.pencil.size), evidence, pencil)
@@ -60,7 +61,8 @@ def _searched(pencil: Pencil, region: Region, evidence: bool | None, given: Penc
     if region.is_all or (not pencil.is_sparse and (small or many)):
         return _by_lapack(pencil, given)
     if pencil.is_sparse:
-        found = None if small or many else _in_units(pencil, region, evidence, Budget(pencil.size, False))
+        found = None if small or many else _in_units(
+            pencil, region, evidence, Budget(pencil.size, False, pencil.size <= QUADRATIC))
         return found or _mended_by_lapack(pencil, given, region)
     budget = Budget(pencil.size, True)
     if not budget.covers(_least(pencil, region)):
@@ -125,16 +127,23 @@ def _by_lapack(pencil: Pencil, given: Pencil) -> Found:
 def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget, given: Pencil) -> Found | None:
     """Search for more and more eigenvalues nearest to 0, until the certificate shows that the region is complete.
 
-    None where LAPACK is to find all: the budget does not last, a dense model can only be certified so, or PEP fails on a model
-    that is small enough. `given` is the pencil in its own units.
+    None where LAPACK is to find all: the budget does not last, or a model that is small enough has no other count, or PEP fails
+    on it. `given` is the pencil in its own units.
+
+    Warns
+    -----
+    FemsubWarning
+        No count was possible; with the reason.
     """
-    proof = budget.is_limited and (region.box is not None if evidence is None else evidence)
-    if budget.is_limited and damping_split.split(pencil) is None:
+    proof = budget.is_limited and (region.box is not None or not budget.is_dense if evidence is None else evidence)
+    if budget.is_dense and damping_split.split(pencil) is None:
         if proof:
             return None  # any other count of a full matrix would cost more than all eigenvalues
         evidence = False
     certificate = Nearest(pencil, region.count or 0, evidence, given) if region.box is None else \
         Enclosed(pencil, region.box, evidence, not budget.is_limited)
+    if proof and not certificate.can_count:
+        return None
     columns = 0 if certificate.parts is None else certificate.parts.W.shape[1]
     searched = Search(lambda ask, seed: certificate.problem.nearest(ask, seed), pencil.size)
     while certificate.pairs is None:
@@ -175,6 +184,10 @@ def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budge
     values, X, left, done = _mended(pencil, certificate, values, X)
     if certificate.tally.counted not in (None, certificate.tally.listed) and pencil.size <= QUADRATIC:
         return None  # some of those that were counted are none
+    if certificate.tally.counted is None and certificate.why:
+        warn(f"no count shows that no eigenvalue is missing: {certificate.why}. "
+             + ("Give evidence=True to sample the winding number of det P, or a lower band" if region.box is not None
+                else "Ask for a band with evidence=True, where the winding number of det P is sampled"), FemsubWarning)
     taken, mirrored = certificate.taken(values)
     near, X = values[taken], X[:, taken]
     own = certificate.left(near, X)
