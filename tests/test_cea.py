@@ -613,8 +613,7 @@ def test_a_dense_model_in_a_band_takes_one_decomposition(share: float, monkeypat
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_sparse_model_is_certified_as_a_dense_one_is(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A few dashpots far stronger than all else: neither disc nor projection counts, and det P is not sampled, which took 50 times
-    as long as all eigenvalues by LAPACK."""
+    """A few dashpots far stronger than all else: det P is not sampled, which took 50 times as long as LAPACK."""
     rng, base = np.random.default_rng(seed), membrane(12)
     strong = np.where(rng.random(base.size) < 0.05, 10 ** rng.uniform(4, 6, base.size), 0.0)
     pencil = fs.Pencil(base.M, sp.csr_array(sp.diags_array(strong)), base.K)

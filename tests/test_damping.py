@@ -203,7 +203,8 @@ def test_a_mode_that_structural_damping_lifts_off_the_axis_is_listed() -> None:
     found = fs.complex_modes(sub)
     lifted = (-d - np.sqrt(d * d - 4 - 1.2j)) / 2
     assert found.evidence == "certified" and lifted.imag > 0
-    assert np.sort_complex(found.eigenvalues) == pytest.approx(np.sort_complex([-2.0, -0.5, lifted, lifted.conjugate()]), rel=1e-13)
+    exact = np.sort_complex([-2.0, -0.5, lifted, lifted.conjugate()])
+    assert np.sort_complex(found.eigenvalues) == pytest.approx(exact, rel=1e-13)
     turning = fs.Substructure(np.eye(2), np.diag([1.0, 4.0]), [[0.0, 1.0], [-1.0, 0.0]], H=np.diag([0.0, 0.5]),
                               ports={"a": [1, 0], "b": [0, 1]})
     pushed = fs.LinearContact(("a", "b"), stiffness=[[-3.0, 2.0], [0.5, 0.0]])  # det K < 0: a λ grows on the axis without H

@@ -348,7 +348,7 @@ def strongly_damped(cells: int) -> tuple[fs.Pencil, np.ndarray]:
 
 
 def test_a_count_that_is_possible_is_made_and_one_that_is_not_names_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """210 strongly damped shapes: the model decides how many there may be. Where they are too many, the warning has their number."""
+    """210 strongly damped shapes. Where there are too many for LAPACK, the warning has their number."""
     pencil, values = strongly_damped(210)
     contour = Contour(sides=(-0.2, 0.2, 0.2))
     found = count(pencil, contour)
@@ -356,7 +356,7 @@ def test_a_count_that_is_possible_is_made_and_one_that_is_not_names_what_it_need
     for module in ("search", "certificate"):
         monkeypatch.setattr(f"femsub.modes.quadratic.{module}.QUADRATIC", 40)
     pencil, values = strongly_damped(50)
-    with pytest.warns(fs.FemsubWarning, match=r"the basis needs \d+ shapes, of which \d+ are strongly damped, and the limit is 40"):
+    with pytest.warns(fs.FemsubWarning, match=r"the basis needs \d+ shapes, \d+ of them strongly damped, and the limit is 40"):
         assert fs.complex_modes(pencil, band=(0.0, 0.2)).evidence == "not checked"
 
 

@@ -160,9 +160,10 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     dense models. For a narrow band or a small count PEP solves a dense model above 300 DOF as well, where that is predicted to
     take a tenth of the time.
 
-    A model with structural damping H has K + iH in place of K where Im λ > 0, K - iH where Im λ < 0, and K where λ is real. LAPACK
-    finds all solutions, up to 2,000 DOF. On the imaginary axis, where stability is lost, H is exact. A real λ without H stays
-    listed. H makes it oscillate as well, or not: then a pair is listed beside it, so there may be more than 2n eigenvalues.
+    A model with structural damping H has K + iH in place of K where Im λ > 0, K - iH where Im λ < 0, and K where λ is real. All
+    solutions are listed. LAPACK finds them, up to 2,000 DOF. On the imaginary axis, where stability is lost, H is exact. The
+    real λ are those without H. Where H lifts one of these above the axis, the pair is listed beside it. So there may be more
+    than 2n eigenvalues.
 
     Parameters
     ----------

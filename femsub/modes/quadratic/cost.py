@@ -1,4 +1,4 @@
-"""The predicted cost of a quadratic eigenproblem, sparse or dense: all eigenvalues by LAPACK, or some of them by PEP with their count.
+"""The predicted cost of a quadratic eigenproblem: all eigenvalues by LAPACK, or some of them by PEP with their count.
 
 Costs are in units of LAPACK's, which are proportional to n³. The coefficients are measured, with one thread, on reduced models of
 446 to 1,500 coordinates. LAPACK took 6 ns n³. PEP took (1.2 x + 13 x²) ns n³ for xn eigenvalues: solves, and orthogonalisation.

@@ -554,8 +554,7 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
         if modes + number <= most:
             break
     else:
-        raise NotConvergedError(f"the basis needs {modes + number} shapes, of which {number} are strongly damped, and the limit is "
-                                f"{most}")
+        raise NotConvergedError(f"the basis needs {modes + number} shapes, {number} of them strongly damped, and the limit is {most}")
     log.info("the count by projection takes %d shapes, of which %d are strongly damped", modes + number, number)
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 

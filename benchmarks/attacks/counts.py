@@ -1,0 +1,89 @@
+"""Counts and storage: sparse models of 110 to 230 DOF under strong damping, against all eigenvalues of the dense matrices by LAPACK.
+
+'dashpots': a few to the ground, up to 1e6 of critical. 'everywhere': one at each mass. 'friction': dashpots and an unsymmetric K.
+'gyroscopic': the same with a skew D. 'cells': many small parts, each with a strong dashpot inside. Asked by band or count.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import scipy.sparse as sp
+
+import femsub as fs
+from femsub.checks import Array
+
+KINDS = ("dashpots", "everywhere", "friction", "gyroscopic", "cells")
+NEAR = 1e-6  # relative distance from an edge at which rounding beside a large D decides what is in the band
+
+
+def attacked(kind: str, seed: int) -> str:
+    rng = np.random.default_rng([KINDS.index(kind), seed])
+    pencil = _pencil(kind, rng)
+    omega = np.sort(np.sqrt(np.abs(np.linalg.eigvalsh(((pencil.K + pencil.K.T) / 2).toarray()))))  # M = 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        every = fs.complex_modes(pencil.dense()).eigenvalues
+        try:
+            if rng.random() < 0.6:
+                hi = float(omega[int(rng.integers(3, 50))] * rng.uniform(0.9, 1.1))
+                modes = fs.complex_modes(pencil, band=(0.0, hi))
+                least, most = (_inside(every, hi * (1 + sign * NEAR)) for sign in (-1, 1))
+            else:
+                count = int(rng.integers(2, 50))
+                modes = fs.complex_modes(pencil, count=count)
+                size = np.sort(np.abs(every))
+                edge = np.abs(modes.eigenvalues).max()
+                least, most = every[np.abs(every) < edge * (1 - NEAR)], every[np.abs(every) <= edge * (1 + NEAR)]
+                if not size[count - 1] * (1 - NEAR) <= edge <= size[min(count, len(size) - 1)] * (1 + NEAR):
+                    return f"wrong: seed {seed}: {modes.evidence}, |λ| up to {edge}, but {size[count - 1:count + 1]}"
+        except fs.FemsubError as error:
+            return f"refused: {error}"
+    if not len(least) <= len(modes) <= len(most):
+        return modes.evidence if modes.evidence == "not checked" else \
+            f"wrong: seed {seed}: {modes.evidence}, {len(modes)} listed, but there are {len(least)} to {len(most)}"
+    return modes.evidence
+
+
+def _inside(values: Array, hi: float) -> Array:
+    return values[(values.imag >= 0) & (values.imag <= hi) & (np.abs(values.real) <= hi)]
+
+
+def _pencil(kind: str, rng: np.random.Generator) -> fs.Pencil:
+    if kind == "cells":
+        parts = []
+        for _ in range(int(rng.integers(30, 55))):
+            line = sp.diags_array([-np.ones(3), 2 * np.ones(4), -np.ones(3)], offsets=[-1, 0, 1])
+            K = 10 ** rng.uniform(-1, 2) * line
+            parts.append((1e-3 * K + sp.diags_array(np.array([0, 1.0, 0, 0]) * 10 ** rng.uniform(-1, 3)), K))
+        D, K = (sp.csr_array(sp.block_diag(some)) for some in zip(*parts, strict=True))
+        n = K.shape[0]
+        ends = np.arange(3, n - 1, 4)
+        B = sp.csr_array((np.ones(len(ends)), (np.arange(len(ends)), ends)), shape=(len(ends), n))
+        B = B - sp.csr_array((np.ones(len(ends)), (np.arange(len(ends)), ends + 1)), shape=(len(ends), n))
+        return fs.Pencil(sp.eye_array(n), D, sp.csr_array(K + B.T @ sp.diags_array(10 ** rng.uniform(-3, 0, len(ends))) @ B))
+    a, b = rng.integers(11, 16, 2)
+    n = int(a * b)
+    place = np.arange(n).reshape(a, b)
+    pairs = (place[:-1], place[1:]), (place[:, :-1], place[:, 1:])
+    ends = np.vstack([np.stack([one.ravel(), other.ravel()], 1) for one, other in pairs])
+    rows = np.arange(len(ends))
+    B = (sp.csr_array((np.ones(len(ends)), (rows, ends[:, 0])), shape=(len(ends), n))
+         - sp.csr_array((np.ones(len(ends)), (rows, ends[:, 1])), shape=(len(ends), n)))
+    spread = rng.uniform(0, 2)
+    K = sp.csr_array(B.T @ sp.diags_array(10 ** rng.uniform(-spread, spread, len(ends))) @ B + 0.01 * sp.eye_array(n))
+    share, low = 1.0 if kind == "everywhere" else rng.choice([0.02, 0.05, 0.15, 0.4]), rng.uniform(-2, 3)
+    d = np.where(rng.random(n) < share, 10 ** rng.uniform(low, low + rng.uniform(0, 3), n) * np.sqrt(K.diagonal()), 0.0)
+    D = sp.csr_array(sp.diags_array(d)) + (1e-3 * K if rng.random() < 0.3 else 0.0 * K)
+
+    def somewhere(size: float) -> sp.csr_array:
+        i, j = rng.integers(0, n, (2, n // 8))
+        return sp.csr_array((size * rng.standard_normal(n // 8), (i, j)), shape=(n, n))
+
+    if kind == "gyroscopic":
+        G = somewhere(10 ** rng.uniform(-3, 0))
+        D = D + G - G.T
+    if kind == "friction":
+        K = K + somewhere(10 ** rng.uniform(-2, 0))
+    return fs.Pencil(sp.eye_array(n), sp.csr_array(D), sp.csr_array(K))
