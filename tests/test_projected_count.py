@@ -376,3 +376,13 @@ def test_the_public_brake_with_its_material_damping_is_certified(turns: int) -> 
     assert found.evidence == "certified" and len(found) == 37 and len(found.unstable) == 1
     growing = {1: 0.000250 + 5130.604314j, 2: 0.000193 + 5130.604345j, 4: 0.000049 + 5130.605396j}[turns]
     assert abs(found.eigenvalues[found.unstable[0]] - growing) < 1e-6
+
+
+def test_a_projection_whose_eigenvalues_are_all_real_gives_left_vectors() -> None:
+    """LAPACK's vectors are real then, which was a raw ValueError where their number is odd."""
+    n, rng = 140, np.random.default_rng(0)
+    line = sp.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    D = sp.csr_array(sp.diags_array(rng.uniform(20, 30, n)) + sp.csr_array(([0.1, -0.1], ([3, 7], [7, 3])), shape=(n, n)))
+    for count in (4, 5):
+        found = fs.complex_modes(fs.Pencil(sp.eye_array(n), D, sp.csr_array(line + 0.01 * sp.eye_array(n))), count=count)
+        assert len(found) == count and (found.eigenvalues.imag == 0).all() and np.isfinite(found.error_bar).all()

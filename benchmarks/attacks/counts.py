@@ -1,4 +1,4 @@
-"""Counts and storage: sparse models of 110 to 230 DOF under strong damping, against all eigenvalues of the dense matrices by LAPACK.
+"""Counts and storage: sparse models of 110 to 230 DOF under strong damping, against LAPACK on their dense matrices.
 
 'dashpots': a few to the ground, up to 1e6 of critical. 'everywhere': one at each mass. 'friction': dashpots and an unsymmetric K.
 'gyroscopic': the same with a skew D. 'cells': many small parts, each with a strong dashpot inside. Asked by band or count.

@@ -288,8 +288,8 @@ def look_at_the_order(*parts: Sequence[tuple[float, Matrix]]) -> None:
         return
     with np.errstate(divide="ignore"):
         given, other = (float(np.median(one / (2 * np.sqrt(m * two)))) for one, two in ((d, k), (k, d)))
-    warn(f"D and K seem to be in each other's place: by themselves all {len(m)} DOF with mass are overdamped, with a median damping "
-         f"ratio of {given:.3g}, and with D and K exchanged none is, with {other:.3g}. The order is Pencil(M, D, K) and "
+    warn(f"D and K seem to be in each other's place: by themselves all {len(m)} DOF with mass are overdamped, with a median "
+         f"damping ratio of {given:.3g}, and with D and K exchanged none is, with {other:.3g}. The order is Pencil(M, D, K) and "
          "Affine(M, D, K), but Substructure(M, K, D)")
 
 

@@ -329,6 +329,7 @@ class Coupling:
                               [one, np.zeros((m, m))]])
         with one_thread(m < FEW):
             nu, right = la.eig(companion, check_finite=False)
+            right = right.astype(complex)  # LAPACK's are real where all λ are
             left = np.linalg.inv(right)[:, :m].conj().T  # LAPACK's own do not belong together where λ is multiple
         self.nu = nu / unit
         x, z = right[m:], np.linalg.solve(P.T, left) * unit
@@ -554,7 +555,8 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
         if modes + number <= most:
             break
     else:
-        raise NotConvergedError(f"the basis needs {modes + number} shapes, {number} of them strongly damped, and the limit is {most}")
+        raise NotConvergedError(f"the basis needs {modes + number} shapes, {number} of them strongly damped, and the limit is "
+                                f"{most}")
     log.info("the count by projection takes %d shapes, of which %d are strongly damped", modes + number, number)
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
