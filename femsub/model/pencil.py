@@ -36,6 +36,7 @@ from femsub.checks import Array, Matrix
 from femsub.errors import warn
 
 EVEN = 4.0  # largest entry of an unsymmetric K where its diagonal has been scaled to about 1, and tells the units
+LIGHT = 0.1  # damping ratio up to which a DOF is lightly damped
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
 
 
@@ -276,21 +277,22 @@ class Pencil(Frozen):
 def look_at_the_order(*parts: Sequence[tuple[float, Matrix]]) -> None:
     """A warning if D and K seem to be in each other's place; `parts` are the terms of M, D and K with their factors.
 
-    By itself each DOF with mass then has ζ = d/(2√(mk)) > 1, and with the two exchanged none has. And K has no more entries than
-    D, as only the damping of a material has. Diagonals are looked at, which costs next to nothing.
+    By itself each DOF with mass then has ζ = d/(2√(mk)) > 1, and with the two exchanged each is lightly damped. And K has no more
+    entries than D, as only the damping of a material has. Diagonals are looked at, which costs next to nothing.
     """
     if not all(parts):
         return
     m, d, k = (sum(theta * A.diagonal() for theta, A in terms) for terms in parts)
     at = m > 0
     m, d, k = m[at], d[at], np.abs(k[at])
-    if not len(m) or not ((d > 0) & (d * d > 4 * m * k) & (k * k < 4 * m * d)).all() or _entries(parts[2]) > _entries(parts[1]):
+    exchanged = (d > 0) & (d * d > 4 * m * k) & (k * k < (2 * LIGHT) ** 2 * m * d)
+    if not len(m) or not exchanged.all() or _entries(parts[2]) > _entries(parts[1]):
         return
     with np.errstate(divide="ignore"):
         given, other = (float(np.median(one / (2 * np.sqrt(m * two)))) for one, two in ((d, k), (k, d)))
     warn(f"D and K seem to be in each other's place: by themselves all {len(m)} DOF with mass are overdamped, with a median "
-         f"damping ratio of {given:.3g}, and with D and K exchanged none is, with {other:.3g}. The order is Pencil(M, D, K) and "
-         "Affine(M, D, K), but Substructure(M, K, D)")
+         f"damping ratio of {given:.3g}, and with D and K exchanged all are lightly damped, {other:.3g}. The order is "
+         "Pencil(M, D, K) and Affine(M, D, K), but Substructure(M, K, D)")
 
 
 def _entries(terms: Sequence[tuple[float, Matrix]]) -> int:
