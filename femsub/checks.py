@@ -72,6 +72,18 @@ class Tally:
         return CONFIRMED if self.sampled else CERTIFIED
 
 
+def until(cutoff: float) -> str:
+    """What is said of a result that ends at the cut-off of a model."""
+    if math.isnan(cutoff):
+        return " (the cut-off of its basis is not known)"
+    return "" if math.isinf(cutoff) else f" up to the cut-off {cutoff:.4g} rad/time"
+
+
+def limit_of(cutoff: float) -> str:
+    """What is said of a model with a cut-off."""
+    return "" if math.isinf(cutoff) else ", cut-off not known" if math.isnan(cutoff) else f", cut-off {cutoff:.4g} rad/time"
+
+
 def shown(value: Any) -> str:
     """A value in at most 60 characters for a message; for an array its shape and type."""
     if hasattr(value, "dtype") and getattr(value, "shape", None):

@@ -122,7 +122,7 @@ def measure(problem: gallery.Problem, kind: type) -> dict[str, Any]:
             rom = fs.reduce(sub, kind(band=band, tol=tol), ports=problem.ports, contacts=problem.belt)
         seconds = time.perf_counter() - start
         assert rom.estimate is not None
-        modes = fs.normal_modes(rom, band=(0.0, 1.5 * band[1]))
+        modes = fs.normal_modes(rom, band=(0.0, min(1.5 * band[1], rom.cutoff)))
         values = gallery.positive(rom.linearised(problem.belt)) if damped else np.zeros(0, dtype=complex)
         low, error, _ = true_errors(problem, modes.frequencies[modes.rigid:], values)
         fewest = next(count for count in range(first, whole.modes + 1) if truth(count) <= tol)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.linalg import eigh
 
 import femsub as fs
 
@@ -51,6 +53,35 @@ def test_each_matrix_is_projected_once_and_the_pencils_agree() -> None:
     found = fs.complex_modes(chain.reduced(rom.V).at(slope=-0.1)).eigenvalues
     exact = fs.complex_modes(rom, fs.Belt(slope=-0.1)).eigenvalues
     assert np.abs(found[:, None] - exact).min(axis=1).max() < 1e-12
+
+
+def test_a_reduced_family_keeps_the_cut_off_of_its_basis() -> None:
+    """Two modes above the cut-off flutter, which the basis does not know: no answer may be certified there."""
+    sub = fs.chain(30, belt=2)
+    M, K = (A.toarray() for A in (sub.M, sub.K))
+    omega, X = (part[12:14] if part.ndim == 1 else part[:, 12:14] for part in eigh(K, M))
+    F = M @ X * np.sqrt(omega[1] - omega[0])
+    family = fs.Affine(M, 1e-4 * K, [(1.0, K), ("mu", F @ np.array([[0.0, 1.0], [-1.0, 0.0]]) @ F.T)])
+    rom = fs.reduce(replace(sub, ports={}), fs.CraigBampton(4))
+    band, asked = (0.0, 1.5 * float(np.sqrt(omega[1]))), {"contacts": None, "parameter": "mu", "between": (0.0, 1.0)}
+    assert np.isfinite(fs.critical_value(family, band=band, **asked).value) and rom.cutoff < np.sqrt(omega[0])
+    for small in (family.reduced(rom), family.reduced(rom.V, cutoff=rom.cutoff)):
+        pencils = small.at(mu=1.0), small.fixed(mu=1.0).at(), family.at(mu=1.0).reduced(rom)
+        for model in (small, *pencils):
+            assert model.cutoff == rom.cutoff and f"cut-off {rom.cutoff:.4g}" in repr(model)
+        with pytest.raises(fs.InputError, match="above the cut-off of the reduced Affine"):
+            fs.critical_value(small, band=band, **asked)
+        for pencil in pencils:
+            with pytest.raises(fs.InputError, match="above the cut-off of the reduced Pencil"):
+                fs.complex_modes(pencil, band=band)
+        assert f"up to the cut-off {rom.cutoff:.4g} rad/time" in repr(fs.critical_value(small, **asked))
+    alone = family.reduced(rom.V)  # whose cut-off nobody knows
+    for found in (*(fs.critical_value(alone, band=one, **asked) for one in (band, None)), fs.complex_modes(alone.at(mu=1.0))):
+        assert found.evidence == "not checked" and "not known" in repr(found) and "cut-off not known" in repr(alone)
+    assert family.reduced(np.eye(30)).cutoff == np.inf
+    for one in (family, family.at(mu=0.5)):
+        with pytest.raises(fs.InputTypeError, match=r"\.reduced\(rom\)"):
+            fs.reduce(one, fs.CraigBampton(4))  # type: ignore[call-overload]
 
 
 @pytest.mark.parametrize("kind", [sp.csr_array, np.asarray])

@@ -303,11 +303,17 @@ def test_a_band_that_reaches_above_the_cut_off_is_refused(method: fs.CraigBampto
     rom = fs.reduce(reach(), method)
     above = (0.0, 2.0 * rom.cutoff)
     belt = fs.Belt(slope=0.0)
-    for ask in (lambda: fs.critical_slope(rom, band=above), lambda: fs.sweep(rom, belt, "slope", [-0.1], band=above)):
+    for ask in (lambda: fs.critical_slope(rom, band=above), lambda: fs.sweep(rom, belt, "slope", [-0.1], band=above),
+                lambda: fs.complex_modes(rom, band=above), lambda: fs.complex_modes(rom.linearised(belt), band=above),
+                lambda: fs.critical_value(rom, belt, "slope", between=(0.0, -0.1), band=above),
+                lambda: fs.track(rom, belt, "slope", [-0.1, 0.0], band=above), lambda: fs.normal_modes(rom, band=above),
+                lambda: fs.study(rom, [fs.CraigBampton(2)], band=above)):
         with pytest.raises(ValueError, match=f"cut-off of .*{rom.cutoff:.6g}"):
             ask()
-    modes = fs.complex_modes(rom, band=above)  # shown, but marked, and not part of what was searched
-    assert modes.above_cutoff.any() and modes.searched[3] == rom.cutoff
+    modes = fs.complex_modes(rom)  # listed, but marked, and the verdict says up to where it goes
+    assert modes.above_cutoff.any() and f"up to the cut-off {rom.cutoff:.4g}" in repr(modes)
+    assert "up to the cut-off" in repr(fs.critical_value(rom, belt, "slope", between=(0.0, -0.1)))
+    assert "1 of them above the cut-off" in repr(fs.frequency_response(rom, at=np.array([0.5, 2.0]) * rom.cutoff, loads=[0]))
     for band in (None, (0.0, rom.cutoff)):
         assert fs.sweep(rom, belt, "slope", [-0.1], band=band).band == (0.0, rom.cutoff)
 

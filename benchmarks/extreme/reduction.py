@@ -138,20 +138,20 @@ def packed() -> fs.Substructure:
 
 
 def above_cutoff(method: Any, ask: str) -> Found:
-    """What is asked of a reduced model beyond its cut-off: a border and a sweep are to be refused, and modes to be marked."""
+    """What is asked of a reduced model beyond its cut-off: bands are to be refused, and modes without a band to be marked."""
     rom = fs.reduce(packed(), method)
     band = (0.0, 2.0 * rom.cutoff)
-    if ask in ("slope", "sweep"):
-        return answered(lambda: fs.critical_slope(rom, band=band) if ask == "slope"
-                        else fs.sweep(rom, fs.Belt(slope=0.0), "slope", [-0.1], band=band))
-    answer = fs.complex_modes(rom, band=band)
-    beyond = answer.eigenvalues.imag > rom.cutoff * (1 + 1e-9)
-    top = answer.searched and answer.searched[3]
-    marked = np.array_equal(beyond, answer.above_cutoff) and beyond.any() and top == rom.cutoff
+    asks = {"slope": lambda: fs.critical_slope(rom, band=band), "modes": lambda: fs.complex_modes(rom, band=band),
+            "sweep": lambda: fs.sweep(rom, fs.Belt(slope=0.0), "slope", [-0.1], band=band)}
+    if ask in asks:
+        return answered(asks[ask])
+    answer = fs.complex_modes(rom)
+    beyond = np.abs(answer.eigenvalues.imag) > rom.cutoff * (1 + 1e-9)
+    marked = np.array_equal(beyond, answer.above_cutoff) and beyond.any() and "up to the cut-off" in repr(answer)
     below = answer.eigenvalues[~beyond]
-    own = [value for value in quadratic(rom.M, rom.D, rom.K) if value.imag > 0]
+    own = quadratic(rom.M, rom.D, rom.K)
     distance, size = matched(below, own)[0], np.abs(below)
-    there = sum(value.imag <= rom.cutoff and abs(value.real) <= band[1] for value in own)
+    there = sum(abs(value.imag) <= rom.cutoff for value in own)
     bounds = 1.05 * answer.error_bar[~beyond] / size + 4 * EPS
     return Found(f"{len(size)} modes below the cut-off", *judge(distance / size, bounds), "femsub's error bar",
                  float(answer.backward_error.max()), missed=int(there) - len(size),

@@ -307,7 +307,8 @@ group = "border"
 for label, six in (("HCB", HCB(6)), ("CC", CC(6))):
     case(group, f"slope, {label}, band above the cut-off", above_cutoff, six, "slope", expect="reaches above the cut-off")
     case(group, f"sweep, {label}, band above the cut-off", above_cutoff, six, "sweep", expect="reaches above the cut-off")
-    case(group, f"CEA, {label}, band above the cut-off", above_cutoff, six, "modes")
+    case(group, f"CEA, {label}, band above the cut-off", above_cutoff, six, "modes", expect="reaches above the cut-off")
+    case(group, f"CEA, {label}, all modes", above_cutoff, six, "all")
 case(group, "slope, CC, shape above the cut-off", without_artefact)
 case(group, "slope, CC, next to the cut-off", near_cutoff)
 for way in ("auto", "bracketing"):

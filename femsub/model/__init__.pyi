@@ -1,4 +1,4 @@
-from .affine import Affine as Affine, projected as projected
+from .affine import Affine as Affine
 from .bands import (
     DOUBLE as DOUBLE,
     EDGE as EDGE,
@@ -25,7 +25,12 @@ from .contact import (
 )
 from .dof_map import LARGEST as LARGEST, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, STILL as STILL, Estimate as Estimate
-from .pencil import Pencil as Pencil, contact_matrix as contact_matrix, look_at_the_order as look_at_the_order
+from .pencil import (
+    Pencil as Pencil,
+    contact_matrix as contact_matrix,
+    look_at_the_order as look_at_the_order,
+    projected as projected,
+)
 from .substructure import (
     ReducedSubstructure as ReducedSubstructure,
     Substructure as Substructure,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
 from inspect import Parameter, signature
 from typing import Any, TypeAlias
@@ -12,9 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Frozen, as_matrix, weighted
-from femsub.checks import Array, Matrix, finite_number, real_array, shown
+from femsub.checks import Array, Matrix, finite_number, limit_of, shown
 from femsub.errors import FemsubError, InputError, InputTypeError, unknown_name
-from femsub.model.pencil import Pencil, look_at_the_order
+from femsub.model.pencil import Pencil, basis_of, look_at_the_order, projected
 
 Theta: TypeAlias = float | str | Callable[..., float]
 Terms: TypeAlias = tuple[tuple[Theta, Matrix], ...]
@@ -38,6 +38,8 @@ class Affine(Frozen):
     ----------
     parameters : tuple of str
         The names, in the order in which they come.
+    cutoff : float
+        Of matrices that were `reduced`: above it, modes are artefacts of the reduction. NaN where it is not known.
 
     Raises
     ------
@@ -57,20 +59,22 @@ class Affine(Frozen):
     M: Terms
     D: Terms
     K: Terms
+    cutoff: float = field(default=np.inf, init=False)
 
     def __init__(self, M: Any, D: Any, K: Any) -> None:
         parts = {name: _terms(name, value) for name, value in (("M", M), ("D", D), ("K", K))}
         if not parts["M"] or not parts["K"]:
             raise InputError("M and K need at least one matrix each")
         size = as_matrix("M", parts["M"][0][1]).shape[0]
-        self._set(**{name: tuple((theta, as_matrix(name, A, size)) for theta, A in terms) for name, terms in parts.items()})
+        self._set(**{name: tuple((theta, as_matrix(name, A, size)) for theta, A in terms) for name, terms in parts.items()},
+                  cutoff=np.inf)
         look_at_the_order(*([(theta, A) for theta, A in terms if not callable(theta) and not isinstance(theta, str)]
                             for terms in (self.M, self.D, self.K)))
 
     def __repr__(self) -> str:
         kind = "sparse" if all(sp.issparse(A) for _, A in self._all) else "dense"
         told = f"parameters {', '.join(self.parameters)}" if self.parameters else "no parameters"
-        return f"Affine: {self.size} DOF, {kind}, {told}"
+        return f"Affine: {self.size} DOF, {kind}, {told}{limit_of(self.cutoff)}"
 
     @property
     def _all(self) -> Terms:
@@ -106,7 +110,7 @@ class Affine(Frozen):
             raise InputError(f"no value is given for {', '.join(rest)}. Give all of {', '.join(self.parameters)}")
         factor = iter(self.factors(**values))
         return Pencil(*(weighted([(next(factor), A) for _, A in terms]) if terms else None
-                        for terms in (self.M, self.D, self.K)))
+                        for terms in (self.M, self.D, self.K))).below(self.cutoff)
 
     def fixed(self, **values: float) -> Affine:
         """The same with values given to some of the parameters, and the others left."""
@@ -119,12 +123,37 @@ class Affine(Frozen):
                 raise unknown_name("parameter", name, self.parameters)
             finite_number(name, value)
 
-    def reduced(self, V: Any) -> Affine:
-        """Each matrix projected once, VᵀA_iV (r, r), on a basis V (n, r), e.g. that of a reduced model."""
-        basis = real_array("V", V)
-        if basis.ndim != 2 or basis.shape[0] != self.size or not basis.shape[1]:
-            raise InputError(f"V must have {self.size} rows, one per DOF, and a column or more, but its shape is {basis.shape}")
-        return self._each(lambda theta, A: (theta, projected(A, basis)))
+    def below(self, cutoff: float) -> Affine:
+        """A copy whose modes count up to this cut-off."""
+        return self._with(cutoff=float(cutoff))
+
+    def reduced(self, basis: Any, cutoff: float | None = None) -> Affine:
+        """Each matrix projected once, VᵀA_iV (r, r), on the basis V (n, r) of a reduced model, whose cut-off is kept.
+
+        Parameters
+        ----------
+        basis : ReducedSubstructure, or array_like of shape (n, r)
+            `reduce` makes it of a `Substructure` with the symmetric part of K. Of V alone the cut-off is not known: then no band
+            is refused, and all analyses are 'not checked'.
+        cutoff : float, optional
+            In place of that of the model: the lowest frequency of what V leaves out. inf where V leaves nothing out.
+
+        Raises
+        ------
+        InputError
+            V has not n rows.
+
+        Examples
+        --------
+        >>> import femsub as fs
+        >>> M, K, friction = np.eye(4), fs.chain(4).K.toarray(), np.eye(4, k=1)
+        >>> family = fs.Affine(M, None, [(1.0, K), ("mu", friction)])
+        >>> rom = fs.reduce(fs.Substructure(M, K, interface=[0]), fs.CraigBampton(modes=1))
+        >>> family.reduced(rom)
+        Affine: 2 DOF, dense, parameters mu, cut-off 1.414 rad/time
+        """
+        V, limit = basis_of(basis, self.size, cutoff)
+        return self._each(lambda theta, A: (theta, projected(A, V))).below(float(np.minimum(limit, self.cutoff)))
 
     def _each(self, change: Callable[[Theta, Matrix], tuple[Theta, Matrix]]) -> Affine:
         return self._with(**{name: tuple(change(*term) for term in getattr(self, name)) for name in "MDK"})
@@ -194,9 +223,3 @@ def _value(theta: Callable[..., float], known: Mapping[str, float]) -> float:
     except Exception as error:
         raise InputError(f"{what} cannot be computed{told}: {type(error).__name__}: {error}") from error
     return finite_number(f"{what}{told}", found)
-
-
-def projected(A: Matrix, V: Array) -> Array:
-    """VᵀAV (r, r), symmetric if A is."""
-    found: Array = np.asarray(V.T @ (A @ V))
-    return (found + found.T) / 2 if not (A != A.T).sum() else found

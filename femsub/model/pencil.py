@@ -32,8 +32,8 @@ from femsub.algebra import (
     without_rounding,
     without_signs,
 )
-from femsub.checks import Array, Matrix
-from femsub.errors import warn
+from femsub.checks import Array, Matrix, limit_of, positive_number, real_array
+from femsub.errors import InputError, warn
 
 EVEN = 4.0  # largest entry of an unsymmetric K where its diagonal has been scaled to about 1, and tells the units
 LIGHT = 0.1  # damping ratio up to which a DOF is lightly damped
@@ -65,6 +65,9 @@ class Pencil(Frozen):
         Rigid motion that the model brings along; without it, it is found from K and D by their rounding.
     noise : ndarray, shape (n, k)
         G: projections may have changed D by up to EPS G Gᵀ, entry by entry.
+    cutoff : float
+        Of a pencil in the coordinates of a basis: above it, modes are artefacts of the reduction. inf where the basis is
+        complete, NaN where it is not known.
 
     Raises
     ------
@@ -86,6 +89,7 @@ class Pencil(Frozen):
     K0: Matrix = field(init=False)
     rigid_motion: Carried = field(init=False)
     noise: Array = field(init=False)
+    cutoff: float = field(init=False)
 
     def __init__(self, M: Any, D: Any, K: Any) -> None:
         mass = as_matrix("M", M)
@@ -96,12 +100,13 @@ class Pencil(Frozen):
             parts = tuple(map(_dense, parts))
         checked, flags = zip(*(without_rounding(part) for part in parts), strict=True)
         self._set(**dict(zip("MDK", checked, strict=True)), symmetric=flags, contacts=(), K0=checked[2], rigid_motion=None,
-                  noise=np.zeros((mass.shape[0], 0)))
+                  noise=np.zeros((mass.shape[0], 0)), cutoff=np.inf)
 
     def __repr__(self) -> str:
         kind = "sparse" if self.is_sparse else "dense"
         odd = [name for name, flag in zip("MDK", self.symmetric, strict=True) if not flag]
-        return f"Pencil: {self.size} DOF, {kind}, {'all symmetric' if not odd else ' and '.join(odd) + ' unsymmetric'}"
+        return f"Pencil: {self.size} DOF, {kind}, {'all symmetric' if not odd else ' and '.join(odd) + ' unsymmetric'}" \
+            + limit_of(self.cutoff)
 
     @property
     def size(self) -> int:
@@ -137,19 +142,29 @@ class Pencil(Frozen):
         """The same pencil with dense matrices."""
         if not self.is_sparse:
             return self
-        return Pencil(*(part.toarray() for part in (self.M, self.D, self.K))).carrying(self.rigid_motion, self.noise)
+        found = Pencil(*(part.toarray() for part in (self.M, self.D, self.K)))
+        return found._with(rigid_motion=self.rigid_motion, noise=self.noise, cutoff=self.cutoff)
 
     def sparse(self) -> Pencil:
         """The same pencil with sparse matrices."""
         if self.is_sparse:
             return self
         found = Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))
-        return found._with(rigid_motion=self.rigid_motion, noise=self.noise, contacts=self.contacts,
+        return found._with(rigid_motion=self.rigid_motion, noise=self.noise, cutoff=self.cutoff, contacts=self.contacts,
                            K0=found.K if self.K0 is self.K else sp.csr_array(self.K0))
 
     def carrying(self, rigid_motion: Carried, noise: Array) -> Pencil:
         """A copy that brings along what is known of its rigid motion, and of the rounding in its D."""
         return self._with(rigid_motion=rigid_motion, noise=noise)
+
+    def below(self, cutoff: float) -> Pencil:
+        """A copy whose modes count up to this cut-off."""
+        return self if cutoff == self.cutoff else self._with(cutoff=float(cutoff))
+
+    def reduced(self, basis: Any, cutoff: float | None = None) -> Pencil:
+        """VᵀP(λ)V (r, r) on the basis V of a reduced model. See `Affine.reduced`."""
+        V, limit = basis_of(basis, self.size, cutoff)
+        return Pencil(*(projected(A, V) for A in (self.M, self.D, self.K))).below(float(np.minimum(limit, self.cutoff)))
 
     def transposed(self) -> Pencil:
         """λ²Mᵀ + λDᵀ + Kᵀ, whose right eigenvectors are the conjugated left ones of this pencil."""
@@ -313,3 +328,20 @@ def contact_matrix(W: Matrix, C: float | Array | Matrix) -> Matrix:
         return np.asarray(W @ (C @ W.T))
     columns = sp.csr_array(W if sp.issparse(W) else np.asarray(W).reshape(len(W), -1))
     return sp.csr_array(columns @ sp.csr_array(C) @ columns.T if np.ndim(C) or sp.issparse(C) else C * (columns @ columns.T))
+
+
+def projected(A: Matrix, V: Array) -> Array:
+    """VᵀAV (r, r), symmetric if A is."""
+    found: Array = np.asarray(V.T @ (A @ V))
+    return (found + found.T) / 2 if not (A != A.T).sum() else found
+
+
+def basis_of(basis: Any, size: int, cutoff: float | None) -> tuple[Array, float]:
+    """V (n, r) and its cut-off, of a reduced model, or of the columns V and their `cutoff`; NaN where that is not known."""
+    model = hasattr(basis, "V") and hasattr(basis, "cutoff")
+    V = real_array("V", basis.V if model else basis)
+    if V.ndim != 2 or V.shape[0] != size or not V.shape[1]:
+        raise InputError(f"V must have {size} rows, one per DOF, and a column or more, but its shape is {V.shape}")
+    if cutoff is not None:
+        return V, np.inf if isinstance(cutoff, float) and cutoff == np.inf else positive_number("cutoff", cutoff)
+    return V, float(basis.cutoff) if model else np.nan if V.shape[1] < size else np.inf

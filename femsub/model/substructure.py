@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,6 +18,9 @@ from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
 from femsub.model.estimate import SHARE, Estimate
 from femsub.model.pencil import Pencil
+
+if TYPE_CHECKING:
+    from femsub.model.affine import Affine
 
 SYMMETRY = 1e-9  # largest |a_ij - a_ji| / sqrt(|a_ii a_jj|) that counts as rounding; other DOF's stiffness plays no role
 BALANCED, FEW = 1e-5, 4  # share of a row's entries to which they sum in a stiffness matrix; rows from which that says something
@@ -146,7 +149,7 @@ class Substructure(Frozen):
     @cached_property
     def pencil(self) -> Pencil:
         """λ²M + λD + K without any contact."""
-        return Pencil(self.M, self.D, self.K).carrying(self.rigid_motion, self.noise)
+        return Pencil(self.M, self.D, self.K).carrying(self.rigid_motion, self.noise).below(self.cutoff)
 
     def linearised(self, contacts: Contacts = None, *, structural: bool = False) -> Pencil:
         """The pencil linearised about steady sliding: with D + Σ W C_D Wᵀ and K + Σ W C_K Wᵀ over the given contacts.
@@ -209,7 +212,8 @@ class Substructure(Frozen):
 
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
         """What a model made of others knows from them."""
-        self._set(rigid_motion=rigid_motion, noise=noise, pencil=self.pencil.carrying(rigid_motion, noise))
+        self._set(rigid_motion=rigid_motion, noise=noise,
+                  pencil=self.pencil.carrying(rigid_motion, noise).below(self.cutoff))
 
     def port(self, name: str) -> Array:
         """The column(s) w of a port, shape (n,) or (n, p); an unknown name is an InputError."""
@@ -311,10 +315,8 @@ class ReducedSubstructure(Substructure):
         self._set(V=V, interface_dofs=known, sets=sets, kinds=tuple(self.kinds), cutoff=float(self.cutoff),
                   port_error=self.port_error, full_interface=full_interface,
                   estimate=self.estimate if valid else None, estimated=estimated if valid else None)
-        if noise is not None and len(noise) == self.size:
-            self._carry(None, noise)
-        if isinstance(motion, RigidMotion):
-            self._carry(motion.belonging(*own), self.noise)
+        self._carry(motion.belonging(*own) if isinstance(motion, RigidMotion) else None,
+                    noise if noise is not None and len(noise) == self.size else self.noise)
 
     def __repr__(self) -> str:
         limit = "complete" if np.isinf(self.cutoff) else f"cut-off {self.cutoff:.4g} rad/time"
@@ -347,11 +349,12 @@ class ReducedSubstructure(Substructure):
         return self.V @ q
 
 
-def usable_band(model: Substructure, band: Any = None) -> tuple[float, float]:
-    """The band (lo, hi) for a stability verdict: hi must not exceed the cut-off; default (0, cut-off).
+def usable_band(model: Substructure | Pencil | Affine, band: Any = None) -> tuple[float, float]:
+    """The band (lo, hi) of an analysis: hi must not exceed the cut-off; default (0, cut-off).
 
     Above the cut-off the modes of a reduced model are artefacts of the reduction, often hardly damped. So a band that
-    reaches above it is refused. Up to SHARE of the cut-off errors are usually small; between the two they need not be.
+    reaches above it is refused, by all analyses. Where the cut-off is not known (NaN), results are 'not checked'. Up to
+    SHARE of the cut-off errors are usually small; between the two they need not be.
 
     Raises
     ------
@@ -359,13 +362,18 @@ def usable_band(model: Substructure, band: Any = None) -> tuple[float, float]:
         Not a band, or one that ends above the cut-off.
     """
     if band is None:
-        return 0.0, float(model.cutoff)
+        return 0.0, np.inf if np.isnan(model.cutoff) else float(model.cutoff)
     lo, hi = check_band(band)
     if beyond(hi, model.cutoff):
-        raise InputError(f"band=({lo:.6g}, {hi:.6g}) reaches above the cut-off of {model.name!r}, {model.cutoff:.6g} rad/time: "
+        raise InputError(f"band=({lo:.6g}, {hi:.6g}) reaches above the cut-off of {called(model)}, {model.cutoff:.6g} rad/time: "
                          "modes above it are artefacts of the reduction. Keep more modes, or end the band at the cut-off "
                          f"(at {SHARE:g} of it, {SHARE * model.cutoff:.5g}, errors are usually small)")
     return lo, hi
+
+
+def called(model: Substructure | Pencil | Affine) -> str:
+    """A model's name in quotes; a pencil has none."""
+    return repr(model.name) if isinstance(model, Substructure) else f"the reduced {type(model).__name__}"
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:

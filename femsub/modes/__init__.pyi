@@ -8,7 +8,7 @@ from .normal_modes import (
     modes_below as modes_below,
     modes_under as modes_under,
 )
-from .quadratic.complex_modes import ComplexModes as ComplexModes, with_bars as with_bars
+from .quadratic.complex_modes import ComplexModes as ComplexModes, beside_the_full as beside_the_full, with_bars as with_bars
 from .quadratic.cost import Budget as Budget
 from .quadratic.dense import (
     ModalForm as ModalForm,

@@ -24,7 +24,7 @@ import numpy as np
 
 from femsub.checks import EPS, Array, Tally, instance, items, mapping, positive_number, real_array, shown
 from femsub.errors import InputError, InputTypeError, SingularMatrixError, unknown_name, warn
-from femsub.modes.receptance import TOL, FrequencyResponse, beyond
+from femsub.modes.receptance import TOL, FrequencyResponse, loose
 
 MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # of a virtual point
 LOUD, LOST = 0.4, 1.0  # second order relative to the first: a warning from here on (95 % were 90 to 94 %); nothing stated
@@ -124,9 +124,10 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
     _told(omega, second)
     bound = joined.bounded(bound)
     whole = all(part.tally.counted is not None for part in given.values())
-    known = int(np.count_nonzero(~beyond(joined.Y, bound, tol))) if whole else None
+    known = int(np.count_nonzero(~loose(joined.Y, bound, tol))) if whole else None
     return FrequencyResponse(omega, joined.Y, bound, second, tuple(responses), tuple(loads),
-                             np.zeros(len(omega), dtype=bool), tally=Tally(len(omega), known), noise=noise)
+                             np.zeros(len(omega), dtype=bool), tally=Tally(len(omega), known), noise=noise,
+                             cutoff=min(part.cutoff for part in given.values()))
 
 
 def _told(omega: Array, second: Array) -> None:
@@ -289,7 +290,7 @@ def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str,
     rounding = EPS * (4 + np.sqrt(sum(response.receptance.shape[1:]))) * (unclear + blurred)  # of products, and of T and T_f
     own = response.bound + rounding * np.abs(response.receptance)
     h, bound = left @ response.receptance @ right.T, np.abs(left) @ own @ np.abs(right.T)
-    known = None if response.tally.counted is None else int(np.count_nonzero(~beyond(h, bound, tol)))
+    known = None if response.tally.counted is None else int(np.count_nonzero(~loose(h, bound, tol)))
     return replace(response, receptance=h, residual=share, responses=rows, loads=columns, bound=bound, tally=Tally(len(h), known),
                    noise=tuple(one.through(left, right.T) for one in response.noise))
 

@@ -31,7 +31,7 @@ from femsub.algebra import (
     times,
     without_signs,
 )
-from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
+from femsub.checks import EPS, Array, Matrix, Tally, shown, whole_number
 from femsub.errors import (
     ConditionWarning,
     FemsubError,
@@ -42,7 +42,7 @@ from femsub.errors import (
     SingularMatrixError,
     warn,
 )
-from femsub.model import EDGE, Substructure, in_band, widened
+from femsub.model import EDGE, Substructure, in_band, usable_band, widened
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -406,7 +406,8 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     Raises
     ------
     InputError
-        Neither or both of `count` and `band`; more modes than there are.
+        Neither or both of `count` and `band`; more modes than there are; a band that reaches above the cut-off of a reduced
+        model.
     SingularMatrixError
         K is not positive semidefinite.
     NotConvergedError, MissedModesError
@@ -429,7 +430,7 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
             modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion, seeks=count), count)
         log.info("%r", modes)
         return modes
-    lo, hi = check_band(band)
+    lo, hi = usable_band(model, band)
     modes = modes_below(model.K, model.M, widened(hi), ShiftInvert(model.K, model.M, carried=model.rigid_motion))
     inside = in_band(modes.frequencies, (lo, hi))
     modes = replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],

@@ -46,7 +46,7 @@ from femsub.checks import (
     whole_number,
 )
 from femsub.errors import FemsubError, InputError, InputTypeError, SingularMatrixError, unknown_name
-from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, small_matrices
+from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, beyond, contacts_of, small_matrices
 from femsub.modes.noise import Noise
 from femsub.modes.normal_modes import modes_below, modes_under
 from femsub.modes.shift_invert import ShiftInvert
@@ -95,6 +95,9 @@ class FrequencyResponse(Frozen):
         Modes that were used.
     tally : Tally
         The frequencies, and the number of those at which the bound is within the tolerance.
+    cutoff : float
+        That of the model, the lowest of several (inf of a full one). The bound is that to this model; above the cut-off it has
+        little to do with the full one.
     noise : tuple of Noise
         That of the measurements which the receptance follows from, see `scatter`, `ellipses` and `covariance`.
 
@@ -119,6 +122,7 @@ class FrequencyResponse(Frozen):
     modes: int = 0
     tally: Tally = field(default=Tally(0))
     noise: tuple[Noise, ...] = ()
+    cutoff: float = np.inf
 
     @classmethod
     def measured(cls, at: Any, receptance: Any, responses: Sequence[str], loads: Sequence[str], *, level: float | None = None,
@@ -283,6 +287,11 @@ class FrequencyResponse(Frozen):
         """'certified' if the bound is within the tolerance at every frequency; see `femsub.checks`."""
         return self.tally.evidence
 
+    @property
+    def above_cutoff(self) -> Array:
+        """Which frequencies lie above the cut-off of the model, bool, shape (nf,)."""
+        return beyond(self.omega, self.cutoff)
+
     def entry(self, response: str, load: str) -> Array:
         """The receptance from a load to a response, by their names, shape (nf,)."""
         return self.receptance[:, self._place("response", response), self._place("load", load)]
@@ -310,6 +319,7 @@ class FrequencyResponse(Frozen):
 
     def __repr__(self) -> str:
         span = f", ω {self.omega.min():.5g} to {self.omega.max():.5g} rad/time" if len(self.omega) else ""
+        span += f", {int(self.above_cutoff.sum())} of them above the cut-off {self.cutoff:.4g}" if self.above_cutoff.any() else ""
         how = f", {int(self.direct.sum())} solved directly" + (f", {self.modes} modes" if self.modes else "")
         return (f"FrequencyResponse: {_counted(len(self.responses), 'response')} to {_counted(len(self.loads), 'load')} at "
                 f"{len(self.omega)} frequencies{span}{how}, {self.evidence}")
@@ -332,7 +342,8 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     model : Substructure
     contacts : Belt or another contact, or a sequence of them, optional
     at : float or array_like, shape (nf,)
-        Frequencies ω ≥ 0 in radians per unit of time.
+        Frequencies ω ≥ 0 in radians per unit of time. Above the cut-off of a reduced model they are computed for a comparison
+        with the full one, and the result says how many there are.
     loads, responses : optional
         Names of ports or interface sets, DOF counted from 0, a list of them, or columns, an array of floats (n,) or (n, k). Of a
         reduced model the DOF are those of the component, the rows of V. By default all ports; responses are those of the loads.
@@ -401,18 +412,18 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     if basis is not None:
         for k, value in enumerate(omega.tolist()):
             h[k], bound[k], residual[k] = basis.response(value)
-        direct = beyond(h, bound, tol) & (method == "auto")
+        direct = loose(h, bound, tol) & (method == "auto")
     if direct.any():
         whole = Whole(pencil.dense() if pencil.size <= SMALL else pencil, model.H, F, C)
         for k in np.flatnonzero(direct):
             h[k], bound[k], residual[k] = whole.response(float(omega[k]))
     found = FrequencyResponse(omega, h, bound, residual, outputs, names, direct, 0 if basis is None else basis.modes,
-                              Tally(len(omega), int(np.count_nonzero(~beyond(h, bound, tol)))))
+                              Tally(len(omega), int(np.count_nonzero(~loose(h, bound, tol)))), cutoff=model.cutoff)
     log.info("%r", found)
     return found
 
 
-def beyond(h: Array, bound: Array, tol: float) -> Array:
+def loose(h: Array, bound: Array, tol: float) -> Array:
     """At which frequencies some bound is not within the tolerance, bool, shape (nf,)."""
     size = np.abs(h)
     size = np.maximum(size, FAINT * np.maximum(size.max(axis=1, keepdims=True), np.median(size, axis=0)))

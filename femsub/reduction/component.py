@@ -24,7 +24,7 @@ from femsub.algebra import (
 )
 from femsub.checks import Array, instance
 from femsub.errors import InputError, InputTypeError, PortWarning, SingularMatrixError, warn
-from femsub.model import SHARE, ReducedSubstructure, Substructure
+from femsub.model import SHARE, Affine, Pencil, ReducedSubstructure, Substructure
 from femsub.modes import motion_of, rounding_ratio, units
 from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square, structural
 from femsub.reduction.estimates.nested import Nested
@@ -33,7 +33,6 @@ from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
     from femsub.coupling import Belt
-    from femsub.model import Pencil
 
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 
@@ -112,6 +111,10 @@ class Task:
 
 def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], contacts: Belt | Sequence[Belt] | None) -> Task:
     """The arguments of `reduce`, and whether the memory is there."""
+    if isinstance(sub, (Affine, Pencil)):
+        raise InputTypeError(f"reduce takes a Substructure, whose K is symmetric, not {type(sub).__name__}: reduce "
+                             "Substructure(M, (K + K.T) / 2, D, interface=[...]), and project the rest on its basis by "
+                             f"{type(sub).__name__.lower()}.reduced(rom), which keeps the cut-off")
     instance("sub", sub, Substructure)
     if not isinstance(method, Method):
         raise InputTypeError(f"unknown method {method!r}; valid: {', '.join(m.__name__ for m in METHODS.values())}")

@@ -69,7 +69,7 @@ class ContactModes(FreeInterface):
     >>> rubbing = fs.FrictionContact("bottom", "ground", mesh, stiffness=1e12, mu=0.4, direction=(1, 0, 0))
     >>> small = fs.reduce(pad, fs.ContactModes(4, contacts=rubbing))
     >>> small.size, small.modes, small.linearised(rubbing)
-    (8, 4, Pencil: 8 DOF, dense, K unsymmetric)
+    (8, 4, Pencil: 8 DOF, dense, K unsymmetric, cut-off 2.793e+05 rad/time)
     >>> small = fs.reduce(pad, fs.ContactModes(band=(0, 3e5), tol=1e-3, contacts=rubbing))
     >>> small.estimate.met, fs.complex_modes(small, rubbing, band=(0, 3e5)).full_growth.shape
     (True, (6, 2))

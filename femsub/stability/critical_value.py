@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import check_band, choice, finite_number, instance, positive_number, shown
+from femsub.checks import choice, finite_number, instance, positive_number, shown
 from femsub.coupling import Belt
 from femsub.errors import InputError, InputTypeError, UnstableModelError
 from femsub.model import LinearContact, Substructure, contacts_of, small_matrices, usable_band
@@ -181,9 +181,7 @@ def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str
     """The question, checked."""
     begin, end = _range(between)
     over = pencil_over(model, contacts, parameter)
-    limits = (0.0, np.inf) if band is None else check_band(band)
-    if isinstance(model, Substructure):
-        limits = usable_band(model, band)
+    limits = usable_band(model, band)
     falls = end < begin
     if falls:
         over, begin, end = replace(over, sign=-1.0), 0.0 - begin, 0.0 - end

@@ -184,6 +184,8 @@ class Sampled:
 def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str) -> PencilOver:
     """The pencil as a function of the parameter, which changes in all contacts that have it.
 
+    It has no cut-off: the band of the question respects it, and solvers look a little beyond that.
+
     Raises
     ------
     InputError, InputTypeError
@@ -197,7 +199,7 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
             raise unknown_name("parameter", parameter, model.parameters)
         if rest := [name for name in model.parameters if name != parameter]:
             raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
-        return PencilOver(parameter, lambda p: model.at(**{parameter: p}),
+        return PencilOver(parameter, lambda p: model.at(**{parameter: p}).below(np.inf),
                           (Share("the Affine", lambda p: (model.factors(**{parameter: p}),), model.affine_in(parameter)),))
     instance("model", model, Substructure, "or an Affine").viscous_only("an analysis over a parameter")
     given = contacts_of(contacts)
@@ -212,7 +214,7 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
 
     def at(p: float) -> Pencil:
         return model.linearised([replace(contact, **{parameter: p}) if parameter in names else contact  # type: ignore[type-var]
-                                 for contact, names in zip(given, known, strict=True)])
+                                 for contact, names in zip(given, known, strict=True)]).below(np.inf)
 
     def share(contact: Any) -> Share:
         def terms(p: float) -> Terms:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 
-from femsub.checks import Array, Tally
+from femsub.checks import NOT_CHECKED, Array, Tally, until
 from femsub.stability.crossings import Crossing, shown_value
 from femsub.stability.parameter import PencilOver, pencil_over
 
@@ -35,6 +35,11 @@ class Question:
     @property
     def size(self) -> int:
         return self.model.size
+
+    @property
+    def cutoff(self) -> float:
+        """That of the model, where it ends the band or is not known (NaN); inf where a band was asked for."""
+        return np.inf if self.limited and not np.isnan(self.model.cutoff) else self.model.cutoff
 
     def of(self, model: Substructure) -> Question:
         """The same question of another model."""
@@ -94,6 +99,9 @@ class CriticalValue:
         'discs', 'followed', 'scalar function' or 'bracketing'.
     solved : int
         Number of eigenproblems.
+    cutoff : float
+        That of a reduced model, where no band was asked for: it ends the band. inf otherwise. Where that of a basis is not known
+        (NaN), the evidence is 'not checked'.
 
     Examples
     --------
@@ -115,6 +123,7 @@ class CriticalValue:
     solved: int
     fastest: complex
     method: str
+    cutoff: float = np.inf
 
     @classmethod
     def of(cls, question: Question, losses: Iterable[Crossing], regains: Iterable[Crossing], tally: Tally, *, method: str,
@@ -124,7 +133,7 @@ class CriticalValue:
         losses, regains = tuple(losses), tuple(regains)
         value = question.between[0] if growing else min([np.inf, *(one.value for one in losses), *lost])
         found = cls(question.parameter, value, losses, regains, question.between, question.band, growing, tuple(open), tally,
-                    solved, fastest, method)
+                    solved, fastest, method, question.cutoff)
         return found._turned() if question.falls else found
 
     def _turned(self) -> Self:
@@ -163,7 +172,7 @@ class CriticalValue:
 
     @property
     def evidence(self) -> str:
-        return self.tally.evidence
+        return NOT_CHECKED if np.isnan(self.cutoff) else self.tally.evidence
 
     def __float__(self) -> float:
         return self.value
@@ -171,7 +180,7 @@ class CriticalValue:
     def __repr__(self) -> str:
         counts = [f"{len(several)} {name}{ending * (len(several) != 1)}"
                   for several, name, ending in ((self.losses, "loss", "es"), (self.regains, "regain", "s"))]
-        where = f"{' and '.join(counts)} from {self.searched[0]:g} to {self.searched[1]:g}; {self.evidence}"
+        where = f"{' and '.join(counts)} from {self.searched[0]:g} to {self.searched[1]:g}{until(self.cutoff)}; {self.evidence}"
         where += f", {len(self.open)} intervals open" if self.open else ""
         if self.growing:
             return f"CriticalValue: {self.parameter}: {self.growing} eigenvalues grow from the begin on; {where}"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import QUADRATIC, check_workers, factorise, side_by_side
-from femsub.checks import Array, real_array
+from femsub.checks import Array, real_array, until
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import in_band
 from femsub.modes import eigenvalues, modal_form
@@ -41,6 +41,8 @@ class StabilitySweep:
         Im λ of that mode.
     band : (lo, hi)
         The band searched; for a reduced model it ends at the cut-off.
+    cutoff : float
+        That of a reduced model, where no band was asked for. inf otherwise.
 
     Examples
     --------
@@ -54,11 +56,12 @@ class StabilitySweep:
     growth: Array
     omega: Array
     band: tuple[float, float]
+    cutoff: float = np.inf
 
     def __repr__(self) -> str:
         return (f"StabilitySweep: {len(self.values)} values of {self.parameter} from {self.values.min():.4g} to "
                 f"{self.values.max():.4g}, max Re λ from {self.growth.min():.4g} to {self.growth.max():.4g}, "
-                f"{np.sum(self.growth > 0)} unstable")
+                f"{np.sum(self.growth > 0)} unstable{until(self.cutoff)}")
 
 
 def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, values: Sequence[float] | Array, *,
@@ -123,7 +126,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
                              what=f"group of values of {parameter}")
         for first, part in enumerate(found[name] for name in groups):
             growth[first::count], omega[first::count] = part.growth, part.omega
-        return StabilitySweep(parameter, p, growth, omega, limits)
+        return StabilitySweep(parameter, p, growth, omega, limits, question.cutoff)
     few = pencil.size <= QUADRATIC if pencil.is_sparse else band is None or not is_narrow(pencil, limits[1])
     whole, fast = np.zeros(len(p), dtype=bool), np.zeros(len(p), dtype=bool)
     if (fed := port_fed(question)) is not None:
@@ -146,7 +149,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
         warn(f"at {parameter} of {p[untold].max():.4g} and below, max Re λ may be larger than reported. In a large "
              f"sparse model only eigenvalues with |Re λ| up to the end of the band ({limits[1]:.4g}) are computed",
              FemsubWarning)
-    return StabilitySweep(parameter, p, growth, omega, limits)
+    return StabilitySweep(parameter, p, growth, omega, limits, question.cutoff)
 
 
 def _fast(pencil: Pencil, W: Array, c: Array, hi: float) -> Array:

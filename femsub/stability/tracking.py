@@ -12,14 +12,14 @@ knows right vectors alone and takes the two modes of a coalescence for one.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, WIDE
-from femsub.checks import Array, real_array
+from femsub.checks import Array, real_array, until
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import DOUBLE, in_band, upper
 from femsub.modes import Region, assigned, clusters, with_bars
@@ -68,6 +68,8 @@ class Tracked:
     meetings : tuple of Meeting
         Ascending in value.
     band : (lo, hi)
+    cutoff : float
+        That of a reduced model, where no band was asked for: it ends the band. inf otherwise.
 
     Examples
     --------
@@ -86,6 +88,7 @@ class Tracked:
     condition: Array
     meetings: tuple[Meeting, ...]
     band: tuple[float, float]
+    cutoff: float = np.inf
 
     @property
     def growing(self) -> Array:
@@ -98,7 +101,7 @@ class Tracked:
         grow = int(self.growing.any(axis=0).sum())
         return (f"Tracked: {self.eigenvalues.shape[1]} branches over {self.parameter} from {self.values[0]:g} to "
                 f"{self.values[-1]:g}, {len(self.values)} values computed, {int(self.asked.sum())} asked for; {told}; "
-                f"{grow} {'branch grows' if grow == 1 else 'branches grow'} somewhere")
+                f"{grow} {'branch grows' if grow == 1 else 'branches grow'} somewhere{until(self.cutoff)}")
 
 
 def track(model: Substructure | Affine, contacts: Contacts, parameter: str, values: Any, *,
@@ -168,7 +171,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     if chain.spent >= MOST:
         warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Track over a "
              "shorter range or in a narrower band", FemsubWarning)
-    result = _collected(chain, parameter, points)
+    result = replace(_collected(chain, parameter, points), cutoff=question.cutoff)
     log.info("%r", result)
     return result
 

@@ -13,14 +13,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, SMALL, WIDE, release, timed
-from femsub.checks import Array, check_band, instance, interval, items, listener, real_array, whole_number, word
+from femsub.checks import Array, instance, interval, items, listener, real_array, whole_number, word
 from femsub.coupling import Rigid, System, couple
 from femsub.errors import FemsubError, InputError, PortWarning, unknown_name
-from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, contacts_of, in_band
+from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, contacts_of, in_band, usable_band
 from femsub.modes import (
     ComplexModes,
     NormalModes,
     all_modes,
+    beside_the_full,
     extra_eigenvalues,
     frequency_error,
     frequency_response,
@@ -119,9 +120,8 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     >>> [row.label for row in found.rows], found.recommended(tol=0.1) is not None
     (['Craig-Bampton', 'Craig-Chang'], True)
     """
-    instance("model", model, Substructure)
     given = contacts_of(contacts)
-    band = check_band(band)
+    band = usable_band(instance("model", model, Substructure), band)
     asked_for = [_steps(method) for method in items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]")]
     if not asked_for:
         raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
@@ -340,7 +340,7 @@ def _solved(one: Tried, loads: Sequence[Any], band: tuple[float, float] | None) 
     """The complex modes under all loads; their seconds are added."""
     found = []
     for load in loads:
-        modes, seconds = _clocked(complex_modes, one.model, load, band=band, evidence=False)
+        modes, seconds = _clocked(beside_the_full, one.model, load, band=band, evidence=False)
         found.append(modes)
         one.solving.append(seconds)
     return found

@@ -79,4 +79,4 @@ def affine_over(model: Substructure, contacts: Contacts, parameter: str, between
     for a, b in ((first.D, last.D), (first.K, last.K)):
         slope = (b - a) / (between[1] - between[0])
         terms.append([(1.0, a - between[0] * slope), (parameter, slope)])
-    return Affine(first.M, *terms)
+    return Affine(first.M, *terms).below(model.cutoff)

@@ -30,7 +30,7 @@ from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.component import UP_TO, ComponentScene, Work
 from femsub.checks import Array
 from femsub.model import in_band
-from femsub.modes import listed, relative_error
+from femsub.modes import beside_the_full, listed, relative_error
 from femsub.studies import (
     Choice,
     Remark,
@@ -161,7 +161,7 @@ def _eigenvalues(work: Work) -> Result:
     work.tell(f"complex modes of {work.sub.size} DOF")
     exact = complex_modes(work.sub, work.belt, band=band)
     at = least_stable(exact)
-    models = [(name, modes, model, exact if model is work.sub else complex_modes(model, work.belt, band=band))
+    models = [(name, modes, model, exact if model is work.sub else beside_the_full(model, work.belt, band=band))
               for name, modes, model in work.models]
     spectra: list[dict[str, Any]] = []
     for name, modes, model, found in models:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import reused_memory
-from femsub.checks import Array, Tally, check_band, instance
+from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance, until
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
-from femsub.model import Pencil, Substructure, beyond, look_at_the_order
+from femsub.model import Pencil, Substructure, beyond, look_at_the_order, usable_band
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
@@ -50,10 +50,12 @@ class ComplexModes:
     rigid : ndarray of bool, shape (k,)
         Eigenvalues at 0 from rigid-body modes, Kx = 0 within rounding: neither unstable nor Hopf points.
     above_cutoff : ndarray of bool, shape (k,)
-        Beyond the reduction's cut-off: listed, but ignored in `is_stable`.
+        Beyond the reduction's cut-off: listed without a band, but ignored in `is_stable`.
     searched : (re_lo, re_hi, lo, hi) or None
-        The rectangle that was searched for a band. For a reduced model it ends at the cut-off, since modes above are
-        artefacts of the reduction. Eigenvalues listed from above it are `above_cutoff`.
+        The rectangle that was searched for a band.
+    cutoff : float
+        That of the model (inf of a full one). Nothing is said about what lies above it. Where it is not known (NaN), the evidence
+        is 'not checked'.
     tally : Tally
         The eigenvalues found beside their independent number (`femsub.checks`).
     evidence : str
@@ -86,11 +88,12 @@ class ComplexModes:
     condition: Array = field(default_factory=lambda: np.zeros(0))
     tally: Tally = field(default=Tally(0))
     full_growth: Array | None = None
+    cutoff: float = np.inf
 
     @property
     def evidence(self) -> str:
         """'certified', 'confirmed' or 'not checked'; see `femsub.checks`."""
-        return self.tally.evidence
+        return NOT_CHECKED if np.isnan(self.cutoff) else self.tally.evidence
 
     @property
     def stable(self) -> tuple[bool | None, ...]:
@@ -144,6 +147,7 @@ class ComplexModes:
     def __repr__(self) -> str:
         verdict = {True: "stable", False: f"unstable ({len(self.unstable)} of them grow)",
                    None: "stability undecided within the error bars"}[self.is_stable]
+        verdict += until(self.cutoff) if self.searched is None or np.isnan(self.cutoff) else ""
         worst = f"{self.backward_error.max():.0e}" if len(self) else "none"
         beyond = f", {int(self.above_cutoff.sum())} above the cut-off" if self.above_cutoff.any() else ""
         return (f"ComplexModes: {len(self)} eigenvalues{beyond}, {verdict}, largest Re λ {self.growth:.6g}; "
@@ -178,7 +182,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
         Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. The edges belong to the band, with a
         tolerance of 1e-9 |λ| for rounding. A double eigenvalue split by rounding (up to 1e-6 |λ|) is in as a whole or not at
         all (`bands.in_band`). Of contact modes with a tolerance a λ beside the band is listed, too, if that of the full system
-        may be in it.
+        may be in it. A band that reaches above the cut-off of a reduced model is refused.
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     evidence : bool, optional
@@ -200,7 +204,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     Raises
     ------
     InputError, InputTypeError
-        `count` and `band` together, or neither for a sparse model above 2,000 DOF; more than 2n eigenvalues.
+        `count` and `band` together, or neither for a sparse model above 2,000 DOF; more than 2n eigenvalues; a band that
+        reaches above the cut-off.
     NotConvergedError, SingularMatrixError, MissedModesError
         The eigensolver has not converged; no shift makes the pencil regular; the independent count is larger.
 
@@ -225,7 +230,20 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     >>> modes.eigenvalues.imag.round(3), modes.is_stable
     (array([ 0.149, -0.149]), True)
     """
-    pencil, cutoff = _with_contacts(model, contacts)
+    pencil = _with_contacts(model, contacts)
+    return _listed(model, pencil, count, None if band is None else usable_band(model, band), re, evidence)
+
+
+def beside_the_full(model: Substructure, contacts: Contacts, *, band: tuple[float, float] | None = None,
+                    evidence: bool | None = None) -> ComplexModes:
+    """`complex_modes` in any band, since a comparison measures what lies above the cut-off, too; 'not checked' then."""
+    found = _listed(model, _with_contacts(model, contacts), None, band, None, evidence)
+    return found if band is None or not beyond(band[1], model.cutoff) else replace(found, tally=Tally(len(found)))
+
+
+def _listed(model: Substructure | Pencil, pencil: Pencil, count: int | None, band: tuple[float, float] | None,
+            re: tuple[float, float] | None, evidence: bool | None) -> ComplexModes:
+    """The modes of a model, whose pencil with its contacts is given."""
     estimate = getattr(model, "estimate", None)
     if band is not None and estimate is not None:
         band = estimate.reaching(check_band(band))
@@ -233,7 +251,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     with reused_memory(pencil.size):
         found = pencil.all_modes() if isinstance(pencil, LossyPencil) else search(pencil, region, evidence)
         at = region.listed(found.values)
-        result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, cutoff)
+        result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, model.cutoff)
     if result.backward_error.max(initial=0.0) > LOUD:
         warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
              f"{result.eigenvalues[result.backward_error.argmax()]:.5g}). Ask for fewer, or scale the matrices",
@@ -246,7 +264,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
              f"entries, which are known to about {unit:.0e} of each. Most likely they are rigid-body motion; their stability is "
              "undecided. Write K with all digits (17)", ConditionWarning)
     located = None if estimate is None or not len(estimate.located) or isinstance(pencil, LossyPencil) else estimate
-    result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
+    result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], model.cutoff)),
                      tally=found.tally,
                      counted=None if found.counted is None else found.counted.disc,
                      full_growth=None if located is None else located.growth_of_full(result.eigenvalues))
@@ -254,21 +272,20 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     return result
 
 
-def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> tuple[Pencil, float]:
-    """The pencil with contacts linearised, and the cut-off of the model."""
+def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> Pencil:
+    """The pencil with contacts linearised."""
     if isinstance(model, Pencil):
         if contacts is not None:
             raise InputError("a Pencil has no ports for contacts. Put the contact into D, or use a Substructure")
-        pencil, cutoff = model, np.inf
+        pencil = model
     else:
         pencil = instance("model", model, Substructure, "or a Pencil").linearised(contacts, structural=True)
         model.refuse_empty(pencil.D, pencil.K, model.H)
         pencil = pencil if model.H is None else LossyPencil.of(pencil, model.H, model.name)
-        cutoff = model.cutoff
     look_at_the_order(*([(1.0, part)] for part in (pencil.M, pencil.D, pencil.K)))
     if pencil.norms[0] == 0 and pencil.norms[1] == 0:
         raise InputError("M and D are both zero, so there are no eigenvalues")
-    return pencil, cutoff
+    return pencil
 
 
 def with_bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None = None,
@@ -278,4 +295,4 @@ def with_bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | 
     X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
     backward, bar, condition = bars(pencil, values, X, Y, known)
     rigid = (values == 0) & (bar == 0)
-    return ComplexModes(values, X, backward, bar, rigid, beyond(np.abs(values.imag), cutoff), condition=condition)
+    return ComplexModes(values, X, backward, bar, rigid, beyond(np.abs(values.imag), cutoff), condition=condition, cutoff=cutoff)
