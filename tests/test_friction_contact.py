@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -318,3 +319,50 @@ def test_contacts_on_the_same_surfaces_do_not_share_their_directions() -> None:
     along, across, half = added((1.0, 0, 0), 0.4), added((0, 1.0, 0), 0.4), added((1.0, 0, 0), 0.2)
     assert np.abs(along - across).max() > 0.01 * np.abs(along).max()
     np.testing.assert_allclose(half, (along + added((1.0, 0, 0), 0.0)) / 2, atol=1e-12 * np.abs(along).max())
+
+
+def resting(springs: Sequence[str] = (), free: bool = False) -> tuple[fs.System, fs.FrictionContact]:
+    """A pad on a slide that moves along x. Springs hold means of sets of the pad; the slide may be free to move along x."""
+    steel = fs.Material(2.1e11, 0.3, 7850.0)
+    meshes = {"pad": moved(fs.block((0.04, 0.04, 0.01), (2, 2, 1), "hexahedron"), (0.03, 0.0, 0.01)),
+              "slide": fs.block((0.1, 0.04, 0.01), (3, 1, 2), "hexahedron")}
+    pad = fs.solid(meshes["pad"], steel, interface=["bottom"], rayleigh=(10.0, 1e-7),
+                   ports={f"{place}-{axis}": (place, axis) for place in ("left", "right", "top") for axis in "xyz"})
+    slide = fs.solid(meshes["slide"], steel, supports={"bottom": "yz" if free else "xyz"}, interface=["top"],
+                     rayleigh=(10.0, 1e-7))
+    contact = fs.FrictionContact("pad.bottom", "slide.top", meshes, 1e12, 0.4, direction=(1, 0, 0))
+    held = [fs.Spring(("pad", f"{place}-{axis}"), "ground", stiffness=1e8) for place in springs for axis in "xyz"]
+    return fs.couple({"pad": pad, "slide": slide}, [contact, *held]), contact
+
+
+@pytest.mark.parametrize(("springs", "words"), [((), "2 rigid motions"), (("top",), "turning in the plane of the contact")])
+def test_a_part_that_friction_pushes_must_be_held(springs: Sequence[str], words: str) -> None:
+    """Its rigid motions have λ = 0. Of a reduced model rounding made them grow, and a critical value was sought without end."""
+    system, contact = resting(springs)
+    left = 3 - 2 * len(springs)
+    for model in (system, fs.reduce(system, fs.ContactModes(8, contacts=contact)),
+                  fs.reduce(system, {"pad": fs.CraigChang(6), "slide": fs.CraigBampton(4)}, ports=True)):
+        limit = min(model.cutoff, 1e5)
+        for ask in (lambda: fs.complex_modes(model, contact, band=(0.0, limit)),  # noqa: B023
+                    lambda: fs.complex_modes(model, contact, count=8),  # noqa: B023
+                    lambda: fs.critical_value(model, contact, "mu", between=(0.0, 0.6), band=(0.0, limit))):  # noqa: B023
+            with pytest.raises(fs.InputError, match=f"the part 'pad' is not supported against {words}"):
+                ask()
+        without = fs.complex_modes(model, replace(contact, mu=0.0), band=(0.0, limit))  # it may slide where nothing pushes it
+        assert without.is_stable is not False and without.rigid.sum() == left
+        assert not fs.complex_modes(model, contact, band=(10.0, limit)).rigid.any()  # its elastic modes alone
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_what_is_held_or_is_the_sliding_itself_is_not_refused(free: bool) -> None:
+    system, contact = resting(("left", "right"), free)
+    for model in (system, fs.reduce(system, fs.ContactModes(8, contacts=contact))):
+        for mu in (0.0, 0.4):
+            modes = fs.complex_modes(model, replace(contact, mu=mu), band=(0.0, min(model.cutoff, 1e5)))
+            assert modes.is_stable is True and modes.rigid.sum() == free, modes
+    rom = fs.reduce(system, fs.ContactModes(8, contacts=contact))
+    if free:
+        with pytest.raises(fs.InputError, match="floats"):
+            fs.critical_value(rom, contact, "mu", between=(0.0, 0.6), band=(0.0, rom.cutoff))
+    else:
+        assert fs.critical_value(rom, contact, "mu", between=(0.0, 0.6), band=(0.0, rom.cutoff)).value == np.inf

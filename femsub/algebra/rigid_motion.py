@@ -7,12 +7,13 @@ there. Those of a full part are found once, from its own K. A basis, a joint or 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
@@ -167,12 +168,16 @@ class Damped:
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """W C_D Wᵀ added to D and W C_K Wᵀ to K: what the contact holds is no rigid motion, and what it brakes is not free."""
+    """W C_D Wᵀ added to D and W C_K Wᵀ to K: what the contact holds is no rigid motion, and what it brakes is not free.
+
+    Without `left` a motion that friction drives counts as well: K z = 0, but zᵀK ≠ 0.
+    """
 
     damping: Any
     W: Array
     stiffness: Any
     unit: Array
+    left: bool = True
 
     def __call__(self, motion: RigidMotion) -> RigidMotion | None:
         if not motion.count:
@@ -180,7 +185,7 @@ class Touched:
         at = self.W.T @ motion.shapes  # the motion at the contact
         size = abs(self.W).T @ sizes(motion.shapes, self.unit)
         at, size = (np.asarray(A).reshape(-1, motion.count) for A in (at, size))
-        stiff, brake = (_both_sides(C, at, size) for C in (self.stiffness, self.damping))
+        stiff, brake = (_resisted(C, at, size, self.left) for C in (self.stiffness, self.damping))
         loose = null_space(*stiff)
         if loose is None:
             return None
@@ -190,11 +195,11 @@ class Touched:
         return motion.mixed(loose, null_space(np.vstack(more), np.vstack([own[damped], brake[1] @ own])))
 
 
-def _both_sides(C: Any, at: Array, size: Array) -> tuple[Array, Array]:
-    """C at and Cᵀ at below each other, and the sizes that cancel in them."""
+def _resisted(C: Any, at: Array, size: Array, left: bool) -> tuple[Array, Array]:
+    """C at, and with `left` Cᵀ at below it, and the sizes that cancel in them."""
     if np.ndim(C) == 0 and not sp.issparse(C):
         return (at, size) if C else (at[:0], size[:0])
-    both = sp.vstack([C, C.T]) if sp.issparse(C) else np.vstack([C, np.transpose(C)])
+    both = C if not left else sp.vstack([C, C.T]) if sp.issparse(C) else np.vstack([C, np.transpose(C)])
     return both @ at, abs(both) @ size
 
 
@@ -227,7 +232,7 @@ class Joined(Source):
         return replace(self, belong=(D, K)) if same(before[0], D) and same(before[1], K) else None
 
     def found(self, decide: Decide) -> RigidMotion | None:
-        return shared((self.equations, self.L), "rigid motion", partial(self._found, decide))
+        return shared((self.equations, self.L), ("rigid motion", decide.__qualname__), partial(self._found, decide))
 
     def _found(self, decide: Decide) -> RigidMotion | None:
         own = []
@@ -299,11 +304,55 @@ def null_space(B: Array, size: Array) -> Array | None:
     columns = np.where(columns > 0, columns, 1.0)
     if not len(B):
         return np.eye(r)
-    values, V = np.linalg.svd(B / columns, full_matrices=True)[1:]
+    B = B / columns
+    small: Array = np.asarray(np.linalg.qr(B, mode="r")) if len(B) > r else B  # the svd makes a square matrix of all rows
+    values, V = np.linalg.svd(small, full_matrices=True)[1:]
     values = np.append(values, np.zeros(r - len(values)))
     if ((values > FREE) & (values < CLEAR)).any():
         return None
     return (V[values <= FREE] / columns).T
+
+
+def of_places(R: Array, D: Matrix, K: Matrix, unit: Array) -> RigidMotion | None:
+    """Of the motions R (n, k) of a rigid body those that K does not resist; None where rounding leaves it open."""
+    R = R[:, R.any(axis=0)]
+    free = null_space(K @ R, abs(K) @ np.abs(R))
+    return None if free is None else RigidMotion.of(R @ free, D, unit)
+
+
+Sliding: TypeAlias = "tuple[Matrix, Matrix, Matrix, Array]"
+
+
+def driven(motion: RigidMotion, contacts: Sequence[Sliding], unit: Array) -> Array | None:
+    """Rigid motions z (n, k) that friction pushes and no contact holds; None where rounding leaves it open.
+
+    Each contact gives W (n, p), N and T (q, p) and S (p, m). It presses against motions with N Wᵀz ≠ 0. Of the others its
+    friction acts along those with T Wᵀz ≠ 0. Motions Wᵀz = S s go on by themselves: they are the sliding.
+    """
+    def at_contacts(Z: Array) -> list[tuple[Array, Array]]:
+        return [(W.T @ Z, abs(W).T @ sizes(Z, unit)) for W, *_ in contacts]
+
+    def annulled(by: int, moved: list[tuple[Array, Array]]) -> Array | None:
+        terms = [(contact[by] @ u, abs(contact[by]) @ size) for contact, (u, size) in zip(contacts, moved, strict=True)]
+        return null_space(*map(np.vstack, zip(*terms, strict=True)))
+
+    loose = annulled(1, at_contacts(motion.shapes))
+    if loose is None or not loose.shape[1]:
+        return loose if loose is None else motion.shapes @ loose
+    Z = motion.shapes @ loose
+    Z = Z / np.abs(Z / unit[:, None]).max(axis=0)
+    moved = at_contacts(Z)
+    along = annulled(2, moved)
+    steady = la.block_diag(*(S for *_, S in contacts))
+    going = null_space(np.hstack([np.vstack([u for u, _ in moved]), -steady]),
+                       np.hstack([np.vstack([size for _, size in moved]), np.abs(steady)]))
+    if along is None or going is None:
+        return None
+    apart = np.hstack([along, going[:Z.shape[1]]])
+    apart = apart[:, apart.any(axis=0)]
+    apart = (apart / np.abs(apart).max(axis=0, initial=0.0)).T if apart.shape[1] else apart.T
+    rest = null_space(apart, np.ones_like(apart))
+    return None if rest is None else Z @ rest
 
 
 def _first(free: Array) -> Array:

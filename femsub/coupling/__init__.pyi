@@ -8,9 +8,8 @@ from .contacts.belt import (
     width_of as width_of,
     with_slope as with_slope,
 )
-from .contacts.brake import brake_meshes as brake_meshes, check_held as check_held, opposite as opposite
+from .contacts.brake import brake_meshes as brake_meshes, opposite as opposite
 from .cutting import PLACES as PLACES, cut_chain as cut_chain, cut_mesh as cut_mesh
 from .dual import FORCE as FORCE
 from .joined import linked as linked, rows_of_parts as rows_of_parts, sprung as sprung, units_of_energy as units_of_energy
 from .joints import Rigid as Rigid, spatial as spatial
-from .rigid_links import rigid_rows as rigid_rows

@@ -14,43 +14,9 @@ from femsub.coupling.joints import End, Joint, Link, Site, site, spatial, stacke
 from femsub.errors import InputError
 
 if TYPE_CHECKING:
-    from femsub.model import DofMap, Substructure
+    from femsub.model import Substructure
 
 LOST = 1e-9  # of a motion of unit size that may be missing before it counts as not determined
-TRANSLATIONS = {"ux": 0, "uy": 1, "uz": 2, "w": 2}
-#: the rotation that a motion is, and its sign: the slopes of a deflection w are ∂w/∂x = -θ_y and ∂w/∂y = θ_x
-ROTATIONS = {"rx": (0, 1.0), "ry": (1, 1.0), "rz": (2, 1.0), "w,x": (1, -1.0), "w,y": (0, 1.0)}
-STILL = ("w,xy",)  # motions that are 0 in rigid motion
-
-
-def rigid_rows(dofs: DofMap, origin: Array) -> Array:
-    """R (k, 6) with u = R g for the rigid motion g = (t, θ) about a point: t + θ × (x - x₀), and the rotations themselves.
-
-    Raises
-    ------
-    InputError
-        A motion that is none of ux, uy, uz, w, slopes and rotations.
-    """
-    strange = [label for label in dofs.labels if label not in (*TRANSLATIONS, *ROTATIONS, *STILL)]
-    if strange:
-        raise InputError(f"the motion {strange[0]!r} has no known part in a rigid motion; those of "
-                         f"{', '.join((*TRANSLATIONS, *ROTATIONS, *STILL))} have")
-    assert dofs.points is not None
-    r = spatial(dofs.points) - origin
-    # row a of the cross product θ × r, as coefficients of θ
-    turn = np.zeros((len(r), 3, 3))
-    for a, (b, c) in enumerate(((1, 2), (2, 0), (0, 1))):
-        turn[:, a, b], turn[:, a, c] = r[:, c], -r[:, b]
-    R = np.zeros((dofs.size, 6))
-    for number, label in enumerate(dofs.labels):
-        at = np.flatnonzero(dofs.components == number)
-        if label in TRANSLATIONS:
-            axis = TRANSLATIONS[label]
-            R[at, axis], R[at, 3:] = 1.0, turn[at, axis]
-        elif label in ROTATIONS:
-            axis, sign = ROTATIONS[label]
-            R[at, 3 + axis] = sign
-    return R
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,7 +38,7 @@ class _OneNode(Joint):
         assert node.dofs is not None and node.dofs.points is not None and surface.dofs is not None
         if len(np.unique(node.dofs.nodes)) > 1:
             raise InputError(f"{node.title} must be one node, but its DOF belong to {len(np.unique(node.dofs.nodes))}")
-        own, rows = (rigid_rows(dofs, spatial(node.dofs.points)[0]) for dofs in (node.dofs, surface.dofs))
+        own, rows = (dofs.rigid(spatial(node.dofs.points)[0]) for dofs in (node.dofs, surface.dofs))
         reach = float(np.abs(rows[:, 3:]).max(initial=0.0))  # the extent of the surface
         unit = np.append(np.ones(3), np.full(3, 1 / reach if reach > 0 else 1.0))
         return (node, own * unit), (surface, rows * unit)
@@ -166,7 +132,7 @@ class Averaged(_OneNode):
             raise InputError(f"weights must be {len(surface)} numbers, one per DOF of {surface.title}, none negative and not "
                              "all 0")
         assert surface.dofs is not None
-        moved = np.isin(np.array(surface.dofs.labels)[surface.dofs.components], list(TRANSLATIONS))
+        moved = surface.dofs.rigid()[:, :3].any(axis=1)
         return _following(node, (surface, rows), np.sqrt(weights * moved), lambda dof: f"the mean motion of {surface.title} does "
                           f"not determine {dof}: take a surface whose nodes do not lie on one line, or leave that DOF out of "
                           "the node")

@@ -14,6 +14,10 @@ from femsub.errors import InputError, unknown_name
 
 LARGEST = 10 ** 15  # limit of node numbers: node and motion are packed into one integer
 TRANSLATIONS = ("ux", "uy", "uz")
+AXES = {"ux": 0, "uy": 1, "uz": 2, "w": 2}
+#: the rotation that a motion is, and its sign: the slopes of a deflection w are ∂w/∂x = -θ_y and ∂w/∂y = θ_x
+ROTATIONS = {"rx": (0, 1.0), "ry": (1, 1.0), "rz": (2, 1.0), "w,x": (1, -1.0), "w,y": (0, 1.0)}
+STILL = ("w,xy",)  # motions that are 0 in rigid motion
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,6 +109,37 @@ class DofMap(Frozen):
     def kept(self, rows: Array) -> DofMap:
         """The map of a model that keeps only some of the DOF, in the order given."""
         return DofMap(self.nodes[rows], self.components[rows], self.labels, None if self.points is None else self.points[rows])
+
+    def rigid(self, origin: Array | None = None) -> Array:
+        """R (n, 6) with u = R g for the rigid motion g = (t, θ) about a point: t + θ × (x - x₀), and the rotations themselves.
+
+        The point is by default the mean of all.
+
+        Raises
+        ------
+        InputError
+            The places are not known; a motion that is none of ux, uy, uz, w, slopes and rotations.
+        """
+        strange = [label for label in self.labels if label not in (*AXES, *ROTATIONS, *STILL)]
+        if strange or self.points is None:
+            raise InputError("the places of the DOF are not known" if not strange else
+                             f"the motion {strange[0]!r} has no known part in a rigid motion; those of "
+                             f"{', '.join((*AXES, *ROTATIONS, *STILL))} have")
+        r = np.pad(self.points, ((0, 0), (0, 3 - self.points.shape[1])))
+        r = r - (r.mean(axis=0) if origin is None else origin)
+        # row a of the cross product θ × r, as coefficients of θ
+        turn = np.zeros((len(r), 3, 3))
+        for a, (b, c) in enumerate(((1, 2), (2, 0), (0, 1))):
+            turn[:, a, b], turn[:, a, c] = r[:, c], -r[:, b]
+        R = np.zeros((self.size, 6))
+        for number, label in enumerate(self.labels):
+            at = np.flatnonzero(self.components == number)
+            if label in AXES:
+                R[at, AXES[label]], R[at, 3:] = 1.0, turn[at, AXES[label]]
+            elif label in ROTATIONS:
+                axis, sign = ROTATIONS[label]
+                R[at, 3 + axis] = sign
+        return R
 
     @cached_property
     def _sorted(self) -> tuple[Array, Array]:

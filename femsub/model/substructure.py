@@ -17,6 +17,7 @@ from femsub.model.bands import beyond
 from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
 from femsub.model.estimate import SHARE, Estimate
+from femsub.model.held import check_held, floating
 from femsub.model.pencil import Pencil
 
 if TYPE_CHECKING:
@@ -168,6 +169,14 @@ class Substructure(Frozen):
             W, damping, stiffness = small_matrices(self, contact)
             pencil = pencil.with_contact(damping, W, stiffness)
         return pencil
+
+    def check_held(self, contacts: Contacts, noun: str = "the part") -> None:
+        """An InputError if friction pushes a part that nothing but the contact holds (`femsub.model.held`)."""
+        check_held(self, contacts, noun)
+
+    def floating(self, contacts: Contacts) -> RigidMotion | None:
+        """The rigid motion that contacts leave, driven by friction or not; None where it is not known."""
+        return floating(self, contacts)
 
     def with_damping(self, D: Any) -> Self:
         """A copy with another D, shape (n, n), symmetric or not; None removes all damping."""

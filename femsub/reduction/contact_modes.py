@@ -104,8 +104,10 @@ class ContactModes(FreeInterface):
             terms.append(contact_matrix(W, C1 - C0))  # a difference of two K would take the memory of both
         K0 = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) * 0.5
         damping = None if self.band is None else sub.linearised(self.contacts, structural=True).D - sub.D
-        return Rubbing(Substructure(sub.M, K0, None, sub.interface, sub.ports, sub.name), slice(None), friction=sum(terms),
-                       damping=damping)
+        whole = Substructure(sub.M, K0, None, sub.interface, sub.ports, sub.name)
+        if pencil.rigid_motion is not None:  # the contact's stiffness would be rounding in it
+            whole = whole._with(rigid_motion=pencil.damped_by(None).rigid_motion)
+        return Rubbing(whole, slice(None), friction=sum(terms), damping=damping)
 
     def static_columns(self, sub: Substructure) -> int:
         """One response to friction for each mode; the interface has no shapes of its own, however large it is."""
@@ -130,8 +132,10 @@ class ContactModes(FreeInterface):
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """With VᵀKV of the system itself: the contact is no part of it."""
-        K = projected(sub.K, model.V, model.V)
-        return replace(model, K=(K + K.T) / 2, estimated=None)
+        K, motion = projected(sub.K, model.V, model.V), model.rigid_motion
+        if motion is not None:  # what moves in contact does so without it
+            motion = replace(motion, belong=None)  # type: ignore[type-var]
+        return replace(model, K=(K + K.T) / 2, estimated=None, rigid_motion=motion)
 
 
 @dataclass(frozen=True, eq=False)

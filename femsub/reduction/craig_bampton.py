@@ -11,7 +11,6 @@ import scipy.sparse as sp
 
 from femsub.algebra import FEW, divided, fork_pays, one_thread, without
 from femsub.checks import EPS, Array, Matrix
-from femsub.coupling import rigid_rows, spatial
 from femsub.errors import ConditionWarning, InputError, warn
 from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, bare, costs_nothing, motion_of, rounding_ratio, units
 from femsub.modes.shift_invert import rounding
@@ -101,7 +100,7 @@ def _loose_motions(sub: Substructure) -> int:
     if dofs is None or dofs.points is None or dofs.size != sub.size or not 0 < len(b) < sub.size:
         return 0
     try:
-        R = rigid_rows(dofs, spatial(dofs.points).mean(axis=0))
+        R = dofs.rigid()
     except InputError:  # a motion that is no displacement and no rotation
         return 0
     R = R[:, R.any(axis=0)]

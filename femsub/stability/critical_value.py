@@ -15,7 +15,7 @@ import numpy as np
 from femsub.checks import choice, finite_number, instance, positive_number, shown
 from femsub.coupling import Belt
 from femsub.errors import InputError, InputTypeError, UnstableModelError
-from femsub.model import LinearContact, Substructure, contacts_of, small_matrices, usable_band
+from femsub.model import LinearContact, Substructure, contacts_at, contacts_of, small_matrices, usable_band
 from femsub.stability.discs import Discs
 from femsub.stability.followed import Followed
 from femsub.stability.parameter import pencil_over
@@ -182,10 +182,27 @@ def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str
     begin, end = _range(between)
     over = pencil_over(model, contacts, parameter)
     limits = usable_band(model, band)
+    floats = isinstance(model, Substructure) and _floats(model, contacts, parameter, (begin, end), limits[0])
     falls = end < begin
     if falls:
         over, begin, end = replace(over, sign=-1.0), 0.0 - begin, 0.0 - end
-    return Question(model, contacts, parameter, over, (begin, end), limits, band is not None, falls)
+    return Question(model, contacts, parameter, over, (begin, end), limits, band is not None, falls, floats)
+
+
+def _floats(model: Substructure, contacts: Contacts, parameter: str, between: tuple[float, float], lowest: float) -> bool:
+    """Whether rigid motion is left at both ends of the range; an error if friction drives it, unless the band begins above 0."""
+    begin, end = between
+    left = []
+    for value in (begin, end if np.isfinite(end) else begin + float(np.sign(end))):
+        try:
+            acting = contacts_at(contacts, parameter, value)
+        except InputError:  # a contact may refuse the end of a range
+            continue
+        if not lowest:
+            model.check_held(acting)
+        motion = model.floating(acting)
+        left.append(motion is not None and motion.count > 0)
+    return bool(left) and all(left)
 
 
 def _answer(question: Question, solvers: Iterable[Solver]) -> CriticalValue:

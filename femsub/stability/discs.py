@@ -31,12 +31,14 @@ class Discs:
     def unfit(self, question: Question) -> str:
         if question.size > LARGEST:
             return f"discs take models of up to {LARGEST} DOF, but this one has {question.size}"
+        if question.floats and question.band[0] > 0:
+            return "discs take no model that floats, not even for a band that begins above 0"
         return "" if np.isfinite(question.between[1]) else "discs take a finite range"
 
     def solve(self, question: Question) -> CriticalValue:
         with one_thread(question.size <= FEW):
             family = Family(question.over, question.between)
-            if family.floating:
+            if question.floats or family.floating:
                 raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports "
                                  "or springs")
             return _collected(question, family, family.parts(MOST))

@@ -159,7 +159,7 @@ def _refined(question: Question, piece: _Piece) -> CriticalValue:
     over, (lo, hi), V = question.over, question.between, piece.V
     places: list[float] = []
     for turn in range(ROUNDS):
-        small = replace(question, over=over.projected(V, (lo, hi)), band=piece.band, falls=False)
+        small = replace(question, over=over.projected(V, (lo, hi)), band=piece.band, falls=False, floats=False)
         found = Discs().solve(small)
         crossings = [*found.losses, *found.regains]
         rough = [(one, x) for one in crossings if error_of(over, one, x := V @ one.shape) > EXACT]

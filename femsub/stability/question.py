@@ -21,6 +21,7 @@ class Question:
     """A pencil over a range of a parameter, begin < end, and the band in which crossings count.
 
     `limited` tells whether the band was asked for. A range that falls was turned: `over` takes the parameter with the other sign.
+    `floats`: the model is known to have rigid motion over the range, driven by friction or not.
     """
 
     model: Substructure | Affine
@@ -31,6 +32,7 @@ class Question:
     band: tuple[float, float]
     limited: bool = True
     falls: bool = False
+    floats: bool = False
 
     @property
     def size(self) -> int:

@@ -37,7 +37,7 @@ from femsub.app.scene import Picture, Progress, Result, Scene, Shown, run_output
 from femsub.app.scenes.joined_parts import by_kind
 from femsub.app.scenes.outputs import DRAWN, least_stable, motion_files, page_mode, vtu
 from femsub.checks import NOT_CHECKED, Array
-from femsub.coupling import brake_meshes, check_held, opposite
+from femsub.coupling import brake_meshes, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
 from femsub.reduction import METHODS
 from femsub.studies import (
@@ -124,8 +124,7 @@ class Brake:
         self.scene, self.tell = scene, lambda text: progress(f"{scene.name}: {text}")
         self.tell("building the parts")
         self.meshes = self._meshes()
-        for name in PADS:
-            check_held(self.meshes[name], scene.sprung, f"the pad {name!r}")
+        self.system.check_held(self.contacts(1.0), "the pad")
 
     @property
     def contact_nodes(self) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from femsub.checks import Array, positive_number
 from femsub.components import Mesh, node_rows, ring
 from femsub.coupling.contacts.friction_contact import contact_points
-from femsub.errors import InputError
 
 Cuts = tuple[float, ...]
 
@@ -19,8 +17,6 @@ HEIGHTS: Cuts = (-0.006, 0.006, 0.036, 0.044)  # of the ring, and of the flange 
 PAD_RADII: Cuts = (0.094, 0.098, 0.142, 0.146)  # the lining is between the inner two
 PAD_ANGLES: Cuts = (-33.0, -30.0, 30.0, 33.0)  # degrees
 PAD_DEPTHS: Cuts = (0.006, 0.017, 0.022)  # of the lining's face, the back plate and its back
-
-NEAR = 1e-3  # of the pad's size: springs at places nearer than this hold no turning
 
 
 def brake_meshes(size: float = 0.025) -> dict[str, Mesh]:
@@ -52,23 +48,6 @@ def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tol: float | None
     on = points.second.surface
     nodes = np.unique(on.faces[np.unique(points.second.face)])
     return node_rows(other, on.numbers[nodes])
-
-
-def check_held(mesh: Mesh, sets: Sequence[str], what: str) -> None:
-    """Springs on the mean motions of these sets hold a pad in the plane of the disc; the contact holds it along the axis.
-
-    Raises
-    ------
-    InputError
-        The pad may move in this plane, or turn.
-    """
-    if not sets:
-        raise InputError(f"{what} is not supported: name sets of its mesh in sprung")
-    places = [mesh.points[mesh.nodes(name), :2].mean(axis=0) for name in sets]
-    size = float(np.ptp(mesh.points, axis=0).max())
-    if max(float(np.linalg.norm(place - places[0])) for place in places) < NEAR * size:
-        raise InputError(f"{what} is not supported against turning in the plane of the disc: the means of {', '.join(sets)} are "
-                         "at one place. Name sets that lie apart")
 
 
 def _pad(name: str, side: int, size: float) -> Mesh:

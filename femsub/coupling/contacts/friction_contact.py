@@ -211,6 +211,23 @@ class FrictionContact(Joint):
         return FrictionInMotion(N, T, S, carried, points.weight, float(self.speed or 0.0) * r if turns else None,
                                 float(self.stiffness), float(self.pressure), float(self.mu), float(self.slope))
 
+    def sliding(self, model: Substructure) -> tuple[Matrix, Matrix, Array] | None:
+        """N and T at the points of contact (q, p), and the second body's own motion S (p, m); None without friction.
+
+        It says what the contact holds, what it pushes, and which rigid motion is the sliding itself (`Substructure.check_held`).
+        """
+        if not self.mu:
+            return None
+        points = self._points()
+        n, t, *_ = self._directions(points)
+        N, T = (_along(vectors, move) for move in [self._motions(model, points)] for vectors in (n, t))
+        if self.second == GROUND:
+            return N, T, np.zeros((N.shape[1], 0))
+        dofs = model.interface_dofs.kept(model.sets[self.second])  # type: ignore[union-attr]
+        way = np.zeros(6)
+        way[slice(0, 3) if self.axis is None else slice(3, 6)] = self.direction if self.axis is None else self.axis
+        return N, T, np.append(np.zeros(len(model.sets[self.first])), dofs.rigid(np.asarray(self.centre)) @ way)[:, None]
+
     def in_motion(self, model: Substructure) -> FrictionInMotion:
         """What it exerts in motion on a model, for `transient` and limit cycles."""
         points = self._points()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra import reused_memory
+from femsub.algebra import RigidMotion, reused_memory, unit_length
 from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance, until
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
 from femsub.model import Pencil, Substructure, beyond, look_at_the_order, usable_band
@@ -16,7 +16,7 @@ from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
 from femsub.modes.quadratic.region import region_of
-from femsub.modes.quadratic.search import search
+from femsub.modes.quadratic.search import Found, search
 
 if TYPE_CHECKING:
     from femsub.model import Contacts
@@ -205,7 +205,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     ------
     InputError, InputTypeError
         `count` and `band` together, or neither for a sparse model above 2,000 DOF; more than 2n eigenvalues; a band that
-        reaches above the cut-off.
+        reaches above the cut-off; a part that friction pushes and nothing holds, unless a band begins above 0.
     NotConvergedError, SingularMatrixError, MissedModesError
         The eigensolver has not converged; no shift makes the pencil regular; the independent count is larger.
 
@@ -231,25 +231,31 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     (array([ 0.149, -0.149]), True)
     """
     pencil = _with_contacts(model, contacts)
-    return _listed(model, pencil, count, None if band is None else usable_band(model, band), re, evidence)
+    return _listed(model, contacts, pencil, count, None if band is None else usable_band(model, band), re, evidence)
 
 
 def beside_the_full(model: Substructure, contacts: Contacts, *, band: tuple[float, float] | None = None,
                     evidence: bool | None = None) -> ComplexModes:
     """`complex_modes` in any band, since a comparison measures what lies above the cut-off, too; 'not checked' then."""
-    found = _listed(model, _with_contacts(model, contacts), None, band, None, evidence)
+    found = _listed(model, contacts, _with_contacts(model, contacts), None, band, None, evidence)
     return found if band is None or not beyond(band[1], model.cutoff) else replace(found, tally=Tally(len(found)))
 
 
-def _listed(model: Substructure | Pencil, pencil: Pencil, count: int | None, band: tuple[float, float] | None,
-            re: tuple[float, float] | None, evidence: bool | None) -> ComplexModes:
+def _listed(model: Substructure | Pencil, contacts: Contacts, pencil: Pencil, count: int | None,
+            band: tuple[float, float] | None, re: tuple[float, float] | None, evidence: bool | None) -> ComplexModes:
     """The modes of a model, whose pencil with its contacts is given."""
     estimate = getattr(model, "estimate", None)
     if band is not None and estimate is not None:
         band = estimate.reaching(check_band(band))
     region = region_of(pencil, count, band, re)
+    at_rest = contacts is not None and (region.box is None or region.box[2] == 0)  # a band above 0 judges elastic modes alone
+    judged = model if at_rest and isinstance(model, Substructure) else None
+    if judged is not None:
+        judged.check_held(contacts)
     with reused_memory(pencil.size):
         found = pencil.all_modes() if isinstance(pencil, LossyPencil) else search(pencil, region, evidence)
+        if judged is not None and not pencil.symmetric[2]:
+            found = _still(found, judged.floating(contacts))
         at = region.listed(found.values)
         result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, model.cutoff)
     if result.backward_error.max(initial=0.0) > LOUD:
@@ -270,6 +276,22 @@ def _listed(model: Substructure | Pencil, pencil: Pencil, count: int | None, ban
                      full_growth=None if located is None else located.growth_of_full(result.eigenvalues))
     log.info("%r", result)
     return result
+
+
+def _still(found: Found, motion: RigidMotion | None) -> Found:
+    """λ = 0 for rigid motion that friction drives, K z = 0 but zᵀK ≠ 0: LAPACK's are off by rounding, and the nearest to 0."""
+    if motion is None or (lacking := motion.zeros - int(np.count_nonzero(found.values == 0))) <= 0:
+        return found
+    order = np.argsort(np.where(found.values == 0, np.inf, np.abs(found.values)), kind="stable")
+    at = order[:min(lacking, np.count_nonzero(found.values))]
+    Z, X = np.linalg.qr(motion.shapes)[0], found.X[:, at]
+    at = at[np.linalg.norm(X - Z @ (Z.T @ X), axis=0) < np.linalg.norm(Z.T @ X, axis=0)]  # others are modes of their own
+    if not len(at) or found.values[at].sum().imag:  # a pair would be split
+        return found
+    values, X, Y = (part.copy() for part in (found.values, found.X, found.Y))
+    values[at], X[:, at] = 0.0, unit_length(motion.shapes[:, np.arange(len(at)) % motion.count])
+    return found._replace(values=values, X=X, Y=Y, known=np.append(np.delete(found.known, at), values[at])
+                          if len(found.known) == len(values) else found.known)
 
 
 def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> Pencil:

@@ -278,6 +278,9 @@ class Projection:
         if self.least <= 0:
             self.why = f"damping or gyroscopic forces may outweigh the stiffness of other shapes by {1 - self.least:.2g}"
             return None
+        if not self.size:
+            self.why = "it has no shape besides rigid motion"
+            return None
         for _ in range(ROUNDS):
             try:
                 small = Coupling(self, choose)

@@ -1,0 +1,86 @@
+"""Whether each part on which friction acts is held: steady sliding needs supports or springs, not the contact alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from femsub.algebra import RigidMotion, Touched, driven, found, of_places, units
+from femsub.checks import Array
+from femsub.errors import InputError
+from femsub.model.contact import Contacts, columns_of, contacts_of, small_matrices
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
+
+TURNS = 1e-6  # share of a motion beside its mean from which on it turns, or of the largest one below which it is none
+
+
+def check_held(model: Substructure, contacts: Contacts, noun: str = "the part") -> None:
+    """An error if friction pushes a rigid motion of a part that nothing but the contact holds.
+
+    It is for contacts that say what they hold and push (`FrictionContact.sliding`). The rigid motion is what the model carries,
+    or what the places of the DOF say of a full part. Where it is not known, nothing is refused. A disc that is free to turn under
+    pads goes on turning, and is not refused.
+
+    Raises
+    ------
+    InputError
+        Such a motion, by its part.
+    """
+    given: tuple[Any, ...] = contacts_of(contacts)
+    rubbing = [(contact, terms) for contact in given if hasattr(contact, "sliding") for terms in [contact.sliding(model)]
+               if terms is not None]
+    motion = (found(model.rigid_motion, by_places) or by_places(model)) if rubbing else None
+    if motion is None or not motion.count:
+        return
+    columns = [columns_of(model, contact) for contact, _ in rubbing]
+    unit = units(model.M.diagonal(), model.K.diagonal())[0]
+    free = driven(motion, [(W, *terms) for W, (_, terms) in zip(columns, rubbing, strict=True)], unit)
+    if free is None or not free.shape[1]:
+        return
+    moved: dict[str, Array] = {}
+    for W, (contact, _) in zip(columns, rubbing, strict=True):
+        ends = np.cumsum([0, *(len(model.sets[name]) for name in contact.sets)])
+        for name, begin, end in zip(contact.sets, ends[:-1], ends[1:], strict=True):
+            moved[name] = (W.T @ free)[begin:end]
+    name = max(moved, key=lambda one: float(np.abs(moved[one]).max(initial=0.0)))
+    raise InputError(f"{noun} {name.rpartition('.')[0] or model.name!r} is not supported{_against(model, name, moved[name])}: "
+                     f"friction on {name!r} pushes it, and nothing but the contact holds it, so there is no steady sliding. Hold "
+                     "it by supports or springs, as its caliper holds a pad. A band that begins above 0 judges its elastic modes")
+
+
+def floating(model: Substructure, contacts: Contacts) -> RigidMotion | None:
+    """The rigid motion with K z = 0 under contacts, whether or not friction drives it (zᵀK ≠ 0); None where it is not known."""
+    motion = found(model.rigid_motion, by_places) or by_places(model)
+    unit = units(model.M.diagonal(), model.K.diagonal())[0]
+    for contact in contacts_of(contacts):
+        if motion is None or not motion.count:
+            return motion
+        W, damping, stiffness = small_matrices(model, contact)
+        motion = Touched(damping, W, stiffness, unit, left=False)(motion)
+    return motion
+
+
+def by_places(part: Any) -> RigidMotion | None:
+    """The rigid motion of a full part by the places of its DOF; None where they are not known."""
+    if part.dofs is None:
+        return None
+    try:
+        return of_places(part.dofs.rigid(), part.D, part.K, units(part.M.diagonal(), part.K.diagonal())[0])
+    except InputError:
+        return None
+
+
+def _against(model: Substructure, name: str, u: Array) -> str:
+    """What a set does that is driven away, in words; motions of other parts leave it at rest."""
+    U, size, _ = np.linalg.svd(u, full_matrices=False)
+    u = U[:, size > TURNS * size[0]]
+    if u.shape[1] > 1:
+        return f" against {u.shape[1]} rigid motions"
+    assert model.interface_dofs is not None
+    dofs = model.interface_dofs.kept(model.sets[name])
+    mean = [float(u[dofs.components == k].mean()) if (dofs.components == k).any() else 0.0 for k in range(len(dofs.labels))]
+    turns = np.abs(u[:, 0] - np.array(mean)[dofs.components]).max(initial=0.0) > TURNS * np.abs(u).max()
+    return " against turning in the plane of the contact" if turns else " against sliding in the plane of the contact"
