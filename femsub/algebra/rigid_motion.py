@@ -343,7 +343,8 @@ def driven(motion: RigidMotion, contacts: Sequence[Sliding], unit: Array) -> Arr
     Z = Z / np.abs(Z / unit[:, None]).max(axis=0)
     moved = at_contacts(Z)
     along = annulled(2, moved)
-    steady = la.block_diag(*(S for *_, S in contacts))
+    steady = la.block_diag(*(S * (size.max(initial=0.0) / np.abs(S).max(initial=1e-300))  # as large as the motions beside it
+                             for (*_, S), (_, size) in zip(contacts, moved, strict=True)))
     going = null_space(np.hstack([np.vstack([u for u, _ in moved]), -steady]),
                        np.hstack([np.vstack([size for _, size in moved]), np.abs(steady)]))
     if along is None or going is None:
