@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import femsub as fs
+from benchmarks.attacks import frequency_bounds as attack
 from femsub.coupling.joints import Joint, Link
-from femsub.reduction.frequency_bounds import Truncation
+from femsub.reduction.frequency_bounds import left_out
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")  # belts on the inside are meant
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
@@ -114,8 +116,113 @@ def test_what_has_no_bound_is_refused() -> None:
 def test_inertia_that_modes_represent_is_not_counted() -> None:
     """With all fixed-interface modes, all that is left of the inertia of the inside is that of the interface's own DOF."""
     rom = fs.reduce(fs.chain(30, interface=[30], damping=0.0), fs.CraigBampton(28))
-    left = Truncation.of(replace(rom, cutoff=2.0), np.eye(rom.size)).inertia
-    assert 1.0 <= left[0, 0] <= 1.1 and not left[1:, 1:].any()  # m30 = 1, and the one mode left out
+    left = 2.0**2 * left_out(replace(rom, cutoff=2.0), np.eye(rom.size)).coupling
+    assert 1.0 <= left[0, 0] <= 1.1 and np.abs(left[1:, 1:]).max() < 1e-13  # m30 = 1, and the one mode left out
+
+
+def turned(rom: fs.ReducedSubstructure, T: np.ndarray) -> fs.ReducedSubstructure:
+    """By hand: the coordinates that leave the interface at rest are T times others."""
+    inner = np.array([kind != "constraint" for kind in rom.kinds])
+    S = np.eye(rom.size)
+    S[np.ix_(inner, inner)] = T
+    return fs.ReducedSubstructure(S.T @ rom.M @ S, S.T @ rom.K @ S, None, {}, rom.name, V=rom.V @ S,
+                                  kinds=tuple("fixed-interface" if at else "constraint" for at in inner), cutoff=rom.cutoff,
+                                  full_interface=rom.full_interface)
+
+
+@pytest.mark.parametrize("ports", [False, True], ids=["modes", "and a static response"])
+def test_modes_may_be_scaled_and_mixed(ports: bool) -> None:
+    """Files of other programs scale modes to their largest entry, and do not tell residual vectors from modes."""
+    full = fs.chain(80, belt=30, interface=[80], damping=0.0)
+    rom = fs.reduce(full, fs.CraigBampton(6), ports=ports)
+    exact, expected = fs.chain_frequencies(80)[:4], fs.frequency_bounds(rom, 4)
+    random = np.random.default_rng(3)
+    for T in (10.0 ** random.uniform(-3, 3, rom.size - 1) * np.eye(rom.size - 1), random.standard_normal((rom.size - 1,) * 2)):
+        bounds = fs.frequency_bounds(turned(rom, T), 4)
+        assert holds(bounds, exact) and bounds.evidence == "certified"
+        assert np.abs(bounds.lower / expected.lower - 1).max() < 1e-9
+
+
+def test_modes_that_share_stiffness_with_the_interface_have_no_bound() -> None:
+    rom = fs.reduce(fs.chain(20, damping=0.0), fs.CraigBampton(4))
+    S = np.eye(rom.size)
+    S[0, 1:] = 0.1
+    rom = replace(rom, M=S.T @ rom.M @ S, K=S.T @ rom.K @ S, D=0 * rom.D, rigid_motion=None)
+    with pytest.raises(fs.InputError, match="4 coordinates that leave the interface at rest share stiffness with its constraint"):
+        fs.frequency_bounds(rom, 2)
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", attack.KINDS)
+def test_attacks_find_nothing(kind: str, seed: int) -> None:
+    """A few seeds of benchmarks/attacks/frequency_bounds.py; `scripts/attack.py frequency_bounds` runs thousands."""
+    assert not attack.attacked(kind, seed).startswith(("wrong", "refused"))
+
+
+def two_chains(modes: int, method: type[fs.CraigBampton] | type[fs.CraigChang] = fs.CraigBampton) -> tuple[fs.System, fs.System]:
+    """In full, and with both reduced."""
+    parts = {"a": fs.chain(60, interface=[60], damping=0.0), "b": fs.chain(60, interface=[1], damping=0.0)}
+    system = fs.couple(parts, [fs.Rigid(("a", [59]), ("b", [0]), tol=np.inf)])
+    return system, fs.reduce(system, dict.fromkeys(parts, method(modes)))
+
+
+@pytest.mark.parametrize("modes", [4, 6])
+def test_each_step_of_reduction_counts(modes: int, tmp_path: Path) -> None:
+    system, once = two_chains(3)
+    twice = fs.reduce(once, fs.CraigBampton(modes))
+    exact = fs.normal_modes(system, 3).frequencies
+    bounds = fs.frequency_bounds(twice, 3)
+    assert holds(bounds, exact) and "'system' before reduction (119 DOF)" in str(bounds)
+    assert (bounds.error >= 1 - exact / bounds.upper).all() and bounds.error.max() < 0.1
+    fs.write_matrices(tmp_path, twice)  # a folder keeps what the first step has left out
+    again = fs.frequency_bounds(fs.read_component(tmp_path), 3)
+    assert np.allclose(again.lower, bounds.lower, rtol=1e-12) and str(again) == str(bounds)
+    assert fs.frequency_bounds(once, 3).error.max() <= bounds.error.max()
+
+
+def test_a_first_step_without_a_bound_is_named() -> None:
+    twice = fs.reduce(two_chains(3, fs.CraigChang)[1], fs.CraigBampton(4))
+    with pytest.raises(fs.InputError, match=r"several steps.*kind 'free'.*CraigBampton and Hurty"):
+        fs.frequency_bounds(twice, 2)
+
+
+def test_a_mode_of_a_part_at_the_cutoff() -> None:
+    """A hub with eight equal oscillators, of which the reduction keeps some: frequencies equal the cut-off up to rounding."""
+    K = np.eye(9)
+    K[0, 0], K[0, 1:], K[1:, 0] = 8.0, -1.0, -1.0
+    hub = fs.Substructure(np.eye(9), K, interface=[0, 1])
+    line = 3.3 * (2 * np.eye(10) - np.eye(10, k=1) - np.eye(10, k=-1) - np.diag([0] * 9 + [1]))
+    other = fs.Substructure(2.1 * np.eye(10), line, interface=[0])
+    system = fs.couple({"a": hub, "b": other}, [fs.Rigid(("a", [1]), ("b", [0]))])
+    exact = fs.normal_modes(system, 5).frequencies
+    for kept in range(1, 7):
+        small = fs.reduce(system, {"a": fs.CraigBampton(kept), "b": fs.CraigBampton(2)})
+        for count in range(1, 6):
+            assert holds(fs.frequency_bounds(small, min(count, small.size)), exact[:count])
+
+
+def test_a_soft_mode_takes_no_digits_from_the_bounds_of_others() -> None:
+    """1/ω² of a mass on a spring of 1e-24 is 1e24."""
+    soft = fs.Substructure(np.eye(2), np.diag([1e-24, 1e-24]), interface=[0, 1])
+    rom = fs.reduce(fs.chain(60, damping=0.0), fs.CraigBampton(10))
+    bounds = fs.frequency_bounds(fs.couple({"a": rom, "b": soft}, [fs.Spring(("a", [0]), ("b", [0]), stiffness=1e-20)]), 5)
+    assert holds(bounds, fs.normal_modes(fs.couple({"a": fs.chain(60, damping=0.0), "b": soft}, [
+        fs.Spring(("a", [0]), ("b", [0]), stiffness=1e-20)]), 5).frequencies) and bounds.error.max() < 1e-4
+
+
+def test_the_words_say_whose_frequencies_they_are() -> None:
+    rom = fs.reduce(fs.chain(40, damping=0.0), fs.CraigBampton(6))
+    assert "of 'chain' before reduction (40 DOF): 2 elastic" in str(fs.frequency_bounds(rom, 2))
+    plain = fs.frequency_bounds(fs.Substructure(rom.M, rom.K, name="chain"), 2)
+    assert "of 'chain' itself, whose 7 coordinates count as a full model: 2 elastic" in str(plain)
+    by_hand = fs.frequency_bounds(turned(rom, np.eye(6)), 2)
+    limit = f"{rom.cutoff:.5g} rad/time, in one step"
+    assert f"before reduction, if 'chain' kept all its fixed-interface modes below {limit}: 2 elastic" in str(by_hand)
+    other = fs.chain(5, interface=[1], fixed=False, damping=0.0)
+    parts = {"a": turned(rom, np.eye(6)), "b": turned(fs.reduce(other, fs.CraigBampton(2)), np.eye(2))}
+    joined = fs.couple(parts, [fs.Spring(("a", [0]), ("b", [0]), stiffness=1.0)])
+    assert f"below {limit}, and 1 more part likewise: 2 elastic" in str(fs.frequency_bounds(joined, 2))
 
 
 def test_all_modes_below_a_frequency() -> None:

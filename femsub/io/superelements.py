@@ -23,13 +23,12 @@ from femsub.io.nastran_systems import NAMES, Systems
 from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
 from femsub.io.sierra import read_cbr
-from femsub.model import DofMap, ReducedSubstructure, Substructure
+from femsub.model import SHARED, DofMap, ReducedSubstructure, Substructure
 
 NETCDF = (".nc", ".nc4")  # of Sierra/SD
 ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
 ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
-FREE = 1e-6  # of sqrt(k_ii k_jj): coupling of modal coordinates and boundary in K that fixed-interface modes do not have
 RIGID = 1e-10  # of Σ |k_ij| |z_j|: forces that Nastran's rounding leaves in rigid motion; a softer support counts as none
 MOST = 3_000_000  # points that the lists of a file may name
 
@@ -361,7 +360,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     V, kept = np.vstack([np.eye(len(order)), back.T @ recovery]), len(order) - nb
     D = None if D is None else T.T @ D @ T
     scale = np.sqrt(np.abs(np.outer(K.diagonal()[nb:], K.diagonal()[:nb])))
-    kind = "free" if (np.abs(K[nb:, :nb]) > FREE * scale).any() else "fixed-interface"
+    kind = "free" if (np.abs(K[nb:, :nb]) > SHARED * scale).any() else "fixed-interface"
     if cutoff is None:
         cutoff = _highest(path, name, K[nb:, nb:], M[nb:, nb:])
     scalar = [raw.rows[row] for row in order[nb:]]

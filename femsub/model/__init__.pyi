@@ -25,6 +25,7 @@ from .contact import (
 )
 from .dof_map import LARGEST as LARGEST, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, STILL as STILL, Estimate as Estimate
+from .origin import SHARED as SHARED, Origin as Origin
 from .pencil import (
     Pencil as Pencil,
     contact_matrix as contact_matrix,

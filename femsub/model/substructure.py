@@ -18,6 +18,7 @@ from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
 from femsub.model.estimate import SHARE, Estimate
 from femsub.model.held import check_held, floating
+from femsub.model.origin import Origin
 from femsub.model.pencil import Pencil
 
 if TYPE_CHECKING:
@@ -269,6 +270,8 @@ class ReducedSubstructure(Substructure):
         The coordinates q of the full component's rigid motions, V q = Z. A copy with another K loses them.
     noise : ndarray, shape (r, k), optional
         Rounding in VᵀDV: see `Pencil`.
+    origin : Origin, optional
+        What `reduce` made it of. Of a superelement and of a model by hand this is not known.
 
     Examples
     --------
@@ -298,6 +301,7 @@ class ReducedSubstructure(Substructure):
     estimated: tuple[Matrix, Matrix, Matrix] | None = None
     rigid_motion: Carried = None
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    origin: Origin | None = None
 
     #: makes a model with more shapes, while the full component exists; not pickled
     wider: ClassVar[Callable[[ReducedSubstructure, Array, Array, str | None], ReducedSubstructure | None] | None] = None
@@ -323,6 +327,7 @@ class ReducedSubstructure(Substructure):
             known = self.full_dofs.kept(full_interface)
         self._set(V=V, interface_dofs=known, sets=sets, kinds=tuple(self.kinds), cutoff=float(self.cutoff),
                   port_error=self.port_error, full_interface=full_interface,
+                  origin=self.origin if self.origin is not None and self.origin.size == self.size else None,
                   estimate=self.estimate if valid else None, estimated=estimated if valid else None)
         self._carry(motion.belonging(*own) if isinstance(motion, RigidMotion) else None,
                     noise if noise is not None and len(noise) == self.size else self.noise)

@@ -28,6 +28,7 @@ from femsub.model import SHARE, Affine, Pencil, ReducedSubstructure, Substructur
 from femsub.modes import motion_of, rounding_ratio, units
 from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square, structural
 from femsub.reduction.estimates.nested import Nested
+from femsub.reduction.frequency_bounds import origin_of
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.wider import Wider
 
@@ -172,7 +173,8 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
             warn(
                 f"port {name!r} of {sub.name!r}: its static response is off by {error:.2g} in the energy norm with "
                 f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning)
-    cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
+    own = np.inf if V.shape[1] == sub.size else basis.cutoff
+    cutoff = min(own, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     D, motion, noise = damping(sub, basis, projected(sub.D, V, V) if basis.D is None else basis.D)
     return ReducedSubstructure(
@@ -180,7 +182,7 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
         interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion, noise=noise,
-        H=structural(sub, V))
+        H=structural(sub, V), origin=origin_of(sub, V, own))
 
 
 def damping(sub: Substructure, basis: Basis, D: Array) -> tuple[Array, RigidMotion | None, Array]:

@@ -1,27 +1,28 @@
 """`frequency_bounds`: how far the frequencies of a Craig-Bampton model may lie below those listed, proved from small matrices.
 
-With A = L⁻¹ML⁻ᵀ, K = LLᵀ, the 1/ω² of the full model are the eigenvalues of A. The shapes that are kept and the modes that are
-left out are orthogonal in K. On the modes left out, A ≤ σ = Σ_s 1/ω_c,s² for the cut-offs ω_c,s of the steps of reduction s. The
-coupling of the reduced model's modes to them is bounded by the inertia of each part that its own modes cannot represent:
+With A = L⁻¹ML⁻ᵀ, K = LLᵀ, the 1/ω² of the full model are the eigenvalues of A. What is kept and what each step of reduction
+leaves out are orthogonal in K. On all that is left out, A ≤ σ: 1/ω_c² of a part's cut-off, the largest of parts side by side, and
+the sum over the steps of reduction. So with Θ = diag(1/ω²) of the reduced model and R, which couples its modes with the rest,
 
-    RᵀR ≤ G,  G_ij = Σ_p v_ip·v_jp / (ω_c,p² ω_i ω_j),  v_ip·v_jp = q_ipᵀ (M_oo - M_oφ M_φo) q_jp,
+    A = [[Θ, Rᵀ], [R, A_l]] ≤ [[Θ, Rᵀ], [R, σ]],   RᵀR ≤ G   give   λ_i(A) ≤ max(σ, λ_i([[Θ, G^½], [G^½, σ]])).
 
-q_p the coordinates of the part p besides those of its fixed-interface modes φ. So no solve with the full model is needed.
+G adds up over parts and steps. Of each it is 1/ω_c² times the inertia that the exact fixed-interface modes φ in its coordinates
+cannot represent, q_oᵀ (M_oo - M_oφ M_φφ⁻¹ M_φo) q_o. Which ones are exact shows in the matrices: the modes of all coordinates
+that leave the interface at rest, up to the cut-off. So these may be scaled and mixed at will. The full model is not needed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Tally, instance, whole_number
+from femsub.checks import EPS, Array, Tally, instance, whole_number
 from femsub.coupling import System, rows_of_parts
 from femsub.errors import InputError
-from femsub.model import ReducedSubstructure, Substructure
-from femsub.modes import NormalModes, ShiftInvert, lowest_modes, modes_below
+from femsub.model import SHARED, Origin, ReducedSubstructure, Substructure
+from femsub.modes import ShiftInvert, lowest_modes, modes_below
 from femsub.reduction.craig_bampton import CraigBampton
 
 HELD = ("constraint", "rigid", CraigBampton.mode_kind, "static port")  # kinds of coordinates of models with a held interface
@@ -41,18 +42,22 @@ class FrequencyBounds:
         Rigid-body modes, which are exact.
     tally : Tally
         The frequencies listed, and their number in the full model as the bounds prove it: the next one is higher than these.
+    full : str
+        In words, the model whose frequencies lie between the bounds, and what must hold of parts whose origin is not known.
 
     Examples
     --------
     >>> import femsub as fs
-    >>> fs.frequency_bounds(fs.reduce(fs.chain(100), fs.CraigBampton(modes=20)), count=3)
-    FrequencyBounds: 3 elastic frequencies, ω 0.01563 to 0.078129 rad/time, too high by at most 1.5e-06, certified
+    >>> bounds = fs.frequency_bounds(fs.reduce(fs.chain(100), fs.CraigBampton(modes=20)), count=3)
+    >>> bounds.full, bool(bounds.error.max() < 2e-6), bounds.evidence
+    ("'chain' before reduction (100 DOF)", True, 'certified')
     """
 
     upper: Array
     lower: Array
     rigid: int
     tally: Tally
+    full: str
 
     @property
     def error(self) -> Array:
@@ -66,27 +71,33 @@ class FrequencyBounds:
 
     def __repr__(self) -> str:
         span = f", ω {self.upper[0]:.5g} to {self.upper[-1]:.5g} rad/time" if len(self.upper) else ""
-        return (f"FrequencyBounds: {len(self.upper)} elastic frequencies{span}, too high by at most "
+        return (f"FrequencyBounds of {self.full}: {len(self.upper)} elastic frequencies{span}, too high by at most "
                 f"{self.error.max(initial=0.0):.1e}, {self.evidence}")
 
 
 def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     """Bounds of the undamped frequencies of a full model, from its Craig-Bampton model alone.
 
-    With ω_i of the reduced model, θ_i = 1/ω_i², the cut-offs ω_c of its parts and G of the module's text, for each mode i
+    With ω_i of the reduced model, θ_i = 1/ω_i², σ and G of the module's text, for each mode i
 
-        1/ω_i,full² ≤ λ_i(Θ + G/(θ_i - ν)),   ν = θ_next + 1/ω_c²,   and   1/ω_i,full² ≤ θ_i + 1/ω_c²,
+        1/ω_i,full² ≤ λ_i([[Θ, G^½], [G^½, ν]]),   ν = θ_next + σ,   and   1/ω_i,full² ≤ θ_i + σ,
 
-    λ_i the i-th largest eigenvalue. The smaller of the two holds. ω_i is never too low (minimax). In words: the error is at most
-    about (ω/ω_c)² times the share of the kinetic energy that the modes of the parts cannot represent.
+    λ_i the i-th largest eigenvalue, or ν if that is larger, and θ_next the largest of the modes that are not in Θ. The smaller of
+    the two bounds holds. ω_i is never too low (minimax). In words: the error is at most about (ω/ω_c)² times the share of the
+    kinetic energy that the modes of the parts cannot represent.
 
-    The full model is the one that the parts were reduced from. D plays no part. Rounding is not in the bounds.
+    The full model is the one before all reductions. Each of them counts, also where a reduced system was reduced again. ``.full``
+    names it in words. Of a superelement, or of a model made by hand, femsub does not know what was left out: the words name the
+    premise then, that its cut-off is right and that there was one step of reduction. A model that is not reduced, such as the
+    matrices of a superelement read as plain ones, has the bounds of its own frequencies.
+
+    D plays no part. Rounding is not in the bounds.
 
     Parameters
     ----------
     model : ReducedSubstructure, or System
-        By `CraigBampton` or `Hurty`; of a system each part that is reduced. The cut-offs are those that the reduction has
-        counted.
+        By `CraigBampton` or `Hurty`, in one step or in several; of a system each part that is reduced. The cut-offs are those
+        that the reduction has counted. Coordinates with the interface at rest may be scaled and mixed.
     count : int
         Number of elastic frequencies, from the lowest.
 
@@ -97,8 +108,9 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     Raises
     ------
     InputError
-        A part was reduced by another method, whose modes left out are not orthogonal to its shapes; a spring acts on the inside
-        of a reduced part; more frequencies than the model has.
+        A part was reduced by another method, in any of its steps, whose modes left out are not orthogonal to its shapes; its
+        constraint modes and its fixed-interface modes share stiffness; a spring acts on the inside of a reduced part; more
+        frequencies than the model has.
 
     References
     ----------
@@ -115,86 +127,172 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     """
     instance("model", model, Substructure, "made by reduce or couple")
     count = whole_number("count", count, least=1)
-    modes = lowest_of(model, count)
-    elastic = modes.shapes[:, modes.rigid:]
-    truncations = [Truncation.of(part, q) for part, q in _reduced_parts(model, elastic)]
-    return enclosed(modes, model.size, truncations, [min((one.cutoff for one in truncations), default=np.inf)], count)
-
-
-def lowest_of(model: Substructure, count: int) -> NormalModes:
-    """The modes of a reduced model for the bounds of `count` frequencies: some more, and all up to REACH times the highest."""
     handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
     modes = lowest_modes(handle, min(2 * count + BESIDE, handle.elastic))
     if len(modes.eigenvalues) - modes.rigid < count:
         raise InputError(f"count={count} frequencies were asked for, but {model.name!r} has "
                          f"{len(modes.eigenvalues) - modes.rigid}")
     reach = REACH * float(modes.frequencies[modes.rigid + count - 1])
-    more = len(modes.eigenvalues) < modes.rigid + handle.elastic and modes.frequencies[-1] < reach
-    return modes_below(model.K, model.M, reach, handle) if more else modes
+    if len(modes.eigenvalues) < modes.rigid + handle.elastic and modes.frequencies[-1] < reach:
+        modes = modes_below(model.K, model.M, reach, handle)
+    omega = modes.frequencies[modes.rigid:]
+    found = left_out(model, modes.shapes[:, modes.rigid:] / omega)
+    worst = _worst(omega**-2.0, found, count + 1, len(omega) == handle.elastic)
+    with np.errstate(divide="ignore"):
+        beyond = worst[count] ** -0.5
+    lower = np.minimum(worst[:count] ** -0.5, omega[:count])
+    proved = int(np.count_nonzero(omega[:count] < beyond))
+    return FrequencyBounds(omega[:count], lower, modes.rigid, Tally(count, proved if proved == count else None),
+                           _in_words(model, found))
 
 
 @dataclass(frozen=True, eq=False)
-class Truncation:
-    """What the modes of one part that were left out may do to k modes of the whole.
+class LeftOut:
+    """What all reductions of a model have left out.
 
     Attributes
     ----------
-    cutoff : float
-        None of them lies below.
-    inertia : ndarray, shape (k, k)
-        (v_i·v_j): the inertia that the modes of the part cannot represent.
+    most : float
+        σ: none of it has a larger 1/ω².
+    coupling : ndarray, shape (k, k)
+        G, at least the RᵀR of k motions.
+    dofs : int
+        DOF of the full model.
+    premises : tuple of str
+        What must hold of parts whose origin is not known.
     """
 
-    cutoff: float
-    inertia: Array
-
-    @classmethod
-    def of(cls, part: ReducedSubstructure, q: Array) -> Truncation:
-        """Of the part in the motions q (r, k)."""
-        if strange := set(part.kinds) - set(HELD):
-            raise InputError(f"{part.name!r} ({part.method}) has coordinates of the kind {min(strange)!r}. Bounds are known for "
-                             "parts by CraigBampton and Hurty only: their shapes share no stiffness with the modes left out")
-        mode = np.array([kind == CraigBampton.mode_kind for kind in part.kinds])
-        M = part.M.toarray() if sp.issparse(part.M) else part.M
-        o = q[~mode]
-        seen = M[np.ix_(mode, ~mode)] @ o
-        return cls(float(part.cutoff), o.T @ (M[np.ix_(~mode, ~mode)] @ o) - seen.T @ seen)
+    most: float
+    coupling: Array
+    dofs: int
+    premises: tuple[str, ...] = ()
 
 
-def enclosed(modes: NormalModes, size: int, truncations: Sequence[Truncation], steps: Sequence[float],
-             count: int) -> FrequencyBounds:
-    """The bounds of `count` frequencies of a model of `size` coordinates from its lowest modes; see `frequency_bounds`.
+def left_out(model: Substructure, q: Array) -> LeftOut:
+    """What the reductions of a model have left out, and its coupling with the motions q (r, k).
 
-    `steps` are the cut-offs of the steps of reduction, one after the other: that of a step is the lowest of its parts.
+    Raises
+    ------
+    InputError
+        See `frequency_bounds`.
+    """
+    none = np.zeros((q.shape[1],) * 2)
+    if not _is_reduced(model):
+        return LeftOut(0.0, none, model.size)
+    if isinstance(model, System):
+        _check_springs(model)
+        parts = [left_out(part, model.L[rows] @ q if _is_reduced(part) else q)
+                 for part, rows in zip(model.parts.values(), rows_of_parts(model.parts), strict=True)]
+        joined = model.L.shape[0] - model.L.shape[1]
+        return LeftOut(max(part.most for part in parts), sum((part.coupling for part in parts), none),
+                       sum(part.dofs for part in parts) - joined, tuple(one for part in parts for one in part.premises))
+    assert isinstance(model, ReducedSubstructure)
+    origin, cutoff = model.origin, model.cutoff
+    if origin is None:
+        limit = f"kept all its fixed-interface modes below {cutoff:.5g} rad/time" if np.isfinite(cutoff) else "lost nothing"
+        origin = Origin(model.size, len(model.V), cutoff, premises=(f"{model.name!r} {limit}, in one step",))
+    if origin.unbounded:
+        raise InputError(f"{model.name!r} was reduced in several steps, and of the first no bound is known: {origin.unbounded}")
+    G = _coupling(model, q, origin.cutoff if origin.left_out else cutoff)
+    return LeftOut((origin.cutoff if origin.left_out else cutoff) ** -2.0 + origin.left_out,
+                   G if origin.coupling is None else G + q.T @ origin.coupling @ q, origin.dofs, origin.premises)
+
+
+def origin_of(sub: Substructure, V: Array, cutoff: float) -> Origin:
+    """The origin of a model with the basis V (n, r) of a component, which may be reduced itself. `cutoff` is this step's."""
+    size = V.shape[1]
+    try:
+        before = left_out(sub, V)
+    except InputError as error:
+        return Origin(size, len(V), cutoff, unbounded=str(error))
+    return Origin(size, before.dofs, cutoff, before.most, before.coupling if before.most else None, premises=before.premises)
+
+
+def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
+    """At least the RᵀR of the motions q (r, k) of a part with the modes that its last reduction has left out.
+
+    With the interface at rest, K and M of its coordinates have modes ξ of ξᵀKξ = 1, ξᵀMξ = θ. Those with θ ≥ σ = 1/ω_c² are
+    exact: M does not couple them with z, zᵀKz = 1, that is left out. With the others it does, (zᵀMξ)² ≤ σ min(θ, σ - θ), since
+    M ≤ σK there and zᵀKξ = 0.
     """
     import scipy.linalg as la
 
-    omega = modes.frequencies[modes.rigid:]
-    theta, sigma = omega**-2.0, float(sum(step**-2.0 for step in steps))
-    G = sum((one.inertia / one.cutoff**2 for one in truncations), np.zeros((len(omega),) * 2)) / np.outer(omega, omega)
-    G = (G + G.T) / 2
-    used, above = len(omega), sigma
-    if modes.rigid + used < size:
-        used, above = used - 1, float(theta[-1]) + sigma  # the last one stands for all that follow
-    worst = theta + sigma
-    for i in np.flatnonzero(theta[:min(used, count + 1)] > above):
-        mixed = np.diag(theta[:used]) + G[:used, :used] / (theta[i] - above)
-        place = [used - 1 - i] * 2
-        worst[i] = min(worst[i], float(la.eigvalsh(mixed, subset_by_index=place, check_finite=False)[0]))
-    lower = np.minimum(worst**-0.5, omega)
-    beyond = float(lower[count]) if len(lower) > count else np.inf if modes.rigid + len(omega) == size and not sigma else 0.0
-    proved = int(np.count_nonzero(omega[:count] < beyond))
-    return FrequencyBounds(omega[:count], lower[:count], modes.rigid, Tally(count, proved if proved == count else None))
+    if strange := set(part.kinds) - set(HELD):
+        raise InputError(f"{part.name!r} ({part.method}) has coordinates of the kind {min(strange)!r}. Bounds are known for "
+                         "parts by CraigBampton and Hurty only: their shapes share no stiffness with the modes left out")
+    if not cutoff > 0:
+        raise InputError(f"the cut-off of {part.name!r} must be positive, but is {cutoff}")
+    sigma = cutoff**-2.0
+    if not sigma:
+        return np.zeros((q.shape[1],) * 2)
+    inner = np.array([kind not in ("constraint", "rigid") for kind in part.kinds], dtype=bool)
+    M, K = (A.toarray() if sp.issparse(A) else A for A in (part.M, part.K))
+    unit = np.sqrt(np.abs(K.diagonal()))
+    shared = np.abs(K[np.ix_(inner, ~inner)]) > SHARED * np.outer(unit[inner], unit[~inner])
+    if shared.any():
+        raise InputError(f"{part.name!r}: {int(shared.any(axis=1).sum())} coordinates that leave the interface at rest share "
+                         "stiffness with its constraint modes. Bounds are known only where they share none")
+    try:
+        theta, X = la.eigh(M[np.ix_(inner, inner)], K[np.ix_(inner, inner)], check_finite=False)
+    except la.LinAlgError:
+        raise InputError(f"{part.name!r}: K of the coordinates that leave the interface at rest is not positive definite, so "
+                         "that these are no fixed-interface modes") from None
+    exact, far = theta >= sigma, theta < sigma / 2
+    near = ~exact & ~far
+    shares = X.T @ (K[np.ix_(inner, inner)] @ q[inner])
+    rest = q.copy()
+    rest[inner] = X[:, far] @ shares[far]
+    inertia = M @ rest
+    seen = X[:, exact].T @ inertia[inner]
+    G = rest.T @ inertia - (seen.T / theta[exact]) @ seen
+    beside = (shares[near].T * (sigma - theta[near])) @ shares[near]
+    size = float(np.trace(G)), float(np.trace(beside))
+    if min(size) > 0:  # (a + b)² ≤ (1 + t) a² + (1 + 1/t) b²
+        t = np.sqrt(size[1] / size[0])
+        G, beside = G * (1 + t), beside * (1 + 1 / t)
+    G = sigma * (G + beside)
+    return np.asarray((G + G.T) / 2)
 
 
-def _reduced_parts(model: Substructure, q: Array) -> Iterator[tuple[ReducedSubstructure, Array]]:
-    """Each reduced part with its coordinates in the motions q (n, k)."""
-    if isinstance(model, ReducedSubstructure):
-        yield model, q
-    if isinstance(model, System):
-        _check_springs(model)
-        for part, rows in zip(model.parts.values(), rows_of_parts(model.parts), strict=True):
-            yield from _reduced_parts(part, model.L[rows] @ q)
+def _worst(theta: Array, found: LeftOut, count: int, complete: bool) -> Array:
+    """At least the `count` largest 1/ω² of the full model; `theta` are those of the reduced one, all of them or the first.
+
+    A mode that is softer by eight digits would take them from the bounds of the others. It is left out for these: the i-th
+    largest eigenvalue of a matrix is at most the (i - 1)-th of a part with one row less.
+    """
+    used, above = len(theta), found.most
+    if not complete:
+        used, above = used - 1, float(theta[-1]) + found.most  # the last one stands for all that follow
+    worst = np.full(count, above)
+    start = 0
+    while start < min(used, count):
+        kept = slice(start, used)
+        values, P = np.linalg.eigh(found.coupling[kept, kept])
+        values = np.maximum(values, 0.0) + EPS * np.abs(values).sum()
+        C = P * np.sqrt(values)
+        mixed = np.block([[np.diag(theta[kept]), C], [C.T, above * np.eye(used - start)]])
+        largest = np.linalg.eigvalsh(mixed)[::-1]
+        end = start + int(np.count_nonzero(theta[kept] >= np.sqrt(EPS) * theta[start]))
+        some = slice(start, min(end, count))
+        worst[some] = np.maximum(largest[:some.stop - start], above)
+        start = end
+    least = np.append(theta, np.full(count, 0.0 if complete else theta[-1]))[:count] + found.most
+    return np.asarray(np.minimum(worst, least))
+
+
+def _in_words(model: Substructure, found: LeftOut) -> str:
+    """Whose frequencies are bounded."""
+    if found.premises:
+        first, *others = found.premises
+        more = f", and {len(others)} more part{'s' * (len(others) > 1)} likewise" if others else ""
+        return f"{model.name!r} before reduction, if {first}{more}"
+    if not _is_reduced(model):
+        return f"{model.name!r} itself, whose {model.size} coordinates count as a full model"
+    return f"{model.name!r} before reduction ({found.dofs} DOF)"
+
+
+def _is_reduced(model: Substructure) -> bool:
+    return isinstance(model, ReducedSubstructure) or any(map(_is_reduced, getattr(model, "parts", {}).values()))
 
 
 def _check_springs(system: System) -> None:

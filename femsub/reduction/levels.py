@@ -22,14 +22,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from femsub.algebra import check_workers, load, most_memory, only_one, side_by_side, store
-from femsub.checks import Array, choice, instance, mapping, path_of, whole_number, word
+from femsub.checks import Array, choice, instance, mapping, path_of, word
 from femsub.coupling import Rigid, System, couple, rows_of_parts
 from femsub.errors import InputError, InputTypeError
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.reduction.basis import Partition
 from femsub.reduction.component import reduced
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.frequency_bounds import FrequencyBounds, Truncation, enclosed, lowest_of
+from femsub.reduction.frequency_bounds import FrequencyBounds, frequency_bounds
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -41,7 +41,7 @@ UNFINISHED = ".unfinished"  # ending of a folder that is being written
 MODEL, TASK = "model", "task"  # in the folder of a task
 JOINED = "+"  # in the names of sets that parts share, as 'p1+p2'
 ADVICE = "Call reduce_by_levels again with the same arguments: it goes on with what is done"
-FORM = 1  # of the folders; those of another form are made anew
+FORM = 2  # of the folders; those of another form are made anew
 
 
 @dataclass(frozen=True, repr=False)
@@ -138,13 +138,7 @@ class Levels:
 
     def bounds(self, count: int) -> FrequencyBounds:
         """`frequency_bounds` of the whole, of which no full model exists: all steps of reduction count."""
-        modes = lowest_of(self.model, whole_number("count", count, least=1))
-        steps: dict[int, float] = {}
-        truncations = []
-        for task, q in self._descended(modes.shapes[:, modes.rigid:]):
-            steps[task.level] = min(steps.get(task.level, np.inf), task.cutoff)
-            truncations.append(Truncation.of(load(self.folder / task.name)[MODEL], q))
-        return enclosed(modes, self.model.size, truncations, list(steps.values()), count)
+        return frequency_bounds(self.model, count)
 
     def expand(self, x: Array, names: Sequence[str] | None = None) -> Iterator[tuple[str, Array]]:
         """The displacements of one part after the other, (name, u), from coordinates x of the model, shape (n,) or (n, k).
