@@ -134,9 +134,9 @@ def test_massless_dof(n: int) -> None:
 
 
 @pytest.mark.parametrize("n", [10, 300])
-def test_too_many_modes_and_bad_requests(n: int) -> None:
-    with pytest.raises(ValueError, match=f"there are {n}"):
-        fs.normal_modes(fs.chain(n), count=n + 1)
+def test_more_modes_than_there_are_and_bad_requests(n: int) -> None:
+    with pytest.warns(fs.FemsubWarning, match=f"count={n + 1} elastic modes .* has {n} of finite"):
+        assert np.allclose(fs.normal_modes(fs.chain(n), count=n + 1).frequencies, fs.chain_frequencies(n), rtol=1e-9)
     with pytest.raises(ValueError, match="either count"):
         fs.normal_modes(fs.chain(n))
     with pytest.raises(ValueError, match="0 <= lo < hi"):
@@ -210,12 +210,29 @@ def test_modes_of_a_mass_matrix_of_low_rank_are_counted_by_its_rank() -> None:
     assert len(exact) == 5
     for count in (4, 5):
         assert np.allclose(fs.normal_modes(fs.Substructure(few.tocsr(), K), count=count).frequencies, exact[:count], rtol=1e-10)
-    with pytest.raises(fs.InputError, match="6 elastic modes were asked for, but there are 5"):
-        fs.normal_modes(fs.Substructure(few.tocsr(), K), count=6)
+    with pytest.warns(fs.FemsubWarning, match=r"count=6 elastic modes of 'part' were asked for, but it has 5 of finite"):
+        modes = fs.normal_modes(fs.Substructure(few.tocsr(), K), count=6)
+    assert np.allclose(modes.frequencies, exact, rtol=1e-10) and modes.evidence == "certified"
     shared = np.eye(20)
     shared[3, 4] = shared[4, 3] = 1.0  # one mass, moved by both
-    with pytest.raises(fs.InputError, match="there are 19"):
-        fs.normal_modes(fs.Substructure(shared, fs.chain(20).K), count=20)
+    with pytest.warns(fs.FemsubWarning, match="but it has 19 of finite frequency"):
+        assert len(fs.normal_modes(fs.Substructure(shared, fs.chain(20).K), count=20).frequencies) == 19
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_of_fewer_modes_than_asked_for_all_are_returned(free: bool) -> None:
+    """Three DOF of which one has no mass, held and free."""
+    sub = fs.Substructure(np.diag([1.0, 0.0, 1.0]), fs.chain(3, fixed=not free).K, name="few")
+    beside = " beside 1 rigid-body modes" if free else ""
+    with pytest.warns(fs.FemsubWarning, match=f"count=3 elastic modes of 'few' were asked for, but it has {2 - free} of finite "
+                                              f"frequency{beside}. All of them are returned"):
+        modes = fs.normal_modes(sub, count=3)
+    # springs 1/2 and, held, 1 to the ground
+    exact = [1.0] if free else np.sqrt(np.linalg.eigvalsh([[1.5, -0.5], [-0.5, 0.5]]))
+    assert modes.rigid == free and np.allclose(modes.frequencies[free:], exact) and modes.evidence == "certified"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fs.normal_modes(sub, count=2 - free)
 
 
 def test_a_piece_held_by_rounding_is_refused() -> None:

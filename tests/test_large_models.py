@@ -335,6 +335,10 @@ def test_memory_available_is_a_figure() -> None:
     assert found is None or 1e6 < found < 1e15
 
 
-def test_more_modes_than_there_are_stays_an_input_error(every_model_is_heavy: list[int]) -> None:
+def test_of_more_modes_than_there_are_a_large_model_makes_an_input_error(monkeypatch: pytest.MonkeyPatch,
+                                                                         every_model_is_heavy: list[int]) -> None:
+    with pytest.warns(fs.FemsubWarning, match="has 800 of finite frequency"):
+        assert len(fs.normal_modes(lattice(20, 20, held=True), count=5000).frequencies) == 800
+    monkeypatch.setattr("femsub.modes.normal_modes.DENSE", 700)
     with pytest.raises(InputError):
         fs.normal_modes(lattice(20, 20, held=True), count=5000)

@@ -152,8 +152,7 @@ for n in (20, 300):
 case(group, "M of half rank, no zero on its diagonal", modes, lambda: fs.Substructure(
     sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 10)
 case(group, "more modes than masses", modes,
-     lambda: fs.Substructure(sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 11,
-     expect="11 elastic modes were asked for, but there are 10")
+     lambda: fs.Substructure(sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 11)
 case(group, "HCB, massless interface", basis,
      lambda: fs.Substructure(np.diag(1.0 - np.arange(12) % 2), fs.chain(12).K, interface=[1]),
      HCB(3))

@@ -44,7 +44,8 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
         Created if it does not exist.
     model : ReducedSubstructure or Substructure
         Its interface motions must be coordinates, as those of `CraigBampton` are. Those that a DOF map calls 'ux', ..., 'rz'
-        become DOF of their nodes, all others scalar points or nodes of their own.
+        become DOF of their nodes, all others scalar points or nodes of their own. Of a model that is not reduced all coordinates
+        are boundary. For Nastran there must be one.
     program : str
         See the table.
     full : Substructure, optional
@@ -79,7 +80,8 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     Raises
     ------
     InputError
-        An unknown program, an interface that is not coordinates, more than a format can hold, a folder that cannot be written.
+        An unknown program, an interface that is not coordinates or, for Nastran, none, more than a format can hold, a folder
+        that cannot be written.
     MissingPackageError
         'nastran' without pyyeti.
 
@@ -122,6 +124,7 @@ class Places:
     points: dict[int, Array]  # of the nodes that have a place
     kinds: tuple[str, ...]
     number: int
+    boundary: Array  # (r,) bool: what other parts are joined to, not the modal coordinates
 
     @property
     def grids(self) -> dict[int, list[int]]:
@@ -132,9 +135,10 @@ class Places:
                 found.setdefault(node, []).append(direction)
         return found
 
-    @property
-    def scalars(self) -> list[int]:
-        return [int(node) for node, direction in self.labels[self.order] if not direction]
+    def scalars(self, boundary: bool | None = None) -> list[int]:
+        """All scalar points, or those of the boundary, which have the first numbers, or the others."""
+        return [int(self.labels[at, 0]) for at in self.order
+                if not self.labels[at, 1] and boundary in (None, bool(self.boundary[at]))]
 
 
 def _places(model: Substructure, number: int, calculix: bool) -> Places:
@@ -147,6 +151,7 @@ def _places(model: Substructure, number: int, calculix: bool) -> Places:
     dofs, rows = model.dofs, np.arange(model.size)
     if isinstance(model, ReducedSubstructure):
         dofs, rows, kinds = model.interface_dofs, model.interface, model.kinds
+    boundary = np.isin(np.arange(model.size), rows)
     labels, points = np.zeros((model.size, 2), dtype=np.int64), dict[int, Array]()
     if dofs is not None:
         where = None if dofs.points is None else _spatial(dofs.points)
@@ -159,13 +164,14 @@ def _places(model: Substructure, number: int, calculix: bool) -> Places:
         if (labels[:, 1] > 0).any() and labels[labels[:, 1] > 0, 0].min() < 1:
             raise InputError(f"node {labels[labels[:, 1] > 0, 0].min()} of {model.name!r}: other programs count nodes from 1")
     free = np.flatnonzero(labels[:, 1] == 0)
+    free = free[np.argsort(~boundary[free], kind="stable")]
     labels[free, 0] = max(number * per_part, int(labels[:, 0].max())) + 1 + np.arange(len(free)) // per_node
     if per_node > 1:
         labels[free, 1] = np.arange(len(free)) % per_node + 1
     if labels[:, 0].max() > LARGEST_ID:
         raise InputError(f"node {labels[:, 0].max()} of {model.name!r} has more than eight digits")
     order = np.lexsort((labels[:, 1], labels[:, 0], labels[:, 1] == 0))
-    return Places(labels, order, points, kinds, number)
+    return Places(labels, order, points, kinds, number, boundary)
 
 
 def _spatial(points: Array) -> Array:
@@ -239,14 +245,22 @@ def _head(model: Substructure, what: str) -> list[str]:
 
 def _placed(model: Substructure, places: Places) -> dict[int, Array]:
     """The grids of the boundary; they need places."""
+    if not places.boundary.any():
+        raise InputError(f"{model.name!r} has no interface, and Nastran joins a superelement by nothing else. Name interface DOF "
+                         "before you reduce it, or write its matrices with write_matrices")
     if missing := [node for node in places.grids if node not in places.points]:
         raise InputError(f"node {missing[0]} of {model.name!r} has no place: Nastran needs the points of its DOF map")
     return {node: places.points[node] for node in places.grids}
 
 
-def _scalar_lines(places: Places, name: str, *before: int) -> Iterator[str]:
-    scalars = places.scalars
+def _scalar_lines(places: Places, name: str, *before: int, boundary: bool | None = None) -> Iterator[str]:
+    scalars = places.scalars(boundary)
     return _card(name, *before, scalars[0], "THRU", scalars[-1]) if scalars else iter(())
+
+
+def _set_lines(places: Places) -> list[str]:
+    """Which scalar points are boundary, and which are modal coordinates."""
+    return [*_scalar_lines(places, "BSET1", 0, boundary=True), *_scalar_lines(places, "QSET1", 0, boundary=False)]
 
 
 def _tug1(recovered: list[tuple[int, int]], size: int) -> Iterator[str]:
@@ -270,7 +284,7 @@ def _nastran(model: Substructure, places: Places, name: str) -> dict[str, Writer
     if isinstance(model, ReducedSubstructure) and model.full_dofs is not None and model.full_dofs.points is not None:
         here = dict(zip(model.full_dofs.nodes.tolist(), _spatial(model.full_dofs.points), strict=True))
         inner = {node: here[node] for node, _ in recovered if node not in points}
-    ids = [*places.grids, *places.scalars]
+    ids = [*places.grids, *places.scalars()]
     joined = [value for node in ids for value in (node, node)]
     extrn = [value for node in ids for value in (node, "".join(map(str, places.grids.get(node, [0]))))]
     sets: dict[str, list[int]] = {}
@@ -283,7 +297,7 @@ def _nastran(model: Substructure, places: Places, name: str) -> dict[str, Writer
     pch = [*_head(model, "External superelement"), "$ for the end of the assembly run", *_card("BEGIN SUPER", number),
            *_card("EXTRN", *extrn), *boundary, *_grid_lines(inner),
            *(line for directions, nodes in sets.items() for line in _card("ASET1", directions, *nodes)),
-           *_scalar_lines(places, "QSET1", 0), *_tug1(recovered, size)]
+           *_set_lines(places), *_tug1(recovered, size)]
     return {f"{name}.op4": partial(write_op4, op4=op4_module(), parts=parts), f"{name}.asm": partial(_write_lines, lines=asm),
             f"{name}.pch": partial(_write_lines, lines=pch)}
 
@@ -299,7 +313,7 @@ def _dmig(model: Substructure, places: Places, name: str) -> dict[str, Writer]:
 
     def write(file: BinaryIO) -> None:
         _write_lines(file, [*_head(model, "Superelement"), "$ " + ", ".join(f"{CASE[key]} = {DMIG[key]}" for key in matrices),
-                            *_grid_lines(points), *_scalar_lines(places, "SPOINT"), *_scalar_lines(places, "QSET1", 0),
+                            *_grid_lines(points), *_scalar_lines(places, "SPOINT"), *_set_lines(places),
                             *_tug1(recovered, model.size)])
         for key, matrix in matrices.items():
             form = 6 if np.array_equal(matrix, matrix.T) else 1

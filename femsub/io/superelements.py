@@ -29,7 +29,7 @@ NETCDF = (".nc", ".nc4")  # of Sierra/SD
 ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
 ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
-RIGID = 1e-10  # of Σ |k_ij| |z_j|: forces that Nastran's rounding leaves in rigid motion; a softer support counts as none
+RIGID = 5e-10  # of the largest entry: forces that ten digits leave in rigid motion; a softer support counts as none
 MOST = 3_000_000  # points that the lists of a file may name
 
 
@@ -40,7 +40,7 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     it reads             .op4 (EXTSEOUT MATOP4, KAA or KXX, MAA or MXX, BAA, MUG1) with .asm or .pch; .op2 with
                          them, or alone (EXTSEOUT DMIGOP2); DMIG cards
                          (EXTSEOUT DMIGPCH, K2GG, M2GG) with .pch, .asm or their own deck; EXTRN, SECONCT, GRID,
-                         CORD1x, CORD2x, SPOINT, QSET, QSET1, DTI TUG1
+                         CORD1x, CORD2x, SPOINT, BSET, BSET1, QSET, QSET1, DTI TUG1
                          .nc of Sierra/SD, see `femsub.io.sierra.read_cbr`
     it turns             the motions of a boundary grid in a frame of its own (CD) into those along the basic axes
     it recovers          u = V q: the boundary, the modal coordinates themselves, called 'q', and other grids (MUG1)
@@ -152,11 +152,18 @@ class _Deck:
         return {number for card, fields in self.of("SPOINT") for number in self.listed(card, fields)}
 
     def modal(self) -> set[int]:
-        """Scalar points, and grids of the q-set."""
-        found = self.scalar()
+        """Scalar points that are not in the b-set, and points of the q-set."""
+        found = self.scalar() - self.fixed()
         for card, fields in self.of("QSET1"):
             found |= set(self.listed(card, fields[1:]))
         for card, fields in self.of("QSET"):
+            found |= {whole(self.path, card, grid, 1) for grid, _ in quadruples(fields, 2)}
+        return found
+
+    def fixed(self) -> set[int]:
+        """Points of the b-set, which the modes of the superelement hold."""
+        found = {number for card, fields in self.of("BSET1", "BNDFIX1") for number in self.listed(card, fields[1:])}
+        for card, fields in self.of("BSET", "BNDFIX"):
             found |= {whole(self.path, card, grid, 1) for grid, _ in quadruples(fields, 2)}
         return found
 
@@ -336,18 +343,19 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     if len(set(raw.rows)) < len(raw.rows):
         raise InputError(f"{path}: a DOF stands twice in the order of the superelement's DOF")
     checked = Substructure(raw.M, raw.K, raw.D, H=raw.H)
-    points = deck.modal()
-    modal = np.array([grid in points or direction == 0 for grid, direction in raw.rows])
+    points, fixed = deck.modal(), deck.fixed()
+    modal = np.array([grid in points or (direction == 0 and grid not in fixed) for grid, direction in raw.rows])
     used = (raw.K != 0).any(axis=0) | (raw.M != 0).any(axis=0)
     order = np.concatenate([np.flatnonzero(~modal), np.flatnonzero(modal & used)])
     boundary = [raw.rows[row] for row in np.flatnonzero(~modal)]
     if not boundary:
-        raise InputError(f"{path}: the superelement has no boundary grids, only scalar points")
+        raise InputError(f"{path}: the superelement has no boundary, only modal coordinates: neither grids nor scalar points of "
+                         "the b-set (BSET1)")
     nb, square = len(boundary), np.ix_(order, order)
     K, M, D = checked.K[square], checked.M[square], None if raw.D is None else checked.D[square]
     H = None if checked.H is None else checked.H[square]
     systems, cd = deck.systems()
-    missing = sorted({grid for grid, _ in boundary} - cd.keys())
+    missing = sorted({grid for grid, direction in boundary if direction} - cd.keys())
     if missing:
         raise InputError(f"{path}: there is no GRID card of {len(missing)} boundary grids, first {missing[0]}; {path.stem}.pch "
                          f"or {path.stem}.asm should list them. read_component('FILE:M', 'FILE:K') reads the matrices alone")
@@ -365,8 +373,9 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
         cutoff = _highest(path, name, K[nb:, nb:], M[nb:, nb:])
     scalar = [raw.rows[row] for row in order[nb:]]
     nodes = [grid for grid, _ in boundary + scalar + extra]
-    where = np.array([[0.0] * 3 if grid in points else place.get(grid, [np.nan] * 3) for grid in nodes])  # q lies nowhere
-    dofs = _map(nodes[:nb], labels, where[:nb])
+    nowhere = points | {grid for grid, direction in boundary if not direction}
+    where = np.array([[0.0] * 3 if grid in nowhere else place.get(grid, [np.nan] * 3) for grid in nodes])
+    dofs = _map(nodes[:nb], labels, where[:nb] if any(direction for _, direction in boundary) else None)
     number = f" {next(iter(deck.supers))}" if deck.supers else ""
     return ReducedSubstructure(
         M, K, D, {}, name, H=lossy[0] if lossy else None, V=V, kinds=("constraint",) * nb + (kind,) * kept, modes=kept,
@@ -395,9 +404,10 @@ def _map(nodes: list[int], labels: list[str], where: Array | None) -> DofMap:
 
 
 def _rigid(M: Array, D: Array | None, K: Array, dofs: DofMap) -> RigidMotion | None:
-    """The six rigid motions, whose shapes at the boundary grids follow from their places; None where K resists one of them.
+    """The rigid motions that K does not resist, of the six whose shapes at the boundary grids follow from their places.
 
-    Nastran's K has lost some digits, so that its rigid motions do not show in K alone.
+    Nastran's K has lost some digits, so that its rigid motions do not show in K alone. Each DOF is measured in the unit of its
+    own stiffness.
     """
     if len(dofs.labels) > len(DIRECTIONS) or dofs.points is None:
         return None
@@ -407,12 +417,16 @@ def _rigid(M: Array, D: Array | None, K: Array, dofs: DofMap) -> RigidMotion | N
                       *(np.eye(6)[k][:, None] * one for k in range(3, 6))])
     Z = np.zeros((len(K), 6))
     Z[:dofs.size] = table[count, :, np.arange(dofs.size)]
-    unit = np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))
-    weighted = Z * unit[:, None]
-    held = np.abs(K @ Z) > RIGID * np.maximum(np.abs(K) @ np.abs(Z), np.finfo(float).tiny).max(axis=0)
-    if held.any() or np.linalg.matrix_rank(weighted / np.linalg.norm(weighted, axis=0).clip(np.finfo(float).tiny)) < 6:
+    unit = np.where(K.diagonal() > 0, K.diagonal(), 1.0) ** -0.5
+    scaled = Z / unit[:, None]
+    size = np.linalg.norm(scaled, axis=0)
+    U, values, _ = np.linalg.svd(scaled[:, size > 0] / size[size > 0], full_matrices=False)
+    U = U[:, values > RIGID * values.max(initial=0.0)]
+    resisted, turn = np.linalg.svd(unit[:, None] * (K @ (unit[:, None] * U)), full_matrices=False)[1:]
+    free = unit[:, None] * (U @ turn.T[:, resisted <= RIGID * np.sqrt(len(K))])
+    if not free.shape[1]:
         return None
-    return RigidMotion.of(Z, np.zeros_like(K) if D is None else D, unit)
+    return RigidMotion.of(free, np.zeros_like(K) if D is None else D, np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny)))
 
 
 def _extra(raw: _Raw, order: Array, boundary: set[tuple[int, int]], T: Array) -> tuple[list[tuple[int, int]], Array]:
@@ -438,6 +452,9 @@ def _turned(dofs: list[tuple[int, int]], systems: Systems, cd: Mapping[int, int]
     T, labels = np.eye(len(dofs)), [""] * len(dofs)
     blocks: dict[tuple[int, bool], dict[int, int]] = {}
     for at, (grid, direction) in enumerate(dofs):
+        if not direction:
+            labels[at] = "scalar"
+            continue
         blocks.setdefault((grid, direction > 3), {})[(direction - 1) % 3] = at
     for (grid, turning), rows in blocks.items():
         axes = systems.axes(cd[grid], place[grid]) if grid in cd else None

@@ -12,7 +12,8 @@ from femsub.checks import Matrix, finite_number, instance, positive_number, whol
 from femsub.components import not_negative, pair, proportional
 from femsub.errors import InputError, InputTypeError
 from femsub.model import ReducedSubstructure, Substructure
-from femsub.modes.normal_modes import all_modes, normal_modes
+from femsub.modes.normal_modes import all_modes, lowest_modes
+from femsub.modes.shift_invert import ShiftInvert
 
 FILLED = 2000  # DOF up to which modal damping may fill the D of a sparse model
 
@@ -150,7 +151,7 @@ def _modal(sub: Substructure, modal: Any) -> Matrix:
         raise InputTypeError(f"modal must be a ratio or a sequence of them, not {modal!r:.80}")
     if isinstance(modal, (Sequence, np.ndarray)):
         zeta = np.array([not_negative(f"modal[{i}]", value) for i, value in enumerate(modal)])
-        modes = normal_modes(sub, count=len(zeta))
+        modes = lowest_modes(ShiftInvert(sub.K, sub.M, carried=sub.rigid_motion), len(zeta))  # refuses more than there are
     else:
         modes = all_modes(sub.K, sub.M, carried=sub.rigid_motion)
         zeta = np.full(len(modes.eigenvalues) - modes.rigid, not_negative("modal", modal))

@@ -133,18 +133,21 @@ class NormalModes:
 
 
 def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: NormalModes | None = None,
-                 evidence: bool = True) -> NormalModes:
+                 evidence: bool = True, fewer: bool = False) -> NormalModes:
     """The rigid-body modes and the `count` lowest elastic ones, certified by an inertia count.
 
     With `defer`, the inertia count of a large model is left to `count_deferred`: it needs a second factorisation, and the first
     one may have to be freed before. `known` modes are deflated instead of computed again. Without `evidence` there is no count.
+    With `fewer`, all modes are returned where there are no more, unless these are many of a large model.
     """
     n, rigid = handle.K.shape[0], handle.rigid.shape[1]
+    whole = fewer and count >= handle.elastic and (n <= DENSE or handle.elastic <= 0.3 * n)
+    count = handle.elastic if whole else count
     if not 0 <= count <= handle.elastic:
         raise InputError(f"{count} elastic modes were asked for, but there are {handle.elastic}"
                          + (f" (and {rigid} rigid-body modes)" if rigid else ""))
     if n <= SMALL or not sp.issparse(handle.K) or (count > 0.3 * n and n <= DENSE):
-        return _dense(handle, count)
+        return _dense(handle, None if whole else count)
     with reused_memory(n):
         return _sparse(handle, count, defer, known, evidence)
 
@@ -364,14 +367,14 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     values = np.concatenate([np.zeros(handle.rigid.shape[1]), values])
     shapes = np.hstack([handle.rigid, shapes])
     orthonormalise(shapes, handle.M)
-    residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
+    residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit, handle.rigid)
     if len(shapes) <= DENSE:
         scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
         poor = (residual > accepted) | ((doubt > SHARP) & (doubt > BLURRED * rounding))
         if poor[values > 0].any():
             which = np.flatnonzero((poor | (scaled > GOOD)) & (values > 0))
             values, shapes = refined(handle.K, handle.M, values, shapes, which)
-            residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
+            residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit, handle.rigid)
     residual[:handle.surely_rigid] = 0.0  # K may hold nothing of these coordinates but rounding
     beyond = residual / np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
     if not beyond.max(initial=0.0) <= 1:
@@ -393,7 +396,8 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     ----------
     model : Substructure
     count : int, optional
-        Number of elastic modes; the rigid-body modes of a floating part are added to them.
+        Number of elastic modes; the rigid-body modes of a floating part are added to them. Where the model has fewer, a warning
+        says how many, and all are returned.
     band : (lo, hi), optional
         Instead of `count`: all modes with lo ≤ ω ≤ hi in radians per unit of time, rigid-body modes included if lo = 0.
         The edges belong to the band, with a tolerance of 1e-9 ω for rounding (`bands.in_band`).
@@ -403,11 +407,16 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     NormalModes
         ω, Φ, the residual of each mode, and the inertia count.
 
+    Warns
+    -----
+    FemsubWarning
+        The model has fewer elastic modes than `count`; rounding in K blurs a mode.
+
     Raises
     ------
     InputError
-        Neither or both of `count` and `band`; more modes than there are; a band that reaches above the cut-off of a reduced
-        model.
+        Neither or both of `count` and `band`; more modes than a large model has; a band that reaches above the cut-off of a
+        reduced model.
     SingularMatrixError
         K is not positive semidefinite.
     NotConvergedError, MissedModesError
@@ -427,7 +436,11 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
         model.refuse_empty()
     if count is not None:
         with kept_free(8.0 * model.K.shape[0] * search_columns(whole_number("count", count))):
-            modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion, seeks=count), count)
+            modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion, seeks=count), count, fewer=True)
+        if (found := len(modes.eigenvalues) - modes.rigid) < count:
+            name = getattr(model, "name", "the model")
+            warn(f"count={count} elastic modes of {name!r} were asked for, but it has {found} of finite frequency"
+                 + (f" beside {modes.rigid} rigid-body modes" if modes.rigid else "") + ". All of them are returned")
         log.info("%r", modes)
         return modes
     lo, hi = usable_band(model, band)
@@ -515,9 +528,15 @@ def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Arr
     return _certificates(K, M, values, shapes)[0]
 
 
-def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: float = EPS) -> tuple[Array, Array]:
-    """The relative residuals and `NormalModes.rounding`, (k,) each; some modes at a time, since each takes four columns."""
+def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: float = EPS,
+                  rigid: Array | None = None) -> tuple[Array, Array]:
+    """The relative residuals and `NormalModes.rounding`, (k,) each; some modes at a time, since each takes four columns.
+
+    Rounding in K lets it resist the `rigid` motion a little. Elastic modes are those of a K without that, so that the inertia of
+    rigid motion is no part of their residuals.
+    """
     residual, scale, weight = np.zeros((3, shapes.shape[1]))
+    held = None if rigid is None or not rigid.shape[1] else (times(M, rigid), rigid.T)
     sizes = tuple(without_signs(A) for A in (K, M))
 
     def lengths(A: Array) -> Array:
@@ -530,6 +549,8 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
         inertial *= value
         wrong = times(K, x)
         wrong -= inertial
+        if held is not None and value.any():
+            wrong[:, value > 0] -= held[0] @ (held[1] @ wrong[:, value > 0])
         residual[part] = lengths(wrong)
         del wrong, inertial  # before others take their place
         size = np.abs(x, out=x)

@@ -1,0 +1,131 @@
+"""Superelements written for each program and read back: the same frequencies, and the same motion, within the digits of the format.
+
+Solids, beams, plates, chains and systems, held, floating and pinned, with a DOF map or without, with modes scaled as other
+programs do. The reference are the model's own frequencies. What a format cannot hold is to be refused when it is written.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import femsub as fs
+from femsub.checks import EPS, Array
+
+KINDS = ("nastran", "dmig", "abaqus", "calculix", "exudyn")
+LAST = {"dmig": 5e-10}  # half of the last digit of a format, relative
+NO_INTERFACE, DAMPED, NO_MAP = "has no interface", "has damping", "needs a reduced model"
+
+Random = np.random.Generator
+
+
+def attacked(kind: str, seed: int) -> str:
+    """'same', or 'refused in words' where the format cannot hold it; else what is wrong."""
+    random = np.random.default_rng([KINDS.index(kind), seed])
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
+        warnings.simplefilter("ignore")
+        full, model = _model(random)
+        try:
+            files = fs.write_superelement(folder, model, kind, full=full if kind == "exudyn" else None)
+        except fs.FemsubError as error:
+            open_ = len(model.interface) or not isinstance(model, fs.ReducedSubstructure)
+            meant = (NO_INTERFACE in str(error) and not open_ or kind in ("calculix", "exudyn") and DAMPED in str(error)
+                     or kind == "exudyn" and (NO_MAP in str(error) or "Exudyn's bodies" in str(error)))
+            return f"{'refused in words' if meant else 'refused'}: seed {seed}: {error}"
+        try:
+            return _compared(model, _read(kind, files, model), kind, seed)
+        except fs.FemsubError as error:
+            return f"wrong: seed {seed}: what was written is refused: {type(error).__name__}: {error}"
+
+
+def _compared(model: fs.Substructure, found: fs.Substructure | Array, kind: str, seed: int) -> str:
+    own = fs.normal_modes(model, count=6)
+    omega, slack = own.frequencies[own.rigid:], 1e-9 + 8 * (1 + LAST.get(kind, 0.0) / EPS) * own.rounding[own.rigid:]
+    if isinstance(found, np.ndarray):
+        other, rigid = found[:len(omega)], own.rigid
+    else:
+        read = fs.normal_modes(found, count=6)
+        other, rigid = read.frequencies[read.rigid:], read.rigid
+    if slack.max(initial=0.0) > 0.1:
+        return "too few digits"
+    if rigid != own.rigid or len(other) != len(omega):
+        return f"wrong: seed {seed}: {rigid} rigid and {len(other)} elastic, not {own.rigid} and {len(omega)}: {model!r}, {found!r}"
+    error = np.abs(other / omega - 1)
+    if (error > slack).any():
+        at = int((error / slack).argmax())
+        return f"wrong: seed {seed}: mode {at + 1} off by {error[at]:.1e}, allowed {slack[at]:.1e}: {model!r}"
+    if isinstance(model, fs.ReducedSubstructure) and isinstance(found, fs.ReducedSubstructure) and (
+            len(found.interface) != len(model.interface) or found.modes != model.size - len(model.interface)):
+        return f"wrong: seed {seed}: {len(found.interface)} interface DOF and {found.modes} modes: {model!r}, {found!r}"
+    return "same"
+
+
+def _read(kind: str, files: list[Path], model: fs.Substructure) -> fs.Substructure | Array:
+    by_name = {path.name: path for path in files}
+    if kind in ("nastran", "dmig"):
+        path = next(path for path in files if path.suffix == {"nastran": ".asm", "dmig": ".pch"}[kind])
+        return fs.read_component(path, cutoff=model.cutoff if np.isfinite(model.cutoff) else 1e30)
+    if kind == "exudyn":
+        data = np.load(next(path for path in files if path.suffix == ".npz"), allow_pickle=True)
+        values = np.sort(np.diag(data["stiffnessMatrixReduced"]) / np.diag(data["massMatrixReduced"]))
+        return np.asarray(np.sqrt(np.maximum(values, 0.0)))
+    return fs.read_component(by_name["M.mtx"], by_name["K.mtx"])
+
+
+def _model(random: Random) -> tuple[fs.Substructure, fs.Substructure]:
+    """A full model, and what is written."""
+    full = _full(random)
+    if random.random() < 0.3:
+        full = fs.damped(full, rayleigh=(10.0 ** random.uniform(-2, 1), 10.0 ** random.uniform(-9, -5)))
+    if random.random() < 0.1 or not len(full.interior):
+        return full, full
+    method = (fs.CraigBampton, fs.CraigBampton, fs.Hurty)[int(random.integers(3))]
+    most = max(1, min(8, len(full.interior) - 1))
+    try:
+        rom = fs.reduce(full, method(int(random.integers(0 if len(full.interface) else 1, most + 1))),
+                        ports=bool(random.random() < 0.3))
+    except fs.InputError:  # an interface that does not hold it
+        rom = fs.reduce(full, fs.CraigBampton(0)) if len(full.interface) else full
+    return full, _scaled(random, rom) if isinstance(rom, fs.ReducedSubstructure) and random.random() < 0.6 else rom
+
+
+def _scaled(random: Random, rom: fs.ReducedSubstructure) -> fs.ReducedSubstructure:
+    modal = np.setdiff1d(np.arange(rom.size), rom.interface)
+    s = np.ones(rom.size)
+    s[modal] = 1 / np.abs(rom.V[:, modal]).max(axis=0) if random.random() < 0.5 else 10.0 ** random.uniform(-4, 4, len(modal))
+    D = None if not np.any(rom.D) else rom.D * np.outer(s, s)
+    return replace(rom, M=rom.M * np.outer(s, s), K=rom.K * np.outer(s, s), D=D, V=rom.V * s, ports={}, rigid_motion=None,
+                   noise=np.zeros((rom.size, 0)), estimate=None, estimated=None)
+
+
+def _full(random: Random) -> fs.Substructure:
+    which, scale = int(random.integers(6)), 10.0 ** random.uniform(-2, 2)
+    E, rho = 10.0 ** random.uniform(5, 12), 10.0 ** random.uniform(2, 4)
+    if which <= 1:
+        cells = int(random.integers(2, 9)), int(random.integers(1, 3)), 1
+        size = scale, scale * random.uniform(0.05, 0.4), scale * random.uniform(0.05, 0.4)
+        sets = [["left"], ["right"], ["left", "right"]][int(random.integers(3))]
+        held = ["left"] if sets == ["right"] and random.random() < 0.7 else []
+        return fs.solid(fs.block(size, cells, "hexahedron"), fs.Material(E, 0.3, rho), supports=held, interface=sets, name="solid")
+    if which == 2:
+        supports: dict[str, str] = [{}, {"left": "clamped"}, {"left": "pinned"}][int(random.integers(3))]
+        ends = ["right"] if supports else ["left", "right"]
+        return fs.beam(scale, int(random.integers(3, 12)), E=E, I=1e-6 * scale**4, rho=rho, A=1e-2 * scale**2, supports=supports,
+                       interface=ends, name="beam")
+    if which == 3:
+        return fs.plate(fs.rectangle((scale, 0.6 * scale), (int(random.integers(2, 5)), 2), "quad"), E=E, nu=0.3, rho=rho,
+                        thickness=0.02 * scale, interface=["left", "right"][:int(random.integers(1, 3))], name="plate")
+    n = int(random.integers(6, 20))
+    places = [int(i) for i in random.choice(np.arange(1, n + 1), int(random.integers(0, 4)), replace=False)]
+    one = fs.chain(n, masses=random.lognormal(0, 1, n), springs=random.lognormal(0, 1, n), interface=places,
+                   belt=int(random.integers(1, n + 1)), damping=0.0)
+    if which == 4 or not places:
+        return one
+    # with a map of its own: motions of nodes in three directions, of which some are held
+    nodes = np.repeat(np.arange(1, n + 1), 1)
+    dofs = fs.DofMap(nodes, random.integers(0, 3, n), ("ux", "uy", "uz"), random.uniform(-1, 1, (n, 3)))
+    return fs.Substructure(one.M, one.K, one.D, one.interface, one.ports, "mapped", dofs)
