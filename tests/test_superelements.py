@@ -467,3 +467,40 @@ def test_a_craig_bampton_model_of_sierra(arm: Any, tmp_path: Path) -> None:
             read(tmp_path / "arm.nc4")
     with pytest.raises(fs.InputError, match="it has no cbmap"):
         read(sierra_netcdf(tmp_path / "arm.nc", rom, without="cbmap"))
+
+
+PARTS = {  # floating and held, whose DOF have directions of nodes, names of their own, or no map
+    "bar": lambda: fs.solid(fs.block((1.0, 0.1, 0.1), (10, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0),
+                            interface=["left", "right"], name="part"),
+    "beam": lambda: fs.beam(1.0, 8, E=2.1e11, I=1e-8, rho=7850.0, A=1e-3, interface=["left", "right"], name="part"),
+    "pinned beam": lambda: fs.beam(1.0, 8, E=2.1e11, I=1e-8, rho=7850.0, A=1e-3, supports={"left": "pinned"},
+                                   interface=["right"], name="part"),
+    "chain": lambda: fs.chain(20, interface=[1, 20], damping=0.0)}
+
+
+@pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
+@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("program", ["nastran", "dmig"])
+def test_what_was_written_for_nastran_is_read_with_its_frequencies(program: str, part: str, tmp_path: Path) -> None:
+    """Also with modes scaled to their largest entry, and where ten digits of K leave forces in rigid motion."""
+    if program == "nastran":
+        pytest.importorskip("pyyeti.nastran.op4")
+    rom = fs.reduce(PARTS[part](), fs.CraigBampton(6))
+    modal = np.array([kind == "fixed-interface" for kind in rom.kinds])
+    s = np.where(modal, 1 / np.abs(rom.V).max(axis=0), 1.0)
+    scaled = fs.ReducedSubstructure(rom.M * np.outer(s, s), rom.K * np.outer(s, s), None, {}, "part", V=rom.V * s,
+                                    kinds=rom.kinds, cutoff=rom.cutoff, full_interface=rom.full_interface,
+                                    full_dofs=rom.full_dofs)
+    files = fs.write_superelement(tmp_path, scaled, program)
+    found = fs.read_component(next(path for path in files if path.suffix in (".asm", ".pch")), cutoff=rom.cutoff)
+    own, read = (fs.normal_modes(model, count=5) for model in (rom, found))
+    assert read.rigid == own.rigid == {"bar": 6, "beam": 2, "pinned beam": 1, "chain": 0}[part]
+    assert read.evidence == "certified" and np.abs(read.frequencies[own.rigid:] / own.frequencies[own.rigid:] - 1).max() < 1e-6
+    assert found.kinds == ("constraint",) * len(rom.interface) + ("fixed-interface",) * 6
+    assert fs.complex_modes(found).rigid.sum() == 2 * own.rigid
+
+
+def test_a_model_without_an_interface_is_no_superelement(tmp_path: Path) -> None:
+    rom = fs.reduce(fs.Substructure(np.eye(5), fs.chain(5).K, name="alone"), fs.CraigBampton(3))
+    with pytest.raises(fs.InputError, match=r"'alone' has no interface, and Nastran joins.*write_matrices"):
+        fs.write_superelement(tmp_path, rom, "dmig")

@@ -30,6 +30,7 @@ ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
 ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
 RIGID = 5e-10  # of the largest entry: forces that ten digits leave in rigid motion; a softer support counts as none
+CLEAR = 0.01  # of the energy of the next motion: what rounding may cost rigid motion
 MOST = 3_000_000  # points that the lists of a file may name
 
 
@@ -221,6 +222,7 @@ class _Raw:
     rows: list[tuple[int, int]]
     recovery: Array  # (m, n)
     recovered: list[tuple[int, int]]
+    written: bool = False  # in the ten digits of DMIG cards
 
 
 def _pair(path: Path, matrices: Mapping[str, Matrix]) -> str:
@@ -309,7 +311,7 @@ def _from_dmig(deck: _Deck) -> _Raw:
         recovery[:, at] = _dense(deck.path, table.matrix).T[[column for _, _, column in listed]]
         names = [(grid, direction) for grid, direction, _ in listed]
     D, H = (spread(item) if item is not None and item.square else None for item in (B, K4))
-    return _Raw(spread(M), spread(K), D, H, rows, recovery, names)
+    return _Raw(spread(M), spread(K), D, H, rows, recovery, names, written=True)
 
 
 def _from_cbr(deck: _Deck) -> _Raw:
@@ -382,7 +384,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
         method=f"{deck.program} superelement{number} with {kept} modes", cutoff=cutoff, full_interface=np.arange(nb),
         full_dofs=_map(nodes, [*labels, *(f"q{direction or ''}" for _, direction in scalar), *names],
                        where if np.isfinite(where).all() else None), interface_dofs=dofs,
-        rigid_motion=_rigid(M, D, K, dofs),
+        rigid_motion=_rigid(M, D, K, dofs, raw.written),
         sets={BOUNDARY: np.arange(nb)} | {str(grid): np.flatnonzero(dofs.nodes == grid) for grid in dict.fromkeys(nodes[:nb])})
 
 
@@ -403,30 +405,41 @@ def _map(nodes: list[int], labels: list[str], where: Array | None) -> DofMap:
     return DofMap(nodes, [known.index(label) for label in labels], known, where)
 
 
-def _rigid(M: Array, D: Array | None, K: Array, dofs: DofMap) -> RigidMotion | None:
-    """The rigid motions that K does not resist, of the six whose shapes at the boundary grids follow from their places.
+def _rigid(M: Array, D: Array | None, K: Array, dofs: DofMap, written: bool) -> RigidMotion | None:
+    """The rigid motions that K does not resist: of the six that follow from the places of the boundary grids, else of K itself.
 
-    Nastran's K has lost some digits, so that its rigid motions do not show in K alone. Each DOF is measured in the unit of its
-    own stiffness.
+    K has lost some digits, so that its rigid motions are no motions without any force. Each DOF is measured in the unit of its
+    own stiffness. A `written` K has lost up to RIGID of each entry, and what it resists less than that, far less than any other
+    motion, is rigid.
     """
-    if len(dofs.labels) > len(DIRECTIONS) or dofs.points is None:
-        return None
-    x, y, z = (dofs.points - dofs.points.mean(axis=0)).T
-    zero, one, count = np.zeros(dofs.size), np.ones(dofs.size), dofs.components
-    table = np.array([[one, zero, zero, zero, z, -y], [zero, one, zero, -z, zero, x], [zero, zero, one, y, -x, zero],
-                      *(np.eye(6)[k][:, None] * one for k in range(3, 6))])
-    Z = np.zeros((len(K), 6))
-    Z[:dofs.size] = table[count, :, np.arange(dofs.size)]
     unit = np.where(K.diagonal() > 0, K.diagonal(), 1.0) ** -0.5
-    scaled = Z / unit[:, None]
-    size = np.linalg.norm(scaled, axis=0)
-    U, values, _ = np.linalg.svd(scaled[:, size > 0] / size[size > 0], full_matrices=False)
-    U = U[:, values > RIGID * values.max(initial=0.0)]
-    resisted, turn = np.linalg.svd(unit[:, None] * (K @ (unit[:, None] * U)), full_matrices=False)[1:]
-    free = unit[:, None] * (U @ turn.T[:, resisted <= RIGID * np.sqrt(len(K))])
-    if not free.shape[1]:
+    if len(dofs.labels) > len(DIRECTIONS) or dofs.points is None:
+        free = _resisted_least(K, unit) if written else unit[:0]
+    else:
+        x, y, z = (dofs.points - dofs.points.mean(axis=0)).T
+        zero, one, count = np.zeros(dofs.size), np.ones(dofs.size), dofs.components
+        table = np.array([[one, zero, zero, zero, z, -y], [zero, one, zero, -z, zero, x], [zero, zero, one, y, -x, zero],
+                          *(np.eye(6)[k][:, None] * one for k in range(3, 6))])
+        scaled = table[count, :, np.arange(dofs.size)] / unit[:dofs.size, None]
+        size = np.linalg.norm(scaled, axis=0)
+        U, values, _ = np.linalg.svd(scaled[:, size > 0] / size[size > 0], full_matrices=False)
+        Z = np.zeros((len(K), int(np.count_nonzero(values > RIGID * values.max(initial=0.0)))))
+        Z[:dofs.size] = unit[:dofs.size, None] * U[:, :Z.shape[1]]
+        resisted, turn = np.linalg.svd(unit[:, None] * (K @ Z), full_matrices=False)[1:]
+        free = Z @ turn.T[:, resisted <= RIGID * np.sqrt(len(K))]
+    if not free.size:
         return None
     return RigidMotion.of(free, np.zeros_like(K) if D is None else D, np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny)))
+
+
+def _resisted_least(K: Array, unit: Array) -> Array:
+    """Motions (n, k) that cost no more than half of the tenth digit of each entry may; none if others cost hardly more."""
+    A = K * np.outer(unit, unit)
+    values, U = np.linalg.eigh(A)
+    noise = RIGID * np.linalg.norm(np.abs(A), 2)
+    count = int(np.count_nonzero(values <= noise))
+    clear = count < len(values) and noise <= CLEAR * values[count]
+    return unit[:, None] * U[:, :count if clear else 0]
 
 
 def _extra(raw: _Raw, order: Array, boundary: set[tuple[int, int]], T: Array) -> tuple[list[tuple[int, int]], Array]:

@@ -31,7 +31,8 @@ def rounding_of(K: Matrix, t: Array, forces: tuple[Array, Array] | None = None) 
     ratio = np.divide(np.abs(sums), size, out=np.zeros_like(size), where=size > 0).max(axis=0, initial=0.0)
     seen = (SLACK * ratio > ROUGH) & (ratio <= SEEN)
     along, most = t[:, seen] * sums[:, seen], float(ratio[seen].max(initial=0.0))
-    written = _written(K.data[::max(1, K.nnz // MANY)] if sp.issparse(K) else K.ravel())
+    entries = K.data[::max(1, K.nnz // MANY)] if sp.issparse(K) else K.ravel()
+    written = max(map(_written, (entries, entries[entries < 0])))  # columns of a fixed width leave negative ones a digit less
     if (along.sum(axis=0) > ALONG * np.abs(along).sum(axis=0)).any():
         # springs to the ground; or a regular mesh, where rounding is the same at many nodes: at most half of the last digit
         return written if most <= HALF * written else EPS
