@@ -11,13 +11,13 @@ are as accurate as their condition allows. If M is not definite, see `singular_m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import FEW, RigidMotion, is_symmetric, one_thread, unit_length, unresisted
+from femsub.algebra import FEW, RigidMotion, is_symmetric, one_thread, undamped, unit_length, unresisted
 from femsub.checks import EPS, Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.modes.dense import dense_modes
@@ -71,6 +71,19 @@ class ModalForm:
         else:
             A[n - r:, :n - r] = -self.H[:, r:] / self.omega[r:]
         return A
+
+    def resisted(self, A: Array, M: Array) -> ModalForm:
+        """The form with those rigid motions among the elastic modes on which A acts, as a loss against a fixed point does."""
+        r = self.rigid
+        turn, free = undamped(A, self.shapes[:, :r], units(M))
+        if len(free) == r:
+            return self
+        T = np.eye(len(self.omega))
+        T[:r, :r] = turn[:, [*free, *np.setdiff1d(np.arange(r), free)]]
+        shapes, omega = self.shapes @ T, self.omega.copy()
+        omega[:r] = np.sqrt(np.maximum(np.abs(np.einsum("ij,ij->j", shapes[:, :r], A @ shapes[:, :r])), omega[:r]**2))
+        return replace(self, shapes=shapes, omega=omega, H=None if self.H is None else T.T @ self.H @ T, C=T.T @ self.C @ T,
+                       rigid=len(free))
 
     @property
     def is_definite(self) -> bool:

@@ -13,7 +13,6 @@ fewer. In a mode of viscous damping ζ > 1 it is the faster λ that moves up, if
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 from typing import Self
 
@@ -21,7 +20,6 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import undamped
 from femsub.checks import Array, Matrix, Tally
 from femsub.errors import ConditionWarning, InputError, warn
 from femsub.model import Pencil
@@ -29,7 +27,6 @@ from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.multiplicity import match
 from femsub.modes.quadratic.search import Found
-from femsub.modes.shift_invert import units
 
 MOST = 2000  # DOF up to which LAPACK's time is accepted
 
@@ -112,26 +109,13 @@ class LossyPencil(Pencil):
         if form is None:
             raise InputError("M is singular or nearly so (massless DOF), and complex modes with structural damping need a "
                              "regular M. Condense such DOF, or take fs.equivalent_viscous(model, omega)")
-        form = self._resisted(form)
+        form = form.resisted(self.H, self.M)
         n, r = len(form.omega), form.rigid
         state = form.state().astype(complex)
         state[n - r:, :n - r] -= 1j * (form.shapes.T @ self.H @ form.shapes[:, r:]) / form.omega[r:]
         values, left, right = la.eig(state, left=True, right=True, check_finite=False)
         X, Y = (np.hstack([form.shapes @ part[n - r:], form.shapes[:, :r]]) for part in (right, left))
         return np.append(values, np.zeros(r)), _unit(X), _unit(Y)
-
-    def _resisted(self, form: dense.ModalForm) -> dense.ModalForm:
-        """The form with those rigid motions among the elastic modes on which H acts, as a loss against a fixed point does."""
-        r = form.rigid
-        turn, free = undamped(self.H, form.shapes[:, :r], units(self.M))
-        if len(free) == r:
-            return form
-        T = np.eye(len(form.omega))
-        T[:r, :r] = turn[:, [*free, *np.setdiff1d(np.arange(r), free)]]
-        shapes, omega = form.shapes @ T, form.omega.copy()
-        omega[:r] = np.sqrt(np.maximum(np.abs(np.einsum("ij,ij->j", shapes[:, :r], self.H @ shapes[:, :r])), omega[:r]**2))
-        return replace(form, shapes=shapes, omega=omega, H=None if form.H is None else T.T @ form.H @ T, C=T.T @ form.C @ T,
-                       rigid=len(free))
 
 
 def _unit(shapes: Array) -> Array:
