@@ -108,6 +108,7 @@ def test_a_rigid_motion_that_the_unsymmetric_part_of_k_resists_is_none() -> None
         assert np.abs(plain - value).min() < 1e-9
 
 
+@pytest.mark.filterwarnings("ignore:rounding in the entries of K")
 @pytest.mark.parametrize("share", [1e-12, 1e-9, 1e-6])
 def test_soft_mounts_are_elastic(share: float) -> None:
     free = block(*FACES[0])
@@ -131,9 +132,58 @@ def test_an_oscillator_by_itself_is_elastic_however_soft() -> None:
 
 def test_free_parts_of_unlike_stiffness_are_told_one_by_one() -> None:
     K = la.block_diag(*[fs.chain(60, fixed=False, springs=k).K.toarray() for k in (1.0, 1e12)])
-    with pytest.raises(fs.SingularMatrixError):
-        fs.normal_modes(fs.Substructure(np.eye(120), K), count=1)
+    modes = fs.normal_modes(fs.Substructure(np.eye(120), K), count=1)
+    assert modes.rigid == 2 and modes.frequencies[2] == pytest.approx(2 * np.sin(np.pi / 120), rel=1e-9)
     assert modal_form(fs.Pencil(np.eye(120), None, K)).rigid == 2
+
+
+SOFT = [(1.9e10, 190.0), (1.9e10, 19.0), (1.9e10, 1.9), (1e6, 1e-2), (1e6, 1e-3), (1.1e6, 1.3e-3), (2.0**34, 200.0), (1.0, 0.1),
+        (3.0, 3e-12)]
+
+
+@pytest.mark.parametrize(("stiff", "soft"), SOFT)
+def test_a_soft_spring_inside_hides_no_rigid_motion(stiff: float, soft: float) -> None:
+    """Three masses: the diagonal has lost digits of the soft spring, but K Z = 0 for the translation, which gives them back."""
+    K = np.array([[stiff, -stiff, 0], [-stiff, stiff + soft, -soft], [0, -soft, soft]])
+    mean, product = stiff + soft, 3 * soft * stiff  # λ² - 2 mean λ + product = 0
+    exact = np.sqrt(product / (mean + np.sqrt(mean**2 - product)))
+    sub = fs.Substructure(np.eye(3), K)
+    modes = fs.normal_modes(sub, count=2)
+    assert modes.rigid == 1 and modes.evidence == "certified" and modes.rounding[1] < 1e-6
+    assert modes.frequencies[1] == pytest.approx(exact, rel=1e-7)
+    found = fs.complex_modes(sub)
+    assert found.rigid.sum() == 2 and np.abs(found.eigenvalues[~found.rigid]).min() == pytest.approx(exact, rel=1e-3)
+
+
+def soft_system(frequency: float, method: fs.Method | None = None) -> fs.System:
+    """A free steel beam and a block of 50 kg on a spring, as in issue 53."""
+    beam = fs.beam(1.0, 20, E=2.1e11, I=8e-6, rho=7850.0, A=1e-2, interface=["left", "right"])
+    block = fs.Substructure([[50.0]], [[0.0]], interface={"m": [0]})
+    spring = fs.Spring(("beam", [0]), ("block", "m"), stiffness=50 * (2 * np.pi * frequency) ** 2)
+    return fs.couple({"beam": beam if method is None else fs.reduce(beam, method), "block": block}, [spring])
+
+
+@pytest.mark.parametrize("frequency", [10.0, 5.0, 3.0, 0.5, 0.01])
+def test_a_block_on_a_soft_spring_floats_with_the_beam(frequency: float) -> None:
+    """Where the spring is soft, the beam is rigid: ω² = k (1/m + 1/m_beam + 12 (L/2)²/(m_beam L²))."""
+    beam = 7850.0 * 1e-2
+    exact = 2 * np.pi * frequency * np.sqrt(1 + 50 * 4 / beam)
+    for model in (soft_system(frequency), soft_system(frequency, fs.CraigChang(3)), soft_system(frequency, fs.Guyan())):
+        modes = fs.normal_modes(model, count=2)
+        assert modes.rigid == 2 and modes.rounding.max() < 1e-4
+        assert modes.frequencies[2] == pytest.approx(exact, rel=1e-6 + 1e-5 * frequency**2)
+        found = fs.complex_modes(model)
+        assert found.rigid.sum() == 4 and found.is_stable is not False
+
+
+def test_three_pieces_in_a_row_on_springs_of_1e_12_of_their_stiffness() -> None:
+    block = fs.solid(fs.block((1.0, 0.4, 0.3), (1, 1, 1), "hexahedron"), STEEL["SI"][0], interface=["left", "right"])
+    size = 1e-12 * float(block.K.diagonal().min())
+    joints = [fs.Spring((f"p{i}", "right"), (f"p{i + 1}", "left"), stiffness=size, tol=np.inf) for i in range(2)]
+    modes = fs.normal_modes(fs.couple({f"p{i}": block for i in range(3)}, joints), count=13)
+    along = 4 * size / (7850.0 * 0.12) * np.array([1.0, 3.0])  # of three masses in a row
+    assert modes.rigid == 6 and modes.rounding[6:18].max() < 1e-8 and modes.eigenvalues[18] > 1e9 * modes.eigenvalues[17]
+    assert [np.abs(modes.eigenvalues / value - 1).min() for value in along] == pytest.approx([0, 0], abs=1e-9)
 
 
 def test_low_frequencies_of_a_floating_beam_keep_their_digits() -> None:

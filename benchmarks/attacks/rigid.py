@@ -1,5 +1,7 @@
 """Floating, damped parts by eight methods: as many eigenvalues at 0 and rigid modes as the geometry says, and none that grows.
 
+In the kind "soft", springs down to 1e-12 of the stiffness join the pieces. The next frequency is known from modes of the pieces.
+
 The reference is exact rigid motion from the coordinates of the nodes, in units of the part's length, and the rank of what joints,
 springs and dashpots make of it. All damping takes energy away, so that no mode may be called unstable.
 """
@@ -9,15 +11,21 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 
 import femsub as fs
 
-KINDS = ("part", "system", "guided")
+KINDS = ("part", "system", "guided", "soft")
 METHODS = (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.Rubin, fs.MacNeal, fs.Herting, fs.DualCraigBampton,
            fs.Guyan)
+# relative error of the next frequency, beyond which its own rounding must say so; a reduced K does not know that of the full one
+CLOSE = {"own": 1e-6, "joined": 1e-6, "reduced": 1e-6, "whole": 1e-4}
+FEW = 10.0  # roundings of K's entries in its making
+EPS = float(np.finfo(float).eps)
 LOUD = 1e-8  # backward error of an eigenpair that is none
 RANK = 1e-7  # singular values of conditions in units of length below which they are 0
 
@@ -32,11 +40,14 @@ class Part:
     Z: np.ndarray
     braked: np.ndarray
     groups: tuple[tuple[int, ...], ...]  # DOF of a node at one end and at the other, in the same order
+    unit: np.ndarray  # what a motion of 1 in Z is in each DOF
 
 
 def attacked(kind: str, seed: int) -> str:
     """The evidence of a reduced model that has the rigid motion of its geometry; 'refused', 'undecided', or what is wrong."""
     random = np.random.default_rng([KINDS.index(kind), seed])
+    if kind == "soft":
+        return _soft(random, seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         shape = str(random.choice(["beam", "beam", "chain", "plate", "solid"]))
@@ -139,13 +150,14 @@ def _part(random: Random, shape: str, units: tuple[float, float, float]) -> Part
         Z, unit = np.hstack([np.eye(3)[kind], turn]), np.full(len(p), L)
         groups = tuple(tuple(int(i) for i in np.flatnonzero(np.abs(p[:, 0] - at) < 1e-9)) for at in (-0.5, 0.5))
     Z = Z * np.where(unit == L, L / units[1], 1.0)[:, None]  # of all parts in one unit of length
+    common = np.where(unit == L, units[1], 1.0)
     damping, braked = _damping(random, sub, Z, unit)
     dofs = list(dict.fromkeys([*groups[0], *groups[1]]))
     chosen = list(groups[0]) if random.random() < 0.15 else dofs
     if random.random() < 0.3:
         chosen += [int(i) for i in random.choice(sub.size, 2, replace=False) if i not in chosen]
     own = fs.Substructure(sub.M, sub.K, damping, chosen, name=shape)
-    return Part(own, Z, braked, groups)
+    return Part(own, Z, braked, groups, common)
 
 
 def _points(sub: fs.Substructure) -> np.ndarray:
@@ -214,3 +226,157 @@ def _joints(random: Random, parts: list[Part], kind: str) -> tuple[list[fs.Rigid
                       fs.Spring((f"p{at}", held), stiffness=size * 10.0 ** random.uniform(-3, 1)))
         equations += [row(at, dof) for dof in held]
     return joints, equations
+
+
+@dataclass(frozen=True)
+class Row:
+    """Pieces in a row and masses, each with exact rigid motion, and springs: one DOF of the whole, another, stiffness."""
+
+    pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]]  # M, K, Z
+    springs: list[tuple[int, int, float]]
+    ends: list[list[int]]  # DOF of each piece that are its interface
+
+    @property
+    def start(self) -> np.ndarray:
+        return np.cumsum([0, *(len(piece[0]) for piece in self.pieces)])
+
+    def matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        M, K = (la.block_diag(*(piece[at] for piece in self.pieces)) for at in (0, 1))
+        for a, b, k in self.springs:
+            K[[a, b], [a, b]] += k
+            K[[a, b], [b, a]] -= k
+        return M, K
+
+    def parts(self, random: Random) -> tuple[dict[str, fs.Substructure], list[fs.Spring]]:
+        """As parts of a system, sparse or dense, and the springs between them."""
+        start, parts = self.start, {}
+        at = [int(np.searchsorted(start, dof, "right")) - 1 for spring in self.springs for dof in spring[:2]]
+        ends = [list(end) for end in self.ends]
+        joints = []
+        for (a, b, k), i, j in zip(self.springs, at[::2], at[1::2], strict=True):
+            one, other = int(a - start[i]), int(b - start[j])
+            ends[i] += [one] * (one not in ends[i])
+            ends[j] += [other] * (other not in ends[j])
+            joints.append(fs.Spring((f"p{i}", [one]), (f"p{j}", [other]), stiffness=k))
+        for i, (M, K, _) in enumerate(self.pieces):
+            wanted = sp.csr_array if len(M) > 1 and random.random() < 0.5 else np.array
+            parts[f"p{i}"] = fs.Substructure(wanted(M), wanted(K), interface=ends[i])
+        return parts, joints
+
+    def exact(self) -> tuple[int, float, float]:
+        """The number of rigid motions, the next ω, and the energy of its mode beside that of the forces that cancel in it.
+
+        In the modes of the pieces K is diag(ω²) + WᵀkW. Without its null space it is definite, and its inverse keeps the
+        digits of soft springs.
+        """
+        Z, V, omega2 = [], [], []
+        for M, K, motion in self.pieces:
+            motion = motion / np.sqrt(np.einsum("ij,ij->j", motion, M @ motion))
+            own = np.linalg.solve(np.linalg.cholesky(motion.T @ M @ motion), motion.T).T
+            held = M @ own
+            shift = 0.3771 * float(np.median(K.diagonal() / M.diagonal()))
+            shapes = la.eigh(K + shift * held @ held.T, M)[1] if len(M) > own.shape[1] else own
+            rest = np.argsort(np.linalg.norm(held.T @ shapes, axis=0), kind="stable")[:len(M) - own.shape[1]]
+            shapes = shapes[:, np.sort(rest)]
+            shapes = shapes - own @ (held.T @ shapes)
+            Z.append(own)
+            V.append(shapes)
+            omega2.append(np.einsum("ij,ij->j", shapes, K @ shapes) / np.einsum("ij,ij->j", shapes, M @ shapes))
+        rigid, elastic = la.block_diag(*Z), la.block_diag(*V)
+        W = np.zeros((len(self.springs), len(rigid)))
+        for row, (a, b, _) in zip(W, self.springs, strict=True):
+            row[a], row[b] = 1.0, -1.0
+        size = np.linalg.norm(abs(W) @ abs(rigid), axis=1, keepdims=True)
+        values, turn = np.linalg.svd(W @ rigid / np.where(size > 0, size, 1.0))[1:]
+        rank = int(np.count_nonzero(values > RANK))
+        shapes = np.hstack([rigid @ turn[:rank].T, elastic])
+        B = W @ shapes
+        springs = np.array([spring[2] for spring in self.springs])
+        H = np.diag(np.concatenate([np.zeros(rank), *omega2])) + B.T @ (springs[:, None] * B)
+        unit = H.diagonal() ** -0.5
+        theta, q = la.eigh(unit[:, None] * np.linalg.inv(unit[:, None] * H * unit) * unit)
+        M, K = self.matrices()
+        x = shapes @ q[:, -1]
+        return rigid.shape[1] - rank, float(theta[-1] ** -0.5), float((x @ M @ x) / theta[-1] / (abs(x) @ abs(K) @ abs(x)))
+
+
+def _row(random: Random) -> Row:
+    """One to three pieces of a kind, by springs of every DOF at their ends, and masses on springs of single DOF."""
+    units = 10.0 ** random.uniform(-3, 9), 10.0 ** random.uniform(-3, 3), 10.0 ** random.uniform(-9, 3)
+    shape, soft = str(random.choice(["chain", "beam", "plate", "solid"])), 10.0 ** random.uniform(-12, 0)
+    parts = [_part(random, shape, units) for _ in range(int(random.integers(1, 4)))]
+    pieces = [(_dense(part.sub.M), _dense(part.sub.K), part.unit[:, None] * part.Z) for part in parts]
+    ends = [list(dict.fromkeys([*part.groups[0], *part.groups[1]])) for part in parts]
+    start, springs = np.cumsum([0, *(len(piece[0]) for piece in pieces)]), []
+    for i in range(1, len(parts)):
+        for a, b in zip(parts[i - 1].groups[1], parts[i].groups[0], strict=False):
+            size = min(pieces[i - 1][1][a, a], pieces[i][1][b, b])
+            springs.append((int(start[i - 1] + a), int(start[i] + b), float(soft * size * 10.0 ** random.uniform(-0.3, 0.3))))
+    if len(parts) == 1 or random.random() < 0.4:
+        i = int(random.integers(len(parts)))
+        M, K, _ = pieces[i]
+        for dof in random.choice(len(M), int(random.integers(1, 3)), replace=False):
+            at = sum(len(piece[0]) for piece in pieces)
+            pieces.append((np.array([[M[dof, dof] * 10.0 ** random.uniform(-1, 2)]]), np.zeros((1, 1)), np.ones((1, 1))))
+            ends.append([0])
+            springs.append((int(start[i] + dof), at, float(soft * K[dof, dof] * 10.0 ** random.uniform(-0.3, 0.3))))
+    return Row(pieces, springs, ends)
+
+
+def _dense(A: Any) -> np.ndarray:
+    return np.array(A.toarray() if sp.issparse(A) else A)
+
+
+def _soft(random: Random, seed: int) -> str:
+    """The rigid motions and the next frequency: of K itself, or of full or reduced parts joined by springs; without damping."""
+    row = _row(random)
+    rigid, omega, energy = row.exact()
+    form = str(random.choice(["own", "own", "joined", "joined", "reduced", "reduced", "whole"]))
+    method, twice = METHODS[int(random.integers(len(METHODS)))], bool(random.random() < 0.4)
+    what = f"seed {seed}, {form}{', ' + method.__name__ if form in ('reduced', 'whole') else ''}{', complex' * twice}"
+    alone = form in ("own", "whole")  # K's rounding is all that is known
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            model = _as_one(random, row, method, form == "whole") if alone else _as_system(random, row, method, form == "reduced")
+            found, lowest, bar, evidence = _by_complex_modes(model) if twice else _by_normal_modes(model)
+        except fs.FemsubError as refusal:
+            return f"{'beyond K' if alone and energy < FEW * EPS else 'refused'}: {what}: {refusal}"
+    if any(issubclass(warning.category, fs.ConditionWarning) for warning in caught):
+        evidence = "told"
+    if found != (2 * rigid if twice else rigid):
+        known = "told" if evidence == "told" else "beyond K" if alone and energy < FEW * EPS else "wrong"
+        return f"{known}: {what}: {found} at 0; next energy {energy:.0e}"
+    error = lowest / omega - 1  # a reduced model may be stiffer
+    if error < -CLOSE[form] or (form in ("own", "joined") and error > CLOSE[form]):
+        within = evidence == "told" or abs(error) < FEW * bar
+        return "told" if within else f"wrong: {what}: ω is {lowest}, not {omega}, bar {bar:.0e}"
+    return evidence
+
+
+def _as_one(random: Random, row: Row, method: Any, reduced: bool) -> fs.Substructure:
+    M, K = row.matrices()
+    wanted = sp.csr_array if random.random() < 0.5 else np.array
+    ends = sorted({int(start + dof) for start, end in zip(row.start, row.ends, strict=False) for dof in end})
+    model = fs.Substructure(wanted(M), wanted(K), interface=ends)
+    return fs.reduce(model, method(int(min(6, (len(M) - len(ends)) // 2)))) if reduced else model
+
+
+def _as_system(random: Random, row: Row, method: Any, reduced: bool) -> fs.Substructure:
+    parts, joints = row.parts(random)
+    for name, part in parts.items():
+        if reduced and part.size > 1:
+            parts[name] = fs.reduce(part, method(int(min(6, (part.size - len(part.interface)) // 2))))
+    return fs.couple(parts, joints)
+
+
+def _by_complex_modes(model: fs.Substructure) -> tuple[int, float, float, str]:
+    modes = fs.complex_modes(model)
+    low = int(np.where(modes.rigid, np.inf, np.abs(modes.eigenvalues)).argmin())
+    lowest = float(np.abs(modes.eigenvalues[low]))
+    return int(modes.rigid.sum()), lowest, float(modes.error_bar[low]) / lowest, modes.evidence
+
+
+def _by_normal_modes(model: fs.Substructure) -> tuple[int, float, float, str]:
+    modes = fs.normal_modes(model, count=1)
+    return modes.rigid, float(modes.frequencies[-1]), float(modes.rounding[-1]), modes.evidence

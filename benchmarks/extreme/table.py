@@ -205,8 +205,7 @@ case(group, "one piece held, one floating", modes, lambda: pieces(fs.chain(60, f
 case(group, "two floating pieces, 1e6 in stiffness", modes,
      lambda: pieces(fs.chain(60, fixed=False), fs.chain(50, fixed=False, springs=1e6)), 5, rigid=2)
 case(group, "two floating pieces, 1e12 in stiffness", modes,
-     lambda: pieces(fs.chain(60, fixed=False), fs.chain(50, fixed=False, springs=1e12)), 5, rigid=2,
-     expect="make each piece a separate part")
+     lambda: pieces(fs.chain(60, fixed=False), fs.chain(50, fixed=False, springs=1e12)), 5, rigid=2)
 case(group, "no stiffness at all", modes,
      lambda: fs.Substructure(np.eye(8), np.zeros((8, 8))), 0, expect="no DOF has both stiffness and mass")
 case(group, "a negative spring", modes, lambda: fs.Substructure(np.eye(8), fs.chain(8).K.toarray() - 0.5 * np.eye(8)), 2,

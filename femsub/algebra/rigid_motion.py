@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from femsub.algebra.cache import shared
@@ -415,3 +416,69 @@ def size_of_products(A: Matrix, V: Matrix) -> Array:
     if sp.issparse(V):
         return np.sqrt(V.power(2).T @ weight).reshape(-1, 1)
     return np.sqrt(np.einsum("i,ij,ij->j", weight, V, V, optimize=False)).reshape(-1, 1)  # V² would take as much memory as V
+
+
+def pieces(K: Matrix, weak: float) -> Array:
+    """Which piece each DOF belongs to, (n,): pieces hold together by |k_ij| > weak √(k_ii k_jj)."""
+    entries = sp.coo_array(K)
+    i, j = entries.coords
+    scale = _scale(K)
+    strong = np.abs(entries.data) > weak * scale[i] * scale[j]
+    graph = sp.coo_array((np.ones(np.count_nonzero(strong)), (i[strong], j[strong])), shape=K.shape)
+    return np.asarray(connected_components(sp.csr_array(graph), directed=False)[1])
+
+
+def _each(piece: Array) -> list[Array]:
+    """The DOF of each piece."""
+    order = np.argsort(piece, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(piece[order])) + 1)
+
+
+def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, Array]:
+    """KX (n, k) where K Z = 0, and the sizes that cancel: for each piece's rows, of X without the rigid motion of the piece.
+
+    Beside a soft spring KX is rounding: the entries of K are known, but not their sums, which K Z = 0 says.
+    """
+    forces, sizes = np.zeros((2, *X.shape))
+    scale = _scale(K)[:, None]
+    for at in _each(piece):
+        rows = K[at]
+        near = np.unique(rows.indices) if sp.issparse(rows) else slice(None)
+        own = np.linalg.lstsq(scale[at] * Z[at], scale[at] * X[at], rcond=SAME)[0]
+        rows, moved = rows[:, near], X[near] - Z[near] @ own
+        forces[at], sizes[at] = rows @ moved, abs(rows) @ np.abs(moved)
+    return forces, sizes
+
+
+def _scale(K: Matrix) -> Array:
+    diagonal = K.diagonal()
+    return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+
+
+def links(K: Matrix, piece: Array, dust: float) -> Matrix:
+    """The entries of K that join pieces, and are no rounding: |k_ij| > dust √(k_ii k_jj); sparse (n, n)."""
+    entries = sp.coo_array(K)
+    i, j = entries.coords
+    scale = _scale(K)
+    between = (piece[i] != piece[j]) & (np.abs(entries.data) > dust * scale[i] * scale[j])
+    return sp.csr_array((entries.data[between], (i[between], j[between])), shape=K.shape)
+
+
+def strains(link: Matrix, X: Array, piece: Array, scale: Array) -> bool:
+    """Whether a combination of the motions X (n, k), in which one piece rests, moves it by the springs that lead there.
+
+    Between stiff pieces a soft spring may be rounding beside their own stiffness, and so may the energy of X. The entries that
+    join them have all their digits. `scale` (n,) is 1 over the units of the DOF.
+    """
+    parts = _each(piece)
+    for p in np.unique(piece[np.diff(link.indptr) > 0]):
+        at = parts[p]
+        moved = scale[at, None] * X[at]
+        size, V = np.linalg.svd(np.linalg.qr(moved, mode="r"), full_matrices=True)[1:]
+        rank = int(np.count_nonzero(size > CLEAR * size.max(initial=0.0)))
+        if rank == X.shape[1]:
+            continue
+        Y, U, own = X @ V[rank:].T, moved @ (V[:rank].T / size[:rank]) / scale[at, None], link[at]
+        if (np.abs(U.T @ (own @ Y)) > LEAST * (np.abs(U).T @ (abs(own) @ np.abs(Y)))).any():
+            return True
+    return False

@@ -38,11 +38,13 @@ from .receptance import (
 )
 from .rounding import rounding_of as rounding_of
 from .shift_invert import (
+    IN_PARTS as IN_PARTS,
     RIGID as RIGID,
     ShiftInvert as ShiftInvert,
     annihilates_a_translation as annihilates_a_translation,
     bare as bare,
     costs_nothing as costs_nothing,
+    hangs_softly as hangs_softly,
     motion_of as motion_of,
     rounding_ratio as rounding_ratio,
     units as units,

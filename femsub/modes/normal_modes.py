@@ -44,7 +44,7 @@ from femsub.errors import (
 )
 from femsub.model import EDGE, Substructure, in_band, usable_band, widened
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
-from femsub.modes.shift_invert import ShiftInvert
+from femsub.modes.shift_invert import IN_PARTS, ShiftInvert
 
 if TYPE_CHECKING:
     from femsub.algebra import Carried, CountBeside
@@ -93,7 +93,8 @@ class NormalModes:
         Factorisations made for the modes, without that of the count: 0 if an earlier call had made it.
     rounding : ndarray, shape (k,)
         u |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: the relative change of ω² if each entry of K and M changes by one rounding
-        (0 for rigid-body modes). u is eps, or more where K was written with fewer digits (`rounding_of`).
+        (0 for rigid-body modes). u is eps, or more where K was written with fewer digits (`rounding_of`). Where the
+        rigid motion Z is known, from parts of a system or as translations, K Z = 0 gives back what sums in K have lost.
 
     Examples
     --------
@@ -160,29 +161,33 @@ def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED, carried: Carried
 def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -> NormalModes:
     """All modes by LAPACK. Massless DOF are condensed.
 
-    K + ω² MΦ_rΦ_rᵀM shifts the rigid-body modes to ω² = λ₁/4 and leaves the elastic modes unchanged.
+    K + MΦ(λ₁/4 - Ω²)ΦᵀM shifts the rigid-body modes, and elastic ones that K holds no digits of, to ω² = λ₁/4, a quarter of the
+    lowest of the others, and leaves these unchanged.
     """
     import scipy.linalg as la
 
     K, M = (part.toarray() if sp.issparse(part) else part for part in (handle.K, handle.M))
     rigid = handle.rigid.shape[1]
+    own, soft = np.zeros(0), handle.rigid[:, :0]
     if rigid:
-        held = M @ handle.rigid
-        lowest = handle.lowest_elastic() if handle.elastic else float(np.trace(K) / np.trace(M))
-        K = K + 0.25 * lowest * (held @ held.T)
+        own, soft, lowest = handle.soft()
+        held = M @ np.hstack([handle.rigid, soft])
+        lift = 0.25 * (lowest if np.isfinite(lowest) else float(np.trace(K) / np.trace(M)))
+        K = K + (held * (lift - np.append(np.zeros(rigid), own))) @ held.T
+    lifted = rigid + len(own)
     turn = None
     if handle.finite < np.count_nonzero(M.diagonal()):  # M is singular, but not because of single massless DOF
         turn, M = massless_apart(M, handle.finite)
         K = turn.T @ K @ turn
     massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
-    lift = np.zeros((0, len(massive)))
+    bound = np.zeros((0, len(massive)))
     if len(bare):
         try:
-            lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
+            bound = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
         except la.LinAlgError:
             raise SingularMatrixError(f"{len(bare)} coordinates have no mass, and some motion of them has no stiffness either. "
                                       "Hold them, or, of MacNeal's parts, keep fewer modes or take Rubin") from None
-        K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
+        K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ bound, M[np.ix_(massive, massive)]
     K = (K + K.T) / 2
     values, moving = dense_modes(K, M) if len(massive) else (np.zeros(0), np.zeros((0, 0)))
     count = len(values) - rigid if count is None else count
@@ -191,17 +196,18 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
     tally = Tally(0, 0)
     if len(values):
         # a limit far above all modes: if M is nearly singular, the highest mode loses digits first
-        edge, below = _limit(values, rigid + count) if rigid + count < len(values) else (2 * float(values[-1]), len(values))
+        least = max(rigid + count, lifted)
+        edge, below = _limit(values, least) if least < len(values) else (2 * float(values[-1]), len(values))
         counted = negative_eigenvalues(K - edge * M)
         _check_count(counted, below, edge)
         tally = Tally(below, counted)
-    keep = slice(rigid, rigid + count)
-    shapes = np.zeros((handle.K.shape[0], count))
-    shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
+    keep = slice(lifted, max(rigid + count, lifted))
+    shapes = np.zeros((handle.K.shape[0], keep.stop - lifted))
+    shapes[massive], shapes[bare] = moving[:, keep], bound @ moving[:, keep]
     shapes = shapes if turn is None else turn @ shapes
-    shapes = handle.deflate(shapes)
+    shapes = handle.deflate(np.hstack([soft, shapes]))[:, :count]
     shapes /= np.sqrt(np.einsum("ij,ij->j", shapes, handle.M @ shapes))
-    return _result(handle, values[keep], shapes, (np.inf, len(values)), tally, accepted)
+    return _result(handle, np.append(own, values[keep])[:count], shapes, (np.inf, len(values)), tally, accepted)
 
 
 def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | None, evidence: bool) -> NormalModes:
@@ -368,22 +374,32 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     shapes = np.hstack([handle.rigid, shapes])
     orthonormalise(shapes, handle.M)
     residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit, handle.rigid)
+    values, shapes, blurred, *known = handle.cleared(values, shapes)
+    rounding[blurred], residual[blurred] = known
     if len(shapes) <= DENSE:
         scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
         poor = (residual > accepted) | ((doubt > SHARP) & (doubt > BLURRED * rounding))
-        if poor[values > 0].any():
-            which = np.flatnonzero((poor | (scaled > GOOD)) & (values > 0))
+        elastic = values > 0
+        elastic[blurred] = False
+        if poor[elastic].any():
+            which = np.flatnonzero((poor | (scaled > GOOD)) & elastic)
             values, shapes = refined(handle.K, handle.M, values, shapes, which)
             residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit, handle.rigid)
+    if (values[handle.rigid.shape[1]:] <= 0).any():
+        raise SingularMatrixError(f"rounding in the entries of K hides an elastic mode: its ω² comes out as {values.min():.3g}. "
+                                  f"{IN_PARTS}")
     residual[:handle.surely_rigid] = 0.0  # K may hold nothing of these coordinates but rounding
     beyond = residual / np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
+    beyond[blurred] = 0.0  # the forces of such a mode are rounding beside those that cancel; the error of its ω² is known
     if not beyond.max(initial=0.0) <= 1:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "
                                 f"at most {accepted:g} is accepted. Check the scaling of K and M")
     if rounding.max(initial=0.0) > LOST:
-        warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative "
-             f"{rounding.max():.0e}, because large elastic forces cancel in this mode. "
-             + ("Reduce the stiffness contrast within the part, coarsen the mesh, or use stiffer supports" if handle.unit == EPS
+        worst = float(rounding.max())
+        warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative {worst:.0e}: its "
+             f"energy is {handle.unit / worst:.0e} of that of the forces that cancel in it. "
+             + ("Make pieces that hang together softly the parts of a system (couple, Spring), use larger elements, or stiffer "
+                "supports" if handle.unit == EPS
                 else f"The entries are known to about {handle.unit:.0e} of each: write K with all digits (17)"),
              ConditionWarning)
     return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, tally, rounding)

@@ -20,19 +20,23 @@ from femsub.algebra import (
     Difference,
     Handle,
     RigidMotion,
+    elastic_forces,
     factorise,
     factors_made,
     forget_factor,
     found,
     has_room_to_count,
+    links,
     one_thread,
     orthonormal,
     phase,
+    pieces,
     rank_of_mass,
     search_columns,
     shared,
     shared_factor,
     smooth_shape,
+    strains,
     translations,
     unit_length,
 )
@@ -44,18 +48,25 @@ if TYPE_CHECKING:
     from femsub.algebra import CountBeside, Divided
     from femsub.model import Substructure
 
-RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
+SOFT = EPS**0.5  # share of the stiffness around it below which a spring, or the energy of a mode, is soft
+RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ is a rigid-body mode without a part of others, in any system of units
+FORCE = SOFT / 16  # the same of one that a soft spring may have mixed with others; soft modes that cost as little have more
 ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
 DISTINCT = 1e3  # times ENERGY: above it, three columns of one inverse iteration have no part of a shape with an energy below it
 SURE = 1 + 1e-9  # factor by which k_ij² exceeds k_ii k_jj where no rounding of these can be the reason
-GAP = 1e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that of the first elastic mode
+GAP = 2e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that of the first elastic mode
+MIXED = 0.1  # the same where motions that stretch soft springs are known by these, and of a motion that others are mixed into
 WIDE = 64 * EPS, 1e-6  # energy ratio up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
 WRITTEN = 1e-4  # the gap (ratio of ω²) where the energy is within the rounding of a K with fewer digits
+SHARP, BLURRED = 1e-8, 1e-3  # relative change of ω² by rounding in K from which K Z = 0 gives it, and from which K gives none
+STEPS, SETTLED = 12, 1e-10  # of such an ω²: steps at most, and what another one would gain
 LARGE = 10_000  # DOF from which the graph of K is used for the first shift
 COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
 CONVERGED = 1e-13  # an elastic solution has converged if the next correction changes it by less
 COUNTED = 3000  # DOF up to which the rank of M is computed, and the rigid motion of each full part of a system
 BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
+IN_PARTS = ("Make pieces that hang together softly the parts of a system (couple, Spring), which knows their rigid motion, or "
+            "support each piece. Likely causes are also elements too thin or too small for a slender part")
 NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no rigid motion. Likely causes: a mount so soft "
                 f"that it is rounding beside the parts' stiffness, or {BY_MULTIPLIERS}")
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
@@ -76,6 +87,7 @@ class ShiftInvert:
 
     def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None, seeks: int = 0) -> None:
         self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
+        self.blurred = False  # whether K as it is holds few digits of the lowest elastic mode
         self.beside = self._prepared(seeks) if seeks else None  # counts the modes while they are sought
         self.solves: Divided | None = None  # finds static shapes with the same factor meanwhile
         motion = motion_of(carried) if isinstance(rows, slice) else None
@@ -86,7 +98,10 @@ class ShiftInvert:
         self.lowest: float  # approximate ω² of the first elastic mode; inf if no search for rigid-body modes was needed
         self.unit: float
         self.note: str  # what is told of modes that are rigid only within the rounding of K's entries
-        self.sigma, self.rigid, self.lowest, self.unit, self.note = shared(*key, self._found, lambda found: found[1].nbytes)
+        self.exact: int  # how many of the rigid-body modes, the first ones, are known without rounding
+        self.doubt: float  # the relative change of the lowest elastic ω² by one rounding in each entry of K; 0 if none was sought
+        (self.sigma, self.rigid, self.lowest, self.unit, self.note, self.exact, self.doubt) = shared(
+            *key, self._found, lambda found: found[1].nbytes)
         if self.note:
             warn(self.note, ConditionWarning)
         if "factor" not in vars(self):
@@ -113,13 +128,14 @@ class ShiftInvert:
         """Whether a process counts modes beside this one now."""
         return self.beside is not None and self.beside.busy
 
-    def _found(self) -> tuple[float, Array, float, float, str]:
-        self.rigid, self.lowest, self.unit, self.note = np.zeros((self.K.shape[0], 0)), np.inf, EPS, ""
+    def _found(self) -> tuple[float, Array, float, float, str, int, float]:
+        self.rigid, self.lowest, self.unit, self.note, self.exact = np.zeros((self.K.shape[0], 0)), np.inf, EPS, "", 0
+        self.doubt = 0.0
         if self._given is not None:
             self._carried(self._given)
         else:
             self._looked_for()
-        return self.sigma, self.rigid, self.lowest, self.unit, self.note
+        return self.sigma, self.rigid, self.lowest, self.unit, self.note, self.exact, self.doubt
 
     def _looked_for(self) -> None:
         self.unit = rounding(self.K)
@@ -136,10 +152,11 @@ class ShiftInvert:
             try:
                 self._factorise(0.0)  # held after all, but softly
             except SingularMatrixError as error:
+                few = ", ".join(f"{share:.0e}" for share in self.shares[:7])
                 raise SingularMatrixError(
-                    "K is numerically singular, but no rigid-body modes were found. Likely causes: elements too thin or too "
-                    "small for a slender part, or a soft piece beside a much stiffer one. Coarsen the mesh, support each piece, "
-                    f"or make each piece a separate part ({error})") from None
+                    "K is numerically singular, but no rigid-body modes were found: its softest motions have an energy of "
+                    f"{few} of that of the forces that cancel in them, the rounding of K is {self.unit:.0e}, and no gap shows "
+                    f"which are rigid. {IN_PARTS} ({error})") from None
 
     def _carried(self, Z: Array) -> None:
         """With given rigid motions: only the shift and the lowest elastic ω² are looked for."""
@@ -155,6 +172,7 @@ class ShiftInvert:
         if self.rigid.shape[1] < Z.shape[1]:
             raise SingularMatrixError(f"{Z.shape[1] - self.rigid.shape[1]} rigid motions move no mass, so that their "
                                       "coordinates have neither mass nor stiffness. Hold them, or leave them out")
+        self.exact = self.rigid.shape[1]
         self._float(self._lowest_given)
 
     def _lowest_given(self) -> float:
@@ -164,8 +182,9 @@ class ShiftInvert:
             return self.lowest
         lowest = self.lowest_elastic()
         if lowest < 0:
-            raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {lowest:.3g}, beside its rigid motion. Check that K "
-                                      "belongs to a stable component, and that its file holds all digits")
+            why = ("Check that K belongs to a stable component, and that its file holds all digits" if self.doubt < 1 else
+                   "It is rounding in the entries of K, which hides an elastic mode")
+            raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {lowest:.3g}, beside its rigid motion. {why}")
         return lowest
 
     @phase("factorisation")
@@ -243,7 +262,7 @@ class ShiftInvert:
         own[loose, np.arange(len(loose))] = 1.0
         own = orthonormal(own, self.M.__matmul__)[0]
         while True:
-            x = np.random.default_rng(3).standard_normal((n, min(block, n - len(loose))))
+            x = self._start(3, min(block, n - len(loose)))
             x -= own @ (own.T @ (self.M @ x))  # a solve would enlarge this part so much that the rest is rounding beside it
             before = np.full(x.shape[1], np.inf)
             for _ in range(20):
@@ -258,14 +277,18 @@ class ShiftInvert:
                 before = values
             # Ritz vectors of rigid motion still contain rounding of stiff modes: one more solve removes it.
             cleaned = unit_length(self.factor.solve(self.M @ x))
-            order = np.argsort(np.abs(values), kind="stable")
-            values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
             cleaned[loose] = 0.0  # such a DOF causes no force, and `own` spans its motion
+            values, cleaned = self._turned(values, cleaned)
+            order = np.argsort(np.abs(values), kind="stable")
+            values, cleaned, noise = values[order], cleaned[:, order], noise[order]
             count = self._chosen(values, cleaned)
             if count < len(values) or block >= n - len(loose):
                 break
             block *= 2
-        self.rigid = np.hstack([own, orthonormal(cleaned[:, :count], self.M.__matmul__, own)[0]])
+        self.rigid, self.exact = orthonormal(cleaned[:, :count], self.M.__matmul__, own)[0], own.shape[1]
+        if count and not len(loose):
+            self.rigid, self.exact = self._by_translations(self.rigid)
+        self.rigid = np.hstack([own, self.rigid])
         rest = values[count:]
         if (rest < -noise[count:]).any():
             share = -energy_ratio(self.K, cleaned[:, count + int(rest.argmin())][:, None])[0]
@@ -275,30 +298,71 @@ class ShiftInvert:
                 f"K has a negative eigenvalue, ω² = {rest.min():.3g}: {share:.1e} of the energy of the forces that cancel in "
                 f"this mode, {why}. Check that K belongs to a stable component, and that its file holds all digits (17)")
         self.note = self._told(values, cleaned, count)
+        self.doubt = self.unit / float(self.shares[count]) if count < len(values) and self.shares[count] else 0.0
         if not len(rest) and self.elastic > 0:
             return self.lowest_elastic()
         self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
 
+    def _turned(self, values: Array, x: Array) -> tuple[Array, Array]:
+        """ω² (k,) and shapes (n, k), those of little energy turned among themselves once more.
+
+        Beside a soft spring a solve has the rounding of stiff ones over its stiffness: rigid motion and soft modes are mixed.
+        """
+        values, x = values.copy(), x.copy()
+        low = np.flatnonzero(np.abs(energy_ratio(self.K, x)) < SOFT)
+        y = orthonormal(x[:, low], self.M.__matmul__)[0]
+        if y.shape[1] == len(low):
+            energy = y.T @ (self.K @ y)
+            values[low], turn = np.linalg.eigh((energy + energy.T) / 2)
+            x[:, low] = unit_length(y @ turn)
+        return values, x
+
     def _chosen(self, values: Array, x: Array) -> int:
         """How many of the modes x (n, k) are rigid: ω² in `values`, smallest first."""
-        size, found = np.abs(values), 0
+        size, found, self.shares = np.abs(values), 0, np.abs(energy_ratio(self.K, x))
         free = costs_nothing(self.K, x)
+        softly = bool(free.any() and self._links.nnz)
         for limit, gap in ((0.0, GAP), WIDE, (self.unit, WRITTEN)):
             elastic = ~costs_nothing(self.K, x, limit)
-            count = int(np.argmax(elastic)) if elastic.any() else len(size)
+            count = most = int(np.argmax(elastic)) if elastic.any() else len(size)
+            while count and softly and strains(self._links, x[:, :count], self._pieces, 1 / units(self.K)):
+                count -= 1
             if limit and count == len(size):
                 continue  # nothing shows a gap
-            if limit == WIDE[0] and not free[:count].any():
-                continue  # all on one mount that is soft, but not rounding
-            while 0 < count < len(size) and size[count - 1] > gap * size[count]:
+            if limit == WIDE[0] and (softly or not free[:count].any()):
+                continue  # soft springs inside make such a gap; or all stands on one mount that is soft, but not rounding
+            wanted = gap if count == most else MIXED
+            while 0 < count < len(size) and size[count - 1] > wanted * size[count]:
+                if softly and self.shares[count - 1] <= EPS and self.shares[count] > ENERGY / 2:
+                    break
                 count -= 1
             found = max(found, count)
         return found
 
+    def _by_translations(self, Z: Array) -> tuple[Array, int]:
+        """Rigid-body modes Z (n, k) turned such that translations come first, without rounding; and how many these are."""
+        t = translations(len(Z))
+        t = t[:, costs_nothing(self.K, t)]
+        beyond = np.linalg.norm(self.M @ self.deflate(t, Z), axis=0) / np.linalg.norm(self.M @ t, axis=0)
+        t = orthonormal(t[:, beyond <= MIXED], self.M.__matmul__)[0]
+        rest = self.deflate(Z, t)
+        turn = np.linalg.eigh(rest.T @ (self.M @ rest))[1][:, t.shape[1]:]
+        return np.hstack([t, orthonormal(rest @ turn, self.M.__matmul__, t)[0]]), t.shape[1]
+
+    @property
+    def _pieces(self) -> Array:
+        """Which of the pieces that are joined by soft springs at most each DOF belongs to, (n,)."""
+        return _softly_joined(self.K, self.unit)[0]
+
+    @property
+    def _links(self) -> Matrix:
+        """These springs, as far as they are no rounding themselves."""
+        return _softly_joined(self.K, self.unit)[1]
+
     def _told(self, values: Array, x: Array, count: int) -> str:
-        cost = np.abs(energy_ratio(self.K, x[:, :count])).max(initial=0.0)
-        if cost <= ENERGY:
+        cost = self.shares[:count].max(initial=0.0)
+        if cost <= (EPS if count and self._links.nnz else ENERGY):
             return ""
         omega = np.sqrt(np.abs(values[:count + 1]))
         beyond = f"the next mode lies at ω = {omega[count]:.5g}" if count < len(omega) else "no other mode is known so far"
@@ -314,11 +378,49 @@ class ShiftInvert:
         The search for rigid motion gives only a rough value: if σ is far below the elastic modes of a small component, one
         solve reduces these below rounding.
         """
-        x = np.random.default_rng(5).standard_normal((self.K.shape[0], min(2, self.elastic)))
-        for _ in range(10):
-            x = orthonormal(self.deflate(self.factor.solve(self.M @ x)), self.M.__matmul__)[0]
-        self.lowest = float(np.linalg.eigvalsh(x.T @ (self.K @ x))[0])
+        x = self._lowest(min(2, self.elastic))
+        values, turn = np.linalg.eigh(x.T @ (self.K @ x))
+        x, self.lowest = x @ turn, float(values[0])
+        blur = self.doubt = float(self._blur(x[:, :1], self.lowest)[0])
+        if self.exact == self.rigid.shape[1]:
+            self.blurred = blur > BLURRED
+        elif blur > 1 and self.unit == EPS:
+            raise SingularMatrixError(f"rounding in the entries of K may change ω² = {self.lowest:.3g} of the first elastic mode "
+                                      f"by {blur:.1g} times as much, so that it cannot be told from rigid motion. {IN_PARTS}")
+        if self.blurred:
+            self.lowest = float(self.sharpened(x, self.rigid[:, :0])[0][0])
         return self.lowest
+
+    def _lowest(self, count: int, basis: Array | None = None) -> Array:
+        """As many shapes (n, count) near the lowest elastic modes, M-orthonormal; beside the modes of a basis."""
+        x = self._start(5, count)
+        for _ in range(10):
+            x = orthonormal(self.deflate(self.factor.solve(self.M @ x), basis), self.M.__matmul__)[0]
+        return x
+
+    def _start(self, seed: int, count: int) -> Array:
+        """Random shapes (n, count), of each DOF in the unit of its own mass."""
+        mass = self.M.diagonal()
+        unit = np.where(mass > 0, mass, 1.0) ** -0.5
+        return unit[:, None] * np.random.default_rng(seed).standard_normal((len(mass), count))
+
+    def _blur(self, x: Array, values: Array | float) -> Array:
+        """The relative change of ω² (k,) of modes (n, k) if each entry of K changes by one rounding."""
+        return self.unit * np.einsum("ij,ij->j", np.abs(x), abs(self.K) @ np.abs(x)) / np.abs(values)
+
+    def soft(self) -> tuple[Array, Array, float]:
+        """ω² (k,) and modes (n, k) of which K alone holds no digits, but with K Z = 0; and the next ω², inf if there is none."""
+        values, x = np.zeros(0), self.rigid[:, :0]
+        lowest = self.lowest_elastic() if self.elastic else np.inf
+        blurred, count = np.full(1, self.blurred), 1
+        while blurred.any() and len(values) < self.elastic:
+            count = min(2 * count, self.elastic - len(values))
+            found, more, *_ = self.sharpened(self._lowest(count, np.hstack([self.rigid, x])), x)
+            blurred = self._blur(more, found) > BLURRED
+            values, x = np.append(values, found[blurred]), np.hstack([x, more[:, blurred]])
+            lowest = float(found[~blurred & (found > 0)].min(initial=np.inf))  # DOF without mass move with any of either sign
+        order = np.argsort(values, kind="stable")
+        return values[order], x[:, order], lowest
 
     @cached_property
     def finite(self) -> int:
@@ -369,6 +471,57 @@ class ShiftInvert:
     @property
     def floating(self) -> bool:
         return self.rigid.shape[1] > 0
+
+    def cleared(self, values: Array, shapes: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """ω² (k,) and modes (n, k) with those sharpened that K alone holds few digits of; which, their errors and residuals."""
+        which = np.zeros(0, dtype=int)
+        if self.exact == self.rigid.shape[1] > 0:
+            which = np.flatnonzero((values > 0) & (self._blur(shapes, np.where(values > 0, values, 1.0)) > SHARP))
+        if not len(which):
+            return values, shapes, which, np.zeros(0), np.zeros(0)
+        values, shapes = values.copy(), shapes.copy()
+        values[which], shapes[:, which], error, residual = self.sharpened(shapes[:, which])
+        return values, shapes, which, error, residual
+
+    def sharpened(self, X: Array, beside: Array | None = None) -> tuple[Array, Array, Array, Array]:
+        """ω² (k,) and modes (n, k) near the span of X, the relative error of ω² by rounding in K, and the relative residual.
+
+        With modes `beside` they are the lowest ones that are found, without these.
+
+        K Z = 0 stands in for what the sums of rows of K have lost beside a soft spring. The factor has lost it, too. So modes are
+        corrected by (K - σM)⁻¹ times their residual, until that gains nothing.
+        """
+        basis = self.rigid if beside is None else np.hstack([self.rigid, beside])
+
+        def elastic(A: Array, V: Array | None = None) -> Array:
+            return orthonormal(self.deflate(orthonormal(A, self.M.__matmul__, V)[0], basis), self.M.__matmul__, V)[0]
+
+        V = X = elastic(self.deflate(X, basis))
+        for _ in range(STEPS):
+            forces = elastic_forces(self.K, V, self.rigid, self._pieces)[0]
+            values, turn = np.linalg.eigh((V.T @ forces + forces.T @ V) / 2)
+            inside = np.linalg.norm(X.T @ (self.M @ (V @ turn)), axis=0) if beside is None else -values
+            at = np.sort(np.argsort(-inside, kind="stable")[:X.shape[1]])
+            values, X = values[at], V @ turn[:, at]
+            residual = forces @ turn[:, at] - self.M @ X * values
+            more = step = self.deflate(self.factor.solve(residual), basis)
+            # what steps would gain: each has |σ| too much stiffness
+            error = np.abs(np.einsum("ij,ij->j", residual, step) / values) * (1 - self.sigma / np.abs(values))
+            if error.max(initial=0.0) < 64 * EPS:
+                break
+            for _ in range(2):  # a stiff part of it is rounding, and would be rounding in all ω²: a solve removes it
+                more = elastic(more, V)
+                soft = np.einsum("ij,ij->j", more, self.K @ more) * EPS < SETTLED * np.abs(values).min()
+                more = more if soft.all() else self.factor.solve(self.M @ more)
+            if not soft.any():
+                break
+            V = np.hstack([V, elastic(more[:, soft], V)])
+        if error.max(initial=0.0) < SETTLED:
+            X = X - step  # stiff DOF, of which ω² knows nothing, have their digits by this
+        forces, size = elastic_forces(self.K, X, self.rigid, self._pieces)
+        error = np.maximum(error, self.unit * np.einsum("ij,ij->j", np.abs(X), size) / np.abs(values))
+        residual, size = forces - self.M @ X * values, abs(self.K) @ np.abs(X) + abs(self.M) @ np.abs(X) * np.abs(values)
+        return values, X, error, np.linalg.norm(residual, axis=0) / np.linalg.norm(size, axis=0)
 
     def release(self) -> None:
         """Drop the factor, which others may share. Everything that needs no solve still works without it."""
@@ -432,10 +585,13 @@ def _of_full(part: Substructure) -> RigidMotion | None:
     """The rigid motion of a part that carries none, by its own K; None of a large one, or where it is not clear."""
     if part.size > COUNTED:
         return None
-    try:
-        Z = ShiftInvert(part.K, part.M).rigid
-    except SingularMatrixError:
-        return None
+    if not (part.K.nnz if sp.issparse(part.K) else part.K.any()):  # masses that springs join to others
+        Z = np.eye(part.size)
+    else:
+        try:
+            Z = ShiftInvert(part.K, part.M).rigid
+        except SingularMatrixError:
+            return None
     return RigidMotion.of(Z, part.D, units(part.M))
 
 
@@ -458,6 +614,20 @@ def rounding(K: Matrix) -> float:
 def annihilates_a_translation(K: Matrix, unit: float = 0.0) -> bool:
     """Whether a uniform motion of every s-th DOF has no elastic energy: a cheap test for a floating component."""
     return bool(_nothing(*_translated(K)[1:], unit).any())
+
+
+def hangs_softly(K: Matrix) -> bool:
+    """Whether pieces are joined by springs alone that are nearly rounding beside their own stiffness."""
+    return bool(_softly_joined(K, rounding(K))[1].nnz)
+
+
+def _softly_joined(K: Matrix, unit: float) -> tuple[Array, Matrix]:
+    """The piece of each DOF, (n,), and the springs between pieces; computed once."""
+    def found() -> tuple[Array, Matrix]:
+        piece = pieces(K, SOFT)
+        return piece, links(K, piece, max(ENERGY, unit))
+
+    return shared((K,), ("pieces", unit), found, lambda both: both[0].nbytes + 12.0 * both[1].nnz)
 
 
 def _translated(K: Matrix) -> tuple[float, Array, Array]:
@@ -486,7 +656,7 @@ def costs_nothing(K: Matrix, x: Array, unit: float = 0.0) -> Array:
 
 
 def _nothing(rounding: Array, energy: Array, unit: float) -> Array:
-    return (rounding < max(RIGID, unit)) & (energy <= max(ENERGY, unit))
+    return (rounding < max(FORCE, unit)) & (energy <= max(ENERGY, unit))
 
 
 def _forces(K: Matrix, x: Array) -> tuple[Array, Array]:

@@ -22,10 +22,10 @@ from femsub.algebra import (
     units as energy_units,
     without,
 )
-from femsub.checks import Array, instance
-from femsub.errors import InputError, InputTypeError, PortWarning, SingularMatrixError, warn
+from femsub.checks import EPS, Array, instance
+from femsub.errors import ConditionWarning, InputError, InputTypeError, PortWarning, SingularMatrixError, warn
 from femsub.model import SHARE, Affine, Pencil, ReducedSubstructure, Substructure
-from femsub.modes import motion_of, rounding_ratio, units
+from femsub.modes import IN_PARTS, motion_of, rounding_ratio, units
 from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square, structural
 from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.frequency_bounds import origin_of
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 
+DIGITS = 1e-4  # relative rounding error of ω² of a mode above which `reduce` warns
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
 STILL = 1e-9  # ‖KZ‖ relative to its terms above which a method's rigid motion is none
 PART_OF_A_CUT = ("K of this part is indefinite, as it may be where matrices were cut. Reduce such parts by "
@@ -145,7 +146,15 @@ def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], cont
 
 
 def finished_basis(task: Task, statics: Statics, kept: Kept) -> Basis:
-    """The basis in the coordinates of the method."""
+    """The basis in the coordinates of the method; it warns where the modes kept of a floating part have few digits."""
+    known = kept.found.rounding[:kept.found.rigid + kept.elastic]
+    handle, lost = statics.handle, float(known.max(initial=0.0))
+    if not kept.elastic and handle.exact < handle.rigid.shape[1]:
+        lost = handle.doubt**0.5  # the soft mode is in static shapes, as exact as shapes are
+    # of a K with fewer digits there is another warning, and under a tolerance the estimate counts rounding in
+    if handle.floating and lost > DIGITS and handle.unit == EPS and task.method.goal is None:
+        warn(f"rounding in the entries of K may change ω² of the modes of {task.sub.name!r} by a relative {lost:.0e}, and the "
+             f"reduced model has them as they are. {IN_PARTS}", ConditionWarning)
     return task.method.coordinates(assembled(statics, kept, task.ports, task.method.mode_kind), statics)
 
 

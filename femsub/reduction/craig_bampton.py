@@ -12,7 +12,18 @@ import scipy.sparse as sp
 from femsub.algebra import FEW, divided, fork_pays, one_thread, without
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, InputError, warn
-from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, bare, costs_nothing, motion_of, rounding_ratio, units
+from femsub.modes import (
+    IN_PARTS,
+    RIGID,
+    ShiftInvert,
+    annihilates_a_translation,
+    bare,
+    costs_nothing,
+    hangs_softly,
+    motion_of,
+    rounding_ratio,
+    units,
+)
 from femsub.modes.shift_invert import rounding
 from femsub.reduction.basis import Partition, Statics, zeros
 from femsub.reduction.method import Method
@@ -143,25 +154,41 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     doubtful = np.flatnonzero(values <= SOFT)
     # ten times the limit of rigid-body modes: constraint modes also contain the rounding of their solve
     ratio = rounding_ratio(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful])) if len(doubtful) else doubtful
-    found = rigid = doubtful[ratio < 10 * RIGID]
-    if len(doubtful) and rounding(sub.K) > EPS:  # written with few digits: as many as K itself has
-        found = rigid = doubtful[np.argsort(np.abs(values[doubtful]))][:ShiftInvert(sub.K, sub.M, rows).rigid.shape[1]]
-    elif len(rigid) and ratio[ratio < 10 * RIGID].max() > CLEAR and not annihilates_a_translation(sub.K):
-        # A long slender part that is held has similar ratios: count the rigid-body modes of K itself.
-        rigid = rigid[:ShiftInvert(sub.K, sub.M, rows).rigid.shape[1]]
-    if len(rigid):
+    rigid = doubtful[ratio < 10 * RIGID]
+    block = np.ix_(own, own)
+    motions = np.zeros((len(loose), len(rigid)))
+    if len(doubtful) and _is_unclear(sub, ratio[ratio < 10 * RIGID]):
+        Z = ShiftInvert(sub.K, sub.M, rows).rigid  # all that K says
+        motions = np.zeros((len(loose), Z.shape[1]))
+        motions[own] = Z[sub.interface[own] if isinstance(rows, slice) else np.searchsorted(rows, sub.interface[own])]
+        condensed[block] = without(condensed[block], motions[own], unit)
+    elif len(rigid):
         values[rigid] = 0.0
         kept = (vectors / unit[:, None] * values) @ (vectors / unit[:, None]).T
-        condensed[np.ix_(own, own)] = (kept + kept.T) / 2
-    elif len(found):
-        lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed[np.ix_(own, own)]).max() / np.abs(condensed).max()
+        condensed[block] = (kept + kept.T) / 2
+        motions[own] = unit[:, None] * vectors[:, rigid]
+    soft = np.sort(values[doubtful])[motions.shape[1]:]
+    if motions.shape[1] and len(soft) and soft[0] * DIGITS < EPS:
+        warn(f"the condensed stiffness of {sub.name!r} has a motion with {soft[0]:.0e} of the stiffness around it, which "
+             f"rounding may change by a relative {EPS / soft[0]:.0e}. {IN_PARTS}", ConditionWarning)
+    elif len(rigid) and not motions.shape[1]:
+        lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed[block]).max() / np.abs(condensed).max()
         if lost > DIGITS:
             warn(f"the condensed stiffness of {sub.name!r} is inaccurate: two formulas for it differ by {lost:.1e} "
                  "(relative). Its elements are much stiffer than the component as a whole. Coarsen the mesh",
                  ConditionWarning)
-    motions = np.zeros((len(loose), len(rigid)))
-    motions[own] = unit[:, None] * vectors[:, rigid]
     return condensed, np.hstack([motions, alone])
+
+
+def _is_unclear(sub: Substructure, ratio: Array) -> bool:
+    """Whether the forces beside those that cancel do not show which of the motions of the interface are rigid.
+
+    A K written with few digits has as much of them in any of its modes, a long slender part that is held in its first ones, and
+    a soft spring between stiff pieces in those that stretch it.
+    """
+    if rounding(sub.K) > EPS or hangs_softly(sub.K):
+        return True
+    return len(ratio) > 0 and ratio.max() > CLEAR and not annihilates_a_translation(sub.K)
 
 
 def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array, condensed: Array) -> Callable[[slice], None]:

@@ -164,8 +164,9 @@ def _undamped(still: Array, M: Array, K: Array, motion: RigidMotion | None) -> t
     While LAPACK computes the others, rigid-body modes are shifted to a quarter of the lowest elastic ω², as in `normal_modes`.
     A `motion` that the pencil carries is taken as it is.
     """
+    handle = None
     if motion is not None and motion.count:
-        Z, lowest = _given(still, M, motion)
+        Z, lowest, handle = _given(still, M, motion)
     else:
         values, shapes = _by_lapack(still, M)
         low = np.abs(values) <= 1e-8 * np.abs(values).max()
@@ -181,7 +182,10 @@ def _undamped(still: Array, M: Array, K: Array, motion: RigidMotion | None) -> t
         values, shapes = _by_lapack(still + 0.25 * lowest * (held @ held.T), M)
         order = np.argsort(-np.linalg.norm(held.T @ shapes, axis=0), kind="stable")
         rest = np.sort(order[r:])
-        values, shapes = np.append(np.zeros(r), values[rest]), np.hstack([Z, shapes[:, rest] - Z @ (held.T @ shapes[:, rest])])
+        values, shapes = values[rest], shapes[:, rest] - Z @ (held.T @ shapes[:, rest])
+        if handle is not None:
+            values, shapes = handle.cleared(values, shapes)[:2]
+        values, shapes = np.append(np.zeros(r), values), np.hstack([Z, shapes])
     elif r:
         values, shapes = np.zeros(r), Z
     return values, shapes, r
@@ -195,17 +199,20 @@ def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
         return values, shapes
 
 
-def _given(K: Array, M: Array, motion: RigidMotion) -> tuple[Array, float]:
-    """The M-orthonormal rigid-body modes (n, r) of a given motion, in the same order, and the lowest elastic ω²."""
+def _given(K: Array, M: Array, motion: RigidMotion) -> tuple[Array, float, ShiftInvert | None]:
+    """M-orthonormal rigid-body modes (n, r) of a given motion, in its order, the lowest elastic ω², and a factor if K ≥ 0."""
     Z: Array = motion.shapes @ np.linalg.inv(np.linalg.qr(np.sqrt(M.diagonal())[:, None] * motion.shapes)[1])
     Z = Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T  # triangular factors: the first motions stay the first
+    handle = None
     try:
-        lowest = ShiftInvert(K, M, carried=motion).lowest
+        handle = ShiftInvert(K, M, carried=motion)
+        lowest = handle.lowest
     except SingularMatrixError:  # a negative stiffness
         own, shapes = la.eigh(K, M, check_finite=False)
         order = np.argsort(-np.linalg.norm(Z.T @ M @ shapes, axis=0), kind="stable")
         lowest = float(np.abs(own[order[motion.count:]]).min(initial=np.inf))
-    return Z, lowest if np.isfinite(lowest) and lowest > 0 else float((np.abs(K.diagonal()) / M.diagonal()).max()) or 1.0
+    known = np.isfinite(lowest) and lowest > 0
+    return Z, lowest if known else float((np.abs(K.diagonal()) / M.diagonal()).max()) or 1.0, handle
 
 
 def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tuple[Array, float]:
@@ -281,7 +288,7 @@ def _solved(pencil: Pencil) -> tuple[Array, Array, Array]:
         return singular_mass.without_rigid(pencil, motion, solve)
     if form is None:
         return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.qz_of(pencil)))
-    return _lifted(pencil, *_by_modes(pencil.size, form))
+    return _lifted(pencil, *_by_modes(pencil.size, form), form.shapes[:, :form.rigid])
 
 
 def carries(pencil: Pencil) -> bool:
@@ -289,8 +296,10 @@ def carries(pencil: Pencil) -> bool:
     return motion_of(pencil.rigid_motion) is not None
 
 
-def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array]:
-    """The same eigenpairs, but λ = 0 only where Kx = 0 within rounding: rounding has put others there, or near.
+def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array, rigid: Array | None = None) -> tuple[Array, Array, Array]:
+    """The same eigenpairs, but λ = 0 only where Kx = 0 within rounding, or x is of the `rigid` motions, M-orthonormal (n, r).
+
+    Rounding has put others there, or near.
 
     Beside a damping 1e17 times larger, -k/d is lost: LAPACK's λ is then 0, or any number within its rounding, which solves
     nothing. -k/d is the smaller root of λ²yᴴMx + λyᴴDx + yᴴKx, after some steps of inverse iteration with P beside the last of
@@ -306,6 +315,10 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, A
         X, Y = X.copy(), Y.copy()
         X[:, at[lost]] = Y[:, at[lost]] = np.eye(len(X))[:, [int(np.abs(pencil.K).max(axis=0).argmax())]]
     at = at[rounding_ratio(pencil.K, X[:, at]) > RIGID]
+    if rigid is not None and rigid.shape[1] and len(at):
+        held = pencil.M @ X[:, at]
+        size = np.einsum("ij,ij->j", X[:, at].conj(), held).real
+        at = at[np.linalg.norm(rigid.T @ held, axis=0) ** 2 < size / 2]
     values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
     for i in at:
         value, x, y = 0.0, X[:, i], Y[:, i] if Y[:, i].any() else X[:, i].conj()
