@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.attacks import solvers
-from femsub.stability import followed
+from femsub.stability import edges, followed
 from femsub.stability.critical_value import first_value
 
 
@@ -75,13 +75,14 @@ def brake_like(n: int) -> tuple[fs.Affine, tuple[float, float]]:
 
 def counted(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     """How many bands are searched and how many complex factors made."""
-    made = dict.fromkeys(("complex_modes", "ComplexFactor"), 0)
-    for name in made:
-        def call(*arguments: object, name: str = name, real: object = getattr(followed, name), **options: object) -> object:
+    homes = {"complex_modes": followed, "ComplexFactor": edges}
+    made = dict.fromkeys(homes, 0)
+    for name, home in homes.items():
+        def call(*arguments: object, name: str = name, real: object = getattr(home, name), **options: object) -> object:
             made[name] += 1
             return real(*arguments, **options)  # type: ignore[operator]
 
-        monkeypatch.setattr(followed, name, call)
+        monkeypatch.setattr(home, name, call)
     return made
 
 
@@ -122,7 +123,7 @@ def test_a_pencil_of_2000_dof_is_followed_within_30_solutions(monkeypatch: pytes
 def test_a_mode_that_the_small_model_gets_wrong_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without refinement the candidates do not solve the full pencil: none is listed, and their places are open."""
     family, band = brake_like(18)
-    monkeypatch.setattr(followed, "_newton", lambda over, between, start, x: x[:, None])
+    monkeypatch.setattr(followed, "_newton", lambda over, between, start, x: followed._Met(start, x[:, None], 0.0, np.nan))
     monkeypatch.setattr(followed, "GOOD", 0.0)
     found = fs.critical_value(family, None, "mu", between=(0.0, 0.01), band=band)
     assert found.open and found.evidence == "not checked"

@@ -3,11 +3,13 @@
 The matrices have few binary digits, so that the polynomial is exact. At many values of the parameter, and just beside each
 crossing told, the number that grows must be what the losses and regains add up to. Kinds with a closed form are sums of scalar
 oscillators λ² + d(p)λ + k(p), mixed by a congruence: there frequency, shape and place of each crossing are known. The first five
-kinds have a dense scan with bisection as their reference.
+kinds have a dense scan with bisection as their reference. So have the oscillators beside a damped chain that pass through the band
+at any speed, which are followed: 'refused' counts what is not checked there.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import pairwise
@@ -22,7 +24,8 @@ from femsub.checks import Array
 SCANNED = ("circulatory", "damped", "gyroscopic", "negative damping", "not affine")  # by a dense scan, in floating point
 EXACT = ("heavy damping", "tiny damping", "undamped", "belt")
 CLOSED = ("real pairs", "close crossings", "ends", "doubles")
-KINDS = (*SCANNED, *EXACT, *CLOSED, "units")
+PASSING = ("passing", "passing on a curve")  # through the band, followed; by dense eigenvalues
+KINDS = (*SCANNED, *EXACT, *CLOSED, "units", *PASSING)
 
 GRID = 2001
 ON_AXIS = 1e-7  # of the largest |λ|: what rounding may do to an undamped eigenvalue near a coalescence
@@ -50,8 +53,12 @@ def attacked(kind: str, seed: int) -> str:
         told = _by_counts(family, found, kind == "undamped")
     elif kind == "units":
         found, told = _units(rng)
+    elif kind in PASSING:
+        found, told = _passing(kind, rng)
     else:
         found, told = _closed(kind, rng)
+    if kind in PASSING and not told and found is not None and found.evidence == "not checked":
+        return f"refused: {found!r}"
     return f"wrong: seed {seed}: {'; '.join(told)}: {found!r}" if told else "refused" if found is None else found.evidence
 
 
@@ -440,3 +447,99 @@ def _units(rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
             elif any(abs(a.value - b.value) > a.width + b.width + 1e-10 for a, b in zip(ours, theirs, strict=True)):
                 told.append("places differ with the units")
     return plain, told
+
+
+# -- modes that pass through the band
+
+
+def _passing(kind: str, rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
+    """A damped chain and oscillators weakly joined to it, whose frequency and damping change with p, growing or not."""
+    n, beside = int(rng.integers(5, 25)), int(rng.integers(1, 4))
+    size = n + beside
+    springs = np.exp(rng.uniform(-0.5, 0.5, n + 1))
+    K = np.zeros((size, size))
+    K[:n, :n] = np.diag(springs[1:] + springs[:-1]) - np.diag(springs[1:n], 1) - np.diag(springs[1:n], -1)
+    omega = np.sqrt(np.linalg.eigvalsh(K[:n, :n]))
+    lo = float(rng.uniform(0.05, 0.8)) * omega[-1]
+    band = lo, lo * float(1 + 10.0 ** rng.uniform(-1.5, 0))
+    D = 10.0 ** rng.uniform(-4, -1.5) * K + 10.0 ** rng.uniform(-6, -3) * np.eye(size)
+    M = np.eye(size)
+    K1, D1, places = np.zeros((size, size)), np.zeros((size, size)), []
+    for i in range(n, size):
+        at, joined = int(rng.integers(n)), 10.0 ** rng.uniform(-8, -2)
+        K[[i, at], [i, at]] += joined
+        K[i, at], K[at, i] = K[i, at] - joined, K[at, i] - joined
+        if rng.random() < 0.3:
+            K1[i, at] += joined * rng.standard_normal()
+        inside, share = float(rng.uniform(0, 1)), 10.0 ** rng.uniform(-3, -0.3)  # where it is mid-band, and how long it is in
+        speed = float(rng.choice([-1.0, 1.0])) * (band[1] ** 2 - band[0] ** 2) / share
+        middle = (band[1] ** 2 + band[0] ** 2) / 2 - speed * inside
+        if middle < 0 or middle + speed < 0:  # it would diverge: the other way round, from 0
+            speed, middle = abs(speed), max(0.0, (band[1] ** 2 + band[0] ** 2) / 2 - abs(speed) * inside)
+        K[i, i], K1[i, i] = K[i, i] + middle, K1[i, i] + speed
+        place = inside + share * float(rng.uniform(-0.7, 0.7))
+        rate = float(rng.choice([-1.0, 1.0])) * 10.0 ** rng.uniform(-4, -1)
+        D[i, i], D1[i, i] = D[i, i] - rate * place, D1[i, i] + rate
+        places += [inside + share * (0.5 + 0.01) * side for side in np.linspace(-1, 1, 41)]
+        places += [place + share * side * 10.0 ** -k for side in (-1, 1) for k in range(4)]
+    bend = float(rng.uniform(0.2, 2.5))
+
+    def theta(p: float) -> float:
+        return float(np.sin(bend * p) / np.sin(bend)) if bend < 1.5 else float(p * p)
+
+    def inverse(q: Array) -> Array:
+        return np.arcsin(q * np.sin(bend)) / bend if bend < 1.5 else np.sqrt(q)
+
+    term: Any = theta if kind == "passing on a curve" else "p"
+    family = fs.Affine(M, [(1.0, D), ("p", D1)] if term == "p" else [(1.0, D), (term, D1)], [(1.0, K), (term, K1)])
+    grid = np.array(places)
+    grid = grid[(grid > 0) & (grid < 1)]
+    grid = np.union1d(np.linspace(0, 1, 201), grid if term == "p" else inverse(grid))
+    turned = rng.random() < 0.3
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = fs.critical_value(family, None, "p", between=(1.0, 0.0) if turned else (0.0, 1.0), band=band, solver="followed")
+
+    def spectrum(p: float) -> Array:
+        q = p if term == "p" else theta(p)
+        return np.linalg.eigvals(np.block([[np.zeros((size, size)), M], [-(K + q * K1), -(D + q * D1)]]))
+
+    return found, _against(spectrum, grid, band, found)
+
+
+def _against(spectrum: Callable[[float], Array], grid: Array, band: tuple[float, float], found: fs.CriticalValue) -> list[str]:
+    """Losses and regains that a fine grid of dense eigenvalues has in the band, beside those of a result that is confirmed."""
+    if found.evidence == "not checked":
+        return []
+
+    def grown(p: float) -> int:
+        return int((spectrum(p).real > 0).sum())
+
+    exact: list[tuple[float, float]] = []
+    counts = [grown(float(p)) for p in grid]
+    waiting = [(float(a), float(b), one, two) for (a, b), (one, two) in zip(pairwise(grid), pairwise(counts), strict=True)]
+    while waiting:
+        a, b, one, two = waiting.pop()
+        if one == two:
+            continue
+        if b - a < 1e-10:
+            z = spectrum((a + b) / 2)
+            z = z[z.imag >= 0]
+            crossed = z[np.argsort(np.abs(z.real))[:max(1, abs(two - one) // 2)]]
+            exact += [((a + b) / 2, float(value.imag)) for value in crossed]
+            continue
+        m = (a + b) / 2
+        waiting += [(a, m, one, middle := grown(m)), (m, b, middle, two)]
+    crossings = (*found.losses, *found.regains)
+    width, told = band[1] - band[0], []
+    for p, omega in exact:
+        inside = band[0] + 1e-6 * width < omega < band[1] - 1e-6 * width and 1e-9 < p < 1 - 1e-9
+        if inside and not any(abs(one.value - p) <= 1e-7 + one.width and abs(one.omega - omega) <= 1e-4 * omega
+                              for one in crossings):
+            told.append(f"the crossing at p = {p:.9g}, ω = {omega:.6g} is missing")
+    for one in crossings:
+        near = [spectrum(one.value + side * max(1e-8, one.width)) for side in (-1, 1)]
+        rates = [z[np.argmin(np.abs(z - 1j * one.omega))].real for z in near]
+        if not band[0] * (1 - 1e-6) <= one.omega <= band[1] * (1 + 1e-6) or rates[0] * rates[1] > 0 or max(np.abs(rates)) > 1e-4:
+            told.append(f"{one!r} is none, Re λ beside it {rates}")
+    return told[:3]

@@ -44,6 +44,7 @@ FAR = 4.0  # times the change of an entry: distance of two eigenvalues from whic
 TURN = 0.5  # largest turn of the vectors, as a row sum of h|X|
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
 MEMORY = 2e8  # bytes for decompositions that are kept
+SHARES = 0.5 ** (np.arange(1, 7) / 2)  # of an interval that is not excluded: shorter ones around its middle
 COARSE = 32  # intervals at first, if A is not affine: samples a whole range apart would tell little
 ROUNDING = 4 * EPS  # of a value: half the least width of a window, which must not vanish between two neighbouring numbers
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
@@ -141,8 +142,22 @@ class Family:
         return x / np.linalg.norm(x)
 
     def tested(self, begin: float, end: float) -> list[Part]:
-        """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out."""
-        m, h = (begin + end) / 2, (end - begin) / 2
+        """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out.
+
+        Where its discs are too large, the same decomposition excludes a shorter interval around the middle.
+        """
+        m, whole = (begin + end) / 2, self._excluded(begin, end)
+        if len(whole) > 1 or whole[0].growing is not None:
+            return whole
+        for share in SHARES:
+            a, b = m - share * (m - begin), m + share * (end - m)
+            if b - a > self.least and (len(inner := self._excluded(a, b, m)) > 1 or inner[0].growing is not None):
+                return [Part(begin, a, None), *inner, Part(b, end, None)]
+        return whole
+
+    def _excluded(self, begin: float, end: float, m: float | None = None) -> list[Part]:
+        """The interval by discs around the eigenvalues at m, its middle: as one part, or what remains cut out."""
+        m, h = (begin + end) / 2 if m is None else m, (end - begin) / 2
         found = self.spectrum(m)
         with np.errstate(all="ignore"):
             slope, curved, towards = self.slope, np.zeros_like(found.noise), np.zeros(len(found.z))
@@ -219,7 +234,7 @@ class Family:
                 break
             _, a, b = heapq.heappop(waiting)
             for part in self.tested(a, b):
-                if part.growing is not None or part.end - part.begin <= least:
+                if part.growing is not None or (part.touching and part.end - part.begin <= least):
                     done.append(part)
                 elif part.end - part.begin < (b - a) / 2:
                     heapq.heappush(waiting, (part.begin - part.end, part.begin, part.end))

@@ -5,30 +5,32 @@ and `discs` finds all of its crossings. Each starts Newton's method on the full 
 
     yᴴP(iω; p)x + i yᴴP'x Δω + yᴴ∂P/∂p x Δp = 0,   x ← P⁻¹P'x,   y ← P⁻ᴴP'ᴴy,   P' = ∂P/∂λ.
 
-Its vectors join V, until the crossings of the small pencil stand still. Between the values the crossings must make up the change
-of the number of growing eigenvalues of the full pencil.
+If it does not end close by, its vectors join V, and the small pencil is looked at again. V holds as well the modes that come to
+an edge of the band anywhere in the range (`edges`): a mode that crosses the whole band between two values is at its edges. Between
+the values the crossings, and the growing modes that pass an edge, must make up the change of the number of growing eigenvalues of
+the full pencil.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.algebra import ComplexFactor
 from femsub.checks import NOT_CHECKED, Array, Matrix, Tally
-from femsub.errors import SingularMatrixError
+from femsub.errors import FemsubWarning, warn
 from femsub.model import in_band
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.stability.crossings import Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
+from femsub.stability.edges import factor_at, modes_at
 from femsub.stability.exclusion import union
 from femsub.stability.question import CriticalValue, Question, fastest
 
 if TYPE_CHECKING:
-    from femsub.model import Pencil
+    from femsub.algebra import ComplexFactor
     from femsub.modes import ComplexModes
     from femsub.stability.parameter import PencilOver
 
@@ -39,13 +41,12 @@ AROUND = 0.02  # of the band's width: modes so far beside the band are in the ba
 KEPT = 1e-3  # singular values of the basis of modes of unit length, relative to the largest
 NEW = 1e-8  # share of a vector outside the basis with which it joins
 ROUNDS = 6  # of refining
-STILL = 1e-9  # of the range: the movement of crossings at which the rounds end
+STILL = 1e-9  # of the range: the movement of crossings at which the rounds end, and of λ and p at which Newton's method ends
 STEPS = 6  # of Newton's method, each with a factorisation, at most
 DIFFERENCE = 1e-6  # of the range: the step of the difference for ∂P/∂p
-FAR = 0.05  # of the range: the longest step in p,
-SETTLED = 1e-4  # and the change of ω and p, relatively, at which it ends: the small pencil has the square of it with its vectors
+FAR = 0.05  # of the range: the longest step in p
+CLOSE = 1e-3  # of the range and of the band's end: so near a candidate, and nearer than another one, is its crossing
 EXACT, GOOD = 1e-11, 1e-8  # backward errors on the full pencil, up to which a crossing is not refined, and is accepted
-BESIDE = 1e-9  # of |λ|: a shift beside an eigenvalue at which P is singular to working precision
 
 
 @dataclass(frozen=True)
@@ -85,24 +86,58 @@ class Followed:
                 hi = p
                 break
         question = replace(question, between=(lo, hi))
-        found = [_refined(question, piece) for piece in _pieces(band, wide, samples)]
+        passing = [modes_at(over, list(samples), 1j * edge, LARGEST) for edge in band]
+        shapes = np.hstack([np.zeros((over(lo).size, 0)), *(one[1] for one in passing if one is not None)])
+        found = [_refined(question, piece) for piece in _pieces(band, wide, samples, shapes)]
         losses, regains, unclear = ([one for part in found for one in getattr(part, name)] for name in
                                     ("losses", "regains", "open"))
         losses, regains = (sorted(several, key=lambda one: (one.value, one.omega)) for several in (losses, regains))
+        if vague := [edge for edge, one in zip(band, passing, strict=True) if one is None]:
+            warn(f"more than {LARGEST} modes come to the edge of the band at {vague[0]:.6g} within the range of "
+                 f"{question.parameter!r}, or the pencil is singular there. A mode that crosses the band may be missed. Move the "
+                 "edge, or take a shorter range", FemsubWarning)
+            unclear.append((lo, hi))
         begin = growing[lo]
         lost: list[float] = []
+        entered = 0
         for a, b in pairwise(samples):
             own = [[one for one in several if a < one.value <= b or one.value == a == lo] for several in (losses, regains)]
-            listed, rise = change(*own), weight(growing[b].imag) - weight(growing[a].imag)
-            if listed != rise or NOT_CHECKED in (samples[a].evidence, samples[b].evidence):
+            rise = weight(growing[b].imag) - weight(growing[a].imag) - change(*own)
+            inward = _come_in(question, (a, b), np.concatenate([growing[a], growing[b]])) if rise else 0
+            entered += inward
+            if rise != inward or NOT_CHECKED in (samples[a].evidence, samples[b].evidence):
                 unclear.append((a, b))
-            if rise > listed:
+            if rise > inward:
                 lost.append(a)
         left = union(unclear)
         grown = weight(begin.imag)
-        tally = Tally(change(losses, regains), None if left else weight(growing[hi].imag) - grown, sampled=True)
+        tally = Tally(change(losses, regains), None if left else weight(growing[hi].imag) - grown - entered, sampled=True)
         return CriticalValue.of(question, losses, regains, tally, growing=grown, fastest=fastest(begin), lost=lost, open=left,
                                 solved=len(samples), method="followed")
+
+
+def _come_in(question: Question, between: tuple[float, float], growing: Array) -> int:
+    """How many more growing eigenvalues come into the band through its edges than leave it.
+
+    They are looked for at the edges beside the axis, at the rates of those that grow at the ends. A real eigenvalue is in a band
+    that begins at 0.
+    """
+    over, band, (a, b), inward = question.over, question.band, between, 0
+    for edge in [edge for edge in band if edge]:
+        met: list[_Met] = []
+        for rate in (0.0, *growing.real.tolist()):
+            found = modes_at(over, [a, b], rate + 1j * edge, LARGEST) or (np.zeros(0), np.zeros((0, 0)))
+            starts = [(_At(float(t.real), rate + 1j * edge, 1.0), x) for t, x in zip(found[0], found[1].T, strict=True)]
+            met += [one for one in (_newton(over, question.between, *start) for start in starts)
+                    if one.settled and a < one.at.value <= b and one.at.lam.real > 0]
+        alone = [one for i, one in enumerate(met) if not any(_same(one, other, b - a) for other in met[:i])]
+        inward += sum(2 if (one.rate.imag > 0) == (edge == band[0]) else -2 for one in alone)
+    return inward
+
+
+def _same(one: _Met, two: _Met, width: float) -> bool:
+    """Whether two are the same eigenvalue at the same p."""
+    return abs(one.at.value - two.at.value) <= CLOSE**2 * width and abs(one.at.lam - two.at.lam) <= CLOSE**2 * abs(one.at.lam)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +148,11 @@ class _Piece:
     V: Array
 
 
-def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[float, ComplexModes]) -> list[_Piece]:
-    """The band in parts whose small models `discs` can take."""
+def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[float, ComplexModes], passing: Array
+            ) -> list[_Piece]:
+    """The band in parts whose small models `discs` can take, each with the shapes `passing` (n, k) as well."""
     shapes = [modes.shapes[:, in_band(modes.eigenvalues, wide) & (modes.eigenvalues.imag >= 0)] for modes in samples.values()]
-    V = _spanned(np.hstack(shapes))
+    V = _spanned(np.hstack([*shapes, passing]))
     if not V.shape[1]:
         return []
     room = LARGEST - 20
@@ -128,8 +164,8 @@ def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[
     if not band[0] < half < band[1] or min(half - band[0], band[1] - half) < 1e-3 * band[1]:
         return [_Piece(band, V[:, :room])]  # what it lacks shows in the counts
     beside = AROUND * (band[1] - band[0])
-    return [*_pieces((band[0], half), (wide[0], half + beside), samples),
-            *_pieces((float(np.nextafter(half, np.inf)), band[1]), (half - beside, wide[1]), samples)]
+    return [*_pieces((band[0], half), (wide[0], half + beside), samples, passing),
+            *_pieces((float(np.nextafter(half, np.inf)), band[1]), (half - beside, wide[1]), samples, passing)]
 
 
 def _spanned(X: Array) -> Array:
@@ -157,24 +193,37 @@ def _joined(V: Array, vectors: Array) -> Array:
 def _refined(question: Question, piece: _Piece) -> CriticalValue:
     """The crossings in a part of the band, of the full pencil; `open` tells where a candidate could not be verified."""
     over, (lo, hi), V = question.over, question.between, piece.V
-    places: list[float] = []
+    unit = np.array([hi - lo, piece.band[1]])
+    before = np.zeros((0, 2))
     for turn in range(ROUNDS):
         small = replace(question, over=over.projected(V, (lo, hi)), band=piece.band, falls=False, floats=False)
         found = Discs().solve(small)
         crossings = [*found.losses, *found.regains]
-        rough = [(one, x) for one in crossings if error_of(over, one, x := V @ one.shape) > EXACT]
-        now = [value for one in crossings for value in (one.value, one.omega / piece.band[1] * (hi - lo))]
-        still = len(now) == len(places) and np.allclose(now, places, rtol=0.0, atol=STILL * (hi - lo))
-        if not rough or still or turn == ROUNDS - 1:
+        now = np.array([(one.value, one.omega) for one in crossings]).reshape(-1, 2) / unit
+        apart = np.abs(now[:, None] - now).max(axis=2) + np.diag(np.full(len(now), np.inf))
+        close = np.minimum(CLOSE, apart.min(axis=1, initial=np.inf) / 4)
+        refined: dict[int, Crossing] = {}
+        rough: list[Array] = []
+        for at, one in enumerate(crossings):
+            x = V @ one.shape
+            if error_of(over, one, x) <= EXACT:
+                continue
+            met = _newton(over, (lo, hi), _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0), x)
+            if met.settled and np.abs(np.array([met.at.value, met.at.lam.imag]) / unit - now[at]).max() <= close[at]:
+                refined[id(one)] = replace(one, value=met.at.value, omega=met.at.lam.imag, shape=met.vectors[:, 0],
+                                           width=max(one.width, 2 * met.off))
+            else:
+                rough.append(met.vectors)
+        if not rough or (len(now) == len(before) and np.allclose(now, before, rtol=0.0, atol=STILL)) or turn == ROUNDS - 1:
             break
-        places = now
-        for one, x in rough:
-            V = _joined(V, _newton(over, (lo, hi), one, x))
+        before = now
+        for vectors in rough:
+            V = _joined(V, vectors)
     good: Found = ([], [])
     poor: list[tuple[float, float]] = []
     for several, kept in zip((found.losses, found.regains), good, strict=True):
         for one in several:
-            if (verified := _verified(over, (lo, hi), one, V @ one.shape)) is not None:
+            if (verified := refined.get(id(one)) or _verified(over, (lo, hi), one, V @ one.shape)) is not None:
                 kept.append(verified)
             else:
                 poor.append((max(lo, one.value - FAR * (hi - lo)), min(hi, one.value + FAR * (hi - lo))))
@@ -186,13 +235,14 @@ def _verified(over: PencilOver, between: tuple[float, float], one: Crossing, x: 
 
     Where two modes coalesce the small pencil tells the shape beside the crossing only; a solution mends it.
     """
-    factor = _factor(over(one.value), 1j * one.omega)
+    factor = factor_at(over(one.value), 1j * one.omega)
     if factor is not None and error_of(over, one, x) > GOOD:
         x = factor.solve(factor.solve(x.conj(), transposed=True).conj())  # (PᴴP)⁻¹x: yᴴP'x = 0 at an exceptional point
     if factor is None or error_of(over, one, x) > GOOD:
         return None
-    _, moves = _step(over, between, one, factor, x / np.linalg.norm(x), x.conj())
-    far = 2 * abs(float(moves[1]))
+    at = _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0)
+    met = _step(over, between, at, factor, x / np.linalg.norm(x), x.conj())
+    far = 2 * met.off
     return replace(one, shape=x / np.linalg.norm(x), width=max(one.width, far)) if np.isfinite(far) else None
 
 
@@ -201,59 +251,70 @@ def error_of(over: PencilOver, one: Crossing, x: Array) -> float:
     return float(over(one.value).backward_error(np.array([1j * one.omega]), x[:, None].astype(complex))[0])
 
 
-def _newton(over: PencilOver, between: tuple[float, float], start: Crossing, x: Array) -> Array:
-    """Right and left vectors (n, 2) at the crossing of the full pencil near a candidate.
+class _At(NamedTuple):
+    """A value of the parameter, λ there, and the direction in which λ may move: i along the axis, 1 along an edge, 0 not."""
+
+    value: float
+    lam: complex
+    along: complex
+
+
+class _Met(NamedTuple):
+    """Where Newton's method is, with right and left vectors (n, 2), dλ/dp, and the size of the last step in p; NaN: it failed."""
+
+    at: _At
+    vectors: Array
+    rate: complex
+    off: float
+    settled: bool = False
+
+
+def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array) -> _Met:
+    """The eigenvalue of the full pencil on the line of `start`, and where it is there.
 
     Where two modes coalesce on the axis Newton's step fails, but its vectors are those that the small model lacks.
     """
-    at, width, vectors = start, between[1] - between[0], np.stack([x, x.conj()], axis=1)
+    width, met = between[1] - between[0], _Met(start, np.stack([x, x.conj()], axis=1), np.nan, np.nan)
     for _ in range(STEPS):
-        factor = _factor(over(at.value), 1j * at.omega)
+        factor = factor_at(over(met.at.value), met.at.lam)
         if factor is None:
             break
-        vectors, (turn, move) = _step(over, between, at, factor, vectors[:, 0], vectors[:, 1])
-        if not np.isfinite([turn, move]).all() or abs(move) > FAR * width or abs(turn) > FAR * at.omega:
-            break
-        at = replace(at, omega=at.omega + float(turn), value=min(max(at.value + float(move), between[0]), between[1]))
-        if abs(turn) <= SETTLED * at.omega and abs(move) <= SETTLED * width:
-            break
-    return vectors
+        last, met = met.at, _step(over, between, met.at, factor, met.vectors[:, 0], met.vectors[:, 1])
+        turn = abs(met.at.lam - last.lam)
+        if not np.isfinite([turn, met.off]).all() or met.off > FAR * width or turn > FAR * abs(last.lam):
+            return met._replace(at=last)
+        if turn <= STILL * abs(met.at.lam) and met.off <= STILL * width:
+            return met._replace(settled=True)
+    return met
 
 
-def _step(over: PencilOver, between: tuple[float, float], at: Crossing, factor: ComplexFactor, x: Array, y: Array
-          ) -> tuple[Array, Array]:
-    """Better vectors x and y (n, 2) of the full pencil, and Newton's step (Δω, Δp) with them."""
-    pencil = over(at.value)
+def _step(over: PencilOver, between: tuple[float, float], at: _At, factor: ComplexFactor, x: Array, y: Array) -> _Met:
+    """Better vectors x and y of the full pencil, and Newton's step with them, which ends within the range."""
+    pencil, lam = over(at.value), at.lam
     for _ in range(2):  # the first left vector is a guess
-        x = factor.solve(_slope(pencil.M, pencil.D, at.omega, x))
-        y = factor.solve(_slope(pencil.M.T, pencil.D.T, at.omega, y.conj()), transposed=True).conj()
+        x = factor.solve(_slope(pencil.M, pencil.D, lam, x))
+        y = factor.solve(_slope(pencil.M.T, pencil.D.T, lam, y.conj()), transposed=True).conj()
         x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
     aside = DIFFERENCE * (between[1] - between[0])
     aside = aside if at.value + aside <= between[1] else -aside
-    rest, other = (one.residual(np.array([1j * at.omega]), x[:, None])[:, 0] for one in (pencil, over(at.value + aside)))
-    error, change = y.conj() @ rest, (y.conj() @ (other - rest)) / aside
-    turning = 1j * (y.conj() @ _slope(pencil.M, pencil.D, at.omega, x))
-    if at.kind == "divergence":
-        moves = np.array([0.0, -error.real / change.real if change.real else np.inf])
+    rest, other = (one.residual(np.array([lam]), x[:, None])[:, 0] for one in (pencil, over(at.value + aside)))
+    error, change, turning = y.conj() @ rest, (y.conj() @ (other - rest)) / aside, y.conj() @ _slope(pencil.M, pencil.D, lam, x)
+    with np.errstate(all="ignore"):
+        rate = complex(-change / turning)
+    if not at.along:
+        turn, move = 0.0, -error.real / change.real if change.real else np.inf
     else:
-        system = np.array([[turning.real, change.real], [turning.imag, change.imag]])
+        across = turning * at.along
+        system = np.array([[across.real, change.real], [across.imag, change.imag]])
         known = np.isfinite(system).all() and np.isfinite(error)
-        moves = np.linalg.lstsq(system, -np.array([error.real, error.imag]), rcond=None)[0] if known else np.full(2, np.nan)
-    return np.stack([x, y], axis=1), moves
+        turn, move = np.linalg.lstsq(system, -np.array([error.real, error.imag]), rcond=None)[0] if known else np.full(2, np.nan)
+    value = min(max(at.value + float(move), between[0]), between[1])
+    return _Met(at._replace(value=value, lam=at.lam + at.along * float(turn)), np.stack([x, y], axis=1), rate, abs(float(move)))
 
 
-def _factor(pencil: Pencil, value: complex) -> ComplexFactor | None:
-    for beside in (0.0, BESIDE):
-        try:
-            return ComplexFactor(pencil.sparse().at(value + beside * (abs(value) or 1.0)))
-        except SingularMatrixError:
-            continue
-    return None
-
-
-def _slope(M: Matrix, D: Matrix, omega: float, x: Array) -> Array:
-    """P'(iω)x; Mx for a real eigenvalue 0."""
-    return 2j * omega * (M @ x) + D @ x if omega else M @ x
+def _slope(M: Matrix, D: Matrix, lam: complex, x: Array) -> Array:
+    """P'(λ)x; Mx for a real eigenvalue 0."""
+    return 2 * lam * (M @ x) + D @ x if lam else M @ x
 
 
 def _growing(modes: ComplexModes, band: tuple[float, float]) -> Array:

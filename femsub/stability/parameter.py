@@ -11,6 +11,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -44,6 +45,7 @@ COMBINED = 8
 DENSE, SPARSE = 2048, 256  # samples of the coefficients over the range: of a contact of few columns, of a larger one
 IRREGULAR = (5**0.5 - 1) / 2  # samples at even distances would miss what is periodic
 KEPT = 64  # projected pencils
+STRAIGHT = 0.1  # of the change of a coefficient over the range: how far it may be off a chord that stands for it
 MORE = 4  # places at most that are added to the usual ones of an interval
 Terms: TypeAlias = tuple[Matrix, float | Matrix, float | Matrix]
 
@@ -139,6 +141,16 @@ class PencilOver:
         places = {self.sign * float(p) for share in self.shares if not share.affine for p in share.kinks}
         return sorted(p for p in places if between[0] < p < between[1])
 
+    def straight(self, values: Sequence[float]) -> list[float]:
+        """Ends of intervals over which the pencil is close to its chord: the range's if it is affine, or the values and others.
+
+        Close: no coefficient is farther off than by a part STRAIGHT of its change over the range.
+        """
+        lo, hi = values[0], values[-1]
+        if self.affine((lo, hi)):
+            return [lo, hi]
+        return self.sampled((lo, hi)).straight(values)
+
     def sampled(self, between: tuple[float, float]) -> Sampled:
         """The coefficients that are not affine, over the range."""
         return Sampled([share for share in self.shares if not share.affine], between, self.kinks(between), self.sign)
@@ -163,6 +175,21 @@ class Sampled:
 
     def _one(self, p: float) -> Array:
         return np.concatenate([np.ravel(block) for share in self.shares for block in share.coefficients(self.sign * p)])
+
+    def straight(self, values: Sequence[float]) -> list[float]:
+        """The values, and others where a coefficient is farther off its chord than by STRAIGHT of its change over the range."""
+        bound = STRAIGHT * np.ptp(self.c, axis=0) + ROUNDING * self.size
+        waiting, ends = list(pairwise(values)), set(values)
+        while waiting:
+            a, b = waiting.pop()
+            inside = (self.p > a) & (self.p < b)
+            first, last = self._at(np.array([a, b]))
+            off = np.abs(self.c[inside] - first - (self.p[inside] - a)[:, None] / (b - a) * (last - first))
+            if (off > bound).any():
+                m = float(self.p[inside][int((off / bound).max(axis=1).argmax())])
+                ends.add(m)
+                waiting += [(a, m), (m, b)]
+        return sorted(ends)
 
     def places(self, begin: float, end: float, usual: Sequence[float] = ()) -> list[float]:
         """The values in (begin, end) at which a coefficient is farther off its chord than at the `usual` ones; MORE at most."""

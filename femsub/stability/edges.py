@@ -1,0 +1,93 @@
+"""What comes into a band of frequencies over a parameter, or leaves it: the modes at its edges, at all values at once.
+
+A mode that is in the band at no sample must have come in through an edge ω, and left again. At a frequency ω the parameter is an
+eigenvalue: with the chord of the pencil over an interval around m,
+
+    (P(iω; m) + t ΔP(iω)) x = 0,    -P(iω; m)⁻¹ ΔP(iω) x = x / t,
+
+so that the t near the interval are the dominant eigenvalues of one operator. Block Arnoldi finds them: one factorisation, and
+few solutions. If few DOF depend on the parameter, its basis ends with the rank of ΔP.
+
+Where an eigenvalue passes the edge beside the axis, at λ = r + iω, t is complex. If the mode reaches the axis within a distance g
+in p, its eigenvalue moves by r within g, and t is about as near to the interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from femsub.algebra import ComplexFactor
+from femsub.checks import EPS, Array
+from femsub.errors import SingularMatrixError
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
+    from femsub.stability.parameter import PencilOver
+
+BESIDE = 1e-9  # of |λ|: a shift beside an eigenvalue at which P is singular to working precision
+BLOCK = 8  # vectors of a step: t of a higher multiplicity are not all found
+ROUGH = 1e-2  # residual of a shape at an edge, relative: Newton's method on the full pencil mends those that matter
+
+
+def factor_at(pencil: Pencil, value: complex) -> ComplexFactor | None:
+    """P(λ) factorised, or beside λ if it is singular there; None if it is singular there, too."""
+    for beside in (0.0, BESIDE):
+        try:
+            return ComplexFactor(pencil.sparse().at(value + beside * (abs(value) or 1.0)))
+        except SingularMatrixError:
+            continue
+    return None
+
+
+def modes_at(over: PencilOver, values: Sequence[float], lam: complex, most: int) -> tuple[Array, Array] | None:
+    """t (k,), complex, and the shapes (n, k) of all modes that have the eigenvalue λ for p = t near the range of the `values`.
+
+    "Near" is the longest distance of two values. None if they are more than `most`, or P is singular.
+    """
+    gap = float(np.diff(values).max())
+    places: list[Array] = []
+    shapes: list[Array] = []
+    for a, b in pairwise(over.straight(values)):
+        m, half = (a + b) / 2, (b - a) / 2
+        ends = [over(p).at(lam) for p in (a, b)]
+        factor, change = factor_at(over(m), lam), (ends[1] - ends[0]) / (b - a)
+        found = None if factor is None else _dominant(factor, change, 1 / (half + gap), most)
+        if found is None:
+            return None
+        near = np.abs(found[0] - np.clip(found[0].real, -half, half)) <= gap
+        places.append(m + found[0][near])
+        shapes.append(found[1][:, near])
+    return np.concatenate(places), np.hstack(shapes)
+
+
+def _dominant(factor: ComplexFactor, change: Any, least: float, most: int) -> tuple[Array, Array] | None:
+    """t and unit vectors x of (P + tC)x = 0 with |1/t| ≥ `least`; None if `most` columns are not enough.
+
+    They are complete as soon as they and the next one have converged, since those of largest |1/t| converge first.
+    """
+    n = change.shape[0]
+    Q, image = np.zeros((2, n, 0), dtype=complex)
+    new = factor.solve(change @ np.random.default_rng(n).standard_normal((n, min(BLOCK, n))))
+    while True:
+        size = np.linalg.norm(new, axis=0)
+        for _ in range(2):
+            new = new - Q @ (Q.conj().T @ new)
+        new = np.divide(new, size, out=np.zeros_like(new), where=size > 0)
+        u, s, _ = np.linalg.svd(new, full_matrices=False)
+        new = u[:, s > n * EPS]
+        if not np.isfinite(size).all() or Q.shape[1] + new.shape[1] > most:
+            return None
+        ended = not new.shape[1]
+        Q, image = np.hstack([Q, new]), np.hstack([image, new := -factor.solve(change @ new)]) if not ended else image
+        inverse, small = np.linalg.eig(Q.conj().T @ image)
+        order = np.argsort(-np.abs(inverse), kind="stable")
+        wanted = int(np.count_nonzero(np.abs(inverse) >= least))
+        order = order[:wanted + 1]
+        x, size = Q @ small[:, order], np.abs(inverse[order])
+        poor = np.linalg.norm(image @ small[:, order] - x * inverse[order], axis=0) > ROUGH * size
+        if ended or (len(order) > wanted and not poor.any()):
+            return 1 / inverse[order[:wanted]], x[:, :wanted] / np.linalg.norm(x[:, :wanted], axis=0)
