@@ -215,6 +215,35 @@ def test_affine_is_what_a_contact_declares() -> None:
 
 
 @pytest.mark.slow
+@dataclass(frozen=True)
+class Rubbing:
+    """Friction of the relative motion of two points that move almost alike: the terms of W C Wᵀ cancel."""
+
+    mu: float = 0.0
+    stiffness: float = 1e6
+    ports = ("normal", "tangential")
+    affine = ("mu",)
+
+    def linearised(self, model: fs.Substructure) -> tuple[None, np.ndarray]:
+        pair = self.stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        return None, np.block([[pair, 0 * pair], [self.mu * pair, 0 * pair]])
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 1e6, 1e8])
+def test_rounding_where_terms_cancel_makes_no_contact_less_affine(stiffness: float) -> None:
+    rng, K = np.random.default_rng(1), np.diag(np.linspace(1.0, 4.0, 12))
+    points, gap = rng.standard_normal((2, 12)), 0.3 / np.sqrt(stiffness) * rng.standard_normal((2, 12))
+    ports = {name: np.stack([x, x + dx], axis=1) for name, x, dx in zip(("normal", "tangential"), points, gap, strict=True)}
+    model = fs.Substructure(np.eye(12), K, 1e-3 * K, ports=ports)
+    found = fs.critical_value(model, Rubbing(stiffness=stiffness), "mu", between=(0.0, 20.0))
+    assert found.evidence == "certified" and found.losses
+    normal, tangential = (ports[name] @ [1.0, -1.0] for name in ("normal", "tangential"))
+    turning = stiffness * np.outer(tangential, normal)
+    same = fs.critical_value(fs.Affine(model.M, model.D, [(1.0, K + stiffness * np.outer(normal, normal)), ("mu", turning)]), None,
+                             "mu", between=(0.0, 20.0))
+    assert found.value == pytest.approx(same.value, rel=1e-7) and same.evidence == "certified"
+
+
 def test_a_parameter_of_several_contacts_is_affine_if_all_say_so() -> None:
     """One dashpot beside another of the same parameter: with a step between 0.30 and 0.31, told by its kinks or found."""
     chain = fs.chain(2, belt=2)

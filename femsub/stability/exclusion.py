@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
     from femsub.stability.parameter import PencilOver
 
-STRAIGHT = 1e-13  # largest distance of A(p) from the chord between its ends, relative, at which A counts as affine
 BETWEEN = 1.5  # safety factor on the largest |E| sampled, if A is not affine
 FAR = 4.0  # times the change of an entry: distance of two eigenvalues from which on their vectors are turned
 TURN = 0.5  # largest turn of the vectors, as a row sum of h|X|
@@ -73,8 +72,8 @@ class Family:
     """The state matrices A(p) of a pencil over a range of p.
 
     The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine` tells whether A
-    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis. `over` declares whether A is affine,
-    and tells at which p the pencil must be looked at if it is not.
+    is affine in p, as `over` declares. What samples are then off the chord joins the rounding `size`. `mirrored` tells whether
+    the spectrum is symmetric about the imaginary axis. `over` tells at which p the pencil must be looked at if it is not affine.
     """
 
     def __init__(self, over: PencilOver, between: tuple[float, float]) -> None:
@@ -86,17 +85,19 @@ class Family:
         kept = max(8, int(MEMORY / (50 * (2 * len(self.omega)) ** 2)))
         self.matrix, self.spectrum = lru_cache(maxsize=kept)(self._matrix), lru_cache(maxsize=kept)(self._spectrum)
         points = [lo + share * (hi - lo) for share in SAMPLES]
-        declared = over.affine(between)
+        self.affine = over.affine(between)
         self.kinks = over.kinks(between)
-        self.sampled = None if declared else over.sampled(between)
+        self.sampled = None if self.affine else over.sampled(between)
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
         self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
         if self.sampled is not None:
             pencils += [pencil_at(p) for p in self.sampled.places(lo, hi)]
         self.size = np.maximum.reduce([self._magnitude(pencil) for pencil in (pencils[0], *pencils[len(points) - 1:])])
         self.size += max(abs(lo), abs(hi)) * np.abs(self.slope)  # the rounding of p itself
-        self.affine = declared and all((np.abs(A - matrices[0] - (p - lo) * self.slope) <= STRAIGHT * self.size).all()
-                                     for p, A in zip(points, matrices, strict=True))
+        if self.affine:  # what is off the chord is rounding: of terms that cancel in a contact, and of the projection
+            off = np.max([np.abs(A - matrices[0] - (p - lo) * self.slope) for p, A in zip(points, matrices, strict=True)], axis=0)
+            off = np.minimum.outer(off.max(axis=1), off.max(axis=0))  # a single entry may be exact by chance
+            self.size = np.maximum(self.size, off / (4 * EPS))  # of which `_spectrum` takes 4 EPS
         self.floating = all(_rigid(pencil) for pencil in (pencils[0], pencils[2], pencils[len(points) - 1]))
         undamped = all(not np.any(pencil.D) for pencil in pencils)
         gyroscopic = all(pencil.symmetric[2] and np.array_equal(pencil.D, -pencil.D.T) for pencil in pencils)
