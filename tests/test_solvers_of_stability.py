@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.optimize import brentq
 
 import femsub as fs
-from benchmarks.attacks import solvers
+from benchmarks.attacks import critical_values as attack, solvers
 from femsub.stability import edges, followed
 from femsub.stability.critical_value import first_value
 
@@ -117,6 +118,75 @@ def test_a_pencil_of_2000_dof_is_followed_within_30_solutions(monkeypatch: pytes
         growth = [fs.complex_modes(family.at(mu=one.value + step), band=(0.999 * one.omega, 1.001 * one.omega)).growth
                   for step in (-1e-4, 1e-4)]
         assert growth[0] < 0 < growth[1]
+
+
+def through(n: int) -> tuple[fs.Affine, tuple[float, float], tuple[float, float]]:
+    """A damped chain, and beside it an oscillator that falls through the band, and grows from p = 0.3433367 on."""
+    step = sp.diags_array([np.full(n - 1, -1.0), np.full(n, 2.0), np.full(n - 1, -1.0)], offsets=[-1, 0, 1])
+    joined = sp.csr_array((1e-6 * np.array([1, 1, -1, -1]), ([n, 9, n, 9], [n, 9, 9, n])), shape=(n + 1, n + 1))
+    K, M = sp.block_diag([step, [[0.0]]], format="csr") + joined, sp.eye_array(n + 1, format="csr")
+    alone = sp.csr_array(([1.0], ([n], [n])), shape=(n + 1, n + 1))
+    D = 1e-2 * K + 1e-5 * M + 0.34 * 3e-3 * alone
+    return fs.Affine(M, [(1.0, D), ("p", -3e-3 * alone)], [(1.0, K + 0.03 * alone), ("p", -0.05 * alone)]), (0.0, 0.55), (0.1, 0.12)
+
+
+def test_a_mode_that_crosses_the_band_between_two_samples_is_followed() -> None:
+    """It is in the band at none of the samples, and growing when it leaves: losses and counts differ by what leaves."""
+    family, between, band = through(40)
+    found = fs.critical_value(family, None, "p", between=between, band=band, solver="followed")
+    assert [one.value for one in found.losses] == pytest.approx([0.34 + (1e-5 + 1e-8) / 3e-3], abs=1e-7)
+    assert found.omega == pytest.approx(np.sqrt(0.03 - 0.05 * found.value), rel=1e-4) and not found.regains
+    assert found.evidence == "confirmed" and not found.open
+    back = fs.critical_value(family, None, "p", between=between[::-1], band=band, solver="followed")
+    assert [one.value for one in back.regains] == pytest.approx([found.value], abs=1e-9) and not back.losses
+    assert back.evidence == "confirmed" and back.value == -np.inf
+
+
+def test_a_band_whose_edges_are_not_followed_is_not_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    family, between, band = through(12)
+    monkeypatch.setattr(edges, "BLOCK", 1)
+    monkeypatch.setattr(followed, "LARGEST", 0)
+    with pytest.warns(fs.FemsubWarning, match=r"more than 0 modes come to the edge of the band at 0\.1"):
+        found = fs.critical_value(family, None, "p", between=between, band=band, solver="followed")
+    assert found.evidence == "not checked" and found.open == (between,)
+
+
+@pytest.mark.parametrize("kind", attack.PASSING)
+def test_modes_that_pass_through_the_band_at_any_speed_are_found(kind: str) -> None:
+    """A few seeds of benchmarks/attacks/critical_values.py: two that were missed, or were open, at the samples alone."""
+    assert {attack.attacked(kind, seed) for seed in (13, 28)} == {"confirmed"}
+
+
+@pytest.mark.slow
+def test_two_coupled_masses_of_a_chain_lose_their_modes_where_the_two_by_two_determinant_vanishes() -> None:
+    """1 + p²c²(g_aa g_bb - g_ab²) = 0 with the receptances g(iω) of the chain. One small model is enough, or two."""
+    n, a, b, c = 200, 35, 95, 80.0
+    step = sp.diags_array([np.full(n - 1, -1.0), np.full(n, 2.2), np.full(n - 1, -1.0)], offsets=[-1, 0, 1])
+    K, M = sp.csr_array(100.0 * step), sp.eye_array(n, format="csr")
+    turning = sp.csr_array(([c, -c], ([a, b], [b, a])), shape=(n, n))
+    family, band = fs.Affine(M, 1e-3 * M + 1e-4 * K, [(1.0, K), ("p", turning)]), (4.4, 5.2)
+    made, real = [], followed.Discs.solve
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(followed.Discs, "solve", lambda self, question: made.append(found := real(self, question)) or found)
+        found = fs.critical_value(family, None, "p", between=(0.0, 3.0), band=band, solver="followed")
+    assert found.method == "followed" and found.evidence == "confirmed" and len(made) <= 2
+    number = np.arange(1, n + 1)
+    stiffness = 100.0 * (0.2 + 4 * np.sin(number * np.pi / (2 * (n + 1))) ** 2)
+    x, y = (np.sqrt(2 / (n + 1)) * np.sin(number * np.pi * (at + 1) / (n + 1)) for at in (a, b))
+
+    def squared(omega: float) -> complex:
+        g = 1 / (-omega**2 + 1j * omega * (1e-3 + 1e-4 * stiffness) + stiffness)
+        return complex(-1 / (c**2 * (g @ x**2 * (g @ y**2) - (g @ (x * y)) ** 2)))
+
+    grid = np.linspace(*band, 8001)
+    parts = np.array([squared(omega) for omega in grid])
+    exact = []
+    for i in np.flatnonzero(np.diff(np.sign(parts.imag))):
+        omega = brentq(lambda omega: squared(omega).imag, grid[i], grid[i + 1], xtol=1e-13)
+        if abs(squared(omega).imag) < 1e-6 and 0 < squared(omega).real < 9:
+            exact.append((squared(omega).real ** 0.5, omega))
+    every = sorted((one.value, one.omega) for one in (*found.losses, *found.regains))
+    assert np.array(every) == pytest.approx(np.array(sorted(exact)), rel=1e-7) and len(exact) > 5
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ The matrices have few binary digits, so that the polynomial is exact. At many va
 crossing told, the number that grows must be what the losses and regains add up to. Kinds with a closed form are sums of scalar
 oscillators λ² + d(p)λ + k(p), mixed by a congruence: there frequency, shape and place of each crossing are known. The first five
 kinds have a dense scan with bisection as their reference. So have the oscillators beside a damped chain that pass through the band
-at any speed, which are followed: 'refused' counts what is not checked there. And contacts that declare to be affine, in which large
+at any speed, and the chains that stiffen as a whole, which are followed: 'refused' counts what is not checked there. And contacts that declare to be affine, in which large
 terms cancel.
 """
 
@@ -27,7 +27,7 @@ SCANNED = ("circulatory", "damped", "gyroscopic", "negative damping", "not affin
 EXACT = ("heavy damping", "tiny damping", "undamped", "belt")
 CLOSED = ("real pairs", "close crossings", "ends", "doubles")
 PASSING = ("passing", "passing on a curve")  # through the band, followed; by dense eigenvalues
-KINDS = (*SCANNED, *EXACT, *CLOSED, "units", *PASSING, "cancelling")
+KINDS = (*SCANNED, *EXACT, *CLOSED, "units", *PASSING, "cancelling", "sweeping")
 
 GRID = 2001
 ON_AXIS = 1e-7  # of the largest |λ|: what rounding may do to an undamped eigenvalue near a coalescence
@@ -57,11 +57,13 @@ def attacked(kind: str, seed: int) -> str:
         found, told = _units(rng)
     elif kind in PASSING:
         found, told = _passing(kind, rng)
+    elif kind == "sweeping":
+        found, told = _sweeping(rng)
     elif kind == "cancelling":
         found, told = _cancelling(rng)
     else:
         found, told = _closed(kind, rng)
-    if kind in (*PASSING, "cancelling") and not told and found is not None and found.evidence == "not checked":
+    if kind in (*PASSING, "cancelling", "sweeping") and not told and found is not None and found.evidence == "not checked":
         return f"refused: {found!r}"
     return f"wrong: seed {seed}: {'; '.join(told)}: {found!r}" if told else "refused" if found is None else found.evidence
 
@@ -509,6 +511,38 @@ def _passing(kind: str, rng: np.random.Generator) -> tuple[fs.CriticalValue, lis
         return np.linalg.eigvals(np.block([[np.zeros((size, size)), M], [-(K + q * K1), -(D + q * D1)]]))
 
     return found, _against(spectrum, grid, band, found)
+
+
+def _sweeping(rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
+    """A chain that stiffens or softens as a whole, so that its modes pass through the band one after the other.
+
+    Dashpots turn negative, or two masses act on each other by a circulatory force.
+    """
+    n = int(rng.integers(8, 30))
+    springs = np.exp(rng.uniform(-0.5, 0.5, n + 1))
+    K = np.diag(springs[1:] + springs[:-1]) - np.diag(springs[1:n], 1) - np.diag(springs[1:n], -1)
+    omega = np.sqrt(np.linalg.eigvalsh(K))
+    lo = float(rng.uniform(0.05, 0.9)) * omega[-1]
+    band = lo, lo * float(1 + 10.0 ** rng.uniform(-1.5, -0.3))
+    D = 10.0 ** rng.uniform(-4, -2) * K + np.diag(10.0 ** rng.uniform(-5, -2, n))
+    K1, D1 = K * float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-2, -0.1)), np.zeros((n, n))
+    if rng.random() < 0.6:
+        at = rng.integers(n, size=2)
+        D1[at, at] -= D[at, at] * 10.0 ** rng.uniform(0, 1.5)
+    if rng.random() < 0.6:
+        at = rng.choice(n, 2, replace=False)
+        force = 10.0 ** rng.uniform(-3, 0)
+        K1[at[0], at[1]] += force
+        K1[at[1], at[0]] -= force
+    family = fs.Affine(np.eye(n), [(1.0, D), ("p", D1)], [(1.0, K), ("p", K1)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=band, solver="followed")
+
+    def spectrum(p: float) -> Array:
+        return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-(K + p * K1), -(D + p * D1)]]))
+
+    return found, _against(spectrum, np.linspace(0.0, 1.0, 801), band, found)
 
 
 @dataclass(frozen=True)
