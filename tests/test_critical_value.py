@@ -238,9 +238,9 @@ def test_rounding_where_terms_cancel_makes_no_contact_less_affine(stiffness: flo
     found = fs.critical_value(model, Rubbing(stiffness=stiffness), "mu", between=(0.0, 20.0))
     assert found.evidence == "certified" and found.losses
     normal, tangential = (ports[name] @ [1.0, -1.0] for name in ("normal", "tangential"))
-    turning = stiffness * np.outer(tangential, normal)
-    same = fs.critical_value(fs.Affine(model.M, model.D, [(1.0, K + stiffness * np.outer(normal, normal)), ("mu", turning)]), None,
-                             "mu", between=(0.0, 20.0))
+    family = fs.Affine(model.M, model.D, [(1.0, K + stiffness * np.outer(normal, normal)),
+                                          ("mu", stiffness * np.outer(tangential, normal))])
+    same = fs.critical_value(family, None, "mu", between=(0.0, 20.0))
     assert found.value == pytest.approx(same.value, rel=1e-7) and same.evidence == "certified"
 
 

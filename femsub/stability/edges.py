@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from femsub.stability.parameter import PencilOver
 
 BESIDE = 1e-9  # of |λ|: a shift beside an eigenvalue at which P is singular to working precision
-BLOCK = 8  # vectors of a step: t of a higher multiplicity are not all found
+BLOCK = 8  # vectors of a step: of a t of higher multiplicity not all shapes are found
 ROUGH = 1e-2  # residual of a shape at an edge, relative: Newton's method on the full pencil mends those that matter
 
 
@@ -43,19 +43,18 @@ def factor_at(pencil: Pencil, value: complex) -> ComplexFactor | None:
     return None
 
 
-def modes_at(over: PencilOver, values: Sequence[float], lam: complex, most: int) -> tuple[Array, Array] | None:
-    """t (k,), complex, and the shapes (n, k) of all modes that have the eigenvalue λ for p = t near the range of the `values`.
+def modes_at(over: PencilOver, ends: Sequence[float], gap: float, lam: complex, most: int) -> tuple[Array, Array] | None:
+    """t (k,), complex, and the shapes (n, k) of all modes that have the eigenvalue λ for p = t, up to `gap` beside the range.
 
-    "Near" is the longest distance of two values. None if they are more than `most`, or P is singular.
+    The pencil is close to its chords between the `ends`. None if a basis of `most` vectors is not enough, or P is singular.
     """
-    gap = float(np.diff(values).max())
     places: list[Array] = []
     shapes: list[Array] = []
-    for a, b in pairwise(over.straight(values)):
+    for a, b in pairwise(ends):
         m, half = (a + b) / 2, (b - a) / 2
-        ends = [over(p).at(lam) for p in (a, b)]
-        factor, change = factor_at(over(m), lam), (ends[1] - ends[0]) / (b - a)
-        found = None if factor is None else _dominant(factor, change, 1 / (half + gap), most)
+        first, last = (over(p).at(lam) for p in (a, b))
+        factor = factor_at(over(m), lam)
+        found = None if factor is None else _dominant(factor, (last - first) / (b - a), 1 / (half + gap), most)
         if found is None:
             return None
         near = np.abs(found[0] - np.clip(found[0].real, -half, half)) <= gap
@@ -65,9 +64,9 @@ def modes_at(over: PencilOver, values: Sequence[float], lam: complex, most: int)
 
 
 def _dominant(factor: ComplexFactor, change: Any, least: float, most: int) -> tuple[Array, Array] | None:
-    """t and unit vectors x of (P + tC)x = 0 with |1/t| ≥ `least`; None if `most` columns are not enough.
+    """t and unit vectors x of (P + tC)x = 0 with |1/t| ≥ `least`; None if a basis of `most` vectors is not enough.
 
-    They are complete as soon as they and the next one have converged, since those of largest |1/t| converge first.
+    They count as complete if they and the next one have converged, since those of largest |1/t| converge first.
     """
     n = change.shape[0]
     Q, image = np.zeros((2, n, 0), dtype=complex)

@@ -6,9 +6,9 @@ and `discs` finds all of its crossings. Each starts Newton's method on the full 
     yᴴP(iω; p)x + i yᴴP'x Δω + yᴴ∂P/∂p x Δp = 0,   x ← P⁻¹P'x,   y ← P⁻ᴴP'ᴴy,   P' = ∂P/∂λ.
 
 If it does not end close by, its vectors join V, and the small pencil is looked at again. V holds as well the modes that come to
-an edge of the band anywhere in the range (`edges`): a mode that crosses the whole band between two values is at its edges. Between
-the values the crossings, and the growing modes that pass an edge, must make up the change of the number of growing eigenvalues of
-the full pencil.
+an edge of the band anywhere in the range (`edges`), and so those that cross the whole band between two values. Between the values
+the crossings, and the growing modes that pass an edge, must make up the change of the number of growing eigenvalues of the full
+pencil.
 """
 
 from __future__ import annotations
@@ -86,16 +86,17 @@ class Followed:
                 hi = p
                 break
         question = replace(question, between=(lo, hi))
-        passing = [modes_at(over, list(samples), 1j * edge, LARGEST) for edge in band]
+        ends, gap = over.straight(list(samples)), float(np.diff(list(samples)).max())
+        passing = [modes_at(over, ends, gap, 1j * edge, LARGEST) for edge in band]
         shapes = np.hstack([np.zeros((over(lo).size, 0)), *(one[1] for one in passing if one is not None)])
         found = [_refined(question, piece) for piece in _pieces(band, wide, samples, shapes)]
         losses, regains, unclear = ([one for part in found for one in getattr(part, name)] for name in
                                     ("losses", "regains", "open"))
         losses, regains = (sorted(several, key=lambda one: (one.value, one.omega)) for several in (losses, regains))
         if vague := [edge for edge, one in zip(band, passing, strict=True) if one is None]:
-            warn(f"more than {LARGEST} modes come to the edge of the band at {vague[0]:.6g} within the range of "
-                 f"{question.parameter!r}, or the pencil is singular there. A mode that crosses the band may be missed. Move the "
-                 "edge, or take a shorter range", FemsubWarning)
+            warn(f"the modes that come to the edge of the band at {vague[0]:.6g} within the range of {question.parameter!r} are "
+                 f"not known: they need a basis of more than {LARGEST} vectors, or the pencil is singular there. A mode that "
+                 "crosses the band may be missed. Move the edge, or take a shorter range", FemsubWarning)
             unclear.append((lo, hi))
         begin = growing[lo]
         lost: list[float] = []
@@ -103,7 +104,8 @@ class Followed:
         for a, b in pairwise(samples):
             own = [[one for one in several if a < one.value <= b or one.value == a == lo] for several in (losses, regains)]
             rise = weight(growing[b].imag) - weight(growing[a].imag) - change(*own)
-            inward = _come_in(question, (a, b), np.concatenate([growing[a], growing[b]])) if rise else 0
+            inside = [a, *(p for p in ends if a < p < b), b]
+            inward = _come_in(question, inside, np.concatenate([growing[a], growing[b]])) if rise else 0
             entered += inward
             if rise != inward or NOT_CHECKED in (samples[a].evidence, samples[b].evidence):
                 unclear.append((a, b))
@@ -116,17 +118,17 @@ class Followed:
                                 solved=len(samples), method="followed")
 
 
-def _come_in(question: Question, between: tuple[float, float], growing: Array) -> int:
-    """How many more growing eigenvalues come into the band through its edges than leave it.
+def _come_in(question: Question, ends: list[float], growing: Array) -> int:
+    """How many more growing eigenvalues come into the band through its edges than leave it, between the first and last of `ends`.
 
-    They are looked for at the edges beside the axis, at the rates of those that grow at the ends. A real eigenvalue is in a band
-    that begins at 0.
+    They are looked for at the edges beside the axis, at the rates of those that are `growing` at these two. A real eigenvalue is
+    in a band that begins at 0.
     """
-    over, band, (a, b), inward = question.over, question.band, between, 0
+    over, band, a, b, inward = question.over, question.band, ends[0], ends[-1], 0
     for edge in [edge for edge in band if edge]:
         met: list[_Met] = []
         for rate in (0.0, *growing.real.tolist()):
-            found = modes_at(over, [a, b], rate + 1j * edge, LARGEST) or (np.zeros(0), np.zeros((0, 0)))
+            found = modes_at(over, ends, b - a, rate + 1j * edge, LARGEST) or (np.zeros(0), np.zeros((0, 0)))
             starts = [(_At(float(t.real), rate + 1j * edge, 1.0), x) for t, x in zip(found[0], found[1].T, strict=True)]
             met += [one for one in (_newton(over, question.between, *start) for start in starts)
                     if one.settled and a < one.at.value <= b and one.at.lam.real > 0]

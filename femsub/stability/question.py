@@ -94,9 +94,10 @@ class CriticalValue:
         'certified': discs around the eigenvalues exclude each crossing outside these points. 'confirmed': the same, but the
         pencil is not declared affine in the parameter (`Contact`). It was sampled in each interval, and what depends on the
         parameter at 2,048 values of the range (256 for contacts of more than 8 columns). A factor that is a function counts as
-        not affine. Or the model was followed: the crossings make up how many eigenvalues grow at values in the range, whose
-        modes are complete. Or, for a port's root, how many grow just beyond it. 'not checked': some intervals are open, or
-        nothing was counted.
+        not affine. Or the model was followed: the crossings, and the growing modes that pass an edge of the band, make up how
+        many eigenvalues grow at values in the range, whose modes are complete. The modes that come to an edge anywhere in the
+        range are followed as well. Or, for a port's root, how many grow just beyond it. 'not checked': some intervals are open,
+        or nothing was counted.
     method : str
         'discs', 'followed', 'scalar function' or 'bracketing'.
     solved : int
