@@ -120,13 +120,13 @@ def test_a_pencil_of_2000_dof_is_followed_within_30_solutions(monkeypatch: pytes
         assert growth[0] < 0 < growth[1]
 
 
-def through(n: int) -> tuple[fs.Affine, tuple[float, float], tuple[float, float]]:
-    """A damped chain, and beside it an oscillator that falls through the band, and grows from p = 0.3433367 on."""
+def through(n: int, begins: float = 0.34) -> tuple[fs.Affine, tuple[float, float], tuple[float, float]]:
+    """A damped chain, and beside it an oscillator that falls through the band, and grows from begins + 0.0033367 on."""
     step = sp.diags_array([np.full(n - 1, -1.0), np.full(n, 2.0), np.full(n - 1, -1.0)], offsets=[-1, 0, 1])
     joined = sp.csr_array((1e-6 * np.array([1, 1, -1, -1]), ([n, 9, n, 9], [n, 9, 9, n])), shape=(n + 1, n + 1))
     K, M = sp.block_diag([step, [[0.0]]], format="csr") + joined, sp.eye_array(n + 1, format="csr")
     alone = sp.csr_array(([1.0], ([n], [n])), shape=(n + 1, n + 1))
-    D = 1e-2 * K + 1e-5 * M + 0.34 * 3e-3 * alone
+    D = 1e-2 * K + 1e-5 * M + begins * 3e-3 * alone
     family = fs.Affine(M, [(1.0, D), ("p", -3e-3 * alone)], [(1.0, K + 0.03 * alone), ("p", -0.05 * alone)])
     return family, (0.0, 0.55), (0.1, 0.12)
 
@@ -140,7 +140,15 @@ def test_a_mode_that_crosses_the_band_between_two_samples_is_followed() -> None:
     assert found.evidence == "confirmed" and not found.open
     back = fs.critical_value(family, None, "p", between=between[::-1], band=band, solver="followed")
     assert [one.value for one in back.regains] == pytest.approx([found.value], abs=1e-9) and not back.losses
-    assert back.evidence == "confirmed" and back.value == -np.inf
+    assert back.evidence == "confirmed" and back.value == pytest.approx((0.03 - 0.1**2) / 0.05, rel=1e-4)  # it comes in there
+
+
+def test_where_a_growing_mode_comes_into_the_band_is_told() -> None:
+    """It loses its stability above the band, is in it at a sample, and has left it at the end."""
+    family, between, _ = through(12, begins=0.2)
+    found = fs.critical_value(family, None, "p", between=between, band=(0.09, 0.12), solver="followed")
+    assert not found.losses and not found.open and found.evidence == "confirmed"
+    assert found.value == pytest.approx((0.03 - 0.12**2) / 0.05, rel=1e-4) and "comes into the band" in repr(found)
 
 
 def test_a_band_whose_edges_are_not_followed_is_not_checked(monkeypatch: pytest.MonkeyPatch) -> None:

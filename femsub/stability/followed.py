@@ -105,8 +105,10 @@ class Followed:
             own = [[one for one in several if a < one.value <= b or one.value == a == lo] for several in (losses, regains)]
             rise = weight(growing[b].imag) - weight(growing[a].imag) - change(*own)
             inside = [a, *(p for p in ends if a < p < b), b]
-            inward = _come_in(question, inside, np.concatenate([growing[a], growing[b]])) if rise else 0
+            passed = _passages(question, inside, np.concatenate([growing[a], growing[b]])) if rise else []
+            inward = sum(step for _, step in passed)
             entered += inward
+            lost += [value for value, step in passed if step > 0]
             if rise != inward or NOT_CHECKED in (samples[a].evidence, samples[b].evidence):
                 unclear.append((a, b))
             if rise > inward:
@@ -118,13 +120,14 @@ class Followed:
                                 solved=len(samples), method="followed")
 
 
-def _come_in(question: Question, ends: list[float], growing: Array) -> int:
-    """How many more growing eigenvalues come into the band through its edges than leave it, between the first and last of `ends`.
+def _passages(question: Question, ends: list[float], growing: Array) -> list[tuple[float, int]]:
+    """The values at which growing eigenvalues pass an edge of the band, and their number, which is negative if they leave it.
 
     They are looked for at the edges beside the axis, at the rates of those that are `growing` at these two. A real eigenvalue is
     in a band that begins at 0.
     """
-    over, band, a, b, inward = question.over, question.band, ends[0], ends[-1], 0
+    over, band, a, b = question.over, question.band, ends[0], ends[-1]
+    passed: list[tuple[float, int]] = []
     for edge in [edge for edge in band if edge]:
         met: list[_Met] = []
         for rate in (0.0, *growing.real.tolist()):
@@ -133,8 +136,8 @@ def _come_in(question: Question, ends: list[float], growing: Array) -> int:
             met += [one for one in (_newton(over, question.between, *start) for start in starts)
                     if one.settled and a < one.at.value <= b and one.at.lam.real > 0]
         alone = [one for i, one in enumerate(met) if not any(_same(one, other, b - a) for other in met[:i])]
-        inward += sum(2 if (one.rate.imag > 0) == (edge == band[0]) else -2 for one in alone)
-    return inward
+        passed += [(one.at.value, 2 if (one.rate.imag > 0) == (edge == band[0]) else -2) for one in alone]
+    return passed
 
 
 def _same(one: _Met, two: _Met, width: float) -> bool:

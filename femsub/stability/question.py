@@ -69,7 +69,8 @@ class CriticalValue:
     parameter : str
     value : float
         The first loss. The begin of the range if a mode grows there already. If stability is never lost, inf, or -inf in a range
-        that falls. If it is first lost in an open interval, at a place that is not known, the begin of what is left of it.
+        that falls. If it is first lost in an open interval, at a place that is not known, the begin of what is left of it. If
+        the model was followed, and a mode that grows comes into the band, having lost its stability outside: where it comes in.
     losses, regains : tuple of Crossing
         Where modes begin and cease to grow, in the order of the way. A loss at either end of the range belongs to it: at the
         begin the mode grows beyond it, at the end it would beyond. A regain at the end belongs to it as well. At the begin there
@@ -189,6 +190,8 @@ class CriticalValue:
             return f"CriticalValue: {self.parameter}: {self.growing} eigenvalues grow from the begin on; {where}"
         if not np.isfinite(self.value):
             return f"CriticalValue: {self.parameter}: stability is never lost; {where}"
+        if not self.first and not self.open:
+            return f"CriticalValue: {self.parameter}: a growing mode comes into the band at {self.value:.9g}; {where}"
         if not self.first:
             return f"CriticalValue: {self.parameter}: lost beyond {self.value:.9g}, at a place not known; {where}"
         one = self.first[0]

@@ -147,7 +147,8 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     Up to 300 DOF each value costs one decomposition by LAPACK, and steps are halved down to 1e-9 of the range. For a larger model
     each value is one search of `complex_modes` in the band with a factorisation of its own, since K changes. Steps are then
     halved to 1e-3 of the range only: a veering narrower than that is taken for a crossing. Modes that meet and part again
-    between two values, without a trace in slopes and vectors at either, are not seen; `critical_value` excludes that.
+    between two values, without a trace in slopes and vectors at either, are not seen; `critical_value` excludes that. Nor is a
+    mode that crosses the whole band between two values, and is in it at none.
 
     References
     ----------
