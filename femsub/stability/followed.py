@@ -133,7 +133,7 @@ def _passages(question: Question, ends: list[float], growing: Array) -> list[tup
         for rate in (0.0, *growing.real.tolist()):
             found = modes_at(over, ends, b - a, rate + 1j * edge, LARGEST) or (np.zeros(0), np.zeros((0, 0)))
             starts = [(_At(float(t.real), rate + 1j * edge, 1.0), x) for t, x in zip(found[0], found[1].T, strict=True)]
-            met += [one for one in (_newton(over, question.between, *start) for start in starts)
+            met += [one for one in (_newton(over, question.between, *start, far=1.0) for start in starts)
                     if one.settled and a < one.at.value <= b and one.at.lam.real > 0]
         alone = [one for i, one in enumerate(met) if not any(_same(one, other, b - a) for other in met[:i])]
         passed += [(one.at.value, 2 if (one.rate.imag > 0) == (edge == band[0]) else -2) for one in alone]
@@ -274,8 +274,8 @@ class _Met(NamedTuple):
     settled: bool = False
 
 
-def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array) -> _Met:
-    """The eigenvalue of the full pencil on the line of `start`, and where it is there.
+def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array, far: float = FAR) -> _Met:
+    """The eigenvalue of the full pencil on the line of `start`, and where it is there. No step is longer than `far` of the range.
 
     Where two modes coalesce on the axis Newton's step fails, but its vectors are those that the small model lacks.
     """
@@ -286,7 +286,7 @@ def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array
             break
         last, met = met.at, _step(over, between, met.at, factor, met.vectors[:, 0], met.vectors[:, 1])
         turn = abs(met.at.lam - last.lam)
-        if not np.isfinite([turn, met.off]).all() or met.off > FAR * width or turn > FAR * abs(last.lam):
+        if not np.isfinite([turn, met.off]).all() or met.off > far * width or turn > far * abs(last.lam):
             return met._replace(at=last)
         if turn <= STILL * abs(met.at.lam) and met.off <= STILL * width:
             return met._replace(settled=True)
