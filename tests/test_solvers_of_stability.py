@@ -166,6 +166,11 @@ def test_modes_that_pass_through_the_band_at_any_speed_are_found(kind: str) -> N
     assert {attack.attacked(kind, seed) for seed in (13, 28)} == {"confirmed"}
 
 
+def test_a_mode_that_grows_by_2e_5_between_two_samples_alone_is_found() -> None:
+    """The small model must hold the modes of the samples well enough for that."""
+    assert attack.attacked("sweeping", 861) == "confirmed"
+
+
 @pytest.mark.slow
 def test_two_coupled_masses_of_a_chain_lose_their_modes_where_the_two_by_two_determinant_vanishes() -> None:
     """1 + p²c²(g_aa g_bb - g_ab²) = 0 with the receptances g(iω) of the chain. One small model is enough, or two."""

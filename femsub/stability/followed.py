@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 SAMPLES = (0.0, 0.234, 0.486, 0.771, 1.0)
 BEYOND = 0.05  # of the range: so far beyond the loss of a smaller model that of the full one is expected
 AROUND = 0.02  # of the band's width: modes so far beside the band are in the basis as well
-KEPT = 1e-3  # singular values of the basis of modes of unit length, relative to the largest
+KEPT = 1e-4  # singular values of the basis of modes of unit length, relative to the largest
 NEW = 1e-8  # share of a vector outside the basis with which it joins
 ROUNDS = 6  # of refining
 STILL = 1e-9  # of the range: the movement of crossings at which the rounds end, and of λ and p at which Newton's method ends
