@@ -321,10 +321,10 @@ def of_places(R: Array, D: Matrix, K: Matrix, unit: Array) -> RigidMotion | None
     return None if free is None else RigidMotion.of(R @ free, D, unit)
 
 
-Sliding: TypeAlias = "tuple[Matrix, Matrix, Matrix, Array]"
+Rubbing: TypeAlias = "tuple[Matrix, Matrix, Matrix, Array]"
 
 
-def driven(motion: RigidMotion, contacts: Sequence[Sliding], unit: Array) -> Array | None:
+def driven(motion: RigidMotion, contacts: Sequence[Rubbing], unit: Array) -> Array | None:
     """Rigid motions z (n, k) that friction pushes and no contact holds; None where rounding leaves it open.
 
     Each contact gives W (n, p), N and T (q, p) and S (p, m). It presses against motions with N Wᵀz ≠ 0. Of the others its

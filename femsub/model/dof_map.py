@@ -110,6 +110,15 @@ class DofMap(Frozen):
         """The map of a model that keeps only some of the DOF, in the order given."""
         return DofMap(self.nodes[rows], self.components[rows], self.labels, None if self.points is None else self.points[rows])
 
+    @property
+    def no_rigid(self) -> str:
+        """Why `rigid` cannot say how the DOF move in rigid motion; '' where it can."""
+        for label in self.labels:
+            if label not in (*AXES, *ROTATIONS, *STILL):
+                return (f"the motion {label!r} has no known part in a rigid motion; those of "
+                        f"{', '.join((*AXES, *ROTATIONS, *STILL))} have")
+        return "the places of the DOF are not known" if self.points is None else ""
+
     def rigid(self, origin: Array | None = None) -> Array:
         """R (n, 6) with u = R g for the rigid motion g = (t, θ) about a point: t + θ × (x - x₀), and the rotations themselves.
 
@@ -120,11 +129,8 @@ class DofMap(Frozen):
         InputError
             The places are not known; a motion that is none of ux, uy, uz, w, slopes and rotations.
         """
-        strange = [label for label in self.labels if label not in (*AXES, *ROTATIONS, *STILL)]
-        if strange or self.points is None:
-            raise InputError("the places of the DOF are not known" if not strange else
-                             f"the motion {strange[0]!r} has no known part in a rigid motion; those of "
-                             f"{', '.join((*AXES, *ROTATIONS, *STILL))} have")
+        if self.points is None or self.no_rigid:
+            raise InputError(self.no_rigid)
         r = np.pad(self.points, ((0, 0), (0, 3 - self.points.shape[1])))
         r = r - (r.mean(axis=0) if origin is None else origin)
         # row a of the cross product θ × r, as coefficients of θ

@@ -65,12 +65,9 @@ def floating(model: Substructure, contacts: Contacts) -> RigidMotion | None:
 
 def by_places(part: Any) -> RigidMotion | None:
     """The rigid motion of a full part by the places of its DOF; None where they are not known."""
-    if part.dofs is None:
+    if part.dofs is None or part.dofs.no_rigid:
         return None
-    try:
-        return of_places(part.dofs.rigid(), part.D, part.K, units(part.M.diagonal(), part.K.diagonal())[0])
-    except InputError:
-        return None
+    return of_places(part.dofs.rigid(), part.D, part.K, units(part.M.diagonal(), part.K.diagonal())[0])
 
 
 def _against(model: Substructure, name: str, u: Array) -> str:

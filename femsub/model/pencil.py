@@ -37,6 +37,7 @@ from femsub.errors import InputError, warn
 
 EVEN = 4.0  # largest entry of an unsymmetric K where its diagonal has been scaled to about 1, and tells the units
 LIGHT = 0.1  # damping ratio up to which a DOF is lightly damped
+ALIKE = 10  # DOF from which it is no accident that all are
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
 
 
@@ -301,7 +302,7 @@ def look_at_the_order(*parts: Sequence[tuple[float, Matrix]]) -> None:
     at = m > 0
     m, d, k = m[at], d[at], np.abs(k[at])
     exchanged = (d > 0) & (d * d > 4 * m * k) & (k * k < (2 * LIGHT) ** 2 * m * d)
-    if not len(m) or not exchanged.all() or _entries(parts[2]) > _entries(parts[1]):
+    if len(m) < ALIKE or not exchanged.all() or _entries(parts[2]) > _entries(parts[1]):
         return
     with np.errstate(divide="ignore"):
         given, other = (float(np.median(one / (2 * np.sqrt(m * two)))) for one, two in ((d, k), (k, d)))

@@ -374,8 +374,10 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     shapes = np.hstack([handle.rigid, shapes])
     orthonormalise(shapes, handle.M)
     residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit, handle.rigid)
-    values, shapes, blurred, *known = handle.cleared(values, shapes)
-    rounding[blurred], residual[blurred] = known
+    blurred = np.zeros(0, dtype=int)
+    if handle.floating:
+        values, shapes, blurred, *known = handle.cleared(values, shapes)
+        rounding[blurred], residual[blurred] = known
     if len(shapes) <= DENSE:
         scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
         poor = (residual > accepted) | ((doubt > SHARP) & (doubt > BLURRED * rounding))

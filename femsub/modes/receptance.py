@@ -649,7 +649,7 @@ class Modal:
             raise InputError(f"{count} modes lie below {limit:.5g} rad/time, more than {most}. Take method='direct'")
         found = modes_below(model.K, model.M, limit, handle)
         spread = (None if few else model.D, model.H)
-        basis = _Basis.of(handle, found, forces, spread, highest or limit)
+        basis = _ModalBasis.of(handle, found, forces, spread, highest or limit)
         V, M, K = basis.V, basis.M, basis.K
         D, H = (np.zeros(K.shape) if A is None else V.T @ (A @ V) for A in spread)
         size, rounding = np.abs(V), _terms(model.pencil) * EPS
@@ -698,7 +698,7 @@ class Modal:
 
 
 @dataclass(frozen=True, eq=False)
-class _Basis:
+class _ModalBasis:
     """V = [Φ Ψ] (n, r), each column of about unit energy, and what it leaves out; see the module's text.
 
     Attributes
@@ -721,7 +721,7 @@ class _Basis:
 
     @classmethod
     def of(cls, handle: ShiftInvert, modes: NormalModes, forces: Array, spread: tuple[Matrix | None, Matrix | None],
-           highest: float) -> _Basis:
+           highest: float) -> _ModalBasis:
         """For forces, and a `spread` of D and H over many DOF.
 
         What the basis leaves out of -ω²MV, iωDV and iHV is itself a load. Its static responses join the basis, those of the

@@ -618,7 +618,10 @@ def annihilates_a_translation(K: Matrix, unit: float = 0.0) -> bool:
 
 def hangs_softly(K: Matrix) -> bool:
     """Whether pieces are joined by springs alone that are nearly rounding beside their own stiffness."""
-    return bool(_softly_joined(K, rounding(K))[1].nnz)
+    entries, diagonal, unit = sp.coo_array(K), K.diagonal(), rounding(K)
+    size = np.abs(entries.data) / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))[np.stack(entries.coords)].prod(axis=0)
+    soft = (size > max(ENERGY, unit)) & (size <= SOFT)  # without such entries no graph is needed
+    return bool(soft.any()) and bool(_softly_joined(K, unit)[1].nnz)
 
 
 def _softly_joined(K: Matrix, unit: float) -> tuple[Array, Matrix]:

@@ -157,7 +157,11 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     rigid = doubtful[ratio < 10 * RIGID]
     block = np.ix_(own, own)
     motions = np.zeros((len(loose), len(rigid)))
-    if len(doubtful) and _is_unclear(sub, ratio[ratio < 10 * RIGID]):
+    # The forces beside those that cancel do not show which motions are rigid: a K written with few digits has as much of them in
+    # any of its modes, a long slender part that is held in its first ones, a soft spring in those that stretch it.
+    near = ratio[ratio < 10 * RIGID]
+    if len(doubtful) and (rounding(sub.K) > EPS or hangs_softly(sub.K) or (
+            len(near) and near.max() > CLEAR and not annihilates_a_translation(sub.K))):
         Z = ShiftInvert(sub.K, sub.M, rows).rigid  # all that K says
         motions = np.zeros((len(loose), Z.shape[1]))
         motions[own] = Z[sub.interface[own] if isinstance(rows, slice) else np.searchsorted(rows, sub.interface[own])]
@@ -178,17 +182,6 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
                  "(relative). Its elements are much stiffer than the component as a whole. Coarsen the mesh",
                  ConditionWarning)
     return condensed, np.hstack([motions, alone])
-
-
-def _is_unclear(sub: Substructure, ratio: Array) -> bool:
-    """Whether the forces beside those that cancel do not show which of the motions of the interface are rigid.
-
-    A K written with few digits has as much of them in any of its modes, a long slender part that is held in its first ones, and
-    a soft spring between stiff pieces in those that stretch it.
-    """
-    if rounding(sub.K) > EPS or hangs_softly(sub.K):
-        return True
-    return len(ratio) > 0 and ratio.max() > CLEAR and not annihilates_a_translation(sub.K)
 
 
 def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array, condensed: Array) -> Callable[[slice], None]:

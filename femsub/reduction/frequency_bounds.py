@@ -301,6 +301,6 @@ def _check_springs(system: System) -> None:
         for name, motion in joint.link(system.parts).motions.items():
             part = system.parts[name]
             inside = [at for at, kind in enumerate(getattr(part, "kinds", ())) if kind not in ("constraint", "rigid")]
-            if len(inside) and abs(motion)[:, inside].max():
+            if len(inside) and abs(motion)[:, inside].sum():
                 raise InputError(f"{joint!r} acts on the inside of the reduced part {name!r}, for which no bound is known. Put "
                                  "the DOF that it acts on into the part's interface")

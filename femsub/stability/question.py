@@ -179,7 +179,7 @@ class CriticalValue:
         return NOT_CHECKED if np.isnan(self.cutoff) else self.tally.evidence
 
     def __float__(self) -> float:
-        return self.value
+        return float(self.value)
 
     def __repr__(self) -> str:
         counts = [f"{len(several)} {name}{ending * (len(several) != 1)}"
