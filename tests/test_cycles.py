@@ -281,6 +281,14 @@ def test_harmonics_are_doubled_where_the_iteration_needs_more(eps: float) -> Non
     assert found.truncation <= 1e-4 and abs(found.omega / shot.omega - 1) <= 1e-4
 
 
+@pytest.mark.parametrize("amplitude, omega", [(0.01, 10.0), (0.01, 40.0), (0.03, 20.0)])
+def test_from_a_start_far_from_any_cycle_the_harmonics_are_not_doubled_to_their_limit(amplitude: float, omega: float) -> None:
+    one, belt, _ = _slipping(1e-3)
+    t = np.linspace(0, 20, 20_000)
+    with pytest.raises(fs.NotConvergedError, match=r"with (12|24|48|96) harmonics"):
+        fs.harmonic_balance(one, belt, start=(t, amplitude * np.cos(omega * t)))
+
+
 def test_what_a_given_number_of_harmonics_leaves_out_is_warned_of() -> None:
     one, belt, run = _slipping(1e-3)
     true = fs.harmonic_balance(one, belt, start=run)

@@ -129,11 +129,11 @@ class Terms(NamedTuple):
 
 
 class StepsEndedError(NotConvergedError):
-    """Newton's steps did not become small, or led to steady sliding; `orbit` is where they ended."""
+    """Newton's steps did not become small, or led to steady sliding; `orbit` is where they ended, `residual` ‖R‖/‖v‖ there."""
 
-    def __init__(self, message: str, orbit: Orbit) -> None:
+    def __init__(self, message: str, orbit: Orbit, residual: float) -> None:
         super().__init__(message)
-        self.orbit = orbit
+        self.orbit, self.residual = orbit, residual
 
 
 class Balance:
@@ -277,12 +277,13 @@ class Balance:
                                         "probably at a fold. Use fs.branch, which follows the branch around it") from None
             size = float(np.linalg.norm(step[:-1]) / np.linalg.norm(orbit.v) + abs(step[-1]) / orbit.omega)
             orbit, terms = self._searched(orbit, step, size, terms, count)
+            off = float(np.linalg.norm(terms.R) / np.linalg.norm(orbit.v))
             if orbit.norm < 1e-3 * start or not orbit.omega > 0:
                 raise StepsEndedError(f"with {orbit.harmonics} harmonics the iteration fell back to steady sliding: there is no "
                                       "cycle near the initial guess. Give another start, such as a transient: start=(t, v), "
-                                      f"or more (harmonics={2 * orbit.harmonics}). fs.shoot needs no harmonics", orbit)
+                                      f"or more (harmonics={2 * orbit.harmonics}). fs.shoot needs no harmonics", orbit, off)
             if size <= tol or (size <= 1e-6 and turn > 12):
-                return orbit, float(np.linalg.norm(terms.R) / np.linalg.norm(orbit.v)), turn
+                return orbit, off, turn
             if size < 0.1:
                 needed = self.samples(orbit)
                 if needed != count:
@@ -290,7 +291,7 @@ class Balance:
         raise StepsEndedError(f"harmonic balance with {orbit.harmonics} harmonics did not converge: after {rounds} steps the "
                               f"last relative step was {size:.1e}, above {tol:g}. Give more (harmonics={2 * orbit.harmonics}), "
                               "or a start nearer to the cycle, such as a transient's signal: start=(t, v). fs.shoot needs "
-                              "no harmonics", orbit)
+                              "no harmonics", orbit, off)
 
     def _searched(self, orbit: Orbit, step: Array, size: float, terms: Terms, count: int) -> tuple[Orbit, Terms]:
         before, factor = np.linalg.norm(terms.R), min(1.0, 0.5 / size)

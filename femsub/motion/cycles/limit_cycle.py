@@ -172,7 +172,7 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
         depend on displacements no multipliers are computed: `shoot` has them.
     harmonics : int, optional
         H. By default it is increased, at most doubled at a time, until the effect of the neglected ones is smaller than `tol`,
-        also where the iteration does not converge with fewer; up to 1500.
+        also where the iteration does not converge with fewer, as long as it ends nearer to a cycle; up to 1500.
     start : optional
         The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
         sliding that grows fastest. A frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under
@@ -256,22 +256,29 @@ def flexibility_of(contact: Sliding, start: Any) -> Compliance:
 
 
 def _converged(balance: Balance, starts: list[Orbit], count: int, most: int, tol: float) -> tuple[Orbit, float, int]:
-    """`Balance.solve` from the first start that converges with `count` harmonics, or with more if they leave out `tol`.
+    """`Balance.solve` from the first start that converges with `count` harmonics, or with more while too few may be the cause.
+
+    They may be if they leave out more than `tol`, and if each doubling halves the residual where the steps end: from a start
+    far from any cycle they end far from one with any number.
 
     Raises
     ------
     NotConvergedError
         With the last number.
     """
+    before = np.inf
     while True:
+        ends = []
         for begin in starts:
             try:
                 return balance.solve(begin.with_harmonics(count))
             except StepsEndedError as error:
-                ended = error
-        if count >= most or max(balance.unresolved(one.with_harmonics(count))[0] for one in (*starts, ended.orbit)) <= tol:
+                ends.append(error)
+        ended = min(ends, key=lambda end: end.residual)
+        if count >= most or not ended.residual < before / 2 or \
+                max(balance.unresolved(one.with_harmonics(count))[0] for one in (*starts, ended.orbit)) <= tol:
             raise ended
-        count = min(2 * count, most)
+        before, count = ended.residual, min(2 * count, most)
 
 
 def _sought(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -> tuple[Orbit, int, int]:
