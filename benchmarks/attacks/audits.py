@@ -57,7 +57,7 @@ def as_matrices(rom: fs.ReducedSubstructure, *left_out: str) -> dict[str, Any]:
 
 def is_fault(given: dict[str, Any], changed: dict[str, Any], rom: fs.ReducedSubstructure,
              full: fs.Substructure) -> bool:
-    """Whether a change exceeds rounding, and without V is more than another order or sign of coordinates."""
+    """Whether a change exceeds rounding, and without V is more than another order, sign or scale of coordinates."""
     for key in "MK":
         A, B = given[key], changed[key]
         size = np.sqrt(np.abs(np.outer(A.diagonal(), A.diagonal())))
@@ -79,8 +79,9 @@ def is_fault(given: dict[str, Any], changed: dict[str, Any], rom: fs.ReducedSubs
         turns.append(np.eye(r)[at])
     for j in range(r):
         turn = np.eye(r)
-        turn[j, j] = -1.0
-        turns.append(turn)
+        scale = np.sqrt(max(changed["M"][j, j], 0.0) / given["M"][j, j]) if given["M"][j, j] > 0 else 1.0
+        for turn[j, j] in (-1.0, scale, -scale):
+            turns.append(turn.copy())
     return not any(all(np.allclose(turn @ given[key] @ turn.T, changed[key], rtol=1e-9, atol=1e-12 * np.abs(given[key]).max())
                        for key in "MK") for turn in turns)
 
