@@ -317,7 +317,7 @@ def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None, to
         levels = [(sharp[0], count) for count in (1, 3, 5, 10)] + [(at, harmonics_for(at, MOST)) for at in sharp]
         try:
             for at, count in levels:
-                orbit, _, turns = _converged(Balance(at, flexibility), [orbit], count, MOST if count >= 10 else count, tol)
+                orbit, _, turns = _converged(Balance(at, flexibility), [orbit], count, MOST, tol)
                 steps += turns
         except NotConvergedError as error:
             failed = failed or error
