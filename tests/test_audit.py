@@ -289,6 +289,15 @@ def test_nothing_is_said_of_a_hundred_sound_models() -> None:
     assert sum(check_sound(part, 3, 7) for part in PARTS) >= 100
 
 
+@pytest.mark.parametrize("modes", [1, 2, 3])
+def test_the_shape_of_a_port_among_coordinates_of_no_stated_kind_is_no_mode_that_failed_to_converge(modes: int) -> None:
+    full = fs.chain(11, belt=3, interface=[1], fixed=True)
+    rom = fs.reduce(full, fs.CraigBampton(modes), ports=True)
+    given = {"M": rom.M, "K": rom.K, "D": rom.D, "interface": rom.interface, "full_interface": rom.full_interface,
+             "dofs": rom.interface_dofs}
+    assert not fs.audit(given, full).faults
+
+
 @pytest.mark.parametrize("modes", [0, 4])
 def test_rigid_coordinates_of_hurty_are_no_modes_of_mass_one(modes: int) -> None:
     """Two DOF hold the beam, so all of its interface coordinates are rigid motions; their masses are not 1."""
