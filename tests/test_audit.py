@@ -298,6 +298,14 @@ def test_the_shape_of_a_port_among_coordinates_of_no_stated_kind_is_no_mode_that
     assert not fs.audit(given, full).faults
 
 
+@pytest.mark.parametrize("seed", [6, 20, 31, 50])
+def test_the_rounding_of_the_reduced_stiffness_is_no_stiffness_against_rigid_motion(seed: int) -> None:
+    n = np.arange(11)
+    full = fs.chain(11, belt=2, interface=[1], fixed=False, springs=1 + 0.9 * np.cos(seed + 3 * n), masses=1 + 0.5 * np.sin(seed + n))
+    found = fs.audit(fs.reduce(full, fs.MacNeal(8)), full)
+    assert "static interface response" not in [one.what for one in found.faults]
+
+
 @pytest.mark.parametrize("modes", [0, 4])
 def test_rigid_coordinates_of_hurty_are_no_modes_of_mass_one(modes: int) -> None:
     """Two DOF hold the beam, so all of its interface coordinates are rigid motions; their masses are not 1."""

@@ -262,7 +262,8 @@ def _statics(model: Model, full: Full) -> Iterator[Finding]:
     K, M = U.T @ K_c @ U, U.T @ M_c @ U
     bare = full.sub.K.diagonal()[full.rows]
     floor = np.abs(C).T @ (abs(full.sub.K) @ np.abs(C)) * ROUNDING + EPS * np.sqrt(np.outer(bare, bare))
-    apart = within(own_K - K, K, np.abs(U).T @ floor @ np.abs(U))
+    own = np.abs(X).T @ (abs(model.K) @ np.abs(X)) * ROUNDING
+    apart = within(own_K - K, K, np.abs(U).T @ floor @ np.abs(U) + own)
     yield Finding.of(what, float(apart.max()), SAME, _place(apart, "the condensed stiffness", own_K, K), _guess(own_K, K))
     if model.projected:
         apart = within(own_M - M, M)
