@@ -301,7 +301,8 @@ def test_the_shape_of_a_port_among_coordinates_of_no_stated_kind_is_no_mode_that
 @pytest.mark.parametrize("seed", [6, 20, 31, 50])
 def test_the_rounding_of_the_reduced_stiffness_is_no_stiffness_against_rigid_motion(seed: int) -> None:
     n = np.arange(11)
-    full = fs.chain(11, belt=2, interface=[1], fixed=False, springs=1 + 0.9 * np.cos(seed + 3 * n), masses=1 + 0.5 * np.sin(seed + n))
+    springs, masses = 1 + 0.9 * np.cos(seed + 3 * n), 1 + 0.5 * np.sin(seed + n)
+    full = fs.chain(11, belt=2, interface=[1], fixed=False, springs=springs, masses=masses)
     found = fs.audit(fs.reduce(full, fs.MacNeal(8)), full)
     assert "static interface response" not in [one.what for one in found.faults]
 
