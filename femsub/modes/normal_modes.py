@@ -376,7 +376,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit, handle.rigid)
     blurred = np.zeros(0, dtype=int)
     if handle.floating:
-        values, shapes, blurred, *known = handle.cleared(values, shapes)
+        values, shapes, blurred, *known = handle.cleared(values, shapes, rounding)
         rounding[blurred], residual[blurred] = known
     if len(shapes) <= DENSE:
         scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)

@@ -472,11 +472,15 @@ class ShiftInvert:
     def floating(self) -> bool:
         return self.rigid.shape[1] > 0
 
-    def cleared(self, values: Array, shapes: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """ω² (k,) and modes (n, k) with those sharpened that K alone holds few digits of; which, their errors and residuals."""
+    def cleared(self, values: Array, shapes: Array, blur: Array | None = None) -> tuple[Array, Array, Array, Array, Array]:
+        """ω² (k,) and modes (n, k) with those sharpened that K alone holds few digits of; which, their errors and residuals.
+
+        `blur` (k,) is the relative change of ω² by rounding in K, where it is known.
+        """
         which = np.zeros(0, dtype=int)
         if self.exact == self.rigid.shape[1] > 0:
-            which = np.flatnonzero((values > 0) & (self._blur(shapes, np.where(values > 0, values, 1.0)) > SHARP))
+            blur = self._blur(shapes, np.where(values > 0, values, 1.0)) if blur is None else blur
+            which = np.flatnonzero((values > 0) & (blur > SHARP))
         if not len(which):
             return values, shapes, which, np.zeros(0), np.zeros(0)
         values, shapes = values.copy(), shapes.copy()
