@@ -139,8 +139,27 @@ def test_modes_may_be_scaled_and_mixed(ports: bool) -> None:
     random = np.random.default_rng(3)
     for T in (10.0 ** random.uniform(-3, 3, rom.size - 1) * np.eye(rom.size - 1), random.standard_normal((rom.size - 1,) * 2)):
         bounds = fs.frequency_bounds(turned(rom, T), 4)
-        assert holds(bounds, exact) and bounds.evidence == "certified"
+        assert holds(bounds, exact) and bounds.evidence == "confirmed"  # that there was one step is the author's word
         assert np.abs(bounds.lower / expected.lower - 1).max() < 1e-9
+
+
+def test_a_copy_with_other_matrices_has_no_bound_of_the_steps_before() -> None:
+    """What earlier steps have left out is known in the coordinates that `reduce` made, and of no others."""
+    parts = {name: fs.reduce(fs.chain(60, interface=[*held, 60], damping=0.0), fs.CraigBampton(3))
+             for name, held in (("a", [1]), ("b", []))}
+    twice = fs.reduce(fs.couple(parts, [fs.Rigid(("a", [59]), ("b", [59]))]), fs.CraigBampton(6))
+    assert fs.frequency_bounds(twice, 2).evidence == "certified"
+    T = np.diag(np.where(np.array(twice.kinds) == "fixed-interface", 1e6, 1.0))
+    other = replace(twice, M=T @ twice.M @ T, K=T @ twice.K @ T, D=T @ twice.D @ T, V=twice.V @ T)
+    with pytest.raises(fs.InputError, match="its matrices are not those that reduce made"):
+        fs.frequency_bounds(other, 2)
+
+
+def test_a_cut_off_that_is_no_frequency_is_refused() -> None:
+    rom = fs.reduce(fs.chain(20), fs.CraigBampton(3))
+    for cutoff in (np.nan, -1.0, 0.0):
+        with pytest.raises(fs.InputError, match="cutoff must be a positive frequency"):
+            replace(rom, cutoff=cutoff)
 
 
 def test_modes_that_share_stiffness_with_the_interface_have_no_bound() -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array
+from femsub.checks import Array, Matrix
 
 SHARED = 1e-6  # of sqrt(k_ii k_jj): stiffness that constraint modes share with fixed-interface modes through rounding alone
 
@@ -20,7 +20,7 @@ class Origin:
     Attributes
     ----------
     size : int
-        r. A copy of the model with another number of coordinates loses its origin.
+        r, the number of coordinates.
     dofs : int
         DOF of the full model, before all reductions.
     cutoff : float
@@ -33,6 +33,8 @@ class Origin:
         Why nothing is known of it, where that is so.
     premises : tuple of str
         What must hold of parts whose origin is not known.
+    belong : (M, K), optional
+        The matrices of the reduced model that it was made for.
     """
 
     size: int
@@ -42,6 +44,17 @@ class Origin:
     coupling: Array | None = None
     unbounded: str = ""
     premises: tuple[str, ...] = ()
+    belong: tuple[Matrix, Matrix] | None = None
+
+    def belonging(self, M: Matrix, K: Matrix, same: Callable[[Matrix, Matrix], bool]) -> Origin | None:
+        """The origin of a model with these matrices: of others nothing is known. None where one step of reduction was all."""
+        before = self.belong or (M, K)
+        if same(before[0], M) and same(before[1], K):
+            return replace(self, belong=(M, K))
+        if not self.left_out and not self.unbounded:
+            return None
+        return replace(self, size=len(K), coupling=None, belong=(M, K), unbounded=self.unbounded or
+                       "its matrices are not those that reduce made")
 
     def record(self) -> dict[str, Any]:
         """For JSON; `of_record` reads it."""

@@ -302,7 +302,7 @@ def look_at_the_order(*parts: Sequence[tuple[float, Matrix]]) -> None:
     at = m > 0
     m, d, k = m[at], d[at], np.abs(k[at])
     exchanged = (d > 0) & (d * d > 4 * m * k) & (k * k < (2 * LIGHT) ** 2 * m * d)
-    if len(m) < ALIKE or not exchanged.all() or _entries(parts[2]) > _entries(parts[1]):
+    if len(m) < ALIKE or not k.any() or not exchanged.all() or _entries(parts[2]) > _entries(parts[1]):
         return
     with np.errstate(divide="ignore"):
         given, other = (float(np.median(one / (2 * np.sqrt(m * two)))) for one, two in ((d, k), (k, d)))

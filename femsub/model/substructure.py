@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import Carried, Frozen, RigidMotion, as_matrix, is_symmetric, rows_of_zeros, shared, translations
+from femsub.algebra import Carried, Frozen, RigidMotion, as_matrix, is_symmetric, rows_of_zeros, same, shared, translations
 from femsub.checks import Array, Matrix, check_band, instance, mapping, real_array, whole_numbers, word
 from femsub.errors import InputError, empty_dofs_error, unknown_name, warn
 from femsub.model.bands import beyond
@@ -271,7 +271,7 @@ class ReducedSubstructure(Substructure):
     noise : ndarray, shape (r, k), optional
         Rounding in VᵀDV: see `Pencil`.
     origin : Origin, optional
-        What `reduce` made it of. Of a superelement and of a model by hand this is not known.
+        What `reduce` made it of. Of a superelement and of a model by hand this is not known. A copy with another M or K loses it.
 
     Examples
     --------
@@ -311,6 +311,8 @@ class ReducedSubstructure(Substructure):
         if V.ndim != 2 or V.shape[1] != np.shape(self.M)[0]:
             raise InputError("V must have a row per DOF of the component and a column per coordinate, but its shape is "
                              f"{V.shape}, and that of M is {np.shape(self.M)}")
+        if not self.cutoff > 0:
+            raise InputError(f"cutoff must be a positive frequency, inf where nothing was left out, but is {self.cutoff!r}")
         full_interface = _interface(self.full_interface, len(V))
         # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
         rows = V[full_interface]
@@ -327,7 +329,7 @@ class ReducedSubstructure(Substructure):
             known = self.full_dofs.kept(full_interface)
         self._set(V=V, interface_dofs=known, sets=sets, kinds=tuple(self.kinds), cutoff=float(self.cutoff),
                   port_error=self.port_error, full_interface=full_interface,
-                  origin=self.origin if self.origin is not None and self.origin.size == self.size else None,
+                  origin=None if self.origin is None else self.origin.belonging(self.M, self.K, same),
                   estimate=self.estimate if valid else None, estimated=estimated if valid else None)
         self._carry(motion.belonging(*own) if isinstance(motion, RigidMotion) else None,
                     noise if noise is not None and len(noise) == self.size else self.noise)

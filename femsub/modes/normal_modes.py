@@ -404,6 +404,8 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
                 "supports" if handle.unit == EPS
                 else f"The entries are known to about {handle.unit:.0e} of each: write K with all digits (17)"),
              ConditionWarning)
+    if rounding.max(initial=0.0) > 1:  # such a mode may be rigid motion
+        tally = replace(tally, counted=None)
     return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, tally, rounding)
 
 

@@ -142,7 +142,8 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
         beyond = worst[count] ** -0.5
     lower = np.minimum(worst[:count] ** -0.5, omega[:count])
     proved = int(np.count_nonzero(omega[:count] < beyond))
-    return FrequencyBounds(omega[:count], lower, modes.rigid, Tally(count, proved if proved == count else None),
+    tally = Tally(count, proved if proved == count else None, sampled=bool(found.premises))  # a premise is not counted
+    return FrequencyBounds(omega[:count], lower, modes.rigid, tally,
                            _in_words(model, found))
 
 

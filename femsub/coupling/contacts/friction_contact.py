@@ -224,6 +224,8 @@ class FrictionContact(Joint):
         if self.second == GROUND:
             return N, T, np.zeros((N.shape[1], 0))
         dofs = model.interface_dofs.kept(model.sets[self.second])  # type: ignore[union-attr]
+        if dofs.no_rigid:
+            return None
         way = np.zeros(6)
         way[slice(0, 3) if self.axis is None else slice(3, 6)] = self.direction if self.axis is None else self.axis
         return N, T, np.append(np.zeros(len(model.sets[self.first])), dofs.rigid(np.asarray(self.centre)) @ way)[:, None]

@@ -139,7 +139,7 @@ class Projection:
     ------
     SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError
         There is no such A or V: M is unsymmetric, K far from definite, or damping so strong that V would have more than `most`
-    columns. LAPACK finds all eigenvalues of VᵀPV, so that it is no larger than a model may be of which it finds all.
+        columns. LAPACK finds all eigenvalues of VᵀPV, so that it is no larger than a model may be of which it finds all.
     """
 
     def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC) -> None:

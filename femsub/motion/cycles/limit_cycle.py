@@ -171,8 +171,8 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
         As for `transient`. With contacts that are no belts a `start` is needed that moves (not a frequency). Of forces that
         depend on displacements no multipliers are computed: `shoot` has them.
     harmonics : int, optional
-        H. By default it is increased, at most doubled at a time, until the effect of the neglected ones is smaller than `tol`,
-        also where the iteration does not converge with fewer, as long as it ends nearer to a cycle; up to 1500.
+        H. By default it is increased, at most doubled at a time, until the effect of the neglected ones is smaller than `tol`.
+        Where the iteration does not converge, it is doubled as long as that ends nearer to a cycle. The limit is 1500.
     start : optional
         The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
         sliding that grows fastest. A frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under
