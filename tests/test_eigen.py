@@ -240,7 +240,7 @@ def test_a_piece_held_by_rounding_is_refused() -> None:
     K = np.zeros((7, 7))
     K[:6, :6] = fs.chain(6, fixed=False).K.toarray()
     K[6, 6] = 1e-16
-    with pytest.raises(fs.SingularMatrixError, match="held by a stiffness far below"):
+    with pytest.raises(fs.SingularMatrixError, match="K is numerically singular"):
         fs.normal_modes(fs.Substructure(np.eye(7), K), count=3)
 
 

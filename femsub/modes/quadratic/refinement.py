@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +12,15 @@ import numpy as np
 from femsub.algebra import orthonormal
 from femsub.checks import Array, Matrix, items, positive_number, whole_number
 from femsub.coupling import System
-from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, SingularMatrixError, warn
+from femsub.errors import (
+    ConditionWarning,
+    FemsubWarning,
+    InputError,
+    InputTypeError,
+    NotConvergedError,
+    SingularMatrixError,
+    warn,
+)
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, fields_of
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars
@@ -161,7 +170,9 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     start, first, twin = q, values, np.full(len(rows), -1)
     error = np.where(still, 0.0, np.inf)
     for step in range(steps + 1):
-        small, xs, ys = dense.solve(space.pencil)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConditionWarning)  # of digits that K lacks: here it is a projection, not what was given
+            small, xs, ys = dense.solve(space.pencil)
         at, taken = _matched(values, q, small, xs, still)
         twin = np.where(taken >= 0, taken, twin)
         values, q = np.where(still, 0.0, small[at]), np.where(still, q, xs[:, at])
