@@ -171,7 +171,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     error = np.where(still, 0.0, np.inf)
     for step in range(steps + 1):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConditionWarning)  # of digits that K lacks: here it is a projection, not what was given
+            warnings.simplefilter("ignore", ConditionWarning)  # of digits that K lacks: it is a projection here
             small, xs, ys = dense.solve(space.pencil)
         at, taken = _matched(values, q, small, xs, still)
         twin = np.where(taken >= 0, taken, twin)
