@@ -93,8 +93,9 @@ class NormalModes:
         Factorisations made for the modes, without that of the count: 0 if an earlier call had made it.
     rounding : ndarray, shape (k,)
         u |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: the relative change of ω² if each entry of K and M changes by one rounding
-        (0 for rigid-body modes). u is eps, or more where K was written with fewer digits (`rounding_of`). Where the
-        rigid motion Z is known, from parts of a system or as translations, K Z = 0 gives back what sums in K have lost.
+        (0 for rigid-body modes). u is eps, or more where K was written with fewer digits (`rounding_of`). Modes
+        of little energy whose rigid motion Z is known exactly, from parts of a system or as translations, are corrected with
+        K Z = 0; theirs is the error that is left.
 
     Examples
     --------

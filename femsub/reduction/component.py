@@ -27,6 +27,7 @@ from femsub.errors import ConditionWarning, InputError, InputTypeError, PortWarn
 from femsub.model import SHARE, Affine, Pencil, ReducedSubstructure, Substructure
 from femsub.modes import IN_PARTS, motion_of, rounding_ratio, units
 from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square, structural
+from femsub.reduction.craig_bampton import DIGITS
 from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.frequency_bounds import origin_of
 from femsub.reduction.method import METHODS, Method
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 
-DIGITS = 1e-4  # relative rounding error of ω² of a mode above which `reduce` warns
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
 STILL = 1e-9  # ‖KZ‖ relative to its terms above which a method's rigid motion is none
 PART_OF_A_CUT = ("K of this part is indefinite, as it may be where matrices were cut. Reduce such parts by "

@@ -31,7 +31,7 @@ from femsub.reduction.method import Method
 if TYPE_CHECKING:
     from femsub.model import Substructure
 
-DIGITS = 1e-4  # relative rounding error of the condensed stiffness above which `reduce` warns
+DIGITS = 1e-4  # relative rounding error of the condensed stiffness, or of ω² of a mode, above which `reduce` warns
 CLEAR = 4e-15  # below this energy ratio a motion is certainly rigid (see `rounding_ratio`)
 STILL = 1e-9  # of its largest motion, up to which an interface is at rest in a rigid-body motion
 SOFT = 1e-4  # eigenvalues of the scaled condensed stiffness below this may be rounding, and are examined
