@@ -144,7 +144,9 @@ def test_a_lost_eigenvalue_of_a_dense_pencil_is_noticed(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
-def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place: int, counted_by: Callable[[str], None],
+                                                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    counted_by("disc")
     sub = membrane(16).with_damping(0.01 * membrane(16).K)
     exact = fs.complex_modes(sub, band=(0.0, 0.5))
     assert exact.evidence == "certified"

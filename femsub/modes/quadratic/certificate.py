@@ -248,15 +248,18 @@ class Nearest(_Counted):
 
 
 class Enclosed(_Counted):
-    """All eigenvalues in a rectangle, proved by the count in the disc around it, by projection, or by the winding of det P."""
+    """All eigenvalues in a rectangle, proved by projection, by the count in the disc around it, or by the winding of det P.
+
+    The projection comes first: it gives the eigenpairs as well and is a proof, which the determinant of a disc is not.
+    """
 
     def __init__(self, pencil: Pencil, box: Box, evidence: bool | None, winding: bool = True) -> None:
         super().__init__(pencil, evidence is not False)
         self.box, self.most = box, float(min(pencil.size, MOST))
-        self.at = None if self.parts is None else self.edge(self._radius)
         self.wound = winding and bool(evidence)  # whether det P may be sampled
-        self.count = None if self.at else self._projected()
+        self.count = self._projected()
         self.pairs = self._pairs()
+        self.at = self.edge(self._radius) if self.count is None else None
         if self.count is not None:  # only the eigenvalues up to the farthest in the rectangle are needed
             size = np.abs(self.count.values)
             self.radius = 1.001 * float(size[self.count.contour.encloses(self.count.values)].max(initial=0.0))
@@ -306,12 +309,10 @@ class Enclosed(_Counted):
 
     def missed(self, values: Array, X: Array) -> int | None:
         """As for `Nearest`."""
-        missed = self.missed_in(self.at, values, X)
-        if missed is None and self.at is not None and self.count is None and not self.why:
-            self.count = self._projected()
         if self.count is not None:
             self.counted = self.count
             return self.lacked(values)
+        missed = self.missed_in(self.at, values, X)
         if missed is not None or not self.wound:
             return missed
         if self.reference is None:

@@ -186,12 +186,12 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     evidence : bool, optional
-        Whether to count the eigenvalues independently. If D is proportional except for at most 40 columns (belts, dashpots),
-        the count is made in a disc around 0 that contains the region. It costs one factorisation of K - R²M, which a band
-        needs anyway, and some solves (`disc_count`). If D is skew and K positive definite, as for a part that turns without
-        damping, it costs one of twice the size. For any other D and K, the undamped modes up to 2.5 times the band are found and
-        counted, and a bound of what they leave out proves the number (`projected_count`): a few real factorisations, and
-        about as many solves as for 300 modes. This is the default for a band, and for a `count` up to 200,000 DOF. Where
+        Whether to count the eigenvalues independently. In a band, for any D and K, the undamped modes up to 2.5 times the band
+        are found and counted, and a bound of what they leave out proves the number (`projected_count`): a few real
+        factorisations, and about as many solves as for 300 modes. A `count`, if D is proportional except for at most 40 columns
+        (belts, dashpots), is made in a disc around 0. It costs one factorisation of K - R²M and some solves (`disc_count`). If D
+        is skew and K positive definite, as for a part that turns without damping, it costs one of twice the size. Each of the
+        two takes the place of the other where that fails. This is the default for a band, and for a `count` up to 200,000 DOF. Where
         damping or gyroscopic forces are too strong for that, a band is checked by the winding number of det P, which costs about
         fifty complex factorisations. This is the default up to 2,000 DOF. LAPACK lists all: 2n, or as many as the ranks of M
         and D leave.
