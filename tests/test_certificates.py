@@ -215,7 +215,8 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
         with pytest.raises(fs.NotConvergedError):
             fs.complex_modes(sub, BELT, count=12, evidence=True)
     monkeypatch.setattr("femsub.modes.quadratic.certificate.KEPT", 400)  # beyond it only if asked
-    assert fs.complex_modes(sub, BELT, count=12).evidence == "not checked"
+    with pytest.warns(fs.FemsubWarning, match=r"500 DOF, and above 400 .* Give evidence=True"):
+        assert fs.complex_modes(sub, BELT, count=12).evidence == "not checked"
     assert fs.complex_modes(sub, BELT, count=12, evidence=True).evidence == "confirmed"
 
 

@@ -167,6 +167,8 @@ class Nearest(_Counted):
         wanted = pencil.size <= KEPT if evidence is None else evidence
         super().__init__(pencil, wanted)
         self.number, self.unasked = number, evidence is None
+        if self.unasked and not wanted:
+            self.why = f"the model has {pencil.size} DOF, and above {KEPT} none is made unasked, because of its second factor"
         self.tried = wanted and self.parts is None and pencil.is_sparse and pencil.size > QUADRATIC
         if self.tried:
             self._project(given)

@@ -187,7 +187,8 @@ def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budge
     if certificate.tally.counted is None and certificate.why:
         warn(f"no count shows that no eigenvalue is missing: {certificate.why}. "
              + ("Give evidence=True to sample the winding number of det P, or a lower band" if region.box is not None
-                else "Ask for a band with evidence=True, where the winding number of det P is sampled"), FemsubWarning)
+                else "Ask for a band with evidence=True, where the winding number of det P is sampled" if certificate.wanted
+                else "Give evidence=True"), FemsubWarning)
     taken, mirrored = certificate.taken(values)
     near, X = values[taken], X[:, taken]
     own = certificate.left(near, X)
