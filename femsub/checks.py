@@ -7,16 +7,20 @@ so that an error in a scene is reported without waiting for it.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from tempfile import gettempdir
+from threading import RLock
+from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, TypeAlias, TypeVar
 
-from femsub.errors import InputError, InputTypeError, MissingPackageError, unknown_name
+from femsub.errors import InputError, InputTypeError, MissingPackageError, NotEnoughMemoryError, unknown_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -248,3 +252,64 @@ def listener(name: str, value: Any) -> Callable[[str], None]:
     if not callable(value):
         raise InputTypeError(f"{name} must be a function of one string, or None, not {shown(value)}")
     return value
+
+
+def temporary() -> Path:
+    """The folder for temporary files, which the environment variable TMPDIR names.
+
+    Raises
+    ------
+    NotEnoughMemoryError
+        In none can a file be written.
+    """
+    try:
+        return Path(gettempdir())
+    except OSError as error:
+        raise NotEnoughMemoryError(f"no folder takes temporary files ({error.strerror or error}). Set TMPDIR to a folder with "
+                                   "free space") from None
+
+
+def content_hash(file: BinaryIO) -> str:
+    """SHA-256 of the whole content of an open file, read in blocks."""
+    file.seek(0)
+    return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+
+
+def hash_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return content_hash(file)
+
+
+def unlike(path: Path, known: str, size: int | None = None) -> str:
+    """How a file differs from the one with this hash, and with so many bytes if they are known; '' if it does not."""
+    try:
+        if not path.is_file():
+            return "there is no such file"
+        if size is not None and path.stat().st_size != size:
+            return f"it has {path.stat().st_size} bytes, and had {size}"
+        return "" if hash_of(path) == known else "its content has changed"
+    except OSError as error:
+        return f"it cannot be read: {error.strerror or error}"
+
+
+class Parser:
+    """Python's parser, for one thread at a time."""
+
+    lock: ClassVar[Any] = RLock()
+
+    @classmethod
+    def renew(cls) -> None:
+        """In a forked child, which would wait for ever for a thread of its parent."""
+        cls.lock = RLock()
+
+
+@contextmanager
+def parsing() -> Iterator[None]:
+    """Context manager: no other thread of femsub makes a syntax tree meanwhile, as the headers of .npy files need one each.
+
+    Python 3.11 up to 3.11.7 counts the depth of all threads' trees in one number, and raises SystemError where two threads make
+    one at once (python/cpython#106905).
+    """
+    with Parser.lock:
+        yield

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import shutil
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 
@@ -97,6 +100,16 @@ def empty_dofs_text(count: int, names: Iterable[str]) -> str:
     first = list(islice(names, 3))
     more = f" and {count - len(first)} more" if count > len(first) else ""
     return f"{count} DOF {'have' if count > 1 else 'has'} neither mass nor stiffness: {', '.join(first)}{more}"
+
+
+def no_room_error(folder: Path, what: str, need: float, why: object,
+                  remedy: str = "Set TMPDIR to a folder with more room") -> NotEnoughMemoryError:
+    """The error for a folder that cannot take `what`, of so many bytes (0: a few), since its disk or its memory is full."""
+    free = ""
+    with suppress(OSError):
+        free = f"; {shutil.disk_usage(folder).free / 1e6:.3g} MB are free there"
+    size = f", {need / 1e6:.3g} MB" if need else ""
+    return NotEnoughMemoryError(f"the folder {folder} cannot take {what}{size} ({why}){free}. {remedy}")
 
 
 def unknown_name(kind: str, found: object, valid: Iterable[str], *more: object) -> InputError:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,6 +18,8 @@ import femsub as fs
 from benchmarks.cluster import simulated
 from benchmarks.rail import ARGUMENTS, STEEL, cells_of, piece, rail
 from femsub.io.pieces import Piece
+from femsub.reduction import levels as levels_module
+from femsub.reduction.component import reduced
 from femsub.reduction.levels import Task
 
 BAR = {"material": STEEL, "supports": ["left"], "ports": {"belt": ("patch", "x")}, "rayleigh": (0.0, 1e-7)}
@@ -124,12 +127,144 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     again = fs.reduce_by_levels(chain_parts(4, str(notes)), fs.CraigBampton(modes=3), work)
     assert len(list(notes.iterdir())) == 4 and (again.model.K == first.model.K).all()
     (work / "p2" / "pickle").write_bytes(b"cut short")
-    (work / "p2" / "task" / "pickle").write_bytes(b"cut short")
-    fs.reduce_by_levels(chain_parts(4, str(notes)), fs.CraigBampton(modes=3), work)
+    with pytest.warns(fs.FemsubWarning, match=r"p2/pickle is damaged, .*: it has 9 bytes.*The part 'p2' is made anew"):
+        fs.reduce_by_levels(chain_parts(4, str(notes)), fs.CraigBampton(modes=3), work)
     assert len(list(notes.iterdir())) == 5
     fs.reduce_by_levels(chain_parts(4, str(notes)), fs.CraigBampton(modes=2), work)
     assert len(list(notes.iterdir())) == 9
     assert not [path for path in work.iterdir() if path.name.endswith(".unfinished")]
+
+
+def files_in(folder: Path) -> list[str]:
+    """All files that the tasks have written, but for arrays of zeros."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file() and path.name != "alive"
+                  and any(path.read_bytes()[128:]))
+
+
+def spoilt(path: Path, how: str, other: Path) -> None:
+    content = bytearray(path.read_bytes())
+    if how == "zeros":  # as a power cut leaves a file
+        content[128:] = bytes(len(content) - 128)
+    elif how == "cut":
+        del content[len(content) // 2:]
+    elif how == "another":
+        content = bytearray(other.read_bytes())
+    else:
+        content[-20] ^= 16
+    path.unlink()
+    if how != "missing":
+        path.write_bytes(content)
+
+
+@pytest.mark.parametrize("how", ["zeros", "cut", "missing", "bit", "another"])
+def test_a_damaged_file_is_named_and_what_it_belongs_to_is_made_anew(tmp_path: Path, how: str) -> None:
+    """The digits are those of a run that nobody has disturbed."""
+    parts, method = chain_parts(4), fs.CraigBampton(modes=4)
+    first = fs.reduce_by_levels(parts, method, tmp_path / "work")
+    x = fs.normal_modes(first.model, 3).shapes
+    right, names = dict(first.expand(x)), files_in(tmp_path / "work")
+    assert {name.partition("/")[0] for name in names} == {*first.tasks} - {"model"} and len(names) > 12
+    for name in names:
+        path = tmp_path / "work" / name
+        task, _, file = name.partition("/")
+        others = [other for one in first.tasks if one != task and (other := tmp_path / "work" / one / file).exists()
+                  and other.read_bytes() != path.read_bytes()]
+        spoilt(path, how, [*others, tmp_path / "work" / names[name == names[0]]][0])
+        with pytest.warns(fs.FemsubWarning, match="is made anew") as told:
+            again = fs.reduce_by_levels(parts, method, tmp_path / "work")
+        assert str(Path(name).parent) in str(told[0].message) and (again.model.K == first.model.K).all() and (again.model.M == first.model.M).all()
+        for part, u in again.expand(x):
+            assert (u == right[part]).all(), (name, part)
+
+
+def test_files_that_are_damaged_behind_the_reduction_are_named_by_expand(tmp_path: Path) -> None:
+    parts, method = chain_parts(4), fs.CraigBampton(modes=4)
+    levels = fs.reduce_by_levels(parts, method, tmp_path)
+    x = fs.normal_modes(levels.model, 1).shapes
+    right = dict(levels.expand(x))
+    for name in files_in(tmp_path):
+        if "/task/" in name:
+            continue
+        spoilt(tmp_path / name, "zeros", tmp_path)
+        with pytest.raises(fs.InputError, match=rf"{name} is damaged.*Call reduce_by_levels again"):
+            list(levels.expand(x))
+        with pytest.warns(fs.FemsubWarning, match="is made anew"):
+            levels = fs.reduce_by_levels(parts, method, tmp_path)
+        assert all((u == right[part]).all() for part, u in levels.expand(x))
+
+
+def test_what_was_joined_is_made_anew_with_a_part_whose_modes_have_other_signs(tmp_path: Path,
+                                                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on another processor. Else `expand` would take one sign for the other."""
+    parts, method = chain_parts(4), fs.CraigBampton(modes=4)
+    first = fs.reduce_by_levels(parts, method, tmp_path)
+    right = dict(first.expand(fs.normal_modes(first.model, 1).shapes))
+
+    def turned(part: fs.Substructure, *given: object, **options: bool) -> fs.ReducedSubstructure:
+        model = reduced(part, *given, **options)  # type: ignore[arg-type]
+        sign = np.where(np.array(model.kinds) == "constraint", 1.0, -1.0)
+        M, K, D = (np.asarray(A) * sign * sign[:, None] for A in (model.M, model.K, model.D))
+        return replace(model, V=model.V * sign, M=M, K=K, D=D)
+
+    monkeypatch.setattr(levels_module, "reduced", turned)
+    (tmp_path / "p2" / "pickle").unlink()
+    with pytest.warns(fs.FemsubWarning, match="The part 'p2' is made anew"):
+        again = fs.reduce_by_levels(parts, method, tmp_path)
+    found = dict(again.expand(fs.normal_modes(again.model, 1).shapes))
+    sign = np.sign(np.vdot(found["p1"], right["p1"]))
+    assert all(np.allclose(u, sign * right[part], atol=1e-9) for part, u in found.items())
+
+
+def star_piece(sets: Mapping[str, list[int]]) -> fs.Substructure:
+    bare = fs.chain(10, fixed=False, damping=0.0)
+    return fs.Substructure(bare.M, bare.K + 0.1 * np.eye(10), interface=dict(sets))
+
+
+def test_a_joint_that_another_part_shares_now_is_not_taken_as_closed(tmp_path: Path) -> None:
+    """A run without the third arm of a star closes its middle. The run with it may not take that pair for its own."""
+    arms = {"p1": {"p1+p2+p3": [0], "p1+p4": [9]}, "p2": {"p1+p2+p3": [0]}, "p4": {"p1+p4": [0], "p4+p5": [9]}, "p5": {"p4+p5": [0]}}
+    method = fs.CraigBampton(modes=4)
+    parts = {name: partial(star_piece, sets) for name, sets in arms.items()}
+    fs.reduce_by_levels(parts, method, tmp_path / "one")
+    more = parts | {"p3": partial(star_piece, {"p1+p2+p3": [0]})}
+    found, right = (fs.reduce_by_levels(more, method, tmp_path / name).model for name in ("one", "other"))
+    assert fs.normal_modes(found, 4).frequencies == pytest.approx(fs.normal_modes(right, 4).frequencies, rel=1e-12)
+
+
+def test_a_full_disk_is_named_and_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the third array and from then on. With room again the run goes on."""
+    saved, save = [], np.save
+
+    def full(path: Path, array: np.ndarray) -> None:
+        saved.append(path)
+        if len(saved) > 2:
+            path.write_bytes(b"half")
+            raise OSError("1000 requested and 4 written")
+        save(path, array)
+
+    monkeypatch.setattr(np, "save", full)
+    with pytest.raises(fs.NotEnoughMemoryError, match=rf"{tmp_path} cannot take the result of 'p1', .* MB \(1000 requested and 4 "
+                                                      r"written\); .* free there. Make room there. Call reduce_by_levels again"):
+        fs.reduce_by_levels(chain_parts(3), fs.CraigBampton(modes=3), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["alive"]
+    monkeypatch.undo()
+    assert fs.reduce_by_levels(chain_parts(3), fs.CraigBampton(modes=3), tmp_path).levels == 2
+
+
+def test_a_piece_whose_file_has_changed_is_not_built(tmp_path: Path) -> None:
+    """Its displacements would be those of another mesh."""
+    path = fs.write_mesh(tmp_path / "p1.vtu", piece(0, [4, 4], (1, 1)))
+    whole = Piece.of(path, fs.solid, ARGUMENTS)
+    fs.write_mesh(path, piece(0, [5, 4], (1, 1)))
+    with pytest.raises(fs.InputError, match=r"p1.vtu is not the file .*its content has changed"):
+        whole()
+
+
+def test_a_function_that_makes_another_component_is_not_expanded(tmp_path: Path) -> None:
+    levels = fs.reduce_by_levels(chain_parts(3), fs.CraigBampton(modes=3), tmp_path)
+    recipes = dict(levels.recipes) | {"p2": partial(chain_piece, 3, 3)}
+    with pytest.raises(fs.InputError, match="the function of the part 'p2' makes another component now"):
+        list(replace(levels, recipes=recipes).expand(np.ones(levels.model.size)))
 
 
 def test_a_piece_that_was_written_anew_is_made_anew(tmp_path: Path) -> None:

@@ -106,6 +106,13 @@ from .rigid_motion import (
     unresisted as unresisted,
     without as without,
 )
+from .stored import (
+    DamagedFileError as DamagedFileError,
+    Files as Files,
+    files_of as files_of,
+    load as load,
+    store as store,
+)
 from .subspace import orthonormal as orthonormal
 from .threads import (
     FEW as FEW,
@@ -117,7 +124,5 @@ from .threads import (
 from .timing import Interruptible as Interruptible, phase as phase, timed as timed
 from .workers import (
     check_workers as check_workers,
-    load as load,
     side_by_side as side_by_side,
-    store as store,
 )

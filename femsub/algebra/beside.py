@@ -6,13 +6,14 @@ Threads would not do: PETSc is not safe in them. Nor would a fork: CHOLMOD solve
 
 from __future__ import annotations
 
+import logging
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from tempfile import gettempdir
+from select import POLLIN, poll
 from threading import Thread
 from typing import TYPE_CHECKING
 
@@ -24,13 +25,17 @@ from femsub.algebra.folders import MEMORY, has_room, task_folder
 from femsub.algebra.matrices import Difference
 from femsub.algebra.memory import BASE, COUNTED, MOST_FILL, SPARE, room_of_count
 from femsub.algebra.process_memory import available
+from femsub.algebra.stored import load, store
 from femsub.algebra.threads import cores, libraries
-from femsub.algebra.workers import environment_of_workers, load, store
-from femsub.checks import Matrix
+from femsub.algebra.waiting import LEAST, is_stopped
+from femsub.algebra.workers import environment_of_workers
+from femsub.checks import Matrix, temporary
 from femsub.errors import NotEnoughMemoryError
 
 if TYPE_CHECKING:
     from femsub.algebra.factor import Handle
+
+log = logging.getLogger(__name__)
 
 FILLED, FULL = 4, 20  # nonzeros of a factor for each of K, which most have that have so many per row
 INPUT = 0  # the file descriptor of what the process that counts is told
@@ -42,7 +47,7 @@ class _Beside:
 
     def __init__(self, K: Matrix, M: Matrix, serve: Callable[[], None]) -> None:
         with ExitStack() as stack:
-            place = MEMORY if has_room(16 * (K.nnz + M.nnz)) else Path(gettempdir())
+            place = MEMORY if has_room(16 * (K.nnz + M.nnz)) else temporary()
             folder = stack.enter_context(task_folder(place))
             store(Path(folder, "pencil"), (K, M))
             with environment_of_workers():
@@ -61,9 +66,21 @@ class _Beside:
             os.write(self._stdin, f"{value.hex()}\n".encode())
 
     def _told(self) -> str:
-        """The line that it tells, for which this waits; empty if it could not. The process ends."""
+        """The line that it tells, for which this waits; empty if it could not, or is stopped. The process ends."""
         with self._held:
-            return self._process.stdout.readline().strip() if self._process.stdout else ""
+            assert self._process.stdout is not None
+            line = poll()
+            line.register(self._process.stdout, POLLIN)
+            while not line.poll(1000 * LEAST):
+                if is_stopped(pid := self._process.pid):
+                    log.warning("process %d, which works beside this one, is stopped (state T). It is ended, and this process "
+                                "does its work", pid)
+                    return ""
+            told = self._process.stdout.readline().strip()
+            if not told:
+                log.info("process %d, which worked beside this one, has ended without a result. This process does its work",
+                         self._process.pid)
+            return told
 
     def __del__(self) -> None:
         if hasattr(self, "_held"):

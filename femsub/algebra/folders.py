@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from femsub.errors import InputError
+from femsub.errors import InputError, no_room_error
 
 MEMORY = Path("/dev/shm")  # a folder in memory; on a disk, files would be written to it as well
 ROOM = 10  # times what is sent must be free there, since results come back as well
@@ -25,27 +25,35 @@ def task_folder(place: Path) -> Iterator[str]:
     """
     from fcntl import LOCK_EX, LOCK_NB, flock
 
-    with TemporaryDirectory(prefix="femsub-", dir=place, ignore_cleanup_errors=True) as folder:
-        for left in place.glob(f"femsub-*/{ALIVE}"):
-            with suppress(OSError):
-                if left.parent.is_symlink() or left.is_symlink() or left.parent.stat().st_uid != os.getuid():
-                    continue
-                with left.open("ab") as file:
-                    flock(file, LOCK_EX | LOCK_NB)
-                    shutil.rmtree(left.parent)
-        with Path(folder, "new").open("wb") as file:
-            with suppress(OSError):  # a file system without locks: nobody else can lock it either
-                flock(file, LOCK_EX)
-                os.rename(file.name, Path(folder, ALIVE))
-            yield folder
+    for left in place.glob(f"femsub-*/{ALIVE}"):
+        with suppress(OSError):
+            if left.parent.is_symlink() or left.is_symlink() or left.parent.stat().st_uid != os.getuid():
+                continue
+            with left.open("ab") as other:
+                flock(other, LOCK_EX | LOCK_NB)
+                shutil.rmtree(left.parent)
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(TemporaryDirectory(prefix="femsub-", dir=place, ignore_cleanup_errors=True))
+            file = stack.enter_context(Path(folder, "new").open("wb"))
+        except OSError as error:
+            raise no_room_error(place, "the files of one call", 0.0, error.strerror or error) from None
+        with suppress(OSError):  # a file system without locks: nobody else can lock it either
+            flock(file, LOCK_EX)
+            os.rename(file.name, Path(folder, ALIVE))
+        yield folder
 
 
 @contextmanager
 def only_one(folder: Path) -> Iterator[None]:
-    """Hold a folder, in which one run at a time may write; an InputError if another one does."""
+    """Hold a folder, in which one run at a time may write; an InputError if another one does, or if none may."""
     from fcntl import LOCK_EX, LOCK_NB, flock
 
-    with (folder / ALIVE).open("ab") as file:
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context((folder / ALIVE).open("ab"))
+        except OSError as error:
+            raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
         try:
             flock(file, LOCK_EX | LOCK_NB)
         except BlockingIOError:

@@ -22,6 +22,7 @@ import numpy as np
 
 from femsub.algebra.petsc import Factor
 from femsub.algebra.threads import cores, one_thread
+from femsub.algebra.waiting import LEAST, LOOK
 from femsub.checks import Array
 
 if TYPE_CHECKING:
@@ -30,8 +31,7 @@ if TYPE_CHECKING:
 WORTH = 2e9  # nonzeros of the factor times columns from which the solves take much longer than a fork
 WIDTH, ALONE = 32, 64  # columns of a block with a fork, and without
 OPEN, BEGUN, DONE = 0, 1, 2  # states of a block
-LEAST, PATIENCE = 10.0, 10.0  # seconds, and times what a block took, after which a fork that does not answer is given up
-LOOK = 0.002  # seconds between two looks at the fork
+PATIENCE = 10.0  # times what a block took, `LEAST` seconds on top, after which a fork that does not answer is given up
 DIES_WITH_PARENT = 1  # Linux' PR_SET_PDEATHSIG
 
 

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from tempfile import gettempdir
 from zlib import crc32
 
 import numpy as np
@@ -19,7 +18,7 @@ from femsub.algebra.cache import FACTOR_BYTES, give_up_until, kept_bytes
 from femsub.algebra.folders import in_memory
 from femsub.algebra.ordering import layers as distance_layers, neighbours, quotient
 from femsub.algebra.process_memory import available, left_of_limit
-from femsub.checks import Array, Matrix
+from femsub.checks import Array, Matrix, temporary
 from femsub.errors import NotEnoughMemoryError
 
 MODEL = 1.7  # empirical correction, since METIS finds better separators; within a factor of 1.7 on 14 models
@@ -143,10 +142,10 @@ def disk() -> tuple[Path, float]:
 
     A folder in memory is of no use. Where neither is on a disk, there is no room.
     """
-    for place in (Path(gettempdir()), Path("/var/tmp")):
+    for place in (temporary(), Path("/var/tmp")):
         if place.is_dir() and os.access(place, os.W_OK | os.X_OK) and not in_memory(place):
             return place, shutil.disk_usage(place).free - DISK_LEFT
-    return Path(gettempdir()), 0.0
+    return temporary(), 0.0
 
 
 def goes_to_disk(A: Matrix, possible: bool, kept: bool = True) -> bool:

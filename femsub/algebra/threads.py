@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 
-from femsub.checks import Array, Matrix
+from femsub.checks import Array, Matrix, Parser
 
 # DOF up to which a dense quadratic eigenproblem gets one thread. A second one gains little; beside other work it costs much: on a
 # busy machine of two cores 500 DOF took 35 s with two threads and 2 s with one
@@ -41,6 +41,7 @@ class _Limited:
 
 if hasattr(os, "register_at_fork"):  # a forked child would wait forever for a thread of its parent
     os.register_at_fork(before=_Limited.lock.acquire, after_in_parent=_Limited.lock.release, after_in_child=_Limited.lock.release)
+    os.register_at_fork(after_in_child=Parser.renew)
 
 
 @contextmanager

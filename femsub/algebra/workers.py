@@ -6,43 +6,41 @@ executor passes on the names of these folders alone. Hence any with the interfac
 
 from __future__ import annotations
 
-import itertools
 import logging
 import os
-import pickle
 import shutil
 import signal
 import subprocess
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from errno import ENOSPC
 from functools import partial
 from importlib import import_module
 from multiprocessing import current_process
 from pathlib import Path
-from tempfile import gettempdir
 from threading import RLock
-from typing import TYPE_CHECKING, Any, BinaryIO
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from femsub.algebra.folders import MEMORY, has_room, task_folder
 from femsub.algebra.memory import BASE, at_hand
 from femsub.algebra.petsc import versions
 from femsub.algebra.process_memory import available
+from femsub.algebra.stored import bytes_of, load, store
 from femsub.algebra.threads import BRINGING, one_thread
-from femsub.checks import Array, shown, whole_number
-from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, NotEnoughMemoryError, WorkerError, warn
+from femsub.algebra.waiting import first_done, is_stopped
+from femsub.checks import shown, temporary, whole_number
+from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, WorkerError, no_room_error, warn
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor, ProcessPoolExecutor
+    from concurrent.futures import Executor, Future, ProcessPoolExecutor
 
 log = logging.getLogger(__name__)
 
 MOST = 1024  # processes of one call
 ONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # environment of a worker
 LAUNCHER = ("OMPI_", "PMIX_", "PMI_")  # variables of mpiexec, by which MPI would take a worker for the process that started it
-PICKLE = "pickle"  # a file with all but the arrays
+PROCESS = "process"  # a file in a task's folder: the number of the process that has it, and its machine
 # A shell with this script reads until the process that started it dies. It ends all processes of its own group but itself,
 # removes the folder $0, and kills what has outlived SIGTERM. A line that it reads is an order to kill at once.
 UNDERTAKER = 'trap "" TERM; read _ || { kill 0; sleep 1; }; rm -rf "$0"; kill -9 0'
@@ -111,8 +109,8 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
         count = fitting(needs or {}, count, what)
     if executor is None and count < 2:
         return {name: call(*arguments) for name, arguments in tasks.items()}
-    sent = sum(_bytes((call, arguments), f"{what} {name!r}") for name, arguments in tasks.items())
-    with task_folder(MEMORY if executor is None and has_room(sent) else Path(gettempdir())) as folder:
+    sent = sum(bytes_of((call, arguments), f"{what} {name!r}") for name, arguments in tasks.items())
+    with task_folder(MEMORY if executor is None and has_room(sent) else temporary()) as folder:
         store(Path(folder, "call"), call)
         results = partial(_results, tasks, Path(folder), what, advice)
         if executor is not None:
@@ -137,13 +135,24 @@ def fitting(needs: Mapping[str, float], count: int, what: str) -> int:
 def _results(tasks: Mapping[str, tuple[Any, ...]], folder: Path, what: str, advice: str, free: list[Executor],
              restart: Callable[[int], list[Executor]] | None = None) -> dict[str, Any]:
     """Give each free executor a task until all are done; `restart` replaces one whose process has died."""
-    from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+    from concurrent.futures import BrokenExecutor
+
+    def at_work() -> dict[int, str]:
+        """The processes of this machine that have a task now."""
+        found = {}
+        for name, _, path in running.values():
+            with suppress(OSError):  # it waits for a process
+                number, machine = (path / PROCESS).read_text(encoding="utf-8").split()
+                if machine == os.uname().nodename:
+                    found[int(number)] = f"the {what} {name!r}"
+        return found
 
     waiting = list(enumerate(tasks))
     running: dict[Future[None], tuple[str, Executor, Path]] = {}
     done: dict[str, Any] = {}
     lost: dict[str, Exception] = {}
     told: list[Warning] = []
+    stopped: set[int] = set()
     try:
         while waiting or running:
             while waiting and free:
@@ -155,7 +164,7 @@ def _results(tasks: Mapping[str, tuple[Any, ...]], folder: Path, what: str, advi
                     lost[name] = error
                 except RuntimeError as error:
                     raise InputError(f"the executor takes no task: {error}") from error
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            for future in first_done(running, at_work, stopped):
                 name, lane, path = running.pop(future)
                 next_lane = [lane]
                 try:
@@ -204,13 +213,25 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
     shell = subprocess.Popen(["/bin/sh", "-c", UNDERTAKER, folder], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
                              stderr=subprocess.DEVNULL, process_group=0, text=True)
 
+    def numbers(of: Sequence[ProcessPoolExecutor]) -> list[int]:
+        return [pid for pool in of for pid in pool._processes or ()]
+
     def started(count: int) -> list[Executor]:
-        new = [ProcessPoolExecutor(1, get_context("spawn"), os.setpgid, (0, shell.pid)) for _ in range(count)]
-        pools.extend(new)
+        new: list[ProcessPoolExecutor] = []
         try:
+            for _ in range(count):
+                pools.append(ProcessPoolExecutor(1, get_context("spawn"), os.setpgid, (0, shell.pid)))
+                new.append(pools[-1])
             with environment_of_workers():
-                for begun in [pool.submit(os.getpid) for pool in new]:
-                    begun.result()
+                begun = {pool.submit(os.getpid) for pool in new}
+                while begun:
+                    ended = first_done(begun, lambda: dict.fromkeys(numbers(new), "a worker that begins"), set())
+                    begun -= {future for future in ended if future.result()}
+        except OSError as error:
+            if error.errno != ENOSPC:
+                raise
+            raise no_room_error(MEMORY, "the semaphores of worker processes", 0.0, error.strerror or error,
+                                "Make room there, or leave workers out") from None
         except BrokenExecutor:
             raise InputError("the worker processes ended before they began; their own message is above. A script that uses "
                              'workers must begin its work under `if __name__ == "__main__":`, since each worker imports the '
@@ -222,10 +243,16 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
     except BaseException:
         try:
             print("now", file=shell.stdin, flush=True)
-        except BrokenPipeError:  # somebody has killed the shell
+            if is_stopped(shell.pid):
+                raise BrokenPipeError
+        except BrokenPipeError:  # somebody has killed the shell, or stopped it
             os.killpg(shell.pid, signal.SIGKILL)
         raise
     finally:
+        for pid in numbers(pools):
+            if is_stopped(pid):  # it has no task, and would be waited for
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
         for pool in pools:
             pool.shutdown(cancel_futures=True)
         shell.kill()
@@ -249,6 +276,8 @@ def environment_of_workers() -> Iterator[None]:
 
 def _run(path: str, name: str) -> None:
     """One task, in a worker: the result, and the warnings to be repeated, are stored beside it."""
+    with suppress(OSError):  # a full disk: then nobody sees that this process is stopped
+        Path(path, PROCESS).write_text(f"{os.getpid()} {os.uname().nodename}", encoding="utf-8")
     with _lock:
         for module in BRINGING[:3]:  # a BLAS that is loaded within the task would take all cores
             import_module(module)
@@ -273,66 +302,3 @@ def _run(path: str, name: str) -> None:
 
 def _result(path: Path) -> Path:
     return path.with_suffix(".result")
-
-
-def _bytes(thing: Any, name: str) -> int:
-    """What a task's arrays have, if pickle takes the rest."""
-    arrays: list[pickle.PickleBuffer] = []
-    try:
-        pickle.dumps(thing, protocol=5, buffer_callback=arrays.append)
-    except Exception as error:
-        raise InputError(f"the {name} cannot be sent to a worker, since pickle refuses it: {error}. Define classes (such as a "
-                         "method of your own) at the top level of a module") from None
-    return sum(array.raw().nbytes for array in arrays)
-
-
-class _Stored(pickle.Pickler):
-    """A pickle in a folder, and beside it each array in a file of its own, named in it without the folder, which may be moved."""
-
-    def __init__(self, folder: Path, file: BinaryIO) -> None:
-        super().__init__(file, protocol=5)
-        self.folder, self.names = folder, (f"{number}.npy" for number in itertools.count())
-        self.known: dict[int, tuple[Array, str]] = {}
-
-    def persistent_id(self, value: Any) -> str | None:
-        if type(value) is not np.ndarray or value.dtype.hasobject or not value.nbytes:
-            return None
-        if id(value) not in self.known:
-            self.known[id(value)] = value, next(self.names)  # the array as well: a new one may not get its id
-            np.save(self.folder / self.known[id(value)][1], value)
-        return self.known[id(value)][1]
-
-
-class _Loaded(pickle.Unpickler):
-    def __init__(self, folder: Path, file: BinaryIO) -> None:
-        super().__init__(file)
-        self.folder = folder
-        self.known: dict[str, Array] = {}
-
-    def persistent_load(self, name: str) -> Array:
-        if name not in self.known:  # what was one array stays one
-            self.known[name] = mapped(self.folder / name)
-        return self.known[name]
-
-
-def store(folder: Path, thing: Any) -> Path:
-    """Write an object to a new folder that `load` reads; an error tells what to do if there is no room."""
-    try:
-        folder.mkdir()
-        with (folder / PICKLE).open("wb") as file:
-            _Stored(folder, file).dump(thing)
-    except OSError as error:
-        raise NotEnoughMemoryError(f"{folder.parent.parent} cannot take what workers share ({error}). Set TMPDIR to a folder "
-                                   "with more room") from None
-    return folder
-
-
-def load(folder: Path) -> Any:
-    """The object of a folder by `store`, with its arrays `mapped`."""
-    with (folder / PICKLE).open("rb") as file:
-        return _Loaded(folder, file).load()
-
-
-def mapped(path: Path) -> Array:
-    """The array of a file as the file itself, mapped into memory: pages that are written to become copies."""
-    return np.load(path, "c").view(np.ndarray)

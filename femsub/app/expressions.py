@@ -17,6 +17,7 @@ from typing import Any
 
 from numpy.polynomial import Polynomial
 
+from femsub.checks import parsing
 from femsub.errors import InputError
 
 LONGEST = 500  # characters of an expression
@@ -53,7 +54,8 @@ class Expression:
     @cached_property
     def _tree(self) -> ast.expr:
         try:
-            return ast.parse(self.text.strip(), mode="eval").body
+            with parsing():
+                return ast.parse(self.text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             reason = error.msg if isinstance(error, SyntaxError) else type(error).__name__
             raise InputError(f"scene key {self.where!r} must be an expression such as '1 / speed', not {self.text!r} "

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from femsub import __version__
+from femsub.checks import hash_of
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.io import content_hash, newest
+from femsub.io import newest
 
 RESULTS = "results.json"
 #: keys of a results.json that femsub reads, whatever the scene
@@ -67,12 +68,6 @@ def results_of(path: Path) -> dict[str, Any] | None:
     fit = all(isinstance(told[key], kind) for key, kind in SHAPE.items()) and all(
         isinstance(item, dict) and all(isinstance(item.get(key), str) for key in ("path", "sha256")) for item in told["files"])
     return told if fit and isinstance(told["inputs"].get("units", ""), str) else None
-
-
-def hash_of(path: Path) -> str:
-    """SHA-256 of a file."""
-    with path.open("rb") as file:
-        return content_hash(file)
 
 
 def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:

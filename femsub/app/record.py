@@ -11,10 +11,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from femsub.app.inputs import RESULTS, hash_of, results_of
+from femsub.app.inputs import RESULTS, results_of
 from femsub.app.keys import keys_of
 from femsub.app.report import machine, remove, results, to_json, versions, write
 from femsub.app.scene import SCENES, Progress, Result, Scene
+from femsub.checks import hash_of
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.io import texts_read
 

@@ -20,9 +20,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 import femsub
-from femsub.app.inputs import hash_of
 from femsub.app.scene import Result
 from femsub.app.units import UNKNOWN, Units
+from femsub.checks import hash_of
 from femsub.errors import InputError
 from femsub.io import HASHES, OURS, Writer, hashed, held, write_whole
 from femsub.studies import Remark, answer
@@ -218,12 +218,12 @@ def commit(folder: Path) -> str | None:
     """The commit of the clone that a folder is part of, with '-dirty' where files were changed; None outside of one."""
     def git(*words: str) -> str:
         return subprocess.run(["git", "--no-optional-locks", "-C", str(folder), *words], capture_output=True, text=True,
-                              check=True).stdout.strip()
+                              check=True, timeout=10.0).stdout.strip()
 
     try:
         git("ls-files", "--error-unmatch", "__init__.py")  # it may lie in a clone of something else
         return git("describe", "--always", "--dirty", "--abbrev=40", "--exclude", "*")
-    except (OSError, subprocess.CalledProcessError):
+    except (OSError, subprocess.SubprocessError):
         return None
 
 

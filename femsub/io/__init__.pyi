@@ -3,7 +3,6 @@ from .atomic import (
     HASHES as HASHES,
     OURS as OURS,
     Writer as Writer,
-    content_hash as content_hash,
     hashed as hashed,
     held as held,
     newest as newest,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
-import tempfile
 from functools import lru_cache
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, installed_by
+from femsub.checks import Array, installed_by, parsing
 from femsub.errors import InputError, MissingPackageError
 from femsub.io.abaqus_calculix import TextMatrix
+from femsub.io.atomic import scratch
 
 MODULE = "ansys.mapdl.reader"
 SECONDS = 600  # for a file
@@ -271,8 +272,8 @@ def _checked(path: Path, kind: int, ending: str) -> Path:
 
 def _asked(path: Path, script: str) -> dict[str, Array]:
     """The arrays that a script in a process of its own finds in a file of Ansys."""
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "found.npz"
+    with scratch(float(path.stat().st_size)) as folder:
+        target = folder / "found.npz"
         try:
             command = [sys.executable, "-c", BEGIN + script, str(path.absolute()), str(target), str(MEMORY)]
             done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=SECONDS, errors="replace")
@@ -283,7 +284,9 @@ def _asked(path: Path, script: str) -> dict[str, Array]:
             if last.startswith("ModuleNotFoundError"):
                 raise MissingPackageError(f"Ansys' {path.suffix} files need PyAnsys' reader and all it needs ({last}): "
                                           f"{installed_by('ansys-mapdl-reader')}")
+            if last.startswith("OSError") and not shutil.disk_usage(folder).free:
+                raise OSError(last)
             reason = last if done.returncode > 0 and last else f"its reader stopped with status {done.returncode}"
             raise InputError(f"{path} cannot be read ({reason:.160}); it may be cut short or damaged, write it again")
-        with np.load(target) as found:
+        with parsing(), np.load(target) as found:
             return dict(found)

@@ -11,7 +11,6 @@ machines do not see the lock.
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 import secrets
 import shutil
@@ -22,7 +21,11 @@ from contextvars import ContextVar
 from errno import EEXIST, EINVAL, ELOOP, EWOULDBLOCK
 from functools import partial
 from pathlib import Path, PurePath
+from tempfile import TemporaryDirectory
 from typing import BinaryIO, TypeAlias
+
+from femsub.checks import content_hash, temporary
+from femsub.errors import no_room_error
 
 Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content into an open temporary file, and may read it
 HASHES = "sha256"  # the key of {file: hash} in an index
@@ -31,12 +34,6 @@ TEMPORARY = ".femsub-new-"  # beginning of the name of a folder in which files a
 #: endings of what femsub writes
 OURS = (".json", ".csv", ".png", ".vtu", ".vtk", ".pvd", ".html", ".npz", ".npy", ".mtx", ".mat", ".op4", ".msh", ".inp")
 _held: ContextVar[frozenset[tuple[int, int]]] = ContextVar("femsub_held", default=frozenset())  # folders that this thread locked
-
-
-def content_hash(file: BinaryIO) -> str:
-    """SHA-256 of the whole content of an open file."""
-    file.seek(0)
-    return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def hashed(writers: Mapping[str, Writer]) -> tuple[dict[str, Writer], dict[str, str]]:
@@ -139,6 +136,23 @@ def _inside(folder: Path, name: str) -> Path:
 
 
 @contextmanager
+def scratch(need: float) -> Iterator[Path]:
+    """A temporary folder, for programs that write to a name only; it and its files are gone afterwards.
+
+    Raises
+    ------
+    NotEnoughMemoryError
+        A file cannot be written inside, for which some `need` bytes must be free.
+    """
+    place = temporary()
+    try:
+        with TemporaryDirectory(dir=place) as folder:
+            yield Path(folder)
+    except OSError as error:
+        raise no_room_error(place, "temporary files", need, error.strerror or error) from None
+
+
+@contextmanager
 def _temporary(place: Path) -> Iterator[Path]:
     """A hidden folder, locked as long as its writer lives, and removed if it is still there at the end."""
     while True:
@@ -149,7 +163,11 @@ def _temporary(place: Path) -> Iterator[Path]:
         except FileNotFoundError:  # swept before it was locked
             continue
         with suppress(OSError):
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:  # by another process that sweeps it, which may be stopped: nobody waits for that
+                os.close(handle)
+                continue
         if path.exists():
             break
         os.close(handle)

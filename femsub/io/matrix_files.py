@@ -12,7 +12,7 @@ from typing import IO, Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, path_of, word
+from femsub.checks import Array, Matrix, parsing, path_of, word
 from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
 from femsub.io.damage import THROWN, check_extent, check_indices, check_room
@@ -198,7 +198,8 @@ def _npy(path: Path) -> Any:
     if kind.kind not in NUMBERS or not 1 <= len(shape) <= 2:
         raise InputError(f"{path} holds {_kind_name(kind)} of the shape {shape}, not a matrix of numbers")
     check_room(path, wanted)
-    return np.load(path, allow_pickle=False)
+    with parsing():
+        return np.load(path, allow_pickle=False)
 
 
 def _kind_name(kind: np.dtype[Any]) -> str:
@@ -209,12 +210,12 @@ def _kind_name(kind: np.dtype[Any]) -> str:
 def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     """Shape and type from the header of a .npy file, and the number of bytes the file must have."""
     version = np.lib.format.read_magic(file)
-    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version == (3, 0):  # only for names of records in Unicode
         raise InputError(f"{path}: {name} holds records, not a matrix of numbers")
-    if version not in readers:
+    if version not in ((1, 0), (2, 0)):
         raise InputError(f"{path}: {name} has the unknown version {version}")
-    shape, _, kind = readers[version](file)
+    with parsing():
+        shape, _, kind = (np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0)(file)
     if any(part < 0 for part in shape):
         raise InputError(f"{path}: {name} announces the shape {shape}; it is damaged")
     return shape, kind, file.tell() + int(np.prod(shape, dtype=object)) * kind.itemsize
@@ -222,7 +223,7 @@ def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ..
 
 def _npz(path: Path) -> Any:
     kinds = _array_kinds(path, path)
-    with np.load(path, allow_pickle=False) as file:
+    with parsing(), np.load(path, allow_pickle=False) as file:
         if {"format", "shape", "data"} <= set(kinds):
             return _checked_sparse(path, file, kinds)
         return {name: value for name in kinds if kinds[name].kind in NUMBERS and (value := file[name]).ndim == 2}
@@ -240,7 +241,7 @@ def read_arrays(path: Path, content: BinaryIO | None, most: int) -> dict[str, Ar
         kinds = _array_kinds(path, content or place, most)
         if content is not None:
             content.seek(0)
-        with np.load(content or place, allow_pickle=False) as file:
+        with parsing(), np.load(content or place, allow_pickle=False) as file:
             return {name: file[name] for name in kinds}
 
     found: dict[str, Array] = guarded(path, read)
@@ -277,7 +278,8 @@ def _checked_sparse(path: Path, file: Any, kinds: Mapping[str, np.dtype[Any]]) -
     if wrong or shape.shape != (2,) or shape.min() < 0:
         raise InputError(f"{path} is damaged: {wrong[0] if wrong else 'shape'} of its sparse matrix is not what it should be")
     check_extent(path, (int(shape[0]), int(shape[1])), file["data"].size)
-    found = sp.load_npz(path)
+    with parsing():
+        found = sp.load_npz(path)
     if found.format in ("csr", "csc", "bsr"):
         check_indices(found)
     return found

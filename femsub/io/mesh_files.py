@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
@@ -16,7 +15,7 @@ import numpy as np
 from femsub.checks import Array, choice, instance, mapping, path_of, word
 from femsub.components import CELLS, Mesh, checked
 from femsub.errors import InputError
-from femsub.io.atomic import write_whole
+from femsub.io.atomic import scratch, write_whole
 from femsub.io.cdb import read_cdb
 from femsub.io.foreign_meshes import meshio, quietly, read_foreign, read_tetgen
 from femsub.io.gmsh import BODIES, is_gmsh, read_gmsh
@@ -274,10 +273,13 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
         named = {"point_sets": {key: rows for key, rows in mesh.sets.items() if len(rows)},
                  "cell_sets": {key: [rows] for key, rows in mesh.groups.items()}}
     whole = meshio().Mesh(points, [(mesh.kind, mesh.cells)], point_data=data, cell_data=groups, **named)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / f"mesh{suffix.lower()}"
-        quietly(lambda: whole.write(place, file_format=form), f"the mesh {mesh.name!r} cannot be written as {suffix}")
-        content = place.read_bytes()
+
+    def written() -> bytes:
+        with scratch(float(points.nbytes + mesh.cells.nbytes + sum(values.nbytes for values in data.values()))) as folder:
+            whole.write(folder / f"mesh{suffix.lower()}", file_format=form)
+            return (folder / f"mesh{suffix.lower()}").read_bytes()
+
+    content: bytes = quietly(written, f"the mesh {mesh.name!r} cannot be written as {suffix}")[0]
     # meshio writes the last name it knows for a kind, such as C3D20RH, which CalculiX does not have
     return re.sub(rb"(?<=\*ELEMENT, TYPE=)\w+", _ABAQUS[mesh.kind], content, count=1) if form == "abaqus" else content
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -16,10 +15,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import RigidMotion
-from femsub.checks import Matrix, choice, instance, path_of
+from femsub.checks import Matrix, choice, instance, path_of, unlike
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
-from femsub.io.atomic import HASHES, Writer, content_hash, hashed, newest, write_whole
+from femsub.io.atomic import HASHES, Writer, hashed, newest, scratch, write_whole
 from femsub.io.matrix_files import read_together
 from femsub.io.op4 import op4_module
 from femsub.model import Estimate, Origin, ReducedSubstructure, Substructure
@@ -141,8 +140,8 @@ def _write_matlab(file: BinaryIO, model: Substructure, parts: Mapping[str, Matri
 
 
 def write_op4(file: BinaryIO, op4: Any, parts: Mapping[str, Matrix]) -> None:
-    with tempfile.TemporaryDirectory() as folder:  # pyyeti needs a file name, and closes the file
-        path = Path(folder) / "model.op4"
+    with scratch(sum(8.0 * part.size for part in parts.values())) as folder:  # pyyeti needs a file name, and closes the file
+        path = folder / "model.op4"
         op4.write(str(path), dict(parts))
         with path.open("rb") as whole:
             shutil.copyfileobj(whole, file)
@@ -367,8 +366,7 @@ def _check_files(path: Path, folder: Path, about: Mapping[str, Any]) -> None:
         file = newest(folder, name)
         if not file.is_file():
             raise InputError(f"there is no file {file}, which {path.name} names; write the model again")
-        with open(file, "rb") as content:
-            found = content_hash(content)
-        if found != expected:
-            raise InputError(f"{file} is not the file that {path.name} was written with. Either a write was stopped, or the file "
-                             "was changed. Write the model again, or read a file that you changed yourself by its own name")
+        if why := unlike(file, expected):
+            raise InputError(f"{file} is not the file that {path.name} was written with ({why}). Either a write was stopped, or "
+                             "the file was changed. Write the model again, or read a file that you changed yourself by its own "
+                             "name")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, instance, items, mapping, path_of, whole_number, word
+from femsub.checks import Array, hash_of, instance, items, mapping, path_of, unlike, whole_number, word
 from femsub.components import Mesh
 from femsub.coupling import PLACES, cut_mesh
 from femsub.errors import InputError, InputTypeError
@@ -43,9 +42,12 @@ class Piece:
 
     @classmethod
     def of(cls, path: Path, build: Callable[..., Substructure], arguments: Mapping[str, Any]) -> Piece:
-        return cls(path, build, arguments, hashlib.sha256(path.read_bytes()).hexdigest())
+        return cls(path, build, arguments, hash_of(path))
 
     def __call__(self) -> Substructure:
+        if why := unlike(self.path, self.content):
+            raise InputError(f"{self.path} is not the file that this piece was made of: {why}. Cut the mesh again (cut_to_files, "
+                             "or Piece.of)")
         mesh = read_mesh(self.path)
         known = {key for key, chosen in (*mesh.sets.items(), *mesh.groups.items()) if len(chosen)}
         shared = [key for key in mesh.sets if "+" in key and key in known]

@@ -13,7 +13,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from femsub.algebra import check_workers, load, most_memory, only_one, side_by_side, store
+from femsub.algebra import DamagedFileError, Files, check_workers, files_of, load, most_memory, only_one, side_by_side, store
 from femsub.checks import Array, choice, instance, mapping, path_of, word
 from femsub.coupling import Rigid, System, couple, rows_of_parts
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import InputError, InputTypeError, warn
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.reduction.basis import Partition
 from femsub.reduction.component import reduced
@@ -41,7 +41,8 @@ UNFINISHED = ".unfinished"  # ending of a folder that is being written
 MODEL, TASK = "model", "task"  # in the folder of a task
 JOINED = "+"  # in the names of sets that parts share, as 'p1+p2'
 ADVICE = "Call reduce_by_levels again with the same arguments: it goes on with what is done"
-FORM = 2  # of the folders; those of another form are made anew
+ROOM = f"Make room there. {ADVICE}. Or name another folder"
+FORM = 3  # of the folders; those of another form are made anew
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,6 +72,8 @@ class Task:
         The size of its files, which the next level reads.
     key : str
         A hash of all that the result depends on.
+    files : mapping of str to (int, str)
+        The size and the hash of each of its files, with which they are compared before they are used.
     """
 
     name: str
@@ -86,6 +89,7 @@ class Task:
     memory: float = 0.0
     bytes: float = 0.0
     key: str = ""
+    files: Files = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return (f"Task {self.name!r}: {self.size} coordinates to {self.reduced_to}, cut-off {self.cutoff:.4g} rad/time, "
@@ -144,6 +148,11 @@ class Levels:
         """The displacements of one part after the other, (name, u), from coordinates x of the model, shape (n,) or (n, k).
 
         Each part is made and factorised again, since its shapes are not kept. `names` are the parts wanted; default all.
+
+        Raises
+        ------
+        InputError
+            Another shape of x; an unknown part; a file of the folder that is not as it was written.
         """
         for name in names or ():
             choice("part", name, self.recipes)
@@ -152,7 +161,11 @@ class Levels:
             raise InputError(f"x must have {self.model.size} rows, one per coordinate, but its shape is {x.shape}")
         for task, q in self._descended(x.reshape(len(x), -1)):
             if not task.below and (names is None or task.name in names):
-                u = _displacements(self.recipes[task.name](), load(self.folder / task.name)["beside"], q)
+                part = self.recipes[task.name]()
+                if part.size != task.size or _lengths(part) != task.sets:
+                    raise InputError(f"the function of the part {task.name!r} makes another component now: it has {part.size} DOF "
+                                     f"and had {task.size}, or has another interface. Delete {self.folder} and reduce again")
+                u = _displacements(part, _read(self.folder, task)["beside"], q)
                 yield task.name, u.reshape(-1, *x.shape[1:])
 
     def _descended(self, x: Array) -> Iterator[tuple[Task, Array]]:
@@ -164,7 +177,7 @@ class Levels:
             task = self.tasks[name]
             yield task, q
             if task.below:
-                down = load(self.folder / name)["down"]
+                down = _read(self.folder, task)["down"]
                 waiting += [(below, down[below] @ q) for below in task.below]
 
 
@@ -246,7 +259,7 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
         raise InputError(f"the folder {folder} cannot be made: {error.strerror or error}") from None
     with only_one(target):
         for left in target.glob(f"*{UNFINISHED}"):
-            shutil.rmtree(left)
+            _cleared(left)
         return _levels(dict(parts), method, target, partial(_done, target, workers=workers, executor=executor))
 
 
@@ -257,8 +270,8 @@ def _levels(parts: dict[str, Recipe], method: CraigBampton, folder: Path, done: 
     while len(there) > 2:
         level += 1
         made = done(_reduced_pair, {f"{one.parts[0]}~{other.parts[0]}~{level}": (
-            _key(one.key, other.key, method), (one, other), _closing((one, other), there), level, method)
-            for one, other in _pairs(there)}, what="pair")
+            _key(*map(_content, (one, other)), closing := _closing((one, other), there), level, method), (one, other), closing,
+            level, method) for one, other in _pairs(there)}, what="pair")
         tasks |= made
         joined = {name for task in made.values() for name in task.below}
         there = [*made.values(), *(task for task in there if task.name not in joined)]
@@ -279,10 +292,15 @@ def _key(*what: object) -> str:
                          "level of a module") from None
 
 
+def _content(task: Task) -> str:
+    """What a result that is made of this task's depends on: a task that is made anew may have other signs of its modes."""
+    return repr((task.name, task.key, sorted(task.files.items())))
+
+
 def _done(folder: Path, call: Callable[..., Task], jobs: Mapping[str, tuple[Any, ...]], what: str, workers: int | None,
           executor: Executor | None) -> dict[str, Task]:
     """The tasks of one level: those that an earlier run has done, and the others by workers. A job begins with its key."""
-    found = {name: task for name, (key, *_) in jobs.items() if (task := _earlier(folder, name)) is not None and task.key == key}
+    found = {name: task for name, (key, *_) in jobs.items() if (task := _earlier(folder, name, key, what)) is not None}
     if found:
         log.info("%d of %d %ss are there from an earlier run", len(found), len(jobs), what)
     left = {name: (folder, name, *job) for name, job in jobs.items() if name not in found}
@@ -291,13 +309,31 @@ def _done(folder: Path, call: Callable[..., Task], jobs: Mapping[str, tuple[Any,
     return {name: found[name] for name in jobs}
 
 
-def _earlier(folder: Path, name: str) -> Task | None:
-    """What an earlier run tells of a task, or None."""
-    try:
-        found = load(folder / name / TASK)
-    except (OSError, EOFError, ValueError, pickle.UnpicklingError, AttributeError, ImportError, TypeError):
+def _earlier(folder: Path, name: str, key: str, what: str) -> Task | None:
+    """The task of an earlier run with this key, whose files are all as it wrote them; else None. A damaged one is named."""
+    if not ((folder / name).exists() or (folder / name).is_symlink()):
         return None
-    return found if isinstance(found, Task) else None
+    try:
+        task = load(folder / name / TASK)
+        if task.name != name:
+            raise DamagedFileError(f"{folder / name / TASK} is the record of {task.name!r}")
+        if task.key != key:
+            return None
+        load(folder / name, task.files)
+    except Exception as error:  # a pickle of another version may raise anything
+        why = error if isinstance(error, DamagedFileError) else f"{folder / name} is damaged ({type(error).__name__}: {error})"
+        warn(f"{why}. The {what} {name!r} is made anew")
+        return None
+    return task
+
+
+def _read(folder: Path, task: Task) -> dict[str, Any]:
+    """What the folder of a task holds, whose files are compared with those that the task wrote."""
+    try:
+        found: dict[str, Any] = load(folder / task.name, task.files)
+    except DamagedFileError as error:
+        raise DamagedFileError(f"{error}. {ADVICE}, and makes {task.name!r} anew") from None
+    return found
 
 
 def _pairs(tasks: Sequence[Task]) -> list[tuple[Task, Task]]:
@@ -333,7 +369,7 @@ def _closing(pair: Sequence[Task], there: Sequence[Task]) -> tuple[str, ...]:
 
 def _joined(folder: Path, name: str, pair: Sequence[Task], closing: Sequence[str]) -> System:
     """Two reduced ones joined at the sets that both have. All but the `closing` sets are the interface, under their own names."""
-    models = {task.name: load(folder / task.name)[MODEL] for task in pair}
+    models = {task.name: _read(folder, task)[MODEL] for task in pair}
     one, other = pair
     joints = [Rigid((one.name, key), (other.name, key), name=key) for key in _shared(one, other)]
     kept = [(task, key) for task in pair for key in task.sets if key not in closing]
@@ -384,14 +420,30 @@ def _written(folder: Path, task: Task, start: float, model: ReducedSubstructure,
     dofs = None if model.full_dofs is None else model.full_dofs.kept(own)
     light = replace(model, V=model.V[own], full_interface=np.arange(len(own)), full_dofs=dofs, name=task.name)
     new, target = folder / f"{task.name}{UNFINISHED}", folder / task.name
-    shutil.rmtree(new, ignore_errors=True)
-    store(new, {MODEL: light, **beside})
-    task = replace(task, seconds=time.perf_counter() - start, memory=most_memory(),
-                   bytes=float(sum(path.stat().st_size for path in new.iterdir())))
-    store(new / TASK, task)
-    shutil.rmtree(target, ignore_errors=True)
+    _cleared(new)
+    store(new, {MODEL: light, **beside}, f"the result of {task.name!r}", ROOM)
+    files = files_of(new)
+    task = replace(task, seconds=time.perf_counter() - start, memory=most_memory(), files=files,
+                   bytes=float(sum(size for size, _ in files.values())))
+    try:
+        store(new / TASK, task, f"the record of {task.name!r}", ROOM)
+    except BaseException:
+        _cleared(new)
+        raise
+    _cleared(target)
     new.rename(target)
     return task
+
+
+def _cleared(path: Path) -> None:
+    """Take away a folder, or a file or a link that has its name."""
+    try:
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{path} cannot be deleted: {error.strerror or error}. Delete it, or name another folder") from None
 
 
 def _displacements(part: Substructure, beside: Array, q: Array) -> Array:

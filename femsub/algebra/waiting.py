@@ -1,0 +1,55 @@
+"""Waiting for another process, which may be stopped meanwhile (SIGSTOP, Ctrl-Z): then nobody waits without a word."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+log = logging.getLogger(__name__)
+
+LEAST = 10.0  # seconds until a process that does not answer is looked at
+LOOK = 0.002  # seconds between two looks at a process
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a process is stopped, by a signal or a debugger, now and at a second look.
+
+    Where a whole group is continued, this process may run a moment before the other one.
+    """
+    with suppress(OSError):
+        for pause in (LOOK, 0.0):
+            if Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] not in "Tt":
+                return False
+            time.sleep(pause)
+        return True
+    return False
+
+
+def first_done(futures: Iterable[Future[Any]], at_work: Callable[[], Mapping[int, str]], named: set[int]) -> set[Future[Any]]:
+    """Those of the futures that have ended, one at least. A warning names each of the processes at work that is stopped.
+
+    Parameters
+    ----------
+    futures : iterable of Future
+    at_work : function
+        {process: what it does} of those that may be waited for.
+    named : set of int
+        Processes that a warning has named; those of this call are added.
+    """
+    from concurrent.futures import FIRST_COMPLETED, wait
+
+    waiting = [*futures]
+    while not (ended := wait(waiting, LEAST, FIRST_COMPLETED).done):
+        for pid, what in at_work().items():
+            if pid not in named and is_stopped(pid):
+                named.add(pid)
+                log.warning("%s waits: process %d is stopped (state T). `kill -CONT %d` lets it go on; `kill -KILL %d` ends it, "
+                            "and what the others have done is kept", what, pid, pid, pid)
+    return ended
