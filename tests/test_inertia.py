@@ -6,7 +6,7 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from threading import Event
+from threading import Event, Timer
 
 import numpy as np
 import pytest
@@ -191,6 +191,26 @@ def test_a_process_beside_that_was_not_asked_or_was_killed_answers_nothing(plate
     killed.ask(1.0)
     assert killed.answer() is None
     assert set(Path("/dev/shm").glob("femsub-*")) == before
+
+
+@pytest.mark.parametrize("kind", [CountBeside, SignsBeside])
+def test_a_process_beside_that_is_stopped_is_ended_and_named(kind: type[CountBeside | SignsBeside], plate: fs.Substructure,
+                                                             monkeypatch: pytest.MonkeyPatch,
+                                                             caplog: pytest.LogCaptureFixture) -> None:
+    """Then this process does its work: None says so."""
+    monkeypatch.setattr("femsub.algebra.beside.LEAST", 0.2)
+    started = CountBeside(plate.K, plate.M) if kind is CountBeside else SignsBeside(plate.K, plate.M, 1.0)
+    pid = int(Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()[-1])
+    os.kill(pid, signal.SIGSTOP)
+    late = Timer(40.0, os.kill, (pid, signal.SIGKILL))  # the test would wait for ever
+    late.start()
+    if isinstance(started, CountBeside):
+        started.ask(1.0)
+    assert started.answer() is None and late.is_alive()
+    late.cancel()
+    assert not Path(f"/proc/{pid}").exists()
+    assert [record.getMessage() for record in caplog.records if f"process {pid}" in record.getMessage()
+            and "is stopped (state T)" in record.getMessage()]
 
 
 def test_a_small_model_starts_no_process(plate: fs.Substructure) -> None:

@@ -172,7 +172,8 @@ def test_a_damaged_file_is_named_and_what_it_belongs_to_is_made_anew(tmp_path: P
         spoilt(path, how, [*others, tmp_path / "work" / names[name == names[0]]][0])
         with pytest.warns(fs.FemsubWarning, match="is made anew") as told:
             again = fs.reduce_by_levels(parts, method, tmp_path / "work")
-        assert str(Path(name).parent) in str(told[0].message) and (again.model.K == first.model.K).all() and (again.model.M == first.model.M).all()
+        assert str(Path(name).parent) in str(told[0].message)
+        assert (again.model.K == first.model.K).all() and (again.model.M == first.model.M).all()
         for part, u in again.expand(x):
             assert (u == right[part]).all(), (name, part)
 
@@ -222,7 +223,8 @@ def star_piece(sets: Mapping[str, list[int]]) -> fs.Substructure:
 
 def test_a_joint_that_another_part_shares_now_is_not_taken_as_closed(tmp_path: Path) -> None:
     """A run without the third arm of a star closes its middle. The run with it may not take that pair for its own."""
-    arms = {"p1": {"p1+p2+p3": [0], "p1+p4": [9]}, "p2": {"p1+p2+p3": [0]}, "p4": {"p1+p4": [0], "p4+p5": [9]}, "p5": {"p4+p5": [0]}}
+    arms = {"p1": {"p1+p2+p3": [0], "p1+p4": [9]}, "p2": {"p1+p2+p3": [0]}, "p4": {"p1+p4": [0], "p4+p5": [9]},
+            "p5": {"p4+p5": [0]}}
     method = fs.CraigBampton(modes=4)
     parts = {name: partial(star_piece, sets) for name, sets in arms.items()}
     fs.reduce_by_levels(parts, method, tmp_path / "one")

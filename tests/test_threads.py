@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import ast
+import gc
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from pathlib import Path
+from threading import Lock
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from femsub.algebra import times
+import femsub as fs
+from femsub.algebra import load, store, times
+from femsub.app.expressions import Expression
 
 CODE = """
 import scipy.linalg
@@ -119,3 +129,87 @@ def test_a_product_with_a_complex_block_is_that_of_its_parts(long: float, monkey
         found = times(A, given)
         assert found.dtype == given.dtype and np.allclose(found, A.toarray() @ given, rtol=0, atol=1e-13)
     assert np.allclose(times(A, X[:, 0]), A.toarray() @ X[:, 0], rtol=0, atol=1e-13)
+
+
+class Entered:
+    """How many threads are in Python's parser at once, at most. Each waits there, so that others could come."""
+
+    def __init__(self, parse: Callable[..., ast.AST]) -> None:
+        self.parse, self.now, self.most, self.calls, self.lock = parse, 0, 0, 0, Lock()
+
+    def __call__(self, *given: object, **options: object) -> ast.AST:
+        with self.lock:
+            self.now, self.calls = self.now + 1, self.calls + 1
+            self.most = max(self.most, self.now)
+        time.sleep(0.002)
+        try:
+            return self.parse(*given, **options)
+        finally:
+            with self.lock:
+                self.now -= 1
+
+
+@pytest.fixture
+def readers(tmp_path: Path) -> list[Callable[[], object]]:
+    """All that reads a file of NumPy, or an expression."""
+    A = np.arange(9.0).reshape(3, 3)
+    store(tmp_path / "stored", {"A": A})
+    np.save(tmp_path / "dense.npy", A)
+    np.savez(tmp_path / "several.npz", A=A, B=A)
+    sp.save_npz(tmp_path / "sparse.npz", sp.csr_array(A))
+    fs.write_matrices(tmp_path / "model", fs.chain(4), "npz")
+    return [lambda: load(tmp_path / "stored"), lambda: fs.read_matrix(tmp_path / "dense.npy"),
+            lambda: fs.read_matrix(tmp_path / "several.npz", "A"), lambda: fs.read_matrix(tmp_path / "sparse.npz"),
+            lambda: fs.read_component(tmp_path / "model"), lambda: Expression("1 / (speed + 2)", "value")]
+
+
+def in_threads(readers: list[Callable[[], object]], times: int) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        for found in [pool.submit(reader) for _ in range(times) for reader in readers]:
+            found.result()
+
+
+def test_one_thread_at_a_time_is_in_the_parser(readers: list[Callable[[], object]], monkeypatch: pytest.MonkeyPatch) -> None:
+    entered = Entered(ast.parse)
+    monkeypatch.setattr(ast, "parse", entered)
+    in_threads(readers, 4)
+    assert entered.most == 1 and entered.calls >= 4 * len(readers)
+    monkeypatch.setattr("femsub.algebra.stored.parsing", nullcontext)
+    in_threads(readers[:1], 16)
+    assert entered.most > 1  # so the counter sees it
+
+
+def test_threads_that_read_arrays_do_not_meet_in_the_parser(readers: list[Callable[[], object]]) -> None:
+    """Python 3.11.2 raises SystemError where two do (python/cpython#106905); the garbage collector lets others run meanwhile."""
+    def pause(*_: object) -> None:
+        time.sleep(0)
+
+    before = gc.get_threshold()
+    gc.callbacks.append(pause)
+    gc.set_threshold(5)
+    try:
+        in_threads(readers[:3] + readers[-1:], 60)
+    finally:
+        gc.callbacks.remove(pause)
+        gc.set_threshold(*before)
+
+
+PARSE = {"load", "load_npz", "read_array", "read_array_header_1_0", "read_array_header_2_0", "parse", "literal_eval"}
+
+
+def parsed_without_lock(path: Path) -> Iterator[str]:
+    """Where a file of NumPy is read, or a text parsed, outside of `with parsing()`."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    locked = {id(inner) for node in ast.walk(tree) if isinstance(node, ast.With)
+              if any(ast.unparse(item.context_expr) == "parsing()" for item in node.items) for inner in ast.walk(node)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and node.attr in PARSE and id(node) not in locked \
+                and ast.unparse(node.value) in ("np", "numpy", "sp", "np.lib.format", "ast"):
+            yield f"{path.name}:{node.lineno} {ast.unparse(node)}"
+
+
+def test_all_that_parses_takes_the_lock(tmp_path: Path) -> None:
+    package = Path(fs.__file__).parent
+    assert not [place for path in package.rglob("*.py") for place in parsed_without_lock(path)]
+    (tmp_path / "one.py").write_text("with parsing():\n    np.load(1)\nwith parsing(), np.load(2):\n    pass\nnp.load(3)\n")
+    assert [*parsed_without_lock(tmp_path / "one.py")] == ["one.py:5 np.load"]

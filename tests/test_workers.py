@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +17,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
+from threading import Timer
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,6 +31,7 @@ from femsub.algebra import folders, workers
 from femsub.algebra.factor import Factor
 from femsub.algebra.petsc import versions
 from femsub.algebra.threads import libraries, one_thread
+from femsub.algebra.waiting import is_stopped
 from femsub.reduction import parts
 from femsub.reduction.method import Method
 
@@ -280,6 +284,102 @@ def test_what_a_killed_run_left_in_memory_is_removed(tmp_path: Path) -> None:
         with folders.task_folder(tmp_path) as second:
             assert Path(first, folders.ALIVE).exists() and first != second
     assert list(tmp_path.iterdir()) == [foreign]
+
+
+def stopping(folder: str, which: str) -> str:
+    """`which` stops: the process itself, or that of the task before, which has ended."""
+    path = Path(folder, "pids")
+    with path.open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    if which == "other":
+        until(lambda: len(path.read_text().split()) == 2)
+        time.sleep(0.5)  # the other task's result is taken
+    if which:
+        (own, *others) = sorted(map(int, path.read_text().split()), key=lambda pid: pid != os.getpid())
+        os.kill(own if which == "self" else others[0], signal.SIGSTOP)
+    return which
+
+
+def continued(folder: Path) -> Timer:
+    """After a while stopped processes go on, or a test would wait for ever."""
+    late = Timer(40.0, lambda: [os.kill(pid, signal.SIGCONT) for pid in stopped_processes(folder)])
+    late.start()
+    return late
+
+
+def stopped_processes(folder: Path) -> list[int]:
+    return [pid for pid in map(int, (folder / "pids").read_text().split()) if is_stopped(pid)]
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+@pytest.mark.parametrize("sent", [signal.SIGCONT, signal.SIGKILL])
+def test_a_worker_that_is_stopped_is_named_and_what_is_advised_works(sent: signal.Signals, tmp_path: Path,
+                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.algebra.waiting.LEAST", 0.2)
+    said: list[str] = []
+
+    class Advised(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            said.append(record.getMessage())
+            command = re.search(rf"`kill -{sent.name[3:]} (\d+)`", said[-1])
+            assert command is not None
+            os.kill(int(command[1]), sent)
+
+    late = continued(tmp_path)
+    log, handler = logging.getLogger("femsub.algebra.waiting"), Advised()
+    log.addHandler(handler)
+    try:
+        tasks = {"a": (str(tmp_path), "self"), "b": (str(tmp_path), "")}
+        if sent == signal.SIGCONT:
+            assert workers.side_by_side(stopping, tasks, 2) == {"a": "self", "b": ""}
+        else:
+            with pytest.raises(fs.WorkerError, match="no result for the part 'a'") as caught:
+                workers.side_by_side(stopping, tasks, 2)
+            assert caught.value.done == {"b": ""}
+    finally:
+        log.removeHandler(handler)
+        late.cancel()
+    assert len(said) == 1 and re.match(r"the part 'a' waits: process \d+ is stopped \(state T\)", said[0])
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+def test_an_idle_worker_that_is_stopped_is_not_waited_for(tmp_path: Path) -> None:
+    late = continued(tmp_path)
+    assert workers.side_by_side(stopping, {"a": (str(tmp_path), ""), "b": (str(tmp_path), "other")}, 2) == {"a": "", "b": "other"}
+    assert late.is_alive(), "it waited for the timer"
+    late.cancel()
+    assert not stopped_processes(tmp_path)
+
+
+def no_room(*_: Any, **__: Any) -> Any:
+    raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize(("what", "words"), [
+    ("tempfile.mkdtemp", "cannot take the files of one call .No space left.*TMPDIR"),
+    ("multiprocessing.synchronize.SemLock.__init__", "/dev/shm cannot take the semaphores of worker processes"),
+    ("tempfile.gettempdir", "no folder takes temporary files .No space left.*TMPDIR")])
+def test_a_folder_without_room_for_the_least_is_named(what: str, words: str, folder: Path,
+                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    if what == "tempfile.gettempdir":
+        monkeypatch.setattr("femsub.checks.gettempdir", no_room)
+        monkeypatch.setattr(folders, "MEMORY", folder / "none")
+    else:
+        monkeypatch.setattr(what, no_room)
+    with pytest.raises(fs.NotEnoughMemoryError, match=words):
+        workers.side_by_side(stopping, {"a": (str(folder), ""), "b": (str(folder), "")}, 2)
+    assert not list(folder.iterdir())
+
+
+def test_a_bit_of_what_is_stored_that_turned_is_seen(tmp_path: Path) -> None:
+    written = workers.store(tmp_path / "one", {"A": np.arange(4.0), "b": 1.5})
+    content = bytearray((written / "pickle").read_bytes())
+    for at in range(len(content)):
+        content[at] ^= 1
+        (written / "pickle").write_bytes(content)
+        with pytest.raises(fs.InputError, match="one/pickle is damaged"):
+            workers.load(written)
+        content[at] ^= 1
 
 
 class Untouched(Executor):

@@ -163,8 +163,8 @@ class Levels:
             if not task.below and (names is None or task.name in names):
                 part = self.recipes[task.name]()
                 if part.size != task.size or _lengths(part) != task.sets:
-                    raise InputError(f"the function of the part {task.name!r} makes another component now: it has {part.size} DOF "
-                                     f"and had {task.size}, or has another interface. Delete {self.folder} and reduce again")
+                    raise InputError(f"the function of the part {task.name!r} makes another component now, of {part.size} DOF "
+                                     f"instead of {task.size}, or with another interface. Delete {self.folder} and reduce again")
                 u = _displacements(part, _read(self.folder, task)["beside"], q)
                 yield task.name, u.reshape(-1, *x.shape[1:])
 
