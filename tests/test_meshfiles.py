@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,6 +90,25 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(fs.InputError, match="No space left"):
         fs.write_mesh(path, numbered("hexahedron"))
     assert path.read_text() == "old" and os.listdir(tmp_path) == ["m.vtu"]
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".msh", ".inp"])
+def test_a_temporary_folder_without_room_is_named(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What meshio writes goes there first."""
+    place, opened = tmp_path / "place", open
+    place.mkdir()
+
+    def full(path: Any, *given: Any, **options: Any) -> Any:
+        if str(path).startswith(str(place)):
+            raise OSError(28, "No space left on device")
+        return opened(path, *given, **options)
+
+    monkeypatch.setattr(tempfile, "tempdir", str(place))
+    monkeypatch.setattr("builtins.open", full)
+    with pytest.raises(fs.NotEnoughMemoryError, match=rf"{place} cannot take temporary files, .* MB .No space left.*Set TMPDIR"):
+        fs.write_mesh(tmp_path / f"m{suffix}", numbered("hexahedron"))
+    monkeypatch.undo()
+    assert os.listdir(tmp_path) == ["place"] and not os.listdir(place)
 
 
 NAMES = ["x<y", "R&D", "a\nb", "a\tb", "a b", "Fläche", "a,b", 'q"q', "it's", "$End", "a=b", " lead", "trail ", "", "*star",

@@ -76,11 +76,11 @@ class _Beside:
                     log.warning("process %d, which works beside this one, is stopped (state T). It is ended, and this process "
                                 "does its work", pid)
                     return ""
-            told = self._process.stdout.readline().strip()
-            if not told:
+            answer = self._process.stdout.readline().strip()
+            if not answer:
                 log.info("process %d, which worked beside this one, has ended without a result. This process does its work",
                          self._process.pid)
-            return told
+            return answer
 
     def __del__(self) -> None:
         if hasattr(self, "_held"):

@@ -23,7 +23,6 @@ from femsub.app.scene import OWN, SCENES
 from femsub.app.units import SYSTEMS, UNKNOWN
 from femsub.checks import Array, package, unlike
 from femsub.errors import FemsubError, InputError
-from femsub.io import HASHES
 from femsub.studies import ANSWERS, label
 
 PAGE_FILE = "report.html"
@@ -65,7 +64,7 @@ def show(folder: Path) -> Path:
         if told is None or not isinstance(kind, str) or not (kind in SCENES or kind.endswith(OWN)):
             raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
         place = folder / MODE_FILE
-        if place.is_file() and MODE_FILE in told[HASHES] and (why := unlike(place, told[HASHES][MODE_FILE])):
+        if place.is_file() and (known := told["sha256"].get(MODE_FILE)) and (why := unlike(place, known)):
             raise InputError(f"{place} is not the file that {RESULTS} was written with: {why}. Delete it, or run the scene again")
         mode = read_mode(place) if place.is_file() else None
         content = io.BytesIO()

@@ -140,7 +140,8 @@ def _write_matlab(file: BinaryIO, model: Substructure, parts: Mapping[str, Matri
 
 
 def write_op4(file: BinaryIO, op4: Any, parts: Mapping[str, Matrix]) -> None:
-    with scratch(sum(8.0 * part.size for part in parts.values())) as folder:  # pyyeti needs a file name, and closes the file
+    need = sum((24.0 if sp.issparse(part) else 8.0) * part.size for part in parts.values())
+    with scratch(need) as folder:  # pyyeti needs a file name, and closes the file
         path = folder / "model.op4"
         op4.write(str(path), dict(parts))
         with path.open("rb") as whole:
