@@ -18,6 +18,7 @@ import numpy as np
 
 import femsub as fs
 from benchmarks.attractor_states import Motion, motion, settled
+from benchmarks.sealed import opened, sealed
 from femsub.coupling.contacts.belt import STICKING
 from femsub.motion.nonlinear_model import State, project, sliding
 from femsub.reduction.reduce import METHODS
@@ -189,13 +190,13 @@ def read(path: Path, settings: Settings) -> dict[tuple[Any, ...], Record]:
         return {}
     text = path.read_bytes()
     whole = text[:text.rfind(b"\n") + 1]
-    lines = [json.loads(line) for line in whole.splitlines()]
-    if lines and lines[0] != _head(settings):
+    head, *lines = whole.splitlines() or [b""]
+    if head and opened(head, path) != _head(settings):
         raise fs.InputError(f"{path} holds results of other settings; give another --out, or remove it")
     if len(whole) < len(text):
         with path.open("r+b") as file:
             file.truncate(len(whole))
-    return {_key(line): line for line in lines[1:]}
+    return {_key(record): record for line in lines if (record := opened(line, path)) is not None}
 
 
 def _key(record: Record) -> tuple[Any, ...]:
@@ -214,12 +215,11 @@ def run(path: Path, settings: Settings, wanted: list[Task], workers: int, tell: 
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("a", encoding="utf-8") as file:
             if file.tell() == 0:
-                file.write(json.dumps(_head(settings)) + "\n")
+                file.write(sealed(_head(settings)) + "\n")
             for count, record in enumerate(_computed(settings, missing, workers), start=len(wanted) - len(missing) + 1):
-                line = json.dumps(record)
-                file.write(line + "\n")
+                file.write(sealed(record) + "\n")
                 file.flush()
-                done[_key(record)] = json.loads(line)
+                done[_key(record)] = json.loads(json.dumps(record))
                 tell(f"{count} of {len(wanted)} trajectories: {record['method']}, {record['size']} DOF")
     return [done[task.key] for task in wanted]
 

@@ -31,6 +31,7 @@ import numpy as np
 
 import femsub as fs
 from benchmarks.processes import fresh, machine, peak_mb
+from benchmarks.sealed import opened_bytes, sealed_bytes
 from femsub.app.scenes.brake import PADS, Brake, BrakeScene
 from femsub.io.atomic import write_whole
 from femsub.model.affine import Affine
@@ -144,9 +145,10 @@ def by_parts(size: float, points: int, folder: Path | None = None) -> Row:
     found = {}
     for name in ("disc", *PADS):
         path = None if folder is None else folder / f"{name}-{size:g}.pickle"
-        found[name] = fresh(part, size, name) if path is None or not path.exists() else pickle.loads(path.read_bytes())
+        kept = None if path is None else opened_bytes(path)
+        found[name] = fresh(part, size, name) if kept is None else pickle.loads(kept)
         if path is not None:
-            write_whole(path.parent, {path.name: partial(_write, pickle.dumps(found[name]))})
+            write_whole(path.parent, {path.name: partial(_write, sealed_bytes(pickle.dumps(found[name])))})
             print(f"{name}: {found[name][1]}", flush=True)
     last = fresh(joined, size, {name: model for name, (model, _) in found.items()}, points)
     rows = {name: row for name, (_, row) in found.items()}

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +10,7 @@ import numpy as np
 
 from benchmarks.comparisons import FREQUENCIES, REFERENCE
 from benchmarks.processes import Row
+from benchmarks.sealed import opened, sealed
 
 FILE = "measured.jsonl"
 LOST = 1e-2  # relative: a mode of which no frequency is nearer than that is missed
@@ -37,11 +36,10 @@ class Journal:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / FILE
-        text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""
+        text = self.path.read_text(encoding="utf-8", errors="replace") if self.path.exists() else ""
         self.known: dict[tuple[Case, str, int], Row] = {}
         for line in text.splitlines():
-            with suppress(json.JSONDecodeError):  # the process may have been killed while it wrote a line
-                row = json.loads(line)
+            if line and (row := opened(line, self.path)) is not None:  # the process may have been killed while it wrote it
                 size = tuple(row["size"]) if isinstance(row["size"], list) else row["size"]
                 case = Case(row["component"], size, row["nodes"], row["modes"])
                 self.known[case, row["method"], row["round"]] = row
@@ -51,7 +49,7 @@ class Journal:
         row = case._asdict() | {"method": method, "round": turn} | row
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with open(self.path, "a", encoding="utf-8") as file:
-            file.write(f"\n{json.dumps(row)}\n")  # on a line of its own, whatever was left before
+            file.write(f"\n{sealed(row)}\n")  # on a line of its own, whatever was left before
         self.known[case, method, turn] = row
         return row
 

@@ -184,7 +184,8 @@ def test_what_the_full_model_ends_in_is_carried_over() -> None:
     assert rom.expand(begun.velocity) == pytest.approx(run.final.velocity, abs=1e-4)
 
 
-def test_an_interrupted_run_goes_on(tmp_path: Path, small: list[runs.Task], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_goes_on(tmp_path: Path, small: list[runs.Task], monkeypatch: pytest.MonkeyPatch,
+                                    capsys: pytest.CaptureFixture[str]) -> None:
     quick = replace(QUICK, window=100.0, earliest=200.0, latest=200.0)
     whole = runs.run(tmp_path / "whole.jsonl", quick, small, 1, lambda _: None)
     path, followed, original = tmp_path / "cut.jsonl", [], runs.follow
@@ -208,6 +209,12 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, small: list[runs.Task], monk
     assert len(path.read_text().splitlines()) == 4
     runs.run(path, quick, small, 1, told.append)
     assert len(followed) == 3 and len(told) == 1
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:2], lines[2].replace('"end": ', '"end": 1'), lines[3], ""]))  # a digit more
+    again = runs.run(path, quick, small, 1, told.append)
+    assert followed == [*small, small[1]]
+    assert [line | {"seconds": 0} for line in again] == [line | {"seconds": 0} for line in whole]
+    assert "a line is damaged" in capsys.readouterr().err
     with pytest.raises(fs.InputError, match="results of other settings"):
         runs.run(path, replace(quick, seed=2), small, 1, told.append)
 

@@ -20,6 +20,7 @@ import pytest
 
 from benchmarks.comparisons import NAMES
 from benchmarks.processes import StoppedError, together_mb, watched
+from benchmarks.sealed import opened_bytes, sealed_bytes
 from benchmarks.users import LOST, Case, Journal, compared
 from femsub.algebra import petsc
 
@@ -280,3 +281,18 @@ def test_workers() -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "equal to the last digit" in done.stdout, done.stdout + done.stderr
     assert "asked" not in done.stdout
+
+
+def test_a_part_that_was_kept_and_damaged_is_made_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "part"
+    assert opened_bytes(path) is None
+    content = bytearray(sealed_bytes(b"a part"))
+    for at in range(len(content)):
+        path.write_bytes(content)
+        assert opened_bytes(path) == b"a part"
+        content[at] ^= 4
+        path.write_bytes(content)
+        assert opened_bytes(path) is None and "is damaged" in capsys.readouterr().err
+        content[at] ^= 4
+    path.write_bytes(b"")
+    assert opened_bytes(path) is None
