@@ -206,6 +206,7 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
         some 5 to 10 times the highest of interest.
     folder : str or Path
         For the result of each step. What is there of an earlier run with the same parts and method is taken; the rest is made.
+        Each file is compared with its hash first. A warning names one that is damaged, and its step is made anew.
         A function is known by its name and arguments: delete the folder if you change its code. The processes of an executor must
         see it. It is read by pickle: name no folder of somebody you do not trust.
     workers, executor
@@ -220,6 +221,8 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
     ------
     InputError, InputTypeError
         Parts that share no set with the others, another method, what is no Substructure, a folder in which another run works.
+    NotEnoughMemoryError
+        The folder has no room for a result. With more room the same call goes on from there.
     WorkerError
         A worker process died or ran out of memory. The same call goes on from there.
 
