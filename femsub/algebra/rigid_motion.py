@@ -296,16 +296,23 @@ def _stacked(blocks: list[tuple[Matrix, Matrix]], columns: int) -> tuple[Array, 
 def null_space(B: Array, size: Array) -> Array | None:
     """N (r, k), the c with B c = 0, where `size` (m, r) ≥ |B| are the terms that cancel in B; None where rounding leaves it open.
 
-    Rows and columns are scaled by `size` first, so that neither units nor masses matter.
+    Rows and columns are scaled by `size` first, so that neither units nor masses matter: by the factors that bring its entries
+    nearest to 1 in the mean of their logarithms, since a row that joins a large motion to a small one has the largest entry from
+    the large one alone.
     """
     r = B.shape[1]
-    rows = size.max(axis=1, initial=0.0)
-    B, size = B[rows > 0] / rows[rows > 0, None], size[rows > 0] / rows[rows > 0, None]
-    columns = size.max(axis=0, initial=0.0)
-    columns = np.where(columns > 0, columns, 1.0)
+    rows = size.any(axis=1)
+    B, size = B[rows], size[rows]
     if not len(B):
         return np.eye(r)
-    B = B / columns
+    there = size > 0
+    share = there / there.sum(axis=1, keepdims=True)
+    log = np.log(size, out=np.zeros_like(size), where=there)
+    log -= there * (share * log).sum(axis=1, keepdims=True)
+    columns = np.exp(np.linalg.lstsq(np.diag(there.sum(axis=0)) - there.T @ share, log.sum(axis=0), rcond=None)[0])
+    widest = (size / columns).max(axis=1, keepdims=True)
+    columns *= np.where(there.any(axis=0), (size / columns / widest).max(axis=0), 1.0)
+    B = B / widest / columns
     small: Array = np.asarray(np.linalg.qr(B, mode="r")) if len(B) > r else B  # the svd makes a square matrix of all rows
     values, V = np.linalg.svd(small, full_matrices=True)[1:]
     values = np.append(values, np.zeros(r - len(values)))
