@@ -196,6 +196,26 @@ def test_a_load_that_inertia_balances_leaves_no_residual(key: str) -> None:
             np.testing.assert_allclose(spectrum(rom), [0, 0, np.sqrt(k * (1 / one + 1 / other))], rtol=1e-9)
 
 
+@pytest.mark.parametrize("modes", [0, 2])
+@pytest.mark.parametrize("sub", [
+    fs.chain(9, interface=range(1, 10), fixed=False), fs.chain(9, interface=(1, 2, 5, 6, 7, 8, 9)),
+    fs.beam(1.0, 4, E=2e11, I=1e-8, rho=7850.0, A=1e-4, interface=[0.0, 0.25, 0.5, 0.75, 1.0])],
+    ids=["free chain", "held chain", "free beam"])
+def test_dual_craig_bampton_has_forces_that_do_not_depend_on_each_other(sub: fs.Substructure, modes: int) -> None:
+    """More forces than residual responses: with one coordinate each, M and K would be singular together."""
+    rom = fs.reduce(sub, fs.DualCraigBampton(modes))
+    rigid = fs.normal_modes(sub, count=0).rigid
+    assert rom.kinds.count("interface force") == len(sub.interface) - rom.dropped == rom.size - rigid - modes
+    found, exact = (fs.normal_modes(one, count=rom.size - rigid) for one in (rom, fs.reduce(sub, fs.CraigChang(modes))))
+    assert found.rigid == exact.rigid and found.evidence == "certified"
+    np.testing.assert_allclose(found.frequencies, exact.frequencies, rtol=1e-9)
+    other = fs.chain(3, interface=[3])
+    joints = [fs.Rigid(("part", [4]), ("other", [2]))]
+    weak, full = (fs.normal_modes(fs.couple({"part": one, "other": other}, joints), count=3) for one in (rom, sub))
+    assert weak.rigid == full.rigid
+    np.testing.assert_allclose(weak.frequencies, full.frequencies, rtol=1e-3 if rom.size == sub.size else 0.1)
+
+
 def test_rubin_and_macneal_have_the_blocks_of_their_papers() -> None:
     sub = lattice(4, 5)
     dual, rubin, macneal = (reduced(sub, key, 4) for key in ("dual-craig-bampton", "rubin", "macneal"))

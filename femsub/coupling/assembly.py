@@ -29,14 +29,14 @@ from femsub.algebra import (
     without_dust,
 )
 from femsub.checks import Array, Matrix, choice, instance, items, mapping
-from femsub.coupling.dual import Multiplied, by_forces, check_span, finite_span, multiplied
+from femsub.coupling.dual import Multiplied, check_span, finite_span, multiplied
 from femsub.coupling.joined import (
     check_connected,
     checked_parts,
     conditions,
     distinct,
     equations_of,
-    joint_forces,
+    forces_on_parts,
     linked,
     listed,
     open_rows,
@@ -334,10 +334,10 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     for key, part in full.items():  # joints reach the interface, contacts the ports
         acting = [part.D, part.H, *(w.reshape(part.size, -1) for w in part.ports.values())]
         part.refuse_empty(*acting, rows=part.interior, name=key)
-    weak = [bool(link.equations) and (assembly == "dual" or any(by_forces(parts[part]) for part in link.equations))
-            for link in links]
     C, owner = conditions(parts, links)
     equations = equations_of(parts, C, owner)
+    by_force, compliance = forces_on_parts(parts, equations.unit)
+    forces = sp.csr_array(-by_force @ C.T)
 
     def refuse(owner: Array, equations: int, coordinates: int) -> None:
         """Locked coordinates are a result of too few modes, unless all parts of these joints have all of theirs."""
@@ -346,17 +346,20 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
             raise InputError(f"{', '.join(repr(joints[i]) for i in named)}: the {equations} equations leave no motion to the "
                              f"{coordinates} coordinates they couple: keep more modes in these parts, or join fewer DOF")
 
-    dual = np.array(weak, dtype=bool)[owner]
+    dual = np.isin(owner, owner[forces.indices]) | (assembly == "dual")
     turn, between = with_interfaces(parts, C[np.flatnonzero(~dual)], equations.chosen(~dual))
     found = eliminate(between, refuse)
     found = replace(found, L=sp.csr_array(turn @ found.L))
     joined = Multiplied(found.L, sp.csr_array((0, found.L.shape[1])), equations.A[:0], found.unit, owner[:0])
     redundant, spurious, dense = found.redundant, 0, not any(sp.issparse(part.K) for part in parts.values())
     weakly = False
-    if dual.any() or any(map(by_forces, parts.values())):
-        forces, compliance = joint_forces(parts, C[np.flatnonzero(dual)], equations.unit)
+    if dual.any() or by_force.nnz:
+        forces = forces[:, np.flatnonzero(dual)]
+        # on the open interface, and where springs pull beside the joints
+        kept = (np.bincount(C.indices, minlength=len(compliance)) == 0) | (sprung(parts, links).astype(float) @ abs(by_force) > 0)
+        kept &= compliance > 0
         K = block_diagonal([part.K for part in parts.values()])
-        joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, sprung(parts, links), refuse)
+        joined = multiplied(equations.chosen(dual), found.L, forces, by_force[:, kept], compliance[kept], K, refuse)
         redundant += int(dual.sum()) - len(joined.owner)
         weakly = bool(forces.nnz)
         if weakly:

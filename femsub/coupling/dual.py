@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from femsub.algebra import ROUNDING, Equations, congruent, eliminate, independent, product, units
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, MissedModesError
-from femsub.model import ReducedSubstructure, Substructure
+from femsub.model import Substructure
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
 STIFF = 1e-10  # relative residual flexibility at a joint below which the joint is made exact
@@ -50,12 +50,23 @@ class Multiplied:
         return half + half.T
 
 
-def by_forces(part: Substructure) -> bool:
-    """Whether the part is reduced with interface forces as coordinates (dual Craig-Bampton), one per interface DOF."""
-    return isinstance(part, ReducedSubstructure) and part.kinds.count(FORCE) == len(part.full_interface) > 0
+def interface_forces(part: Substructure) -> Matrix:
+    """A (n, n_b), sparse: how forces at the interface act on the coordinates g of a part that is reduced by such forces; else 0.
+
+    A force without a coordinate of its own acts on those that it depends on, K_gg⁻¹ times the motion of its DOF by them.
+    """
+    force = np.flatnonzero(np.array(getattr(part, "kinds", ())) == FORCE)
+    n_b = len(part.interface_numbers)
+    on = np.eye(len(force), n_b)
+    if 0 < len(force) < n_b:
+        K = part.K[np.ix_(force, force)]
+        scale = K.diagonal()[:, None] ** -0.5
+        inverse, moved = np.linalg.inv(scale * K * scale.T), scale * np.asarray(part.interface_rows)[:, force].T
+        on = scale * np.where(np.abs(inverse @ moved) > ROUNDING * (np.abs(inverse) @ np.abs(moved)), inverse @ moved, 0.0)
+    return sp.csr_array(sp.eye_array(part.size, format="csr")[:, force] @ sp.csr_array(on))
 
 
-def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Array, K: Matrix, sprung: Array,
+def multiplied(equations: Equations, L: Matrix, forces: Matrix, own: Matrix, compliance: Array, K: Matrix,
                refuse: Callable[[Array, int, int], None]) -> Multiplied:
     """x = (y, λ): the coordinates that the other joints leave, but without forces that λ gives, and the multipliers.
 
@@ -71,12 +82,12 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
         What the other joints leave; it does not touch the coordinates g.
     forces : sparse, shape (N, m)
         -Cᵀ in the rows of the coordinates g, without entries where no part has such.
-    compliance : ndarray, shape (N,)
-        For each g the flexibility of its DOF by all coordinates of the part; 0 for all other coordinates.
+    own : sparse, shape (N, k)
+        What forces do in these rows that stay beside those of the joints.
+    compliance : ndarray, shape (k,)
+        The flexibility of their DOF by all coordinates of the part.
     K : sparse, shape (N, N)
         The parts' stiffness.
-    sprung : ndarray of bool, shape (N,)
-        What springs move: there the force of a joint is not the only one, and g keeps a coordinate of its own.
 
     References
     ----------
@@ -86,12 +97,11 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
     size = (abs(equations.A) @ abs(L)) @ unit
     rows = independent(Equations(sp.csr_array(equations.A @ L), unit, unit > 0, equations.owner), np.where(size > 0, size, 1.0))
     A, F, owner = equations.A[rows], sp.csr_array(forces[:, rows]), equations.owner[rows]
-    given = np.diff(F.indptr) > 0  # forces that the multipliers give
-    stay = np.flatnonzero((given & ~sprung).astype(float) @ abs(L) == 0)
-    L, unit, own = _yielding(sp.csr_array(L[:, stay]), unit[stay], compliance, K)
-    if not given.any():
+    stay = np.flatnonzero((np.diff(forces.indptr) + np.diff(own.indptr) > 0).astype(float) @ abs(L) == 0)
+    L, unit, yielding = _yielding(sp.csr_array(L[:, stay]), unit[stay], own, compliance, K)
+    if not F.nnz:
         return _beside(L, F, sp.eye_array(len(rows), format="csr"), A, unit, owner)
-    F = _beyond(F, L[:, own], K)
+    F = _beyond(F, L[:, yielding], K)
     AL = sp.csr_array(A @ L)
     size = np.sqrt(AL.multiply(AL) @ unit**2)
     size = 1 / np.where(size > 0, size, 1.0)
@@ -126,19 +136,14 @@ def _beyond(F: Matrix, own: Matrix, K: Matrix) -> Matrix:
     return sp.csr_array(F - product(own, sp.csr_array(share)))
 
 
-def _yielding(L: Matrix, unit: Array, compliance: Array, K: Matrix) -> tuple[Matrix, Array, slice]:
-    """L with, for its columns that are interface forces, combinations of them that have residual flexibility; and where."""
-    size = compliance @ L
-    at = np.flatnonzero(size > 0)
-    if not len(at):
-        return L, unit, slice(0, 0)
-    scale = size[at] ** -0.5
-    flexibility = congruent(K, L[:, at]).toarray() * np.outer(scale, scale)
+def _yielding(L: Matrix, unit: Array, own: Matrix, compliance: Array, K: Matrix) -> tuple[Matrix, Array, slice]:
+    """L beside combinations of forces `own` that have residual flexibility; and where these are."""
+    scale = compliance ** -0.5
+    flexibility = congruent(K, own).toarray() * np.outer(scale, scale)
     values, turn = np.linalg.eigh(flexibility)
     turn = scale[:, None] * turn[:, values > STIFF]
-    rest = np.flatnonzero(size == 0)
-    return (sp.csr_array(sp.hstack([L[:, rest], product(L[:, at], sp.csr_array(turn))])),
-            np.append(unit[rest], np.einsum("ij,ij->j", turn, congruent(K, L[:, at]) @ turn) ** -0.5), slice(len(rest), None))
+    return (sp.csr_array(sp.hstack([L, product(own, sp.csr_array(turn))])),
+            np.append(unit, np.einsum("ij,ij->j", turn, congruent(K, own) @ turn) ** -0.5), slice(L.shape[1], None))
 
 
 def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: Array) -> Multiplied:

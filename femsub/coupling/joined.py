@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra import Equations, block_diagonal, comparable, product, recovered, units
 from femsub.checks import Array, Matrix, instance, items, mapping, word
-from femsub.coupling.dual import FORCE, by_forces
+from femsub.coupling.dual import interface_forces
 from femsub.coupling.joints import End, Joint, Link, site
 from femsub.errors import InputError, InputTypeError
 from femsub.model import Substructure
@@ -150,20 +150,21 @@ def _units_at_rest(part: Substructure) -> Array:
     return comparable(np.where(energy > 0, energy, 1.0) ** -0.5)
 
 
-def joint_forces(parts: Mapping[str, Substructure], C: Matrix, unit: Array) -> tuple[Matrix, Array]:
-    """Of the parts that are reduced by interface forces g: -Cᵀ of `conditions` in the rows of g, sparse, shape (N, m); and, for
-    each g, the square of how far its DOF moves at unit energy of the part, shape (N,).
+def forces_on_parts(parts: Mapping[str, Substructure], unit: Array) -> tuple[Matrix, Array]:
+    """A (N, Σ n_b), sparse: what forces at all interfaces do in parts that are reduced by such forces; and the square of how far
+    their DOF move at unit energy of such a part, shape (Σ n_b,).
     """
-    compliance, places = np.zeros(len(unit)), []
+    places, compliance = [], []
     for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
-        place = sp.csr_array((part.size, len(part.interface_numbers)))
-        if by_forces(part):
-            force = np.array(part.kinds) == FORCE  # type: ignore[attr-defined]
-            place = sp.eye_array(part.size, format="csr")[:, np.flatnonzero(force)]
-            moved = np.asarray(part.interface_rows)[:, ~force] ** 2 @ unit[rows][~force] ** 2
-            compliance[rows] = place @ (moved + part.K.diagonal()[force])  # modes may not move a DOF at all
+        place = interface_forces(part)
         places.append(place)
-    return sp.csr_array(block_diagonal(places) @ -C.T), compliance
+        squares = np.zeros(place.shape[1])
+        if place.nnz:
+            others = np.diff(place.indptr) == 0
+            squares = np.asarray(part.interface_rows)[:, others] ** 2 @ unit[rows][others] ** 2  # modes may not move a DOF at all
+            squares += np.einsum("ij,ij->j", place.toarray(), part.K @ place.toarray())
+        compliance.append(squares)
+    return sp.csr_array(block_diagonal(places)), np.concatenate(compliance)
 
 
 def springs_of(parts: Mapping[str, Substructure], links: Sequence[Link]) -> list[tuple[Matrix, Link]]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg as la
 
 from femsub.coupling import FORCE
 from femsub.reduction.basis import Basis, Statics
@@ -25,8 +26,9 @@ class DualCraigBampton(FreeInterface):
     g = -Bᵀλ with the joint's forces λ: the interfaces meet in the mean only, weighted with the residual flexibility. A system
     has a negative eigenvalue or one at infinity for each λ; they are spurious. By itself the model is that of Craig-Chang.
 
-    If the kept modes carry the whole response to a force, its rows of M and K are zero. If that holds for all forces, as with
-    every mode kept, there are no coordinates g. ``.dropped`` counts them.
+    A force whose residual response depends on those of others has no coordinate of its own, since M and K would be singular
+    together: the others represent it. The same holds for a force whose whole response the kept modes carry. With every mode kept
+    there are no coordinates g. ``.dropped`` counts such forces.
 
     Parameters
     ----------
@@ -54,14 +56,15 @@ class DualCraigBampton(FreeInterface):
         stiffness = basis.K.diagonal()[m:]
         if not len(stiffness):
             return basis
+        residual = np.arange(len(basis.M)) >= m  # a force that moves its DOF by rounding is no soft spring
+        basis = replace(basis, interface=np.where(residual & (np.abs(motion_by(basis)) < DUST), 0.0, basis.interface))
         at = basis.interface[:, m:].T / np.sqrt(stiffness)[:, None]  # motion at unit energy (s, n_b)
-        at[np.abs(motion_by(basis)[:, m:].T) < DUST] = 0.0  # a force that moves its DOF by rounding is no soft spring
-        blocks, kinds = [at], (FORCE,) * n_b
+        size = np.linalg.norm(at, axis=0)
+        left, R, order = la.qr(at / np.where(size > 0, size, 1.0), pivoting=True)
+        rank = int(np.count_nonzero(np.abs(R.diagonal()) > SEEN)) if size.any() else 0
+        blocks, kinds = [at[:, np.sort(order[:rank])]], (FORCE,) * rank
         if statics.forces.shape[1] > n_b:  # shapes of ports, K-orthogonal to those of the interface
-            size = np.linalg.norm(at, axis=0)
-            left, values, _ = np.linalg.svd(at / np.where(size > 0, size, 1.0))
-            beside = left[:, np.count_nonzero(values > SEEN * values.max(initial=0.0)):]
-            blocks, kinds = [at, beside], kinds + ("static port",) * beside.shape[1]
+            blocks, kinds = [*blocks, left[:, rank:]], kinds + ("static port",) * (len(at) - rank)
         T = np.eye(len(basis.M), m + len(kinds))
         T[m:, m:] = np.hstack(blocks) / np.sqrt(stiffness)[:, None]
         rigid = None if basis.rigid is None else np.pad(basis.rigid[:m], ((0, len(kinds)), (0, 0)))
