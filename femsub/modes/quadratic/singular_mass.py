@@ -147,7 +147,8 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
     G = -np.linalg.solve(K[b, b], np.hstack([K[b, one], D[b, one], K[b, a]]))
     g1, gv, ga = G[:, :rank], G[:, rank:2 * rank], G[:, 2 * rank:]
     if not damped and not D[one, b].any() and not D[b, one].any():
-        values, q1, w1 = solve(Pencil(np.diag(mass), D[one, one], K[one, one] + K[one, b] @ g1))
+        values, q1, w1 = (solve(Pencil(np.diag(mass), D[one, one], K[one, one] + K[one, b] @ g1)) if rank else
+                          (mass, *np.zeros((2, 0, 0))))  # without mass and damping nothing moves by itself
         qa = wa = np.zeros((0, len(values)))
         qb = g1 @ q1
     else:
@@ -201,7 +202,7 @@ def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpa
     """
     Z, free, n = motion.shapes, motion.free, pencil.size
     heavy = np.sqrt(np.abs(pencil.M.diagonal()))  # a DOF without mass would leave the rounding of one to the others
-    Z = Z / np.linalg.norm(heavy[:, None] * Z, axis=0)
+    Z = np.linalg.solve(np.linalg.qr(heavy[:, None] * Z, mode="r").T, Z.T).T  # triangular: the free motions stay the first
     holding = la.qr((heavy[:, None] * Z).T, mode="r", pivoting=True)[1][:motion.count]
     rest = np.setdiff1d(np.arange(n), holding)
     T = np.hstack([Z[:, free:], np.eye(n)[:, rest]])
@@ -212,7 +213,7 @@ def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpa
         momentum = Z[:, :free].T @ pencil.M
         drift = -np.linalg.solve(momentum @ Z[:, :free], momentum @ T)
         share = (momentum @ T).T @ drift
-        M = np.where(np.abs(M + share) > DUST * np.abs(share), M + share, 0.0)
+        M = np.where(np.abs(M + share) > DUST * (np.abs(momentum @ T).T @ np.abs(drift)), M + share, 0.0)
         T = T + Z[:, :free] @ drift
     small = Pencil((M + M.T) / 2, (D + D.T) / 2, K)
     if free == motion.count:
