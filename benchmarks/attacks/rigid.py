@@ -240,6 +240,15 @@ class Row:
     def start(self) -> np.ndarray:
         return np.cumsum([0, *(len(piece[0]) for piece in self.pieces)])
 
+    @property
+    def interface(self) -> list[int]:
+        return sorted({int(start + dof) for start, end in zip(self.start, self.ends, strict=False) for dof in end})
+
+    @property
+    def modes(self) -> int:
+        """How many modes a method keeps of the row as one part."""
+        return int(min(6, (self.start[-1] - len(self.interface)) // 2))
+
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
         M, K = (la.block_diag(*(piece[at] for piece in self.pieces)) for at in (0, 1))
         for a, b, k in self.springs:
@@ -347,6 +356,9 @@ def _soft(random: Random, seed: int) -> str:
     if found != (2 * rigid if twice else rigid):
         known = "told" if evidence == "told" else "beyond K" if alone and energy < FEW * EPS else "wrong"
         return f"{known}: {what}: {found} at 0; next energy {energy:.0e}"
+    if np.isinf(lowest):  # without elastic modes MacNeal's part has no mass but that of its rigid motion
+        bare = form == "whole" and method is fs.MacNeal and row.modes == 0
+        return evidence if bare else f"wrong: {what}: no elastic mode"
     error = lowest / omega - 1  # a reduced model may be stiffer
     if error < -CLOSE[form] or (form in ("own", "joined") and error > CLOSE[form]):
         within = evidence == "told" or abs(error) < FEW * bar
@@ -357,9 +369,8 @@ def _soft(random: Random, seed: int) -> str:
 def _as_one(random: Random, row: Row, method: Any, reduced: bool) -> fs.Substructure:
     M, K = row.matrices()
     wanted = sp.csr_array if random.random() < 0.5 else np.array
-    ends = sorted({int(start + dof) for start, end in zip(row.start, row.ends, strict=False) for dof in end})
-    model = fs.Substructure(wanted(M), wanted(K), interface=ends)
-    return fs.reduce(model, method(int(min(6, (len(M) - len(ends)) // 2)))) if reduced else model
+    model = fs.Substructure(wanted(M), wanted(K), interface=row.interface)
+    return fs.reduce(model, method(row.modes)) if reduced else model
 
 
 def _as_system(random: Random, row: Row, method: Any, reduced: bool) -> fs.Substructure:
@@ -371,12 +382,18 @@ def _as_system(random: Random, row: Row, method: Any, reduced: bool) -> fs.Subst
 
 
 def _by_complex_modes(model: fs.Substructure) -> tuple[int, float, float, str]:
+    """How many eigenvalues are at 0; the lowest other frequency, inf if there is none; its relative error bar; the evidence."""
     modes = fs.complex_modes(model)
+    if modes.rigid.all():
+        return len(modes.rigid), np.inf, 0.0, modes.evidence
     low = int(np.where(modes.rigid, np.inf, np.abs(modes.eigenvalues)).argmin())
     lowest = float(np.abs(modes.eigenvalues[low]))
     return int(modes.rigid.sum()), lowest, float(modes.error_bar[low]) / lowest, modes.evidence
 
 
 def _by_normal_modes(model: fs.Substructure) -> tuple[int, float, float, str]:
+    """The same of the undamped modes."""
     modes = fs.normal_modes(model, count=1)
+    if modes.rigid == len(modes.frequencies):
+        return modes.rigid, np.inf, 0.0, modes.evidence
     return modes.rigid, float(modes.frequencies[-1]), float(modes.rounding[-1]), modes.evidence

@@ -27,23 +27,31 @@ def rank_of_mass(M: Matrix) -> int:
     return rank
 
 
-def massless_apart(M: Array, rank: int) -> tuple[Array, Array]:
+def massless_apart(M: Array, rank: int, stiffness: Array) -> tuple[Array, Array]:
     """T (n, n) with TᵀMT = [[M₁₁, 0], [0, 0]], M₁₁ of `rank` DOF. The last columns are motions that move no mass.
 
-    The first columns are single DOF (pivoted Cholesky of SMS); a rotation would mix stiff DOF into soft ones.
+    The first columns are single DOF, by Cholesky's decomposition with pivots; a rotation would mix stiff DOF into soft ones. The
+    pivot is the mass left over the `stiffness` (n,) of the DOF: motion without mass takes little of soft DOF that way. Else a stiff
+    DOF of little mass would move far with each of them, and their stiffness be rounding beside its own.
     """
     import scipy.linalg as la
 
-    n, unit = len(M), _unit(M)
-    R, pivots = la.lapack.dpstrf(unit[:, None] * M * unit, tol=0.0)[:2]
-    order = pivots - 1
-    T = np.zeros((n, n))
-    T[order, np.arange(n)] = 1.0
-    null = -la.solve_triangular(R[:rank, :rank], R[:rank, rank:])
-    T[order[:rank], rank:] = unit[order[:rank], None] * null / unit[order[rank:]]
-    mass = np.zeros((n, n))
-    mass[:rank, :rank] = M[np.ix_(order[:rank], order[:rank])]
-    return T, mass
+    n, mass = len(M), M.diagonal()
+    left, R, order = mass.copy(), np.zeros((rank, n)), np.zeros(0, dtype=np.intp)
+    speed = np.divide(1.0, stiffness, out=np.full(n, np.inf), where=stiffness > 0)
+    for k in range(rank):
+        clear = left > SINGULAR * mass
+        score = np.where(clear, left * speed, -1.0) if clear.any() else np.divide(left, mass, out=np.zeros(n), where=mass > 0)
+        score[order] = -np.inf
+        order = np.append(order, score.argmax())
+        R[k] = (M[order[k]] - R[:k, order[k]] @ R[:k]) / np.sqrt(left[order[k]])
+        left = np.maximum(left - R[k] ** 2, 0.0)
+    rest = np.setdiff1d(np.arange(n), order)
+    T, kept = np.zeros((n, n)), np.zeros((n, n))
+    T[np.append(order, rest), np.arange(n)] = 1.0
+    T[order, rank:] = -la.solve_triangular(R[:, order], R[:, rest])
+    kept[:rank, :rank] = M[np.ix_(order, order)]
+    return T, kept
 
 
 def _unit(M: Array) -> Array:

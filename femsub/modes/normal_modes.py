@@ -178,7 +178,7 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
     lifted = rigid + len(own)
     turn = None
     if handle.finite < np.count_nonzero(M.diagonal()):  # M is singular, but not because of single massless DOF
-        turn, M = massless_apart(M, handle.finite)
+        turn, M = massless_apart(M, handle.finite, K.diagonal())
         K = turn.T @ K @ turn
     massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
     bound = np.zeros((0, len(massive)))

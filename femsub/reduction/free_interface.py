@@ -82,7 +82,10 @@ def motion_by(basis: Basis) -> Array:
     """The motion of the interface DOF by each column at unit energy, as a share of that by all, shape (n_b, r)."""
     stiffness, mass = basis.K.diagonal(), basis.M.diagonal()
     both = (stiffness > 0) & (mass > 0)
-    lowest = float((stiffness[both] / mass[both]).min()) if both.any() else 1.0
+    strain, inertia = (float(np.einsum("ij,ij,j->", basis.interface[:, on], basis.interface[:, on], 1 / size[on]))
+                       for size in (stiffness, mass) for on in (size > 0,))
+    # with neither an elastic mode nor residual mass rigid motion is taken to cost as much as strain, in any units
+    lowest = float((stiffness[both] / mass[both]).min()) if both.any() else inertia / strain if strain * inertia else 1.0
     B = basis.interface / np.sqrt(stiffness + lowest * mass)
     size = np.linalg.norm(B, axis=1)
     return np.asarray(B / np.where(size > 0, size, 1.0)[:, None])
