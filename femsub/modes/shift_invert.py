@@ -389,7 +389,7 @@ class ShiftInvert:
             raise SingularMatrixError(f"rounding in the entries of K may change ω² = {self.lowest:.3g} of the first elastic mode "
                                       f"by {blur:.1g} times as much, so that it cannot be told from rigid motion. {IN_PARTS}")
         if self.blurred:
-            self.lowest = float(self.sharpened(x, self.rigid[:, :0])[0][0])
+            self.lowest, self.doubt = (float(each[0]) for each in self.sharpened(x, self.rigid[:, :0])[0:3:2])
         return self.lowest
 
     def _lowest(self, count: int, basis: Array | None = None) -> Array:
