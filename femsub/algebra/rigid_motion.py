@@ -7,7 +7,7 @@ there. Those of a full part are found once, from its own K. A basis, a joint or 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -31,6 +31,7 @@ FREE = 1e-9  # a motion meets conditions that it violates by less than this, rel
 CLEAR = 1e-6  # and violates them from here on: between the two nothing can be said
 LEAST = 1e-3  # of the largest motion at unit energy: a DOF that moves less may do so by rounding
 SAME = 1e-9  # relative distance up to which coordinates describe a given motion
+ENTRIES = 4_000_000  # numbers in a temporary
 
 
 @dataclass(frozen=True, eq=False)
@@ -435,10 +436,27 @@ def pieces(K: Matrix, weak: float) -> Array:
     return np.asarray(connected_components(sp.csr_array(graph), directed=False)[1])
 
 
-def _each(piece: Array) -> list[Array]:
-    """The DOF of each piece."""
-    order = np.argsort(piece, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(piece[order])) + 1)
+def _alike(piece: Array) -> Iterator[tuple[Array, Array]]:
+    """The pieces (p,) of each size s, and their DOF (p, s)."""
+    order, sizes = np.argsort(piece, kind="stable"), np.bincount(piece)
+    start = np.cumsum(sizes) - sizes
+    for size in np.unique(sizes[sizes > 0]):
+        of = np.flatnonzero(sizes == size)
+        yield of, order[start[of, None] + np.arange(size)]
+
+
+def _in_blocks(indptr: Array, columns: int) -> Iterator[tuple[slice, Array, Array]]:
+    """Whole rows of a sparse matrix, some at a time: the slice of their entries, the row of each, and where each row begins.
+
+    `columns` is how many numbers a temporary takes for each entry.
+    """
+    at = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    first = 0
+    while first < len(at):
+        reached = np.searchsorted(indptr, first + ENTRIES // columns, "right") - 1
+        last = int(indptr[max(reached, at[first] + 1)])
+        yield slice(first, last), at[first:last], np.flatnonzero(np.diff(at[first:last], prepend=-1))
+        first = last
 
 
 def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, Array]:
@@ -446,14 +464,25 @@ def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, 
 
     Beside a soft spring KX is rounding: the entries of K are known, but not their sums, which K Z = 0 says.
     """
-    forces, sizes = np.zeros((2, *X.shape))
     scale = _scale(K)[:, None]
-    for at in _each(piece):
-        rows = K[at]
-        near = np.unique(rows.indices) if sp.issparse(rows) else slice(None)
-        own = np.linalg.lstsq(scale[at] * Z[at], scale[at] * X[at], rcond=SAME)[0]
-        rows, moved = rows[:, near], X[near] - Z[near] @ own
-        forces[at], sizes[at] = rows @ moved, abs(rows) @ np.abs(moved)
+    own, moved = np.zeros((int(piece.max(initial=0)) + 1, Z.shape[1], X.shape[1])), X.copy()
+    for of, at in _alike(piece):
+        inverse = np.linalg.pinv(scale[at] * Z[at], rcond=SAME)
+        for _ in range(2):  # what the first step leaves of it is rounding of X
+            change = inverse @ (scale[at] * moved[at])
+            own[of], moved[at] = own[of] + change, moved[at] - Z[at] @ change
+    if len(own) == 1:
+        return K @ moved, abs(K) @ np.abs(moved)
+    entries = sp.coo_array(K)
+    between = piece[entries.row] != piece[entries.col]
+    inside = sp.csr_array((np.where(between, 0.0, entries.data), entries.coords), shape=K.shape)
+    across = sp.csr_array((entries.data[between], (entries.row[between], entries.col[between])), shape=K.shape)
+    forces, sizes = inside @ moved, abs(inside) @ np.abs(moved)
+    for part, rows, start in _in_blocks(across.indptr, X.shape[1] * max(Z.shape[1], 1)):  # beyond its own rows the piece's motion goes on
+        beyond = X[across.indices[part]] - np.einsum("er,erk->ek", Z[across.indices[part]], own[piece[rows]])
+        beyond *= across.data[part, None]
+        forces[rows[start]] += np.add.reduceat(beyond, start)
+        sizes[rows[start]] += np.add.reduceat(np.abs(beyond), start)
     return forces, sizes
 
 
@@ -477,15 +506,22 @@ def strains(link: Matrix, X: Array, piece: Array, scale: Array) -> bool:
     Between stiff pieces a soft spring may be rounding beside their own stiffness, and so may the energy of X. The entries that
     join them have all their digits. `scale` (n,) is 1 over the units of the DOF.
     """
-    parts = _each(piece)
-    for p in np.unique(piece[np.diff(link.indptr) > 0]):
-        at = parts[p]
+    k = X.shape[1]
+    U, rest = np.zeros_like(X), np.zeros((int(piece.max(initial=0)) + 1, k, k))
+    for of, at in _alike(piece):
         moved = scale[at, None] * X[at]
         size, V = np.linalg.svd(np.linalg.qr(moved, mode="r"), full_matrices=True)[1:]
-        rank = int(np.count_nonzero(size > CLEAR * size.max(initial=0.0)))
-        if rank == X.shape[1]:
-            continue
-        Y, U, own = X @ V[rank:].T, moved @ (V[:rank].T / size[:rank]) / scale[at, None], link[at]
-        if (np.abs(U.T @ (own @ Y)) > LEAST * (np.abs(U).T @ (abs(own) @ np.abs(Y)))).any():
+        size = np.pad(size, ((0, 0), (0, k - size.shape[1])))
+        moves = size > CLEAR * size.max(axis=1, initial=0.0, keepdims=True)
+        over = np.divide(1.0, size, out=np.zeros_like(size), where=moves)
+        U[at] = moved @ (V.transpose(0, 2, 1) * over[:, None]) / scale[at, None]
+        rest[of] = V.transpose(0, 2, 1) * ~moves[:, None]
+    entries = sp.coo_array(link)
+    order = np.argsort(piece[entries.row], kind="stable")
+    i, j, stiffness = entries.row[order], entries.col[order], entries.data[order, None]
+    for part, of, start in _in_blocks(np.append(0, np.cumsum(np.bincount(piece[i], minlength=len(rest)))), k * k):
+        Y = np.einsum("ek,ekj->ej", X[j[part]], rest[of])
+        work = (U[i[part]] * stiffness[part])[:, :, None] * Y[:, None]
+        if (np.abs(np.add.reduceat(work, start)) > LEAST * np.add.reduceat(np.abs(work), start)).any():
             return True
     return False
