@@ -257,7 +257,8 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
         missed = counted - below - rigid
         if missed == 0:
             found = checked or _result(handle, values[:count], shapes[:, :count], *uncounted)
-            found = replace(found, tally=Tally(below + rigid, counted))
+            if found.rounding.max(initial=0.0) <= 1:  # else a mode may be rigid motion
+                found = replace(found, tally=Tally(below + rigid, counted))
             _remember(handle.K, handle.M, limit, found)
             return found
         if missed < 0 or attempt == 3:

@@ -227,11 +227,12 @@ class ShiftInvert:
             wave = smooth_shape(self.K)
             guess = min(guess, 1e-6 * float(wave @ (self.K @ wave)) / float(wave @ (self.M @ wave)))
         self._shift(max(guess, floor))
-        elastic = search()
-        if elastic <= 10 * -self.sigma and -self.sigma > floor:
-            # A very soft component: the shift must stay below its first elastic mode.
+        elastic, before = search(), np.inf
+        while elastic <= 10 * -self.sigma and 2 * floor < -self.sigma < before:
+            # A very soft component: the shift must stay below its first elastic mode, of which far above it little is seen.
+            before = -self.sigma
             self._shift(max(1e-3 * elastic, floor))
-            search()
+            elastic = search()
 
     def _shift(self, size: float) -> None:
         """Factorise K - σM at σ = -size, or at a larger shift if rounding makes that indefinite."""
