@@ -31,8 +31,8 @@ def massless_apart(M: Array, rank: int, stiffness: Array) -> tuple[Array, Array]
     """T (n, n) with TᵀMT = [[M₁₁, 0], [0, 0]], M₁₁ of `rank` DOF. The last columns are motions that move no mass.
 
     The first columns are single DOF, by Cholesky's decomposition with pivots; a rotation would mix stiff DOF into soft ones. The
-    pivot is the mass left over the `stiffness` (n,) of the DOF: motion without mass takes little of soft DOF that way. Else a stiff
-    DOF of little mass would move far with each of them, and their stiffness be rounding beside its own.
+    pivot has the most mass left over its `stiffness` (n,). Else a stiff DOF of little mass would move far with each motion that
+    moves no mass, and the stiffness of all others would be rounding beside its own.
     """
     import scipy.linalg as la
 

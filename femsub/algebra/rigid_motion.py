@@ -54,7 +54,8 @@ class RigidMotion:
         """The motions with those first that D does not damp; `unit` (n,) scales the DOF."""
         if not shapes.shape[1] or not (D.nnz if sp.issparse(D) else np.any(D)):
             return cls(shapes, shapes.shape[1])
-        Z, free = unresisted(D, shapes, unit)
+        far = (np.abs(shapes) / unit[:, None]).max(axis=0)  # no motion is rounding beside a larger one
+        Z, free = unresisted(D, shapes / far, unit)
         rest = np.setdiff1d(np.arange(Z.shape[1]), free)
         return cls(Z[:, np.append(free, rest)], len(free))
 
@@ -478,7 +479,7 @@ def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, 
     inside = sp.csr_array((np.where(between, 0.0, entries.data), entries.coords), shape=K.shape)
     across = sp.csr_array((entries.data[between], (entries.row[between], entries.col[between])), shape=K.shape)
     forces, sizes = inside @ moved, abs(inside) @ np.abs(moved)
-    for part, rows, start in _in_blocks(across.indptr, X.shape[1] * max(Z.shape[1], 1)):  # beyond its own rows the piece's motion goes on
+    for part, rows, start in _in_blocks(across.indptr, X.shape[1] * max(Z.shape[1], 1)):
         beyond = X[across.indices[part]] - np.einsum("er,erk->ek", Z[across.indices[part]], own[piece[rows]])
         beyond *= across.data[part, None]
         forces[rows[start]] += np.add.reduceat(beyond, start)

@@ -395,7 +395,7 @@ class ShiftInvert:
 
     def _lowest(self, count: int, basis: Array | None = None) -> Array:
         """As many shapes (n, count) near the lowest elastic modes, M-orthonormal; beside the modes of a basis."""
-        x = self._start(5, count)
+        x = self.deflate(self._start(5, count), basis)  # a solve would enlarge rigid motion until others are rounding beside it
         for _ in range(10):
             x = orthonormal(self.deflate(self.factor.solve(self.M @ x), basis), self.M.__matmul__)[0]
         return x

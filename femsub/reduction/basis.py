@@ -230,7 +230,10 @@ def free_first(q: Array, motion: Array, pencil: Pencil | None) -> RigidMotion:
     """Coordinates q (r, k) of a rigid motion (n, k), with those first that D of the component does not damp."""
     if pencil is None or not q.shape[1] or not pencil.norms[1]:
         return RigidMotion(q, q.shape[1])
-    turn, free = undamped(pencil.D, motion, units(pencil.M))
+    unit = units(pencil.M)
+    far = (np.abs(motion) / unit[:, None]).max(axis=0)
+    turn, free = undamped(pencil.D, motion / far, unit)
+    turn = turn / far[:, None]
     return RigidMotion(q @ turn[:, np.append(free, np.setdiff1d(np.arange(len(turn)), free))], len(free))
 
 
