@@ -74,7 +74,12 @@ from .memory import (
     reduction_bytes as reduction_bytes,
     search_columns as search_columns,
 )
-from .null_space import SINGULAR as SINGULAR, massless_apart as massless_apart, rank_of_mass as rank_of_mass
+from .null_space import (
+    SINGULAR as SINGULAR,
+    factor_of_mass as factor_of_mass,
+    massless_apart as massless_apart,
+    rank_of_mass as rank_of_mass,
+)
 from .ordering import smooth_shape as smooth_shape
 from .partitioning import partition as partition, runs as runs
 from .petsc import (

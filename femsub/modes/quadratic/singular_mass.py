@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import SINGULAR, equilibration, scaled, unit_length
+from femsub.algebra import SINGULAR, equilibration, factor_of_mass, rank_of_mass, scaled, unit_length
 from femsub.checks import EPS, Array
 from femsub.model import Pencil
 
@@ -211,9 +211,14 @@ def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpa
     K[moving, moving] = pencil.K[np.ix_(rest, rest)]
     if free:
         momentum = Z[:, :free].T @ pencil.M
-        drift = -np.linalg.solve(momentum @ Z[:, :free], momentum @ T)
-        share = (momentum @ T).T @ drift
-        M = np.where(np.abs(M + share) > DUST * (np.abs(momentum @ T).T @ np.abs(drift)), M + share, 0.0)
+        inverse = np.linalg.inv(momentum @ Z[:, :free])
+        drift = -inverse @ (momentum @ T)
+        share, size = (momentum @ T).T @ drift, np.abs(Z[:, :free]).T @ np.abs(pencil.M) @ np.abs(T)
+        size = size.T @ np.abs(inverse) @ size
+        M = np.where(np.abs(M + share) > DUST * size, M + share, 0.0)
+        rank = rank_of_mass(pencil.M) - free  # of what is left rounding would hide it, which is that of the whole
+        R = factor_of_mass(M, min(max(rank, 0), int(np.count_nonzero(M.diagonal() > 0))), size.diagonal())[0]
+        M = R.T @ R if (np.abs(M - R.T @ R) <= size / REGULAR).all() else M
         T = T + Z[:, :free] @ drift
     small = Pencil((M + M.T) / 2, (D + D.T) / 2, K)
     if free == motion.count:
