@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from femsub.algebra import CountBeside, Divided
     from femsub.model import Substructure
 
-SOFT = EPS**0.5  # share of the stiffness around it below which a spring, or the energy of a mode, is soft
+SOFT = EPS**0.5  # half of all digits: a spring, or the energy of a mode, is soft below this share of the stiffness around it
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ is a rigid-body mode without a part of others, in any system of units
 FORCE = SOFT / 16  # the same of one that a soft spring may have mixed with others; soft modes that cost as little have more
 ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
@@ -59,8 +59,7 @@ GAP = 2e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that
 MIXED = 0.1  # the same where motions that stretch soft springs are known by these, and of a motion that others are mixed into
 WIDE = 64 * EPS, 1e-6  # energy ratio up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
 WRITTEN = 1e-4  # the gap (ratio of ω²) where the energy is within the rounding of a K with fewer digits
-SHARP, BLURRED = 1e-8, 1e-3  # relative change of ω² by rounding in K from which K Z = 0 gives it, and from which K gives none
-STEPS, SETTLED = 12, 1e-10  # of such an ω²: steps at most, and what another one would gain
+BLURRED = 1e-3  # relative change of ω² by rounding in K from which K alone gives none, but K Z = 0 may
 LARGE = 10_000  # DOF from which the graph of K is used for the first shift
 COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
 CONVERGED = 1e-13  # an elastic solution has converged if the next correction changes it by less
@@ -336,7 +335,7 @@ class ShiftInvert:
                 continue  # soft springs inside make such a gap; or all stands on one mount that is soft, but not rounding
             wanted = gap if count == most else MIXED
             while 0 < count < len(size) and size[count - 1] > wanted * size[count]:
-                if softly and self.shares[count - 1] <= EPS and self.shares[count] > ENERGY / 2:
+                if softly and self.shares[count - 1] <= EPS < MIXED * self.shares[count]:
                     break
                 count -= 1
             found = max(found, count)
@@ -482,7 +481,7 @@ class ShiftInvert:
         which = np.zeros(0, dtype=int)
         if self.exact == self.rigid.shape[1] > 0:
             blur = self._blur(shapes, np.where(values > 0, values, 1.0)) if blur is None else blur
-            which = np.flatnonzero((values > 0) & (blur > SHARP))
+            which = np.flatnonzero((values > 0) & (blur > SOFT))
         if not len(which):
             return values, shapes, which, np.zeros(0), np.zeros(0)
         values, shapes = values.copy(), shapes.copy()
@@ -503,7 +502,8 @@ class ShiftInvert:
             return orthonormal(self.deflate(orthonormal(A, self.M.__matmul__, V)[0], basis), self.M.__matmul__, V)[0]
 
         V = X = elastic(self.deflate(X, basis))
-        for _ in range(STEPS):
+        error = np.full(X.shape[1], np.inf)
+        while True:
             forces = elastic_forces(self.K, V, self.rigid, self._pieces)[0]
             values, turn = np.linalg.eigh((V.T @ forces + forces.T @ V) / 2)
             inside = np.linalg.norm(X.T @ (self.M @ (V @ turn)), axis=0) if beside is None else -values
@@ -512,17 +512,17 @@ class ShiftInvert:
             residual = forces @ turn[:, at] - self.M @ X * values
             more = step = self.deflate(self.factor.solve(residual), basis)
             # what steps would gain: each has |σ| too much stiffness
-            error = np.abs(np.einsum("ij,ij->j", residual, step) / values) * (1 - self.sigma / np.abs(values))
-            if error.max(initial=0.0) < 64 * EPS:
+            before, error = error, np.abs(np.einsum("ij,ij->j", residual, step) / values) * (1 - self.sigma / np.abs(values))
+            if error.max(initial=0.0) < 64 * EPS or not (error < before / 2).any():
                 break
             for _ in range(2):  # a stiff part of it is rounding, and would be rounding in all ω²: a solve removes it
                 more = elastic(more, V)
-                soft = np.einsum("ij,ij->j", more, self.K @ more) * EPS < SETTLED * np.abs(values).min()
+                soft = np.einsum("ij,ij->j", more, self.K @ more) * EPS < SOFT * np.abs(values).min()
                 more = more if soft.all() else self.factor.solve(self.M @ more)
             if not soft.any():
                 break
             V = np.hstack([V, elastic(more[:, soft], V)])
-        if error.max(initial=0.0) < SETTLED:
+        if error.max(initial=0.0) < SOFT:
             X = X - step  # stiff DOF, of which ω² knows nothing, have their digits by this
         forces, size = elastic_forces(self.K, X, self.rigid, self._pieces)
         error = np.maximum(error, self.unit * np.einsum("ij,ij->j", np.abs(X), size) / np.abs(values))

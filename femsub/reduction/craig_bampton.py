@@ -171,10 +171,12 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
         kept = (vectors / unit[:, None] * values) @ (vectors / unit[:, None]).T
         condensed[block] = (kept + kept.T) / 2
         motions[own] = unit[:, None] * vectors[:, rigid]
-    soft = np.sort(values[doubtful])[motions.shape[1]:]
-    if motions.shape[1] and len(soft) and soft[0] * DIGITS < EPS:
-        warn(f"the condensed stiffness of {sub.name!r} has a motion with {soft[0]:.0e} of the stiffness around it, which "
-             f"rounding may change by a relative {EPS / soft[0]:.0e}. {IN_PARTS}", ConditionWarning)
+    soft = doubtful[np.argsort(values[doubtful], kind="stable")[motions.shape[1]:][:1]]
+    moved = np.abs(constraint @ (unit[:, None] * vectors[:, soft]))
+    doubt = EPS * float(np.vdot(moved, abs(sub.K) @ moved))
+    if motions.shape[1] and len(soft) and doubt > DIGITS * (share := float(values[soft[0]])):
+        warn(f"the condensed stiffness of {sub.name!r} has a motion with {share:.0e} of the stiffness around it, which "
+             f"rounding may change by {doubt:.0e}. {IN_PARTS}", ConditionWarning)
     elif len(rigid) and not motions.shape[1]:
         lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed[block]).max() / np.abs(condensed).max()
         if lost > DIGITS:

@@ -202,7 +202,8 @@ def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpa
     """
     Z, free, n = motion.shapes, motion.free, pencil.size
     heavy = np.sqrt(np.abs(pencil.M.diagonal()))  # a DOF without mass would leave the rounding of one to the others
-    Z = np.linalg.solve(np.linalg.qr(heavy[:, None] * Z, mode="r").T, Z.T).T  # triangular: the free motions stay the first
+    turn = np.asarray(np.linalg.qr(heavy[:, None] * Z, mode="r"))  # triangular: the free motions stay the first
+    Z = np.linalg.solve(turn.T, Z.T).T
     holding = la.qr((heavy[:, None] * Z).T, mode="r", pivoting=True)[1][:motion.count]
     rest = np.setdiff1d(np.arange(n), holding)
     T = np.hstack([Z[:, free:], np.eye(n)[:, rest]])
