@@ -10,9 +10,9 @@ from typing import Any
 
 #: keys of results that hold rad per unit of time, as numbers or lists of them
 FREQUENCIES = ("omega", "omega_of_cea", "up_to", "cutoff", "band", "family", "counted_below", "peaks")
-_NUMBER = r"[-+]?\d[\d.]*(?:e[-+]?\d+)?"
-_TOLD = re.compile(rf"(?:({_NUMBER})\s+to\s+)?({_NUMBER})\s+rad/time")  # a line may end between
-_BRACKETED = re.compile(r"\[[^\]]*\]")
+_NUMBER = r"[-+]?(?<![\d.])\d[\d.]*+(?:e[-+]?\d++)?"
+_TOLD = re.compile(rf"(?:({_NUMBER})\s++to\s++)?({_NUMBER})\s++rad/time")  # a line may end between
+_BRACKETED = re.compile(r"\[[^\[\]]*\]")
 
 
 @dataclass(frozen=True)

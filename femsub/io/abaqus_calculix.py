@@ -171,7 +171,7 @@ def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float, 
                               skiprows=skip, comments=None, quotechar='"' if "U" in str(dtype) else None)
     except ValueError as error:
         reason = str(error).split(";")[0].rstrip(".")
-        if found := re.search(r"could not convert string (.+) to \w+ at row (\d+)", reason):
+        if found := re.match(r"could not convert string (.+) to \w+ at row (\d+)", reason):
             reason = f"{found[1]} in data line {int(found[2]) + 1} is not a {'whole ' * (' int' in reason)}number"
         elif found := re.search(r"(?:changed from|requires) (\d+) (?:to|columns but) (\d+) .*at row (\d+)", reason):
             reason = f"data line {found[3]} has {found[2]} values, not {found[1]}"

@@ -143,8 +143,8 @@ class _Deck:
     def _block(self, what: str, count: int | None = None) -> list[list[str]]:
         """The fields of a block's lines by its format, as (3i9,6e21.13e3), up to its end or so many."""
         form = self.lines[self.at].strip() if self.at < len(self.lines) else ""
-        parts = re.findall(r"(\d*)[ieaEIA](\d+)(?:\.\d+(?:[eE]\d+)?)?", form)
-        widths = [int(width[:3]) for times, width in parts for _ in range(min(int(times or 1), 1000))]
+        parts = re.findall(r"((?<!\d)\d++|)[ieaEIA](\d++)(?:\.\d++(?:[eE]\d++)?)?", form)
+        widths = [int(width[:3]) for times, width in parts for _ in range(min(int(times.lstrip("0")[:9] or 1), 1000))]
         if not re.fullmatch(r"\([\w.,\s]+\)", form) or not widths or not min(widths):
             raise InputError(f"{self.path}, line {self.at + 1}: {form!r:.40} is not the format of the block {what}")
         ends, rows = np.cumsum([0, *widths]).tolist(), list[list[str]]()
@@ -167,7 +167,7 @@ class _Deck:
         if self.system != "0":
             raise InputError(f"{self.path} has nodes in the coordinate system {self.system}; write it in the global one (CSYS,0)")
         form = self.lines[self.at] if self.at < len(self.lines) else ""
-        leading = re.match(r"\s*\((?:(\d*)[iI]\d+,)(?:(\d*)[iI]\d+,)?", form)
+        leading = re.match(r"\s*\((?:(\d{0,3})[iI]\d+,)(?:(\d{0,3})[iI]\d+,)?", form)
         rows = self._block("NBLOCK")
         first = sum(int(times or 1) for times in leading.groups() if times is not None) if leading else 1
         self._counted("NBLOCK", words[4], len(rows))
@@ -192,7 +192,7 @@ class _Deck:
                 raise InputError(f"{self.path}: {''.join(rows[at - 1]).strip()!r:.60} is no element of an EBLOCK")
             nodes = head[HEAD:]
             while len(nodes) < head[8] and at < len(rows) and len(nodes) >= 8:
-                nodes = nodes + whole(self.path, f"element {head[10]}", [field.strip() for field in rows[at]])
+                nodes += whole(self.path, f"element {head[10]}", [field.strip() for field in rows[at]])
                 at += 1
             if len(nodes) != head[8]:
                 raise InputError(f"{self.path}: element {head[10]} announces {head[8]} nodes, but has {len(nodes)}")
@@ -203,7 +203,7 @@ class _Deck:
         name, kind = words[1], words[2].upper()
         count = whole(self.path, f"the component {name}", [words[3]])[0]
         form = self.lines[self.at] if self.at < len(self.lines) else ""
-        width = re.match(r"\s*\((\d+)[iI]\d+\)", form)
+        width = re.match(r"\s*\((\d{1,9})[iI]\d+\)", form)
         per = max(int(width[1]), 1) if width else 8
         rows = self._block(f"the component {name}", -(-count // per))
         listed = whole(self.path, f"the component {name}", [field.strip() for row in rows for field in row])
@@ -213,13 +213,13 @@ class _Deck:
             return
         members = self.components[kind].setdefault(name, [])
         for one in listed:  # a negative number is the end of a range
-            if one < 0 and not 0 <= -one - members[-1] <= MOST:
+            if one < 0 and (members[-1] > -one or len(members) - one - members[-1] > MOST):
                 raise InputError(f"{self.path}: the component {name} goes from {members[-1]} to {-one}")
             members += range(members[-1] + 1, 1 - one) if one < 0 else [one]
 
     def _counted(self, what: str, announced: str, found: int) -> None:
-        if announced.isdecimal() and int(announced) != found:
-            raise InputError(f"{self.path}: {what} announces {int(announced)} entries, but has {found}: is it cut short?")
+        if announced.isdecimal() and (announced.lstrip("0") or "0") != str(found):
+            raise InputError(f"{self.path}: {what} announces {announced:.30} entries, but has {found}: is it cut short?")
 
 
 def _cells(deck: _Deck) -> Iterator[tuple[str, list[_Element], Array]]:

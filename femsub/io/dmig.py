@@ -20,7 +20,7 @@ from femsub.io.nastran import entries_of
 
 SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; the columns of NUMBERED have numbers only
 FORMS = (SQUARE, 2, SYMMETRIC, NUMBERED)
-_REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([EDed][+-]?\d+|[+-]\d+)?", re.ASCII)
+_REAL = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)([EDed][+-]?\d++|[+-]\d++)?", re.ASCII)
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
     points, cells = counted(path, path.read_bytes()) if counted else (None, None)
     what = f"{path} cannot be read as a mesh"
     if suffix == ".msh" and _is_ansys(path):
-        if re.search(rb"^\s*\((20|30)?13\b", path.read_bytes(), re.MULTILINE):
+        if re.search(rb"^[ \t\r]*\((20|30)?13\b", path.read_bytes(), re.MULTILINE):
             raise InputError(f"{path} is a mesh of Fluent, which describes cells by the faces between them; femsub does not read "
                              "these. Write the mesh in another format, e.g. as Gmsh's .msh, .inp or .bdf")
         with _Ending(io.FileIO(path)) as file:
@@ -114,7 +114,7 @@ def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
         _all_numbers(path, raw[raw.find(b"\nDATASET"):])
     counts: dict[bytes, int] = {}
     for match in _VTK_COUNTS.finditer(raw):
-        numbers = [int(word) for word in match[0].split()[1:] if word.isdigit()]
+        numbers = [int(word.lstrip(b"0")[:18] or 0) for word in match[0].split()[1:] if word.isdigit()]
         key = match[1].upper()
         size = max(numbers, default=0) if key == b"CELLS" else float(np.prod([float(number or 1) for number in numbers]))
         if size > (MOST if key == b"DIMENSIONS" else len(raw)):
@@ -125,7 +125,7 @@ def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
 
 
 #: begins like a number, but is not one
-_NO_NUMBER = re.compile(rb"(?<!\S)(?=[+\-.]?[+\-.\d])(?![+-]?[nNiI])(?![+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?!\S))\S+"
+_NO_NUMBER = re.compile(rb"(?<!\S)(?=[+\-.]?[+\-.\d])(?![+-]?[nNiI])(?![+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?(?!\S))\S+"
                         rb"|(?<!\S)(?:[+\-.?#](?!\S)|[\x80-\xff]\S*)")
 
 
@@ -145,19 +145,21 @@ def _su2(path: Path, raw: bytes) -> tuple[int | None, int | None]:
 
 def _all_numbers(path: Path, data: bytes) -> None:
     """Refuse words that only begin like a number: NumPy reads 1e as 1 and 0x10 as 0, and drops the rest."""
+    end = 0  # of a line with a keyword or the name of an array
     for word in _NO_NUMBER.finditer(data):
-        line = data[data.rfind(b"\n", 0, word.start()) + 1:(data.find(b"\n", word.start()) + 1 or len(data) + 1) - 1].strip()
-        if not re.match(rb"[a-zA-Z%]|\S+ \d+ \d+ [a-zA-Z]", line):  # a keyword or the name of an array
-            raise InputError(f"{path} has {word[0].decode('latin-1'):.30} where a number belongs")
+        if word.start() >= end:
+            start, end = data.rfind(b"\n", 0, word.start()) + 1, (data.find(b"\n", word.start()) + 1 or len(data) + 1) - 1
+            if not re.match(rb"[a-zA-Z%]|\S+ \d+ \d+ [a-zA-Z]", data[start:end].strip()):
+                raise InputError(f"{path} has {word[0].decode('latin-1'):.30} where a number belongs")
 
 
 def _xml(path: Path, raw: bytes) -> tuple[int | None, int | None]:
-    for head, data in re.findall(rb"<Data(?:Array|Item)\b([^>]*)>([^<]*)", raw):
+    for head, data in re.findall(rb"<Data(?:Array|Item)\b([^<>]*)>([^<]*)", raw):
         if re.search(rb'format="(ascii|xml)"', head, flags=re.IGNORECASE):
             _all_numbers(path, data)
     if raw.count(b"<Piece ") > 1:
         raise InputError(f"{path} holds several pieces, but meshio would keep only one. Merge them (ParaView: Merge Blocks)")
-    piece = re.search(rb"<Piece [^>]*>", raw)
+    piece = re.search(rb"<Piece [^<>]*>", raw)
     found = [re.search(name + rb'="\s*(\d{1,18})\s*"', piece[0]) if piece else None
              for name in (b"NumberOfPoints", b"NumberOfCells")]
     points, cells = (int(match[1]) if match else None for match in found)

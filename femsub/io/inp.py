@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -257,9 +258,11 @@ def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], str]]:
     quoted: dict[str, str] = {}
     for part in re.split(r"^[ \t]*\*", text, flags=re.MULTILINE)[1:]:
         head, _, data = part.partition("\n")
-        while head.rstrip().endswith(",") and _OPTIONS.match(data):
-            more, _, data = data.partition("\n")
-            head += more
+        if head.rstrip().endswith(","):
+            lines = part.split("\n")
+            goes_on = (above.rstrip().endswith(",") and _OPTIONS.match(line) for above, line in pairwise(lines))
+            count = 1 + sum(1 for _ in takewhile(bool, goes_on))
+            head, data = "".join(lines[:count]), "\n".join(lines[count:])
         words = _ITEM.findall(head)
         keyword = " ".join(words[0].split()).upper() if words else ""
         options = {key.strip().upper(): _unquoted(value) for key, _, value in (word.partition("=") for word in words[1:])}
@@ -344,14 +347,15 @@ def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) ->
 def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     path, kind_here = found.path, options.get("TYPE", "").upper()
     kind = next((kinds.get(int(match[1])) for family, kinds in _FAMILIES
-                 if (match := re.match(rf"(?:{family})(\d+)", kind_here))), None)
+                 if (match := re.match(rf"(?:{family})(\d{{1,9}})(?!\d)", kind_here))), None)
     what = f"{path}: the data of *ELEMENT, TYPE={kind_here}"
     if kind is None:
         if not kind_here or _VOLUMES.match(kind_here):
             raise InputError(f"{path}: elements of type {kind_here or '(none)'} cannot be read; C3D4, C3D10, C3D8 and C3D20 can")
         yield _skip(found, kind_here, data)
         return
-    values, counts = fields(what, re.sub(r",[, \t]*(?=\n|\Z)", "", data))  # CalculiX passes over all commas at the end
+    bare = "\n".join(line.rstrip(", \t") for line in data.split("\n"))
+    values, counts = fields(what, bare)  # CalculiX passes over all commas at the end
     width = _SIZES[kind] + 1
     if len(counts) and counts.min() >= width < counts.max():
         more = int(counts.max()) - width
@@ -405,7 +409,8 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> I
         yield as_numbers(f"{what}: its data", data)
         return
     members: list[str] = []
-    for word in _names(data):
+    have = set(map(id, found.sets.get((sort, name.upper()), ())))
+    for word in dict.fromkeys(_names(data)):
         if re.fullmatch(r"[+-]?[0-9]+", word):
             members.append(word)
             continue
@@ -413,7 +418,9 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> I
         known = found.sets.get((sort, other.upper()))
         if known is None or (other.upper() == name.upper() and len(known) == 1):
             raise InputError(f"{what} names {word!r}, which is neither a number nor a set above it")
-        yield from list(known)
+        for part in [part for part in known if id(part) not in have]:  # a set that names itself, or others again, stays as it is
+            have.add(id(part))
+            yield part
     yield as_numbers(f"{what}: its data", " ".join(members))
 
 

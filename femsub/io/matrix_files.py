@@ -29,7 +29,7 @@ ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy
 KNOWN = (".mtx", ".npz", ".npy", ".mat", ".op4", *TEXT)
 PUNCHES = (".pch", ".bdf", ".nas", ".dmig")  # decks of Nastran; others are known by their DMIG cards
 #: a line of Abaqus' or CalculiX' matrices: places, then the entry
-_LINE = re.compile(rb"\s*(\d+[\s,]+\d+[\s,]+){1,2}[+-]?[\d.]+([eEdD]?[+-]?\d+)?\s*")
+_LINE = re.compile(rb"\s*(\d++[\s,]++\d++[\s,]++){1,2}[+-]?[\d.]++([eEdD][+-]?\d++|[+-]\d++)?\s*")
 
 
 def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:

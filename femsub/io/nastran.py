@@ -116,8 +116,8 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
 
 def _text(path: Path) -> str:
     """A file with those it includes, without comments."""
-    include = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\n$]*)[^\n]*\n?"""
-    text = Deck(path).whole(include, lambda name: re.sub(r"\s*\n\s*", "", name.strip().strip("'\"")))
+    text = Deck(path).whole(r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\n$]*)[^\n]*\n?""",
+                            lambda name: "".join(map(str.strip, name.strip().strip("'\"").split("\n"))))
     text = re.sub(r"\$.*", "", text).expandtabs(8).encode("ascii", "replace").decode()
     if "//" in text or "#" in text:
         text = re.sub(r"^(?://|#).*", "", text, flags=re.MULTILINE)
@@ -179,7 +179,8 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
 def _fields(line: str) -> tuple[str, list[str], str]:
     """The first field in capitals, four wide or eight small ones of data, and the last field of a line."""
     if "," not in line:
-        head = re.sub(r" +\*$", "*", line[:8].strip().upper())  # 'GRID   *'
+        head = line[:8].strip().upper()
+        head = f"{head[:-1].rstrip()}*" if head.endswith("*") else head  # 'GRID   *'
         width = 16 if "*" in head else 8
         return head, [line[start:start + width].strip() for start in range(8, 72, width)], line[72:80]
     words = [word.strip() for word in line.split(",")]

@@ -246,6 +246,6 @@ class _Text:
                 raise ValueError
         except ValueError:
             bad = next(cell for part in self.cells for cell in (part[at:at + digits] for at in range(0, len(part), digits))
-                       if not re.fullmatch(rb" *[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)? *", cell))
+                       if not re.fullmatch(rb" *[+-]?(?:\d++\.?\d*+|\.\d++)(?:[EeDd][+-]?\d++)? *", cell))
             raise InputError(f"{self.path}: {bad.decode('ascii', 'replace').strip()!r} is not a number, in the matrix whose "
                              f"numbers begin in line {self.first}") from None

@@ -112,19 +112,18 @@ class _Deck:
 
     def listed(self, card: str, fields: list[str]) -> list[int]:
         """Whole numbers, also as 'from THRU to'."""
-        words, found = [word for word in fields if word], list[int]()
+        words, found = [word for word in reversed(fields) if word], list[int]()
         while words:
-            start = whole(self.path, card, words[0], 1)
-            if words[1:2] and words[1].upper() == "THRU":
-                stop = whole(self.path, card, "".join(words[2:3]), start)
+            start = whole(self.path, card, words.pop(), 1)
+            if words and words[-1].upper() == "THRU":
+                stop = whole(self.path, card, "".join(words[-2:-1]), start)
                 self.named += stop - start
                 if self.named > MOST:
                     raise InputError(f"{self.path}: {card} names the points {start} to {stop}, which are too many")
                 found += range(start, stop + 1)
-                words = words[3:]
+                del words[-2:]
             else:
                 found.append(start)
-                words = words[1:]
         return found
 
     def order(self) -> list[tuple[int, int]]:
@@ -138,12 +137,12 @@ class _Deck:
         if found:
             return found
         for card, fields in self.of("SECONCT"):
-            words = [word for word in fields[8:] if word]
-            while words:
-                span = 6 if [word.upper() for word in words[1:2]] == ["THRU"] else 2
-                for number in self.listed(card, words[:span // 2]):
+            words, at = [word for word in fields[8:] if word], 0
+            while at < len(words):
+                span = 6 if [word.upper() for word in words[at + 1:at + 2]] == ["THRU"] else 2
+                for number in self.listed(card, words[at:at + span // 2]):
                     found += [(number, 0)] if number in scalar else [(number, direction) for direction in range(1, 7)]
-                words = words[span:]
+                at += span
         if not found:
             raise InputError(f"{self.path}: neither EXTRN nor SECONCT tells the order of the DOF. Copy {self.path.stem}.pch "
                              "beside it, which EXTSEOUT writes with EXTBULK")
