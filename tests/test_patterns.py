@@ -260,6 +260,6 @@ def test_a_reader_takes_no_more_than_linear_time(name: str, tmp_path: Path) -> N
             fs.read_matrix(tmp_path / "a_Kaa.m" if file.endswith("gid.m") else path) if file.endswith((".m", ".pch")) else (
                 fs.read_mesh(path))
 
-    read(text(32))  # imports what it needs
+    read(text(8))  # imports what it needs
     short, long = (cpu(read, text(size), limit=15.0) for size in (5_000, 20_000))
     assert long < 1.0 or (long < float("inf") and long < 8 * short)

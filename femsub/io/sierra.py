@@ -17,8 +17,8 @@ from femsub.io.damage import check_extent, check_room
 
 # ++ gives nothing back, so that what does not fit is refused in linear time
 NUMBER = rb"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
-MATRIX = re.compile(rb"\s*function a=(\w+)\(\)\s+NumRows = (\d{1,15});\s+a=\[\s+((?:\d{1,15} \d{1,15} " + NUMBER + rb";\s++)+)\];?"
-                    rb"\s+a=sparse\(a\(:,1\),a\(:,2\),a\(:,3\),(\d{1,15}),(\d{1,15})\);\s+"
+MATRIX = re.compile(rb"\s*function a=(\w+)\(\)\s+NumRows = (\d{1,15});\s+a=\[\s+((?:\d{1,15} \d{1,15} " + NUMBER + rb";\s++)+)\]"
+                    rb";?\s+a=sparse\(a\(:,1\),a\(:,2\),a\(:,3\),(\d{1,15}),(\d{1,15})\);\s+"
                     rb"disp\('This Matrix is in a Symmetric Sparse Format \(Lower Triangular\)'\)\s")
 MAP = re.compile(rb"\s*function x = \w+\(\)\s+(?:%[^\n]*+\s++)*x = zeros\((\d{1,15}), ?1\);\s+"
                  rb"((?:x\(\d{1,15}\) = \d{1,15};\s++)*)\Z")
