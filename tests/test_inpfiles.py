@@ -266,3 +266,24 @@ def test_elements_of_sets_that_are_not_there(tmp_path: Path) -> None:
 def test_elements_that_femsub_has_not_are_named(lines: list[str], text: str, tmp_path: Path) -> None:
     with pytest.raises(fs.InputError, match=re.escape(text)):
         deck(tmp_path, ["*NODE", *NODE_LINES, *lines])
+
+
+def test_a_decimal_comma_in_a_node_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "part.inp"
+    nodes = ("*NODE\n1, 0., 0., 0.,\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0.5, 1., 0., 0., 1.\n*ELEMENT, TYPE=C3D4\n"
+             "1, 1, 2, 3, 4\n")
+    path.write_text(nodes)
+    assert fs.read_mesh(path).points.shape == (4, 3)
+    path.write_text(nodes.replace("2, 1., 0.", "2, 1,5, 0."))
+    with pytest.raises(fs.InputError, match=r"write 0\.5, not 0,5"):
+        fs.read_mesh(path)
+
+
+def test_sets_that_name_each_other_again_and_again_do_not_grow(tmp_path: Path) -> None:
+    """Each of 60 sets names the one above it twice, and itself: their members were listed 3 to the power of 60 times."""
+    lines = ["*NODE", "1, 0., 0., 0.", "2, 1., 0., 0.", "3, 0., 1., 0.", "4, 0., 0., 1.", "*ELEMENT, TYPE=C3D4", "1, 1, 2, 3, 4",
+             "*NSET, NSET=s0", "2"]
+    for number in range(1, 61):
+        lines += [f"*NSET, NSET=s{number}", f"s{number - 1}, s{number - 1}", f"*NSET, NSET=s{number}", f"s{number}, s{number}"]
+    (tmp_path / "part.inp").write_text("\n".join(lines) + "\n")
+    assert fs.read_mesh(tmp_path / "part.inp").nodes("s60").tolist() == [1]

@@ -165,3 +165,17 @@ def test_files_in_each_others_place_are_told_by_what_is_in_them(tmp_path: Path) 
     with pytest.warns(fs.FemsubWarning, match="M and K of 'two' seem to be in each other's place"):
         fs.read_component(tmp_path / "one.mtx", tmp_path / "two.mtx")
     fs.read_component(tmp_path / "two.mtx", tmp_path / "one.mtx")  # a warning would be an error
+
+
+@pytest.mark.parametrize("old", [False, True])
+@pytest.mark.parametrize("count", [1, 4, 8, 20, 128])
+def test_nul_bytes_before_a_file_of_matlab_are_no_matrix(count: int, old: bool, tmp_path: Path) -> None:
+    """The text of a head, shifted, was read as the size of a matrix: (0, 1280590157)."""
+    path = tmp_path / "K.mat"
+    scipy.io.savemat(path, {"K": np.eye(3), "L": np.eye(2)}, format="4" if old else "5")
+    assert fs.read_matrix(path, "L").shape == (2, 2)
+    path.write_bytes(bytes(count) + path.read_bytes())
+    with pytest.raises(fs.InputError, match=r"K\.mat"):
+        fs.read_matrix(path, "K")
+    with pytest.raises(fs.InputError, match=r"K\.mat"):
+        fs.read_matrix(path)

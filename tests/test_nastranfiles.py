@@ -307,3 +307,28 @@ def test_points_in_coordinate_systems(shape: str, defined: str, tmp_path: Path) 
         lines += [f"CORD2C,9,,1.,1.,1.,{numbers(1 + tilted[2])}", f",{numbers(1 + tilted[0])}"]
     mesh = deck(tmp_path, [*lines, *bricks("free")[12:], "ENDDATA"])
     assert np.allclose(mesh.points, BRICKS.points, rtol=0, atol=1e-9) and np.array_equal(mesh.cells, BRICKS.cells)
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("GRID*                  4               0             0.0             0.0\n*                    1.0",
+     "GRID*                  4               0             0.0             0.0", r"GRID\* 4 has one line"),
+    ("CTETRA         2", "CTETRA         2,", "neither in columns"),
+    ("CTETRA         2", "CTETRA  2       ", None),
+    ("CTETRA         2", "CTETRA 2        ", "neither in columns"),
+    ("             0.0             0.0\n*", "             0,5             0.0\n*", "neither in columns")])
+def test_a_card_that_would_be_left_out_is_refused(old: str, new: str, message: str | None, tmp_path: Path) -> None:
+    text = ("GRID           1              0.      0.      0.\nGRID           2              1.      0.      0.\n"
+            "GRID           3              0.      1.      0.\nGRID           5              0.      0.     -1.\n"
+            "GRID*                  4               0             0.0             0.0\n*                    1.0\n"
+            "CTETRA         1       1       1       2       3       4\nCTETRA         2       1       1       2       3       5\n"
+            "ENDDATA\n")
+    assert text.count(old) == 1
+    path = tmp_path / "part.bdf"
+    path.write_text(text)
+    assert len(fs.read_mesh(path).cells) == 2
+    path.write_text(text.replace(old, new))
+    if message is None:
+        assert len(fs.read_mesh(path).cells) == 2
+        return
+    with pytest.raises(fs.InputError, match=message):
+        fs.read_mesh(path)

@@ -504,3 +504,60 @@ def test_a_model_without_an_interface_is_no_superelement(tmp_path: Path) -> None
     rom = fs.reduce(fs.Substructure(np.eye(5), fs.chain(5).K, name="alone"), fs.CraigBampton(3))
     with pytest.raises(fs.InputError, match=r"'alone' has no interface, and Nastran joins.*write_matrices"):
         fs.write_superelement(tmp_path, rom, "dmig")
+
+
+# ---- what a file says twice
+
+WIDE = """GRID*                  1               0   0.0000000D+00   0.0000000D+00
+*          0.0000000D+00               0
+GRID*                  2               0   1.0000000D+00   0.0000000D+00
+*          5.0000000D-01               0
+SPOINT,11,THRU,12
+EXTRN,1,123,2,1,11,0,12,0
+"""
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("*          5.0000000D-01               0\n", "", r"GRID\* 2 has one line"),
+    ("DMIG*   KAAX                          11               0", "DMIG*   KAAX                          11,              0",
+     "neither in columns"),
+    ("*                      2               1-1.000000000D+00", "*                      2               1-1,000000000D+00",
+     "neither in columns"),
+    ("DMIG*   KAAX                          11", "DMIX*   KAAX                          11", "'DMIX' of 'KAAX' is no DMIG"),
+    ("*                     11               0 9.000000000D+00\n", "", "column 11  without an entry"),
+    ("*                     11               0 9.000000000D+00", "*                     11               0",
+     "as the value in row 11"),
+    ("DMIG,MAAX,1,1,,1,1,1.5", "DMIG,MAAX,1,1,,1,1,1,5", "'1 5' as the value in row 1 1"),
+    ("DMIG,MAAX,1,1,,1,1,1.5", "DMIG,MAAX,1,1,,1,1,,1.5", "'1.5' as the value"),
+    ("GRID*                  2               0   1.0000000D+00", "GRID*                  2               0   1,0000000D+00",
+     "neither in columns"),
+])
+def test_a_card_that_lost_a_part_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:
+    text = WIDE + HEADS
+    assert text.count(old) == 1
+    assert read(written(tmp_path, text)).size == 5
+    with pytest.raises(fs.InputError, match=message) as error:
+        read(written(tmp_path, text.replace(old, new)))
+    assert "part.pch" in str(error.value)
+
+
+def test_the_asm_and_the_pch_must_have_the_same_grids(tmp_path: Path) -> None:
+    """A grid that lost its second line was at z = 0: the part's K was 45 % off."""
+    pytest.importorskip("pyyeti.nastran.op4")
+    full = fs.solid(fs.block((1.0, 0.1, 0.1), (4, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["right"],
+                    supports=["left"], name="arm")
+    files = {path.suffix: path for path in fs.write_superelement(tmp_path, fs.reduce(full, fs.CraigBampton(2)), "nastran")}
+    lines = files[".pch"].read_text().splitlines(keepends=True)
+    asm = files[".asm"].read_text()
+    at = max(at for at, line in enumerate(lines) if line.startswith("GRID*") and f"{line}{lines[at + 1]}" in asm
+             and lines[at + 1].split()[1][0] != "0")
+    files[".pch"].write_text("".join([*lines[:at + 1], "*\n", *lines[at + 2:]]))
+    with pytest.raises(fs.InputError, match=r"has the grid \d+ at .* one file is damaged"):
+        fs.read_component(files[".asm"], cutoff=1.0)
+    files[".pch"].write_text("".join(lines[:at + 1]))
+    with pytest.raises(fs.InputError, match=r"GRID\* \d+ has one line"):
+        fs.read_component(files[".asm"], cutoff=1.0)
+    place = next(at for at, line in enumerate(lines) if line.startswith("EXTRN"))
+    files[".pch"].write_text("".join(lines[:place + 1] + lines[place + 2:]))
+    with pytest.raises(fs.InputError, match="SECONCT joins the point"):
+        fs.read_component(files[".asm"], cutoff=1.0)

@@ -312,3 +312,29 @@ def test_modes_are_paired_by_their_shapes() -> None:
     assert found.mac[6:].min() > 0.99 and repr(found).startswith("ModePairs: 12 of 12 modes at 84 DOF, smallest MAC ")
     with pytest.raises(fs.InputError, match="of another model"):
         free.compare(supported, own)
+
+
+def test_a_decimal_comma_is_refused(tmp_path: Path) -> None:
+    """Read as two numbers, it halved a damping ratio."""
+    mode = old_mode(10.0, 0.02, SHAPES[0])
+    assert "2.00000E-02" in mode
+    (tmp_path / "bench.uff").write_text(BENCH + mode.replace("2.00000E-02", "2,00000E-02"))
+    with pytest.raises(fs.InputError, match=r"hold a comma.*write 0\.5, not 0,5"):
+        fs.read_modes(tmp_path / "bench.uff")
+
+
+@pytest.mark.parametrize("line", range(12))
+def test_no_line_of_a_head_is_lost_unseen(line: int, tmp_path: Path) -> None:
+    """A function whose head had lost a line above its type counted as one of another type, and was left out."""
+    ends = f"    4{1:10d}{0:5d}{0:10d} {'NONE':10s}{{:10d}}{3:4d} {'NONE':10s}{5:10d}{1:4d}\n"
+    ids = "".join(f"{number}  ID line\n" for number in range(1, 6))
+    sets = ["    -1\n    58\n" + ids + ends.format(node) + numbers(5, 2, 1).rstrip() + reals(1.0, 0.5, 0.0) + "".join(
+        f"{kind:10d}    0    0    0 NONE                 NONE                \n" for kind in (18, 12, 13, 0)) +
+        reals(1.0, 2.0, 3.0, 4.0) + "    -1\n" for node in (2, 3)]
+    path = tmp_path / "two.uff"
+    path.write_text("".join(sets))
+    assert fs.read_response(path).responses == ("2:uz", "3:uz")
+    lines = sets[1].splitlines(keepends=True)
+    path.write_text(sets[0] + "".join(lines[:line] + lines[line + 1:]))
+    with pytest.raises(fs.InputError, match=r"two\.uff"):
+        fs.read_response(path)

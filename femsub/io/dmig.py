@@ -100,6 +100,9 @@ def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
     found: dict[str, Entries] = {}
     for card, fields in cards:
         if card != "DMIG":
+            if card[:4] == "DMIG" or fields[0].lower() in found:
+                raise InputError(f"{path}: a card {card!r:.40} of {fields[0]!r:.20} is no DMIG, but names a matrix of it, or "
+                                 "begins like it. Mend its name, or remove a comma from its fields of fixed width")
             continue
         name = fields[0].lower()
         what = f"DMIG {fields[0]}"
@@ -125,7 +128,12 @@ def _column(path: Path, what: str, fields: list[str], entries: Entries) -> None:
     at = whole(path, what, fields[1], 1), whole(path, what, fields[2])
     if entries.form == NUMBERED and entries.width and at[0] > entries.width:
         raise InputError(f"{path}: {what} announces {entries.width} columns, but has column {at[0]}")
+    if not any(fields[4:]):
+        raise InputError(f"{path}: {what} has the column {at[0]} {at[1] or ''} without an entry: the lines below it are lost")
     for row, direction, one, other in quadruples(fields[4:]):
+        if not one or (other and not entries.is_complex):
+            raise InputError(f"{path}: {what} has {f'{one} {other}'.strip()!r:.40} as the value in row {row} {direction} of "
+                             f"column {at[0]} {at[1] or ''}; it should be {'two numbers' if entries.is_complex else 'a number'}")
         entries.places.append((whole(path, what, row, 1), whole(path, what, direction), *at))
         imaginary = real(path, what, other) if entries.is_complex else 0.0
         entries.values.append(complex(real(path, what, one), imaginary))

@@ -333,9 +333,10 @@ def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) ->
     values, counts = fields(f"{path}: the data of *NODE", data, float)
     if not len(counts):
         return
-    if not 3 <= counts.max() <= 8:  # a normal may follow, and a comma
+    lines = [line.rstrip(", \t").count(",") for line in data.split("\n")] if counts.max() > 4 else [0]
+    if not 3 <= counts.max() <= 8 or max(lines) > 6 or {4, 5} & {*lines}:  # three numbers of a normal may follow, and a comma
         raise InputError(f"{path}: *NODE has {len(values)} numbers in {len(counts)} lines; each line must be number, x, y, z "
-                         "(coordinates that are left out at the end of a line are 0)")
+                         "(coordinates that are left out at the end of a line are 0; a normal may follow; write 0.5, not 0,5)")
     table = as_table(values, counts)
     whole = whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
     points = np.zeros((len(table), 3))
@@ -406,7 +407,7 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> I
             yield Range(first, last, step)
         return
     if not re.search(r"[^\d\s,+-]", data):
-        yield as_numbers(f"{what}: its data", data)
+        yield as_numbers(f"{what}: its data", data, commas=True)
         return
     members: list[str] = []
     have = set(map(id, found.sets.get((sort, name.upper()), ())))

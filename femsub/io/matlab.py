@@ -60,6 +60,8 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
         raise InputError(f"{path} is no MATLAB file, or cut short; write it again")
     if 0 not in content[:4]:  # version 5 to 7
         content = _matrices_only(path, content)
+    else:
+        _check_old(path, content)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # SciPy 1.18 tells that the type of sparse matrices will change
         loaded = loadmat(BytesIO(content))
@@ -73,6 +75,23 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
         elif value is not None and value.ndim == 2 and value.dtype.kind in "biufc":  # whole doubles may be stored as bytes
             found[name] = value.astype(complex if value.dtype.kind == "c" else _FLOATS.get(kind, value.dtype))
     return found
+
+
+def _check_old(path: Path, content: bytes) -> None:
+    """Refuse a file of version 4 whose heads do not lead from one to the next up to its end."""
+    cursor = Cursor(str(path), content)
+    while cursor.place < cursor.end:
+        start, kind, order = cursor.place, 0, "<"
+        for order in "<>":
+            kind, rows, columns, imaginary, name = map(int, Cursor(str(path), content, start).take(f"{order}i4", 5))
+            if 0 <= kind < 5000:
+                break
+        size = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}.get(kind // 10 % 10, 0)
+        if (kind // 1000, kind // 100 % 10) != ("<>".index(order), 0) or not size or kind % 10 > 2 or imaginary not in (0, 1) \
+                or min(rows, columns) < 0 or not 0 < name <= 64:
+            raise InputError(f"{path} is no MATLAB file of version 4, or damaged: at byte {start} there is no head of a matrix. "
+                             "Write it again")
+        cursor.skip(20 + name + rows * columns * size * (1 + imaginary))
 
 
 def _checked(path: Path, name: str, matrix: Any) -> Matrix:

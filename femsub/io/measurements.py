@@ -80,7 +80,9 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
     functions = [one for one in sets if one.kind == FUNCTION]
     if short := [one for one in functions if len(one.lines) < HEAD]:
         raise InputError(f"{file}: a data set 58 has {len(short[0].lines)} lines, but its head alone has {HEAD}")
-    found = [one for one in functions if one.lines[5][:5].strip() == str(RESPONSE)]
+    types = whole(file, "the sixth line of a data set 58, which begins with the type of the function (is a line above it lost?),",
+                  [one.lines[5][:5].strip() for one in functions])
+    found = [one for one, kind in zip(functions, types, strict=True) if kind == RESPONSE]
     if not found:
         raise InputError(f"{file} holds no frequency response function (data set 58 of function type {RESPONSE}); its data sets "
                          f"are {', '.join(map(str, sorted({one.kind for one in sets})))}")

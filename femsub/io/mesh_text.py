@@ -113,14 +113,18 @@ class Deck:
         return inserted(self.path, text_of(self.path), 0)
 
 
-def as_numbers(what: str, data: str, kind: type = np.int64) -> Array:
-    """Numbers between blanks and commas; D stands for E, as in Fortran.
+def as_numbers(what: str, data: str, kind: type = np.int64, commas: bool = False) -> Array:
+    """Numbers between blanks, or also between `commas`; D stands for E, as in Fortran.
 
     Raises
     ------
     InputError
-        Something that is not a number is among them.
+        Something that is not a number is among them, as 0,5 for 0.5.
     """
+    if not commas and "," in data:
+        at = data.index(",")
+        raise InputError(f"{what} hold a comma, in {data[max(0, at - 15):at + 15].strip()!r}: write 0.5, not 0,5, with a blank "
+                         "between two numbers")
     if kind is float:
         data = re.sub(r"[dD](?=[+-]?\d)", "e", data)
     try:
@@ -148,7 +152,7 @@ def fields(what: str, data: str, kind: type = np.int64) -> tuple[Array, Array]:
         data = re.sub(r"(^|,)(?=[ \t]*[,\n])", r"\g<1>0", data, flags=re.MULTILINE)
     raw = np.frombuffer(data.encode("utf-8"), dtype=np.uint8)
     counts = np.diff(np.searchsorted(np.flatnonzero(raw == ord(",")), np.flatnonzero(raw == ord("\n"))), prepend=0) + 1
-    values = as_numbers(what, data, kind)
+    values = as_numbers(what, data, kind, commas=True)
     if len(values) != counts.sum():
         raise InputError(f"{what} have {len(values)} numbers in {counts.sum()} fields: is a comma missing?")
     return values, counts

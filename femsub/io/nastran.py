@@ -40,6 +40,7 @@ _CELLS: dict[str, dict[int, str]] = {
 #: card: how many fields are read: number and system of a point, and its place; number, property and nodes of a cell
 _WIDTHS = {"GRID": 2, "GRID place": 3, "GRDSET": 2} | {name: 2 + max(sizes) for name, sizes in _CELLS.items()} | {
     name: 4 if name.startswith("CORD1") else 11 for name in NAMES}
+_KNOWN = {*_WIDTHS, "DMIG", "DTI", "SPOINT", "EXTRN", "SECONCT", "BSET", "BSET1", "QSET", "QSET1", "BNDFIX", "BNDFIX1"}
 _TWICE = ("CROD", "CTUBE", *(name for name in NAMES if name.startswith("CORD1")))  # two of them may stand on one card
 _ORDER = {("CHEXA", 20): _HEXA20, ("CIHEX2", 20): _IHEX2, ("CPENTA", 15): _WEDGE15, ("CTRIAX6", 6): [0, 2, 4, 1, 3, 5]}
 #: elements that are not cells: skipped, with a note
@@ -104,7 +105,7 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
             name = begin[1].upper().replace("\t", " ")
             found = [] if name.endswith("BULK") else [*found, ("BEGIN SUPER", [begin[2]])]
             continue
-        head, data, _ = _fields(line)
+        head, data, _ = _fields(path, line)
         if head and head[0] != "+" and (head[0] != "*" or head[1:2] == "("):
             found.append((head.rstrip("*"), data))
         elif found:
@@ -112,6 +113,13 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
         else:
             raise InputError(f"{path} begins with a continuation: {line.strip()!r:.60}")
     return found
+
+
+def complete(path: Path, grid: list[str]) -> None:
+    """Refuse the fields of a GRID* without its second line."""
+    if len(grid) == 4:
+        raise InputError(f"{path}: GRID* {grid[0]} has one line, and its third coordinate belongs on a second one, which is lost "
+                         "or cut off. Write it again; where the coordinate is 0, a line with * is enough")
 
 
 def _text(path: Path) -> str:
@@ -150,7 +158,7 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
     for line in bulk.split("\n"):
         if line.isspace() or not line:
             continue
-        head, data, after = _fields(line)
+        head, data, after = _fields(path, line)
         if head and head[0] != "+" and (head[0] != "*" or head[1:2] == "("):
             _close(path, cards, name, card)
             name, card = head.rstrip("*"), []
@@ -176,8 +184,15 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
     return cards, _skipped(path, counts)
 
 
-def _fields(line: str) -> tuple[str, list[str], str]:
-    """The first field in capitals, four wide or eight small ones of data, and the last field of a line."""
+def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
+    """The first field in capitals, four wide or eight small ones of data, and the last field of a line.
+
+    A comma makes all fields of a line free ones: then what should be its first field may hold others behind it.
+    """
+    name, *more = (line.partition(",")[0] if "," in line else line[:8]).upper().split() or [""]
+    if more and more != ["*"] and (name.rstrip("*_") in _KNOWN or (name[0] in "*+" and "," in line)):
+        raise InputError(f"{path}: {line.strip()!r:.75} has its fields neither in columns of 8 or 16 nor between commas. Write "
+                         "0.5, not 0,5, and a comma between all fields or none")
     if "," not in line:
         head = line[:8].strip().upper()
         head = f"{head[:-1].rstrip()}*" if head.endswith("*") else head  # 'GRID   *'
@@ -199,6 +214,7 @@ def _close(path: Path, cards: dict[str, list[str]], name: str, card: list[str]) 
     if len(_CELLS.get(name, {})) == 2 and any(card[width:]):
         raise InputError(f"{path}: {name} {card[0]} has more than {width - 2} nodes")
     if name == "GRID":
+        complete(path, card)
         _close(path, cards, "GRID place", card[2:5])
         card[1] = card[1] or BLANK
     if name in _TWICE and any(card[4:8]):

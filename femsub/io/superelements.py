@@ -18,7 +18,7 @@ from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS
 from femsub.io.damage import check_end, check_room
 from femsub.io.dmig import Dmig, dmig_of, quadruples, real, whole
-from femsub.io.nastran import entries_of
+from femsub.io.nastran import complete, entries_of
 from femsub.io.nastran_systems import NAMES, Systems
 from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
@@ -134,8 +134,18 @@ class _Deck:
             for grid, directions in quadruples(fields, 2):
                 number = whole(self.path, card, grid, 1)
                 found += [(number, 0)] if number in scalar else _directions(self.path, number, directions)
-        if found:
-            return found
+        listed, points = self._joined(scalar), dict(found)
+        if found and (lost := [point for point, _ in listed if point not in points]):
+            raise InputError(f"{self.path}: SECONCT joins the point {lost[0]}, which EXTRN does not have: {self.path.stem}.asm "
+                             "and .pch belong to different runs, or a line of EXTRN is lost")
+        if not (found or listed):
+            raise InputError(f"{self.path}: neither EXTRN nor SECONCT tells the order of the DOF. Copy {self.path.stem}.pch "
+                             "beside it, which EXTSEOUT writes with EXTBULK")
+        return found or listed
+
+    def _joined(self, scalar: set[int]) -> list[tuple[int, int]]:
+        """(grid, direction) of what SECONCT joins, six of each grid."""
+        found: list[tuple[int, int]] = []
         for card, fields in self.of("SECONCT"):
             words, at = [word for word in fields[8:] if word], 0
             while at < len(words):
@@ -143,9 +153,6 @@ class _Deck:
                 for number in self.listed(card, words[at:at + span // 2]):
                     found += [(number, 0)] if number in scalar else [(number, direction) for direction in range(1, 7)]
                 at += span
-        if not found:
-            raise InputError(f"{self.path}: neither EXTRN nor SECONCT tells the order of the DOF. Copy {self.path.stem}.pch "
-                             "beside it, which EXTSEOUT writes with EXTBULK")
         return found
 
     def scalar(self) -> set[int]:
@@ -171,11 +178,15 @@ class _Deck:
         """The coordinate systems with all grids, and the system of each grid's motions (CD)."""
         grids: dict[int, tuple[int, list[float], int]] = {}
         for card, fields in self.of("GRID"):
+            complete(self.path, fields)
             fields = fields + [""] * 6
             grid = whole(self.path, card, fields[0], 1)
             what = f"GRID {grid}"
-            grids[grid] = whole(self.path, what, fields[1]), [real(self.path, what, text) for text in fields[2:5]], \
+            given = whole(self.path, what, fields[1]), [real(self.path, what, text) for text in fields[2:5]], \
                 whole(self.path, what, fields[5])
+            if grids.setdefault(grid, given) != given:
+                raise InputError(f"{self.path}, or {self.path.stem}.asm or .pch beside it, has the grid {grid} at "
+                                 f"{grids[grid][1]} and at {given[1]}, or in two frames: one file is damaged or of another run")
         by_nodes, by_points = {}, {}
         for card, fields in self.of(*NAMES):
             fields = fields + [""] * 11

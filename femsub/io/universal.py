@@ -86,10 +86,10 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
                 elements.setdefault(type_, []).append((number, corners))
         elif kind in GROUPS:
             for name, members in _groups(path, kind, lines):
-                groups[name] = [*groups.get(name, []), *members]
+                groups.setdefault(name, []).extend(members)
         elif kind == TRACES:
             for name, line in _traces(path, lines):
-                traces[name] = [*traces.get(name, []), *line]
+                traces.setdefault(name, []).extend(line)
         elif kind not in (NODES, OLD_NODES, SYSTEMS, EXPORT, HEADER, UNITS):
             notes[f"data set {kind} skipped"] += 1
     notes.update(told(sets))
@@ -161,8 +161,8 @@ def data_sets(path: Path) -> Iterator[DataSet]:
     if len(ends) % 2 or not ends:
         raise InputError(f"{path} has a data set without its end, a line -1: it is cut short or damaged")
     for begin, end in zip(ends[::2], ends[1::2], strict=True):
-        kind = [*(lines[begin + 1].split() if end > begin + 1 else []), ""][0]
-        if not re.fullmatch("[0-9]{1,4}b?", kind) or (kind[-1] == "b" and not values):
+        kind, *more = [*(lines[begin + 1].split() if end > begin + 1 else []), ""]
+        if not re.fullmatch("[0-9]{1,4}b?", kind) or (not values if kind[-1] == "b" else any(more)):
             raise InputError(f"{path}, line {begin + 2}: {lines[begin + 1]!r:.40} is not the number of a data set")
         content = values.pop(0) if kind[-1] == "b" else ()
         yield DataSet(int(kind.rstrip("b")), lines[begin + 2:end], *content)
@@ -258,7 +258,8 @@ def _elements(path: Path, lines: list[str]) -> Iterator[tuple[int, int, list[int
         at += 2 if head[1] in BEAMS else 1
         words: list[str] = []
         while len(words) < head[5] and at < len(lines):
-            words, at = [*words, *lines[at].split()], at + 1
+            words += lines[at].split()
+            at += 1
         nodes = whole(path, f"element {head[0]}", words)
         if len(nodes) < head[5] or any(nodes[head[5]:]):  # the last line may be filled up with 0
             raise InputError(f"{path}: element {head[0]} announces {head[5]} nodes, but has {len(nodes)}")
