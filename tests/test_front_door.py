@@ -407,7 +407,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "write_matrices": (fs.write_matrices, {"folder": folder / "new", "model": rom, "format": "mtx"}),
         "write_superelement": (
             fs.write_superelement,
-            {"folder": folder / "super", "model": sub, "program": "dmig", "full": None, "number": 101},
+            {"folder": folder / "super", "model": sub, "program": "dmig", "full": None, "number": 101, "recover": None},
         ),
         "write_mesh": (
             fs.write_mesh,

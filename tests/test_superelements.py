@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import tracemalloc
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -191,7 +192,7 @@ def test_what_is_written_for_nastran_is_read_back(arm: Any, tmp_path: Path, prog
     if program == "nastran":
         pytest.importorskip("pyyeti.nastran.op4")
     rom = fs.damped(arm[1].with_damping(1e-6 * arm[1].K), structural=0.02)
-    fs.write_superelement(tmp_path, rom, program, number=7)
+    fs.write_superelement(tmp_path, rom, program, number=7, recover="all")
     found = read(tmp_path / "arm.pch")
     digits = 1e-15 if program == "nastran" else 1e-10  # of DMIG, ten
     for ours, theirs in ((rom.M, found.M), (rom.K, found.K), (rom.D, found.D), (rom.H, found.H)):
@@ -214,7 +215,7 @@ def test_pynastran_reads_what_is_written(arm: Any, tmp_path: Path) -> None:
     bdf, op4 = pytest.importorskip("pyNastran.bdf.bdf"), pytest.importorskip("pyNastran.op4.op4")
     pytest.importorskip("pyyeti.nastran.op4")
     for program in ("nastran", "dmig"):
-        fs.write_superelement(tmp_path / program, arm[1], program)
+        fs.write_superelement(tmp_path / program, arm[1], program, recover="all")
     deck = bdf.read_bdf(tmp_path / "dmig" / "arm.pch", punch=True, xref=False, debug=None)
     found = {name: deck.dmig[name].get_matrix(is_sparse=False, apply_symmetry=True)[0] for name in ("KAAX", "MAAX", "MUG1T")}
     whole = op4.read_op4(str(tmp_path / "nastran" / "arm.op4"), matrix_names=["KAA", "MAA"], debug=None)
@@ -228,7 +229,7 @@ def test_pynastran_reads_what_is_written(arm: Any, tmp_path: Path) -> None:
 def test_matrices_for_abaqus_and_calculix(arm: Any, tmp_path: Path) -> None:
     rom = arm[1]
     for program in ("abaqus", "calculix"):
-        fs.write_superelement(tmp_path / program, rom, program)
+        fs.write_superelement(tmp_path / program, rom, program, recover="all")
         back = fs.read_component(tmp_path / program / "M.mtx", tmp_path / program / "K.mtx")
         assert np.array_equal(back.K.toarray(), rom.K) and np.array_equal(back.M.toarray(), rom.M)
         assert back.dofs is not None and back.dofs.name(23) == "uz at node 28"
@@ -561,3 +562,46 @@ def test_the_asm_and_the_pch_must_have_the_same_grids(tmp_path: Path) -> None:
     files[".pch"].write_text("".join(lines[:place + 1] + lines[place + 2:]))
     with pytest.raises(fs.InputError, match="SECONCT joins the point"):
         fs.read_component(files[".asm"], cutoff=1.0)
+
+
+# ---- motions that are recovered
+
+@pytest.mark.parametrize("program", ["nastran", "dmig", "abaqus", "calculix"])
+def test_the_nodes_that_are_recovered_are_chosen(arm: Any, program: str, tmp_path: Path) -> None:
+    if program == "nastran":
+        pytest.importorskip("pyyeti.nastran.op4")
+    rom = arm[1]
+    sizes = dict[str, int]()
+    for name, recover in (("none", None), ("some", [5, 6]), ("all", "all")):
+        files = fs.write_superelement(tmp_path / name, rom, program, recover=recover)
+        sizes[name] = sum(path.stat().st_size for path in files)
+        about = json.loads((tmp_path / name / "validity.json").read_text())
+        assert about["recovered nodes"] == {"none": "none but the interface"}.get(name, recover)
+        if program in ("nastran", "dmig"):
+            found = read(tmp_path / name / "arm.pch")
+            others = set(found.full_dofs.nodes.tolist()) - {2800, *rom.interface_dofs.nodes.tolist()}
+            listed = {node for node in others if node < 1000}
+            assert listed == {"none": set(), "some": {5, 6}}.get(name, set(range(1, 29)) - set(rom.interface_dofs.nodes.tolist()))
+            assert np.abs(frequencies(found) - frequencies(rom)).max() < 1e-5 * frequencies(rom).max()
+        elif name != "none":
+            rows = np.flatnonzero(np.isin(rom.full_dofs.nodes, [5, 6])) if name == "some" else np.arange(len(rom.V))
+            assert np.array_equal(fs.read_matrix(tmp_path / name / "recovery.mtx"), rom.V[rows])
+            assert (tmp_path / name / "dofs.csv").read_text().count("\n") == 1 + len(rows)
+    assert sizes["none"] < sizes["some"] < sizes["all"]
+    with pytest.raises(fs.InputError, match=r"not node 99.*'all'"):
+        fs.write_superelement(tmp_path, rom, program, recover=[5, 99])
+    with pytest.raises(fs.InputError, match="recover"):
+        fs.write_superelement(tmp_path, rom, program, recover="every")
+
+
+def test_recovered_motions_are_read_without_a_square_of_their_number(tmp_path: Path) -> None:
+    """The frames of all recovered motions were a full matrix: 36 GB for 60,000 of them."""
+    full = fs.solid(fs.block((1.0, 0.1, 0.1), (150, 2, 2), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["right"],
+                    supports=["left"], name="bar")
+    rom = fs.reduce(full, fs.CraigBampton(1))
+    fs.write_superelement(tmp_path, rom, "dmig", recover="all")
+    tracemalloc.start()
+    found = read(tmp_path / "bar.pch")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(found.V) > 4000 and peak < 8 * len(found.V) ** 2 / 2

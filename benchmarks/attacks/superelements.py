@@ -34,7 +34,7 @@ def attacked(kind: str, seed: int) -> str:
         except fs.FemsubError:
             return "no reference"
         try:
-            files = fs.write_superelement(folder, model, kind, full=full if kind == "exudyn" else None)
+            files = fs.write_superelement(folder, model, kind, full=full if kind == "exudyn" else None, recover="all")
         except fs.FemsubError as error:
             open_ = len(model.interface) or not isinstance(model, fs.ReducedSubstructure)
             meant = any((

@@ -12,13 +12,13 @@ from typing import Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, choice, instance, path_of, whole_number
+from femsub.checks import Array, choice, instance, path_of, whole_number, whole_numbers
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import DIRECTIONS, write_dofs
 from femsub.io.atomic import Writer, write_whole
 from femsub.io.model_folder import write_op4, write_single
 from femsub.io.op4 import op4_module
-from femsub.model import ReducedSubstructure, Substructure
+from femsub.model import DofMap, ReducedSubstructure, Substructure
 
 PROGRAMS = ("nastran", "dmig", "abaqus", "calculix", "exudyn")
 VALIDITY = "validity.json"
@@ -35,8 +35,8 @@ EXTSEOUT = ("kaa", "maa", "baa", "k4xx", "pa", "gpxx", "gdxx", "rvax", "va", "mu
 
 
 def write_superelement(folder: str | Path, model: Substructure, program: str, full: Substructure | None = None,
-                       number: int = 101) -> list[Path]:
-    """Write a reduced model as a superelement for another program: M, D, K of shape (r, r) and what recovers u = V q.
+                       number: int = 101, recover: str | Sequence[int] | None = None) -> list[Path]:
+    """Write a reduced model as a superelement for another program: M, D, K of shape (r, r) and rows of V, which recover u = V q.
 
     Parameters
     ----------
@@ -53,12 +53,16 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
 
     number : int
         Of the superelement, 1 to 999. The numbers of its scalar points begin with it, so that several go into one model.
+    recover : 'all' or sequence of int, optional
+        The nodes whose motions the other program can recover, by their numbers in the full model's DOF map. By default none but
+        the interface's, which are coordinates. Each motion costs r numbers: 60,000 with 28 coordinates are 100 MB of DMIG.
 
     Returns
     -------
     list of Path
         The files written. Beside those of the table there is always validity.json: the cut-off, the estimate of the error,
-        and node, direction and kind of each coordinate. For Abaqus and CalculiX, recovery.mtx is V and dofs.csv its rows.
+        what is recovered, and node, direction and kind of each coordinate. For Abaqus and CalculiX with `recover`, recovery.mtx
+        has the rows of V and dofs.csv names them.
 
     Notes
     -----
@@ -75,13 +79,13 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     NAME is the model's name with '_' for whatever is no letter or digit. Damping D is BAA, BAAX (B2GG) or D.mtx. Structural
     damping H is K4XX, K4AAX (K42GG) or H.mtx. CalculiX and Exudyn have no matrix for them. CalculiX takes at most 255 nodes.
     Exudyn gets the elastic modes Ψ = V Φ of the model, with the shape integrals of Zwölfer and Gerstmayr (2020) over the full
-    mass. `read_component` reads the files for Nastran back, `read_matrix` those of Abaqus and CalculiX.
+    mass; its file has all motions. `read_component` reads the files for Nastran back, `read_matrix` those of Abaqus and CalculiX.
 
     Raises
     ------
     InputError
-        An unknown program, an interface that is not coordinates or, for Nastran, none, more than a format can hold, a folder
-        that cannot be written.
+        An unknown program, an interface that is not coordinates or, for Nastran, none, a node to recover that the model does not
+        have, more than a format can hold, a folder that cannot be written.
     MissingPackageError
         'nastran' without pyyeti.
 
@@ -103,16 +107,34 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     choice("program", program, PROGRAMS)
     whole_number("number", number, 1, MOST_PARTS)
     places = _places(instance("model", model, Substructure), number, program == "calculix")
+    nodes: str | list[int] = [] if recover is None else choice("recover", recover, ("all",)) if isinstance(recover, str) else (
+        sorted(set(whole_numbers("recover", recover).tolist())))
+    rows = _rows(model, nodes)
     name = "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in model.name)[:40] or "part"
     makers: dict[str, Callable[[], dict[str, Writer]]] = {
-        "nastran": partial(_nastran, model, places, name), "dmig": partial(_dmig, model, places, name),
-        "abaqus": partial(_matrix_input, model, places, name, False),
-        "calculix": partial(_matrix_input, model, places, name, True), "exudyn": partial(_exudyn, model, full, name)}
-    files = makers[program]() | {VALIDITY: partial(_validity, model=model, places=places)}
+        "nastran": partial(_nastran, model, places, name, rows), "dmig": partial(_dmig, model, places, name, rows),
+        "abaqus": partial(_matrix_input, model, places, name, rows, False),
+        "calculix": partial(_matrix_input, model, places, name, rows, True), "exudyn": partial(_exudyn, model, full, name)}
+    recovers = "all" if program == "exudyn" else nodes
+    files = makers[program]() | {VALIDITY: partial(_validity, model=model, places=places, recovers=recovers)}
     try:
         return write_whole(target, files)
     except OSError as error:
         raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
+
+
+def _rows(model: Substructure, nodes: str | list[int]) -> Array:
+    """The rows of V that are written."""
+    if not isinstance(model, ReducedSubstructure) or not nodes:
+        return np.zeros(0, dtype=np.intp)
+    if nodes == "all":
+        return np.arange(len(model.V))
+    dofs = model.full_dofs
+    if dofs is None or (missing := np.setdiff1d(nodes, dofs.nodes)).size:
+        known = "its full model has no DOF map" if dofs is None else f"not node {missing[0]}"
+        raise InputError(f"recover: {model.name!r} does not know these nodes: {known}. Name nodes of the full model's DOF map, "
+                         "or 'all'")
+    return np.flatnonzero(np.isin(dofs.nodes, nodes))
 
 
 @dataclass(frozen=True)
@@ -178,11 +200,12 @@ def _spatial(points: Array) -> Array:
     return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
 
 
-def _validity(file: BinaryIO, model: Substructure, places: Places) -> None:
+def _validity(file: BinaryIO, model: Substructure, places: Places, recovers: str | list[int]) -> None:
     method, estimate = (model.method, model.estimate) if isinstance(model, ReducedSubstructure) else ("full", None)
     about: dict[str, Any] = {
         "name": model.name, "method": method, "unit of frequencies": "rad per unit of time",
         "cutoff": None if np.isinf(model.cutoff) else model.cutoff, "estimate": None if estimate is None else estimate.record(),
+        "recovered nodes": recovers if recovers else "none but the interface",
         "coordinates": [{"node": int(node), "direction": int(direction), "kind": kind}
                         for (node, direction), kind in zip(places.labels, places.kinds, strict=True)]}
     file.write((json.dumps(about, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
@@ -203,14 +226,14 @@ def _ordered(model: Substructure, places: Places) -> dict[str, Array]:
     return {key: part[np.ix_(places.order, places.order)] for key, part in dense.items() if key in "KM" or np.any(part)}
 
 
-def _recovery(model: Substructure, places: Places) -> tuple[list[tuple[int, int]], Array]:
+def _recovery(model: Substructure, places: Places, rows: Array) -> tuple[list[tuple[int, int]], Array]:
     """(node, first row from 1) of MUG1, and it, (6 nodes, r): six rows for each node whose motions have directions."""
     if not isinstance(model, ReducedSubstructure) or model.full_dofs is None:
         return [], np.zeros((0, model.size))
     dofs = model.full_dofs
     known = [DIRECTIONS.index(label) if label in DIRECTIONS else -1 for label in dofs.labels]
     direction = np.array(known, dtype=np.int64)[dofs.components]
-    rows = np.flatnonzero(direction >= 0)
+    rows = rows[direction[rows] >= 0]
     nodes, index = np.unique(dofs.nodes[rows], return_inverse=True)
     table = np.zeros((6 * len(nodes), model.size))
     table[6 * index + direction[rows]] = model.V[rows][:, places.order]
@@ -272,9 +295,9 @@ def _tug1(recovered: list[tuple[int, int]], size: int) -> Iterator[str]:
                          *(word for node, row in recovered for word in (1, node, 6, row)), "ENDREC")
 
 
-def _nastran(model: Substructure, places: Places, name: str) -> dict[str, Writer]:
+def _nastran(model: Substructure, places: Places, name: str, rows: Array) -> dict[str, Writer]:
     points, matrices = _placed(model, places), _ordered(model, places)
-    recovered, table = _recovery(model, places)
+    recovered, table = _recovery(model, places, rows)
     size, number = model.size, places.number
     parts: dict[str, Any] = {key: np.zeros((1, 1)) for key in EXTSEOUT}
     parts |= {"kaa": matrices["K"], "maa": matrices["M"], "va": np.ones((size, 1))}
@@ -306,9 +329,9 @@ def _write_lines(file: BinaryIO, lines: Sequence[str]) -> None:
     file.write(("\n".join(lines) + "\n").encode("ascii"))
 
 
-def _dmig(model: Substructure, places: Places, name: str) -> dict[str, Writer]:
+def _dmig(model: Substructure, places: Places, name: str, rows: Array) -> dict[str, Writer]:
     points, matrices = _placed(model, places), _ordered(model, places)
-    recovered, table = _recovery(model, places)
+    recovered, table = _recovery(model, places, rows)
     labels = places.labels[places.order].tolist()
 
     def write(file: BinaryIO) -> None:
@@ -334,7 +357,7 @@ def _write_dmig(file: BinaryIO, name: str, form: int, matrix: Array, rows: list[
     _write_lines(file, lines)
 
 
-def _matrix_input(model: Substructure, places: Places, name: str, calculix: bool) -> dict[str, Writer]:
+def _matrix_input(model: Substructure, places: Places, name: str, rows: Array, calculix: bool) -> dict[str, Writer]:
     """Lines 'node,DOF,node,DOF,entry' of one triangle, and the deck that reads them."""
     matrices = _ordered(model, places)
     labels = places.labels[places.order].copy()
@@ -370,10 +393,11 @@ def _matrix_input(model: Substructure, places: Places, name: str, calculix: bool
     keep = {key: np.tril(pattern) if symmetric else pattern for key, symmetric in full.items()}
     files |= {f"{key}.mtx": partial(_write_triplets, matrix=matrix, keep=keep[key], labels=labels)
               for key, matrix in matrices.items()}
-    if isinstance(model, ReducedSubstructure):
-        files["recovery.mtx"] = partial(write_single, part=model.V[:, places.order], name="recovery.mtx")
-        if model.full_dofs is not None:
-            files["dofs.csv"] = partial(write_dofs, dofs=model.full_dofs)
+    if isinstance(model, ReducedSubstructure) and len(rows):
+        files["recovery.mtx"] = partial(write_single, part=model.V[np.ix_(rows, places.order)], name="recovery.mtx")
+        if (dofs := model.full_dofs) is not None:
+            where = None if dofs.points is None else dofs.points[rows]
+            files["dofs.csv"] = partial(write_dofs, dofs=DofMap(dofs.nodes[rows], dofs.components[rows], dofs.labels, where))
     return files
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.algebra import RigidMotion
@@ -373,7 +372,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
                          f"or {path.stem}.asm should list them. read_component('FILE:M', 'FILE:K') reads the matrices alone")
     place = dict(zip(systems.numbers.tolist(), systems.points(), strict=True)) if cd else {}
     turn, labels = _turned(boundary, systems, cd, place)
-    T = la.block_diag(turn, np.eye(len(order) - nb))
+    T = sp.block_diag([turn, sp.eye_array(len(order) - nb)], format="csr")
     K, M, *lossy = ((A + A.T) / 2 for A in (T.T @ part @ T for part in (K, M, H) if part is not None))
     extra, recovery = _extra(raw, order, set(boundary), T)
     back, names = _turned(extra, systems, cd, place)
@@ -452,7 +451,7 @@ def _resisted_least(K: Array, unit: Array) -> Array:
     return unit[:, None] * U[:, :count if clear else 0]
 
 
-def _extra(raw: _Raw, order: Array, boundary: set[tuple[int, int]], T: Array) -> tuple[list[tuple[int, int]], Array]:
+def _extra(raw: _Raw, order: Array, boundary: set[tuple[int, int]], T: Any) -> tuple[list[tuple[int, int]], Array]:
     """Recovered motions that are no boundary DOF, each once, and not those that nothing moves."""
     moved = (raw.recovery != 0).any(axis=1)
     seen, kept = set(boundary), list[int]()
@@ -466,13 +465,14 @@ def _extra(raw: _Raw, order: Array, boundary: set[tuple[int, int]], T: Array) ->
 
 
 def _turned(dofs: list[tuple[int, int]], systems: Systems, cd: Mapping[int, int], place: Mapping[int, Array]
-            ) -> tuple[Array, list[str]]:
-    """T, (n, n), with u = T u_basic for motions u in the frames of their grids; and what the motions are called then.
+            ) -> tuple[Any, list[str]]:
+    """T, sparse (n, n), with u = T u_basic for motions u in the frames of their grids; and what the motions are called then.
 
     Three motions of a grid are turned together. Motions in a frame that is turned, of which one or two are missing, keep their
     directions: they are called 'ux@10' after their frame, or 'ux@own' where the frame is not known.
     """
-    T, labels = np.eye(len(dofs)), [""] * len(dofs)
+    n, labels = len(dofs), [""] * len(dofs)
+    turned: list[tuple[Array, Array]] = []
     blocks: dict[tuple[int, bool], dict[int, int]] = {}
     for at, (grid, direction) in enumerate(dofs):
         if not direction:
@@ -486,6 +486,10 @@ def _turned(dofs: list[tuple[int, int]], systems: Systems, cd: Mapping[int, int]
         for axis, at in rows.items():
             labels[at] = DIRECTIONS[axis + 3 * turning] + ("" if ready else f"@{cd.get(grid, 'own')}")
         if ready and not basic:
-            at_rows = np.array([rows[axis] for axis in range(3)])
-            T[np.ix_(at_rows, at_rows)] = axes
-    return T, labels
+            turned.append((np.array([rows[axis] for axis in range(3)]), axes))
+    places = np.reshape([at for at, _ in turned], (-1, 3)).astype(np.intp)
+    straight = np.setdiff1d(np.arange(n), places)
+    i = np.concatenate([straight, np.repeat(places, 3, axis=1).ravel()])
+    j = np.concatenate([straight, np.repeat(places, 3, axis=0).ravel()])
+    values = np.concatenate([np.ones(len(straight)), *(axes.ravel() for _, axes in turned)])
+    return sp.csr_array((values, (i, j)), shape=(n, n)), labels
