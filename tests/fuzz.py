@@ -28,6 +28,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="subjects whose name holds this")
     parser.add_argument("--out", type=Path, help="where findings are kept (a temporary folder)")
     parser.add_argument("--kills", type=int, default=0, help="kills of a writer and of a run (0)")
+    parser.add_argument("--silent", action="store_true", help="list the mutants with other content and no word about it")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     out = options.out or Path(tempfile.mkdtemp(prefix="fuzz-files-"))
@@ -37,7 +38,7 @@ def main() -> int:
         valid.mkdir(parents=True, exist_ok=True)
         subjects = [one for one in importlib.import_module(module).subjects(valid) if options.only in one.name]
         report = fuzz(subjects, options.count, options.seed, out / module, jobs=options.jobs)
-        print(report, flush=True)
+        print("\n".join([str(report), *(report.silent if options.silent else [])]), flush=True)
         total += len(report.findings)
     for what in ("write", "run") if options.kills else ():
         with tempfile.TemporaryDirectory(prefix="fuzz-files-") as folder:

@@ -42,10 +42,10 @@ def subjects(folder: Path) -> list[Subject]:
         about = {"nodes": np.array([3, 1]), "kinds": np.array([1, 2, 3]), "held": np.arange(1, 7)}
         full_file(path, B @ B.T + unsymmetric * rng.standard_normal((6, 6)), B @ B.T, about, unsymmetric)
         made.append(Subject(f"ansys-full{'-unsymmetric' * unsymmetric}", path, "fuzz_ansys:read_full", text=False,
-                            strict=frozenset({"cut"}), header=1000))
+                            strict=frozenset({"cut", "nul"}), header=1000))
     if source is not None:
         path = folder / "rst" / "file.rst"
         path.parent.mkdir(parents=True)
         shutil.copy(source / path.name, path)
-        made.append(Subject("ansys-rst", path, "fuzz_ansys:read_rst", text=False, strict=frozenset({"cut"}), header=3000))
+        made.append(Subject("ansys-rst", path, "fuzz_ansys:read_rst", text=False, strict=frozenset({"cut", "nul"}), header=3000))
     return made

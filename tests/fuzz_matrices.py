@@ -210,14 +210,14 @@ def subjects(folder: Path) -> list[Subject]:
                    name="arm")
     super_ = fs.reduce(arm, fs.CraigBampton(modes=3))
     reader = "fuzz_matrices:read_superelement"
-    cards: dict[str, Any] = {"vocabulary": DMIG, "strict": frozenset({"word"}), "words": entries_of_dmig}
-    fs.write_superelement(folder / "m", super_, "dmig")
+    cards: dict[str, Any] = {"vocabulary": DMIG, "strict": frozenset({"word", "comma", "nul"}), "words": entries_of_dmig}
+    fs.write_superelement(folder / "m", super_, "dmig", recover="all")
     made.append(Subject("dmig", folder / "m" / "arm.pch", reader, **cards))
     made.append(Subject("dmig-matrix", folder / "m" / "arm.pch", "fuzz_matrices:read_dmig", **cards))
     if any(subject.name == "op4" for subject in made):
-        fs.write_superelement(folder / "n", super_, "nastran")
+        fs.write_superelement(folder / "n", super_, "nastran", recover="all")
         (folder / "n" / "validity.json").unlink()
-        made.append(Subject("superelement", folder / "n", reader, vocabulary=DMIG, strict=frozenset(),
+        made.append(Subject("superelement", folder / "n", reader, vocabulary=DMIG, strict=frozenset({"comma", "nul"}),
                             text_file=lambda name: name.endswith((".asm", ".pch"))))
     (folder / "o").mkdir()
     made.append(Subject("op2", Op2Writer().matrix("K", K).matrix("M", K).write(folder / "o" / "K.op2"), "fuzz_matrices:read_op2",
@@ -230,5 +230,6 @@ def subjects(folder: Path) -> list[Subject]:
         for name, whole in (("model", part), ("reduced", rom)):
             fs.write_matrices(folder / f"{name}-{form}", whole, form)
             made.append(Subject(f"{name}-{form}", folder / f"{name}-{form}", "fuzz_matrices:read_component",
-                                strict=frozenset({"cut", "word", "bytes", "bits", "field", "block", "line", "swap", "delete"})))
+                                strict=frozenset({"cut", "word", "bytes", "bits", "field", "block", "line", "swap", "delete",
+                                                  "comma", "nul"})))
     return made

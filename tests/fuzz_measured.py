@@ -54,14 +54,14 @@ def subjects(folder: Path) -> list[Subject]:
         path.write_bytes(content)
         made.append(Subject(name, path, reader, **how))
 
-    text = {"vocabulary": WORDS, "strict": frozenset({"word"}), "words": values_of_modes}
+    text = {"vocabulary": WORDS, "strict": frozenset({"word", "comma", "nul"}), "words": values_of_modes}
     modes = "fuzz_measured:read_modes"
     add("uff-55", (BENCH + old_mode(10.0, 0.01, SHAPES[0]) + old_mode(12.0, 0.0, SHAPES[1])).encode(), modes, **text)
     six = np.concatenate([SHAPES[0] + 1j * SHAPES[1], SHAPES[1] - 1j * SHAPES[0]], axis=1)
     add("uff-2414", (BENCH + new_mode(-1 + 40j, six) + new_mode(-2 + 90j, six.conj())).encode(), modes, **text)
-    add("uff-82", BENCH.encode(), "fuzz_meshes:read", vocabulary=WORDS, strict=frozenset())
+    add("uff-82", BENCH.encode(), "fuzz_meshes:read", vocabulary=WORDS, strict=frozenset({"comma", "nul"}))
     h = np.random.default_rng(4).standard_normal((2, 8)).view(complex)
     for binary in (False, True):
         add(f"uff-58{'b' * binary}", b"".join(function(2 + row, h[row], binary) for row in (0, 1)), "fuzz_measured:read_response",
-            text=not binary, strict=frozenset(), vocabulary=WORDS)
+            text=not binary, strict=frozenset({"comma", "nul"}), vocabulary=WORDS)
     return made

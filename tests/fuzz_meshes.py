@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,14 @@ CARDS = (b"GRID", b"GRDSET", b"CHEXA", b"CTETRA", b"CQUAD4", b"INCLUDE", b"ENDDA
 SECTIONS = (b"$Nodes", b"$EndNodes", b"$Elements", b"$EndElements", b"$Entities", b"$EndEntities", b"$PhysicalNames",
             b"$NodeData", b"$MeshFormat", b"$EndMeshFormat")
 ARCHIVE = (b"NBLOCK", b"EBLOCK", b"CMBLOCK", b"SOLID", b"NODE", b"ELEM", b"ET,", b"CSYS,", b"LOCAL,12", b"185", b"187", b"-1")
-WHOLE = frozenset({"word"})  # where a file cut at the end of a line is a file again
+WHOLE = frozenset({"word", "comma", "nul"})  # where a file cut at the end of a line is a file again
 
 
 def read(path: Path) -> Any:
     """What a mesh file holds; TetGen's two files are a folder."""
     mesh = fs.read_mesh(path / "m.node" if path.is_dir() else path)
+    for note in mesh.repairs:
+        warnings.warn(note, stacklevel=1)
     return {"points": mesh.points, "cells": mesh.cells, "kind": mesh.kind, "numbers": mesh.numbers, "sets": dict(mesh.sets),
             "groups": dict(mesh.groups)}
 

@@ -45,7 +45,7 @@ SCENES = {
 def read_scene(path: Path) -> Any:
     """A scene file or a results.json."""
     scene, _ = load(str(path / "results.json" if path.is_dir() else path))
-    return {key: repr(value) for key, value in asdict(scene).items() if key != "folder"}
+    return {key: repr(value).replace(str(path), "") for key, value in asdict(scene).items() if key != "folder"}
 
 
 def run_scene(path: Path) -> Any:
@@ -106,10 +106,10 @@ def subjects(folder: Path) -> list[Subject]:
     whole = folder / "mode" / MODE_FILE
     whole.parent.mkdir()
     whole.write_bytes((folder / "out-beam" / MODE_FILE).read_bytes())
-    made.append(Subject("mode", whole, "fuzz_runs:mode", text=False, strict=frozenset({"cut", "bytes", "bits"})))
+    made.append(Subject("mode", whole, "fuzz_runs:mode", text=False, strict=frozenset({"cut", "bytes", "bits", "nul"})))
     plain = folder / "mode-raw" / MODE_FILE
     plain.parent.mkdir()
     with np.load(whole) as arrays:
         np.savez(plain, **arrays)
-    made.append(Subject("mode-raw", plain, "fuzz_runs:mode", text=False, strict=frozenset({"cut", "bytes", "bits"})))
+    made.append(Subject("mode-raw", plain, "fuzz_runs:mode", text=False, strict=frozenset({"cut", "bytes", "bits", "nul"})))
     return made

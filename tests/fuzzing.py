@@ -3,6 +3,9 @@
 Right is a FemsubError, the content of the valid file, or the honest meaning of the damaged one. A finding is all else: another
 exception, a crash, a hang, memory without bounds, and content that the damaged file does not have.
 
+Other content is counted by whether a warning or a note said so, and where none did, by the kind of damage: another digit in a
+number cannot be known.
+
 A module `fuzz_NAME.py` beside this one offers `subjects(folder) -> list[Subject]`: it writes valid files into the folder and
 tells how each is read. `scripts/fuzz-files` runs all of them at length, the tests a short seeded part:
 
@@ -63,8 +66,8 @@ class Subject:
         Whether it is damaged as text: words, numbers, lines. In a folder, this is asked of each file by `text_file`.
     strict : set of str
         Kinds of damage behind which only the valid file's content or a refusal is right. 'word' puts nonsense in the place of
-        a number. Checksums make 'bytes' strict, counts of lines make 'line' strict. A folder's .json is never strict: it
-        is what the rest is checked against.
+        a number, 'comma' writes 0,5 for 0.5, 'nul' puts NUL bytes before the file. Checksums make 'bytes' strict, counts of
+        lines make 'line' strict. A folder's .json is never strict: it is what the rest is checked against.
     honest : callable, optional
         The content that a damaged file honestly has, in the reader's form, or None if it has no meaning: a second reader, slow
         and simple. With it, any other content is a finding.
@@ -80,7 +83,7 @@ class Subject:
     path: Path
     reader: str
     text: bool = True
-    strict: frozenset[str] = frozenset({"cut", "word"})
+    strict: frozenset[str] = frozenset({"cut", "word", "comma", "nul"})
     honest: Callable[[Path], Any] | None = None
     words: Callable[[bytes], list[tuple[int, int]]] | None = None
     vocabulary: Sequence[bytes] = ()
@@ -104,6 +107,7 @@ class Report:
 
     counts: dict[str, Counter[str]] = field(default_factory=dict)
     findings: list[str] = field(default_factory=list)
+    silent: list[str] = field(default_factory=list)  # other content without a word
 
     @property
     def total(self) -> int:
@@ -173,10 +177,12 @@ def _mutant(subject: Subject, name: str, data: bytes, rng: random.Random) -> Mut
     if name.endswith(".json") and rng.random() < 0.7:
         return Mutant("json", *_json(data, name, rng))
     text = subject.text if not name else subject.text_file(name)
-    kinds = ("cut", "word", "number", "swap", "line", "header", "bytes") if text else ("cut", "bytes", "bits", "field", "block")
+    kinds = ("cut", "word", "number", "swap", "line", "header", "bytes", "comma", "nul", "pump") if text else (
+        "cut", "bytes", "bits", "field", "block", "nul")
     kind = rng.choice(kinds)
     what, damaged = {"cut": _cut, "word": _nonsense, "number": _number, "swap": _swap, "line": _line, "header": _header,
-                     "bytes": _bytes, "bits": _bits, "field": _field, "block": _block}[kind](subject, data, rng)
+                     "bytes": _bytes, "bits": _bits, "field": _field, "block": _block, "comma": _comma, "nul": _nul,
+                     "pump": _pump}[kind](subject, data, rng)
     return Mutant(kind, what, name, damaged)
 
 
@@ -261,6 +267,30 @@ def _bytes(subject: Subject, data: bytes, rng: random.Random) -> tuple[str, byte
             damaged[place] = rng.randrange(256)
         places.append(place)
     return f"bytes {places} at random", bytes(damaged)
+
+
+def _comma(subject: Subject, data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    spans = [span for span in (subject.words(data) if subject.words else _spans(NUMBER, data)) if b"." in data[slice(*span)]]
+    if not spans:
+        return _nonsense(subject, data, rng)
+    span = rng.choice(spans)
+    return _put(data, span, data[slice(*span)].replace(b".", b","))
+
+
+def _nul(subject: Subject, data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    count = rng.choice([1, 2, 4, 8, 20, 128, 512])
+    return f"{count} NUL bytes before it", bytes(count) + data
+
+
+def _pump(subject: Subject, data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    """A sign, a word or a line many times: what takes more than linear time is a hang."""
+    start = _place(subject, data, rng)
+    lines = data.splitlines(keepends=True)
+    unit = rng.choice([data[start:start + rng.choice([1, 2, 3, 8])], rng.choice(lines), rng.choice([*subject.vocabulary, b" "]),
+                       rng.choice([b",", b" ", b"\n", b"1", b"% ", b"<", b"'", b"(", b"1 ", b",\n", b"a"])]) or b" "
+    count = rng.choice([300, 5_000, 30_000])
+    count = min(count, 300_000 // len(unit) + 1)
+    return f"{unit[:40]!r} {count} times at byte {start}", data[:start] + unit * count + data[start:]
 
 
 def _bits(subject: Subject, data: bytes, rng: random.Random) -> tuple[str, bytes]:
@@ -376,7 +406,10 @@ def serve(questions: Connection, answers: Connection, memory: int) -> None:
                 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
                 resource.setrlimit(resource.RLIMIT_AS, (used + memory,) * 2)
                 limited = True
-            answers.send(("content", fingerprint(read(Path(path)))))
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                content = fingerprint(read(Path(path)))
+            answers.send(("content", f"{content} {fingerprint(sorted({str(one.message) for one in said}))}"))
         except FemsubError as error:
             hungry = _memory_error(error)
             answers.send(("memory", f"refused only after a MemoryError: {hungry}") if hungry else ("refused", str(error)))
@@ -412,7 +445,7 @@ def fuzz(subjects: Sequence[Subject], count: int, seed: int, folder: Path, *, jo
         for subject, indices in parts[number::jobs]:
             for ending, finding in _judged(subject, set(indices), count, seed, place, folder, child):
                 report.counts[subject.name][ending] += 1
-                report.findings += [finding] if finding else []
+                (report.silent if ending.startswith("other, without") else report.findings).extend([finding] if finding else [])
 
     try:
         with ThreadPoolExecutor(jobs) as pool:
@@ -440,14 +473,18 @@ def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: P
         if ending == "refused" and subject.honest is not None and subject.honest(path) is not None:
             verdict = "refused though meant"  # no finding: redundant lines, or a size that only looks wrong
         if ending == "content":
-            verdict = "same" if answer == original else "other"
+            verdict = "same" if answer.split()[0] == original.split()[0] else "other"
+            quiet = answer.split()[1] == original.split()[1]
+            answer = answer.split()[0]
             if verdict == "other" and subject.honest is not None:
                 meaning = subject.honest(path)
                 verdict = "meant" if meaning is not None and fingerprint(meaning) == answer else "wrong content"
             elif verdict == "other" and mutant.kind in subject.strict and not mutant.file.endswith(".json"):
                 verdict = "wrong content"
-        if verdict in ("same", "meant", "other", "refused", "refused though meant"):
-            yield verdict, ""
+            if verdict == "other":
+                verdict = f"other, without a word ({mutant.kind})" if quiet else "other, with a word"
+        if verdict.startswith("other, ") or verdict in ("same", "meant", "refused", "refused though meant"):
+            yield verdict, f"{verdict}: {subject.name} {mutant.file}: {mutant.what}" if "without" in verdict else ""
         else:
             kept = keep / f"{subject.name}-{seed}-{index}{subject.path.suffix}"
             with contextlib.suppress(OSError):

@@ -315,7 +315,8 @@ def test_points_in_coordinate_systems(shape: str, defined: str, tmp_path: Path) 
     ("CTETRA         2", "CTETRA         2,", "neither in columns"),
     ("CTETRA         2", "CTETRA  2       ", None),
     ("CTETRA         2", "CTETRA 2        ", "neither in columns"),
-    ("             0.0             0.0\n*", "             0,5             0.0\n*", "neither in columns")])
+    ("             0.0             0.0\n*", "             0,5             0.0\n*", "neither in columns"),
+    ("GRID           2              1.      0.      0.", "GRID,2,,1,0,0.,0.", r"'0\.' behind its coordinates")])
 def test_a_card_that_would_be_left_out_is_refused(old: str, new: str, message: str | None, tmp_path: Path) -> None:
     text = ("GRID           1              0.      0.      0.\nGRID           2              1.      0.      0.\n"
             "GRID           3              0.      1.      0.\nGRID           5              0.      0.     -1.\n"

@@ -317,8 +317,9 @@ def test_modes_are_paired_by_their_shapes() -> None:
 def test_a_decimal_comma_is_refused(tmp_path: Path) -> None:
     """Read as two numbers, it halved a damping ratio."""
     mode = old_mode(10.0, 0.02, SHAPES[0])
-    assert "2.00000E-02" in mode
-    (tmp_path / "bench.uff").write_text(BENCH + mode.replace("2.00000E-02", "2,00000E-02"))
+    numbers = reals(10.0, 1, 0.02, 0)
+    assert numbers in mode
+    (tmp_path / "bench.uff").write_text(BENCH + mode.replace(numbers, numbers.replace("1.00000E+00", "1,00000E+00")))
     with pytest.raises(fs.InputError, match=r"hold a comma.*write 0\.5, not 0,5"):
         fs.read_modes(tmp_path / "bench.uff")
 
@@ -338,3 +339,12 @@ def test_no_line_of_a_head_is_lost_unseen(line: int, tmp_path: Path) -> None:
     path.write_text(sets[0] + "".join(lines[:line] + lines[line + 1:]))
     with pytest.raises(fs.InputError, match=r"two\.uff"):
         fs.read_response(path)
+
+
+def test_text_outside_of_the_data_sets_is_refused(tmp_path: Path) -> None:
+    """A first line that was damaged left out the data set that it begins."""
+    mode = old_mode(10.0, 0.02, SHAPES[0])
+    for text in (f"\0\0{BENCH}{mode}", f"{BENCH}x\n{mode}"):
+        (tmp_path / "bench.uff").write_text(text)
+        with pytest.raises(fs.InputError, match=r"bench\.uff.*in no data set|without its end|is not the number"):
+            fs.read_modes(tmp_path / "bench.uff")

@@ -16,6 +16,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
+from femsub.io.damage import check_end
 from femsub.io.foreign_meshes import meshio
 from femsub.io.mesh_text import as_numbers, once, rows_of, text_of, whole
 
@@ -67,6 +68,7 @@ def read_cdb(path: Path) -> tuple[Any, list[str]]:
     InputError
         What is refused, by command and number.
     """
+    check_end(path)
     deck = _Deck(path)
     if not deck.numbers or not deck.elements:
         count = sum(map(len, deck.elements.values()))
@@ -210,6 +212,7 @@ class _Deck:
         if len(listed) != count or (listed and listed[0] < 0):
             raise InputError(f"{self.path}: the component {name} announces {count} numbers, but has {len(listed)}")
         if kind not in self.components:
+            self.notes[f"the component {name} of {kind} skipped"] += 1
             return
         members = self.components[kind].setdefault(name, [])
         for one in listed:  # a negative number is the end of a range

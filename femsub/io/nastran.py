@@ -116,7 +116,10 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
 
 
 def complete(path: Path, grid: list[str]) -> None:
-    """Refuse the fields of a GRID* without its second line."""
+    """Refuse the fields of a GRID* without its second line, and of a GRID that a comma in a number moved."""
+    if wrong := [field for field in grid[5:8] if field and not field.isdecimal() and field != "-1"]:
+        raise InputError(f"{path}: GRID {grid[0]} has {wrong[0]!r:.20} behind its coordinates, where a frame, directions or a "
+                         "superelement belong: is a comma in a number? Write 0.5, not 0,5")
     if len(grid) == 4:
         raise InputError(f"{path}: GRID* {grid[0]} has one line, and its third coordinate belongs on a second one, which is lost "
                          "or cut off. Write it again; where the coordinate is 0, a line with * is enough")

@@ -311,10 +311,13 @@ def _from_dmig(deck: _Deck) -> _Raw:
         return whole
 
     recovery, names, table = np.zeros((0, len(rows))), list[tuple[int, int]](), found.get("mug1t")
+    if (told := deck.recovered()) and (table is None or table.columns[:, 0].max() < told[-1][2]):
+        warn(f"{deck.path}: DTI TUG1 names {len(told)} grids to recover, but MUG1T has no motion of the last, {told[-1][0]}: it "
+             "does not move, or the file is cut short")
     if table is not None and {(int(grid), int(direction)) for grid, direction in table.rows} <= place.keys():
         at = [place[int(grid), int(direction)] for grid, direction in table.rows]
         columns = {int(column): number for number, column in enumerate(table.columns[:, 0])}
-        listed = [(grid, direction + 1, columns[row + direction]) for grid, count, row in deck.recovered()
+        listed = [(grid, direction + 1, columns[row + direction]) for grid, count, row in told
                   for direction in range(min(count, 6)) if row + direction in columns]
         recovery = np.zeros((len(listed), len(rows)))
         recovery[:, at] = _dense(deck.path, table.matrix).T[[column for _, _, column in listed]]
@@ -472,7 +475,7 @@ def _turned(dofs: list[tuple[int, int]], systems: Systems, cd: Mapping[int, int]
     directions: they are called 'ux@10' after their frame, or 'ux@own' where the frame is not known.
     """
     n, labels = len(dofs), [""] * len(dofs)
-    turned: list[tuple[Array, Array]] = []
+    turned: list[tuple[Array, Any]] = []
     blocks: dict[tuple[int, bool], dict[int, int]] = {}
     for at, (grid, direction) in enumerate(dofs):
         if not direction:

@@ -160,7 +160,10 @@ def data_sets(path: Path) -> Iterator[DataSet]:
     ends = [at for at, line in enumerate(lines) if line.strip() == "-1"]
     if len(ends) % 2 or not ends:
         raise InputError(f"{path} has a data set without its end, a line -1: it is cut short or damaged")
-    for begin, end in zip(ends[::2], ends[1::2], strict=True):
+    for begin, end, before in zip(ends[::2], ends[1::2], [-1, *ends[1::2]], strict=False):
+        if stray := [at for at in range(before + 1, begin) if lines[at].strip()]:
+            raise InputError(f"{path}, line {stray[0] + 1}: {lines[stray[0]].strip()!r:.40} is in no data set: each begins and "
+                             "ends with a line -1, and one is lost or damaged")
         kind, *more = [*(lines[begin + 1].split() if end > begin + 1 else []), ""]
         if not re.fullmatch("[0-9]{1,4}b?", kind) or (not values if kind[-1] == "b" else any(more)):
             raise InputError(f"{path}, line {begin + 2}: {lines[begin + 1]!r:.40} is not the number of a data set")
