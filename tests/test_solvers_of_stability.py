@@ -166,6 +166,12 @@ def test_modes_that_pass_through_the_band_at_any_speed_are_found(kind: str) -> N
     assert {attack.attacked(kind, seed) for seed in (13, 28)} == {"confirmed"}
 
 
+@pytest.mark.parametrize("seed", [11, 69, 122])
+def test_growing_modes_that_pass_an_edge_far_from_where_a_chord_places_them_are_counted(seed: int) -> None:
+    """On a curve, several at speeds of their own: Newton's method from the chord's place found another one, or none."""
+    assert attack.attacked("passing on a curve", seed) == "confirmed"
+
+
 def test_a_mode_that_grows_by_2e_5_between_two_samples_alone_is_found() -> None:
     """The small model must hold the modes of the samples well enough for that."""
     assert attack.attacked("sweeping", 861) == "confirmed"

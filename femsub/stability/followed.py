@@ -132,7 +132,8 @@ def _passages(question: Question, ends: list[float], growing: Array) -> list[tup
         met: list[_Met] = []
         for rate in (0.0, *growing.real.tolist()):
             found = modes_at(over, ends, b - a, rate + 1j * edge, LARGEST) or (np.zeros(0), np.zeros((0, 0)))
-            starts = [(_At(float(t.real), rate + 1j * edge, 1.0), x) for t, x in zip(found[0], found[1].T, strict=True)]
+            starts = [(_placed(over, question.between, _At(float(t.real), rate + 1j * edge, 1.0), x), x)
+                      for t, x in zip(found[0], found[1].T, strict=True)]
             met += [one for one in (_newton(over, question.between, *start, far=1.0) for start in starts)
                     if one.settled and a < one.at.value <= b and one.at.lam.real > 0]
         alone = [one for i, one in enumerate(met) if not any(_same(one, other, b - a) for other in met[:i])]
@@ -293,6 +294,19 @@ def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array
     return met
 
 
+def _placed(over: PencilOver, between: tuple[float, float], at: _At, x: Array) -> _At:
+    """Where on the line of `at` the quotient of the shape x is, xᵀP(λ; p)x = 0; `at` itself if Newton's method does not find it.
+
+    The place of a shape found on a chord may be far off, and another mode be nearer there, while the shape itself is close.
+    """
+    met = at
+    for _ in range(STEPS):
+        met, _, _, off, _ = _corrected(over, between, met, x, x.conj())
+        if not np.isfinite(off) or off <= STILL * (between[1] - between[0]):
+            break
+    return met if off <= STILL * (between[1] - between[0]) else at
+
+
 def _step(over: PencilOver, between: tuple[float, float], at: _At, factor: ComplexFactor, x: Array, y: Array) -> _Met:
     """Better vectors x and y of the full pencil, and Newton's step with them, which ends within the range."""
     pencil, lam = over(at.value), at.lam
@@ -300,6 +314,12 @@ def _step(over: PencilOver, between: tuple[float, float], at: _At, factor: Compl
         x = factor.solve(_slope(pencil.M, pencil.D, lam, x))
         y = factor.solve(_slope(pencil.M.T, pencil.D.T, lam, y.conj()), transposed=True).conj()
         x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+    return _corrected(over, between, at, x, y)
+
+
+def _corrected(over: PencilOver, between: tuple[float, float], at: _At, x: Array, y: Array) -> _Met:
+    """Newton's step for yᴴP(λ; p)x = 0, which ends within the range."""
+    pencil, lam = over(at.value), at.lam
     aside = DIFFERENCE * (between[1] - between[0])
     aside = aside if at.value + aside <= between[1] else -aside
     rest, other = (one.residual(np.array([lam]), x[:, None])[:, 0] for one in (pencil, over(at.value + aside)))
