@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
-from femsub.motion.transient import Transient
+from femsub.motion.transient import DENSE, MOST_POINTS, POINTS, Transient, transient
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 
 MOST_ASKED = 100_000  # largest number of harmonics that may be requested; each needs some 16 samples of every column
 MOST = 1500  # largest number of harmonics that is chosen automatically
+PERIODS = (40, 160, 640)  # of the motion in time, one after the other, where one harmonic starts no cycle
 TAIL = 1e-5  # share of a cycle that its highest harmonics may be together and yet be left out of a start
 
 
@@ -175,8 +176,9 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
         Where the iteration does not converge, it is doubled as long as that ends nearer to a cycle. The limit is 1500.
     start : optional
         The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
-        sliding that grows fastest. A frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under
-        the same contacts. A `Transient`, or (t, v) with v the speeds of their columns, shape (m,) or (p, m).
+        sliding that grows fastest; where that starts no cycle, in a model of up to 300 DOF, the motion in time from there. A
+        frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under the same contacts. A
+        `Transient`, or (t, v) with v the speeds of their columns, shape (m,) or (p, m).
     tol : float
         Largest effect of the neglected harmonics, relative to the cycle.
 
@@ -219,15 +221,23 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
     flexibility = flexibility_of(contact, start)
     most = MOST if harmonics is None else harmonics
-    begin, count, steps = _sought(contact, flexibility, start, tol)
-    balance, starts, count = Balance(contact, flexibility), [begin], min(count, most) if harmonics is None else harmonics
-    while True:
-        orbit, residual, turns = _converged(balance, starts, count, most, tol)
-        steps += turns
-        truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tol, balance.disturbed(orbit))
-        if truncation <= tol or orbit.harmonics >= most:
+    balance, failed = Balance(contact, flexibility), None
+    for begin, count, steps in _starts(contact, flexibility, start, tol):
+        try:
+            orbit, residual, turns = _converged(balance, [begin], min(count, most) if harmonics is None else harmonics, most, tol)
+            while True:
+                steps += turns
+                truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tol, balance.disturbed(orbit))
+                if truncation <= tol or orbit.harmonics >= most:
+                    break
+                count = min(most, 2 * orbit.harmonics, max(enough, orbit.harmonics + 1))
+                orbit, residual, turns = _converged(balance, [orbit, begin], count, most, tol)
+        except NotConvergedError as error:
+            failed = failed or error
+        else:
             break
-        starts, count = [orbit, begin], min(most, 2 * orbit.harmonics, max(enough, orbit.harmonics + 1))
+    else:
+        raise failed or NotConvergedError("no cycle was found. Give start=, e.g. a frequency or a transient")
     if max(truncation, aliasing) > tol:
         target = 0.1 * truncation if harmonics else 0.5 * tol  # the truncation with `enough` harmonics
         warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle, more than tol = {tol:g} (aliasing "
@@ -281,22 +291,27 @@ def _converged(balance: Balance, starts: list[Orbit], count: int, most: int, tol
         before, count = ended.residual, min(2 * count, most)
 
 
-def _sought(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -> tuple[Orbit, int, int]:
-    """The initial orbit with all that is known of it, the number of harmonics to begin with, and the Newton steps it took."""
+def _starts(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -> Iterator[tuple[Orbit, int, int]]:
+    """Initial orbits with all that is known of them, the number of harmonics to begin with, and the Newton steps they took.
+
+    The next one is tried if no cycle is found from one.
+    """
     if isinstance(start, LimitCycle):
         beyond = np.sqrt(np.cumsum(np.square(np.linalg.norm(start.harmonics, axis=1))[::-1])[::-1])
-        return start.orbit, max(5, np.count_nonzero(beyond > TAIL * beyond[0])), 0
+        yield start.orbit, max(5, np.count_nonzero(beyond > TAIL * beyond[0])), 0
+        return
     if isinstance(start, Transient):
         start = (start.t, _speeds(contact, start))
     if isinstance(start, tuple) and len(start) == 2:
         orbit = of_signal(*start, contact.columns)
-        return orbit, harmonics_for(contact, orbit.harmonics), 0
+        yield orbit, harmonics_for(contact, orbit.harmonics), 0
+        return
     near = None if start is None else \
         positive_number("start (a frequency, if it is no LimitCycle, transient or (t, v))", start)
     if bare := next((one for one in contact.contacts if not isinstance(one, Belt)), None):
         raise InputError(f"with {type(bare).__name__} a cycle needs a start that moves: a transient, a signal start=(t, v), or a "
                          "LimitCycle. Only belts have one that is found by itself")
-    return _sharpened(contact, flexibility, near, tol)
+    yield from _by_itself(contact, flexibility, near, tol)
 
 
 def _speeds(contact: Sliding, run: Transient) -> Array:
@@ -309,11 +324,21 @@ def _speeds(contact: Sliding, run: Transient) -> Array:
     return np.vstack([np.asarray(run.velocity(port)).T for one in contact.contacts for port in one.ports])
 
 
-def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None, tol: float) -> tuple[Orbit, int, int]:
-    """From one harmonic of a smooth law to all harmonics of the belts' own laws, level by level."""
+def _by_itself(contact: Sliding, flexibility: Compliance, near: float | None, tol: float) -> Iterator[tuple[Orbit, int, int]]:
+    """From one harmonic of a smooth law to all harmonics of the belts' own laws, level by level.
+
+    After these, unless the cycle near a frequency is asked for: the motion in time, which begins on the first of these orbits of
+    one harmonic, longer and longer.
+
+    Raises
+    ------
+    NotConvergedError
+        The first one of a level, where the motion in time starts no cycle either.
+    """
     failed: NotConvergedError | None = None
+    first: Orbit | None = None
     for sharp, orbit in orbits(contact, flexibility, near):
-        steps = 0
+        steps, first = 0, first or orbit
         levels = [(sharp[0], count) for count in (1, 3, 5, 10)] + [(at, harmonics_for(at, MOST)) for at in sharp]
         try:
             for at, count in levels:
@@ -322,5 +347,22 @@ def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None, to
         except NotConvergedError as error:
             failed = failed or error
         else:
-            return orbit, orbit.harmonics, steps
-    raise failed or NotConvergedError("no cycle was found. Give start=, e.g. a frequency or a transient")
+            yield orbit, orbit.harmonics, steps
+    if first is not None and near is None and isinstance(flexibility, Fractions):
+        state, highest = LimitCycle(contact, first, flexibility, np.nan, np.nan, np.nan).state(), flexibility.found.form.omega.max()
+        for periods in PERIODS:
+            if contact.model.size > DENSE or periods * POINTS * highest > MOST_POINTS * first.omega:
+                log.info("no cycle from one harmonic, and %d periods of the motion in time would take too long", periods)
+                break
+            log.info("no cycle from one harmonic: %d periods of the motion in time follow", periods)
+            run = transient(contact.model, contact.contacts, (0.0, periods * 2 * np.pi / first.omega), start=state)
+            if not run.complete:
+                break
+            state = run.final
+            try:
+                orbit = of_signal(run.t, _speeds(contact, run), contact.columns)
+            except InputError:  # not periodic yet
+                continue
+            yield orbit, harmonics_for(contact, orbit.harmonics), 0
+    if failed is not None:
+        raise failed
