@@ -446,3 +446,22 @@ def test_the_aliasing_told_is_that_of_the_samples_that_were_used() -> None:
     told = balance.unresolved(orbit)[1]
     assert told == pytest.approx(np.linalg.norm(Y * (few - many)) / np.linalg.norm(orbit.v), rel=1e-3)
     assert 0 < told < 1e-7 and 0 < found.aliasing < 1e-7  # another one, as the samples of a phase shifted
+
+
+def _chain_of_two(masses: tuple[float, float], springs: tuple[float, float], damping: float) -> fs.Substructure:
+    K = np.array([[springs[0] + springs[1], -springs[1]], [-springs[1], springs[1]]])
+    return fs.Substructure(np.diag(masses), K, damping * K, interface=[1], ports={"belt": [0.0, 1.0]})
+
+
+@pytest.mark.parametrize("masses, springs, damping, force, speed, eps", [
+    ((0.931, 0.583), (2.84, 1.581), 0.00246, 1.973, 0.0761, 0.00685),
+    ((0.572, 0.537), (0.554, 0.943), 0.00144, 0.398, 0.446, 0.0447),
+    ((1.8, 0.602), (2.809, 1.056), 0.00945, 1.922, 0.3158, 0.0393)])
+def test_where_one_harmonic_starts_no_cycle_the_motion_in_time_does(masses: tuple[float, float], springs: tuple[float, float],
+                                                                    damping: float, force: float, speed: float, eps: float) -> None:
+    """Both modes grow: from one harmonic to three Newton's method finds nothing."""
+    sub, belt = _chain_of_two(masses, springs, damping), fs.Belt(force=force, speed=speed, law=fs.StribeckArctan(eps=eps))
+    found = fs.harmonic_balance(sub, belt)
+    shot = fs.shoot(sub, belt, found, tol=1e-8)
+    assert found.truncation <= 1e-4 and found.omega == pytest.approx(shot.omega, rel=1e-4)
+    assert found.rms == pytest.approx(shot.rms, rel=1e-3)

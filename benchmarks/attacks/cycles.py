@@ -6,6 +6,7 @@ comes to no periodic motion in ten times as long a time: it decays, or does not 
 
 from __future__ import annotations
 
+import re
 import warnings
 
 import numpy as np
@@ -29,7 +30,8 @@ def attacked(kind: str, seed: int) -> str:
     at = int(rng.integers(n))
     model = fs.Substructure(M, K, 10.0 ** rng.uniform(-3, -1.3) * K, interface=[at], ports={"belt": np.eye(n)[at]})
     speed, eps = float(rng.uniform(0.05, 0.5)), 10.0 ** rng.uniform(-2.0, -0.8)
-    belt = fs.Belt(force=float(10.0 ** rng.uniform(-0.5, 0.5)), speed=speed, law=fs.StribeckArctan(eps=eps * speed))
+    law = fs.StribeckArctan(eps=eps * speed)
+    belt = fs.Belt(force=float(10.0 ** rng.uniform(-0.5, 0.5)), speed=speed, law=law)
     period = 2 * np.pi / np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min())
     start = fs.State(np.zeros(n), np.full(n, 0.5 * speed))
     harmonics = int(rng.integers(3, 80)) if kind == "given harmonics" else None
@@ -46,10 +48,13 @@ def attacked(kind: str, seed: int) -> str:
                 cycle = fs.harmonic_balance(model, belt, start=run, harmonics=harmonics)
         except fs.FemsubError as error:
             step = 1e-6 * speed
-            D = model.D + belt.force * (belt.law.value(speed + step) - belt.law.value(speed - step)) / (2 * step) * np.outer(*[np.eye(n)[at]] * 2)
+            D = np.array(model.D)
+            D[at, at] += belt.force * (law.value(speed + step) - law.value(speed - step)) / (2 * step)
             state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
             if kind == "by itself" and np.linalg.eigvals(state).real.max() < 0:
                 return "steady sliding is stable"
+            if harmonics is not None and (more := _advised(model, belt, run, str(error))):
+                return f"needs more than the given harmonics, as advised: {more}"
             run = fs.transient(model, belt, time=(0.0, 400 * period), samples=160_000, start=start)
             return f"refused: {str(error)[:60]}" if settled(run, 2e-3) else "no periodic motion"
     told = [one for one in seen if issubclass(one.category, fs.FemsubWarning) and "leave out" in str(one.message)]
@@ -65,6 +70,20 @@ def attacked(kind: str, seed: int) -> str:
             return f"wrong: seed {seed}: {off:.1e} off: {cycle!r}; {shot!r}"
         return "warned, further off than stated"
     return "warned" if told else "confirmed"
+
+
+def _advised(model: fs.Substructure, belt: fs.Belt, run: fs.Transient, advice: str) -> int:
+    """The number of harmonics that a refusal leads to, if they converge; else 0."""
+    while found := re.search(r"harmonics=(\d+)", advice):
+        try:
+            fs.harmonic_balance(model, belt, start=run, harmonics=int(found[1]))
+        except fs.FemsubError as error:
+            if int(found[1]) > 1500:
+                break
+            advice = str(error)
+        else:
+            return int(found[1])
+    return 0
 
 
 def settled(run: fs.Transient, off: float = 0.02) -> bool:

@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 MOST_ASKED = 100_000  # largest number of harmonics that may be requested; each needs some 16 samples of every column
 MOST = 1500  # largest number of harmonics that is chosen automatically
-PERIODS = (40, 160, 640)  # of the motion in time, one after the other, where one harmonic starts no cycle
+PERIODS = (40, 160)  # of the motion in time, one after the other, where another start leads to no cycle
 TAIL = 1e-5  # share of a cycle that its highest harmonics may be together and yet be left out of a start
 
 
@@ -178,7 +178,8 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
         The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
         sliding that grows fastest; where that starts no cycle, in a model of up to 300 DOF, the motion in time from there. A
         frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under the same contacts. A
-        `Transient`, or (t, v) with v the speeds of their columns, shape (m,) or (p, m).
+        `Transient`, which is continued if it starts no cycle, is of this model, and `harmonics` are not given. Or (t, v) with v
+        the speeds of their columns, shape (m,) or (p, m).
     tol : float
         Largest effect of the neglected harmonics, relative to the cycle.
 
@@ -227,19 +228,22 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
             orbit, residual, turns = _converged(balance, [begin], min(count, most) if harmonics is None else harmonics, most, tol)
             while True:
                 steps += turns
-                truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tol, balance.disturbed(orbit))
+                target = 0.0 if harmonics else 0.5 * tol
+                truncation, aliasing, enough = balance.unresolved(orbit, target, balance.disturbed(orbit))
                 if truncation <= tol or orbit.harmonics >= most:
                     break
                 count = min(most, 2 * orbit.harmonics, max(enough, orbit.harmonics + 1))
                 orbit, residual, turns = _converged(balance, [orbit, begin], count, most, tol)
         except NotConvergedError as error:
+            if harmonics is not None:  # there may be too few
+                raise
             failed = failed or error
         else:
             break
     else:
         raise failed or NotConvergedError("no cycle was found. Give start=, e.g. a frequency or a transient")
     if max(truncation, aliasing) > tol:
-        target = 0.1 * truncation if harmonics else 0.5 * tol  # the truncation with `enough` harmonics
+        target = target or 0.1 * truncation  # the truncation with `enough` harmonics
         warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle, more than tol = {tol:g} (aliasing "
              f"{aliasing:.0e}). harmonics={enough} would leave out about {target:.1e} of it. fs.shoot needs no harmonics",
              FemsubWarning)
@@ -300,11 +304,14 @@ def _starts(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -
         beyond = np.sqrt(np.cumsum(np.square(np.linalg.norm(start.harmonics, axis=1))[::-1])[::-1])
         yield start.orbit, max(5, np.count_nonzero(beyond > TAIL * beyond[0])), 0
         return
-    if isinstance(start, Transient):
-        start = (start.t, _speeds(contact, start))
+    run = start if isinstance(start, Transient) else None
+    if run is not None:
+        start = (run.t, _speeds(contact, run))
     if isinstance(start, tuple) and len(start) == 2:
         orbit = of_signal(*start, contact.columns)
         yield orbit, harmonics_for(contact, orbit.harmonics), 0
+        if run is not None and run.contact.model is contact.model:
+            yield from _in_time(contact, flexibility, run.final, orbit.omega)
         return
     near = None if start is None else \
         positive_number("start (a frequency, if it is no LimitCycle, transient or (t, v))", start)
@@ -327,8 +334,8 @@ def _speeds(contact: Sliding, run: Transient) -> Array:
 def _by_itself(contact: Sliding, flexibility: Compliance, near: float | None, tol: float) -> Iterator[tuple[Orbit, int, int]]:
     """From one harmonic of a smooth law to all harmonics of the belts' own laws, level by level.
 
-    After these, unless the cycle near a frequency is asked for: the motion in time, which begins on the first of these orbits of
-    one harmonic, longer and longer.
+    After these, unless the cycle near a frequency is asked for: from the motion in time, which begins on the first of these
+    orbits of one harmonic.
 
     Raises
     ------
@@ -348,21 +355,30 @@ def _by_itself(contact: Sliding, flexibility: Compliance, near: float | None, to
             failed = failed or error
         else:
             yield orbit, orbit.harmonics, steps
-    if first is not None and near is None and isinstance(flexibility, Fractions):
-        state, highest = LimitCycle(contact, first, flexibility, np.nan, np.nan, np.nan).state(), flexibility.found.form.omega.max()
-        for periods in PERIODS:
-            if contact.model.size > DENSE or periods * POINTS * highest > MOST_POINTS * first.omega:
-                log.info("no cycle from one harmonic, and %d periods of the motion in time would take too long", periods)
-                break
-            log.info("no cycle from one harmonic: %d periods of the motion in time follow", periods)
-            run = transient(contact.model, contact.contacts, (0.0, periods * 2 * np.pi / first.omega), start=state)
-            if not run.complete:
-                break
-            state = run.final
-            try:
-                orbit = of_signal(run.t, _speeds(contact, run), contact.columns)
-            except InputError:  # not periodic yet
-                continue
-            yield orbit, harmonics_for(contact, orbit.harmonics), 0
+    if first is not None and near is None:
+        state = LimitCycle(contact, first, flexibility, np.nan, np.nan, np.nan).state()
+        yield from _in_time(contact, flexibility, state, first.omega)
     if failed is not None:
         raise failed
+
+
+def _in_time(contact: Sliding, flexibility: Compliance, state: State, omega: float) -> Iterator[tuple[Orbit, int, int]]:
+    """Starts from the motion in time from a state on, longer and longer, where it is periodic. Large models have none."""
+    if not isinstance(flexibility, Fractions) or contact.model.size > DENSE:
+        return
+    for periods in PERIODS:
+        if periods * POINTS * flexibility.found.form.omega.max() > MOST_POINTS * omega:
+            log.info("no cycle found, and %d periods of the motion in time would take too long", periods)
+            return
+        log.info("no cycle found: %d periods of the motion in time follow", periods)
+        period = 2 * np.pi / omega
+        run = transient(contact.model, contact.contacts, (0.0, periods * period), start=state, tol=TAIL,
+                        samples=MOST_POINTS // 2, record_from=(periods - PERIODS[0]) * period)
+        if not run.complete:
+            return
+        state = run.final
+        try:
+            orbit = of_signal(run.t, _speeds(contact, run), contact.columns)
+        except InputError:  # not periodic yet
+            continue
+        yield orbit, harmonics_for(contact, orbit.harmonics), 0
