@@ -6,6 +6,7 @@ import functools
 import re
 import warnings
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -457,11 +458,35 @@ def _chain_of_two(masses: tuple[float, float], springs: tuple[float, float], dam
     ((0.931, 0.583), (2.84, 1.581), 0.00246, 1.973, 0.0761, 0.00685),
     ((0.572, 0.537), (0.554, 0.943), 0.00144, 0.398, 0.446, 0.0447),
     ((1.8, 0.602), (2.809, 1.056), 0.00945, 1.922, 0.3158, 0.0393)])
-def test_where_one_harmonic_starts_no_cycle_the_motion_in_time_does(masses: tuple[float, float], springs: tuple[float, float],
-                                                                    damping: float, force: float, speed: float, eps: float) -> None:
+def test_where_one_harmonic_starts_no_cycle_the_motion_in_time_does(
+        masses: tuple[float, float], springs: tuple[float, float], damping: float, force: float, speed: float, eps: float
+) -> None:
     """Both modes grow: from one harmonic to three Newton's method finds nothing."""
     sub, belt = _chain_of_two(masses, springs, damping), fs.Belt(force=force, speed=speed, law=fs.StribeckArctan(eps=eps))
     found = fs.harmonic_balance(sub, belt)
     shot = fs.shoot(sub, belt, found, tol=1e-8)
     assert found.truncation <= 1e-4 and found.omega == pytest.approx(shot.omega, rel=1e-4)
     assert found.rms == pytest.approx(shot.rms, rel=1e-3)
+
+
+def test_a_transient_that_starts_no_cycle_is_continued(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unless the number of harmonics is given, which may be too small, or it is a signal of which no state is known."""
+    sub = _chain_of_two((1.8, 0.602), (2.809, 1.056), 0.00945)
+    belt = fs.Belt(force=1.922, speed=0.3158, law=fs.StribeckArctan(eps=0.0393))
+    run = fs.transient(sub, belt, time=(0.0, 300.0), samples=8000, start=fs.State([0.0, 0.0], [0.0, 0.2]))
+    solve, left = Balance.solve, [0]
+
+    def failing(self: Balance, *arguments: Any, **options: Any) -> tuple[Orbit, float, int]:
+        left[0] -= 1
+        if left[0] >= 0:
+            raise fs.NotConvergedError("no cycle near")
+        return solve(self, *arguments, **options)
+
+    monkeypatch.setattr(Balance, "solve", failing)
+    for options in ({"harmonics": 40, "start": run}, {"start": (run.t, run.velocity("belt"))}):
+        left[0] = 1
+        with pytest.raises(fs.NotConvergedError, match="no cycle near"):
+            fs.harmonic_balance(sub, belt, **options)
+    left[0] = 1
+    found = fs.harmonic_balance(sub, belt, start=run)
+    assert found.omega == pytest.approx(fs.shoot(sub, belt, found, tol=1e-8).omega, rel=1e-4)

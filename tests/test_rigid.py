@@ -441,3 +441,16 @@ def test_a_floating_macneal_part_without_elastic_modes_has_rigid_motion_alone() 
 def test_a_macneal_part_of_two_pieces_on_soft_springs_has_its_modes(seed: int) -> None:
     """Motions without mass were made of stiff DOF with little: their stiffness was singular, and the part refused."""
     assert attack.attacked("soft", seed) in ("certified", "told")
+
+
+def test_a_mode_whose_digits_k_holds_is_listed_between_two_whose_it_does_not_hold() -> None:
+    """ω = 0.570 of a chain that hardly a spring holds, with one stiff spring: the modes around it were listed, and certified."""
+    k = np.array([0.65, 8.29, 0.91, 3.05, 1e7, 0.1, 2.08, 0.92, 0.28])
+    K = np.diag(np.append(k, 0.0) + np.append(0.0, k)) - np.diag(k, 1) - np.diag(k, -1)
+    K[0, 0] += 3e-10
+    exact = np.sqrt(np.linalg.eigvalsh(K)[1:])
+    for count in range(1, 9):
+        found = fs.normal_modes(fs.Substructure(np.eye(10), K), count=count)
+        assert found.rigid == 1 and found.frequencies[1:] == pytest.approx(exact[:count], rel=1e-3)
+    whole = fs.normal_modes(fs.Substructure(np.eye(10), K), band=(0.0, 1.0))
+    assert whole.frequencies[1:] == pytest.approx(exact[exact < 1], rel=1e-3)

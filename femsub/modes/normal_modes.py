@@ -197,18 +197,20 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
     tally = Tally(0, 0)
     if len(values):
         # a limit far above all modes: if M is nearly singular, the highest mode loses digits first
-        least = max(rigid + count, lifted)
+        least = min(lifted + count, len(values))
         edge, below = _limit(values, least) if least < len(values) else (2 * float(values[-1]), len(values))
         counted = negative_eigenvalues(K - edge * M)
         _check_count(counted, below, edge)
         tally = Tally(below, counted)
-    keep = slice(lifted, max(rigid + count, lifted))
-    shapes = np.zeros((handle.K.shape[0], keep.stop - lifted))
+    keep = slice(lifted, lifted + count)
+    shapes = np.zeros((handle.K.shape[0], len(values[keep])))
     shapes[massive], shapes[bare] = moving[:, keep], bound @ moving[:, keep]
     shapes = shapes if turn is None else turn @ shapes
-    shapes = handle.deflate(np.hstack([soft, shapes]))[:, :count]
+    values, shapes = np.append(own, values[keep]), np.hstack([soft, shapes])
+    order = np.argsort(values, kind="stable")[:count]  # K may hold the digits of a mode below some that it holds none of
+    shapes = handle.deflate(shapes[:, order])
     shapes /= np.sqrt(np.einsum("ij,ij->j", shapes, handle.M @ shapes))
-    return _result(handle, np.append(own, values[keep])[:count], shapes, (np.inf, len(values)), tally, accepted)
+    return _result(handle, values[order], shapes, (np.inf, moving.shape[1]), tally, accepted)
 
 
 def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | None, evidence: bool) -> NormalModes:

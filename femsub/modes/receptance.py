@@ -644,7 +644,8 @@ class Modal:
             raise InputError(f"{forces.shape[1]} columns of loads, responses, contacts and dashpots are too many for the modal "
                              f"way (at most {WIDE}). Take method='direct', or ask for fewer at a time")
         handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
-        limit = REACH * highest if highest else handle.lowest ** 0.5 / REACH
+        floor = handle.lowest ** 0.5 / REACH  # far below it rounding of K may hide whether rigid motion is below the limit
+        limit = max(REACH * highest, floor) if np.isfinite(floor) or not highest else REACH * highest
         if most < model.size and (count := modes_under(model.K, model.M, limit**2)) > most:
             raise InputError(f"{count} modes lie below {limit:.5g} rad/time, more than {most}. Take method='direct'")
         found = modes_below(model.K, model.M, limit, handle)
