@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import math
+import shlex
 import sys
+import sysconfig
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from numbers import Integral, Real
@@ -38,6 +40,10 @@ CERTIFIED = "certified"
 CONFIRMED = "confirmed"
 #: Nothing was counted, or not all of it, or the count differs from what is listed.
 NOT_CHECKED = "not checked"
+
+#: The extras of pyproject.toml, by the packages for which femsub asks; the plain set-up brings those of ''.
+EXTRAS = {"numpy": "", "scipy": "", "dolfinx-solver-real": "", "matplotlib": "figures", "scikit-fem": "fe", "meshio": "fe",
+          "plotly": "page", "pyyeti": "nastran", "h5py": "matlab", "ansys-mapdl-reader": "ansys", "shtab": "completion"}
 
 T = TypeVar("T")
 
@@ -97,16 +103,38 @@ def shown(value: Any) -> str:
 
 
 def package(module: str, why: str, *names: str, otherwise: str = "") -> Any:
-    """A module of an optional package, or an error that tells what it is needed for, and how to install it by its `names`."""
+    """A module of an optional package, or an error that says what it is needed for, and last how to install it by its `names`."""
     try:
         return import_module(module)
     except ImportError as error:
-        raise MissingPackageError(f"{why}: {installed_by(*names)}{otherwise}") from error
+        raise MissingPackageError(f"{why}{otherwise}: {installed_by(*names)}") from error
 
 
-def installed_by(*names: str) -> str:
-    """The command that installs packages for this interpreter, whichever is called `pip` in the user's shell."""
-    return f"{sys.executable or 'python3'} -m pip install {' '.join(names)}"
+def set_up_by() -> str:
+    """The command that made the environment of this interpreter, `scripts/setup` of a clone; empty if another one did."""
+    stamp = Path(sys.prefix) / ".setup" / "root"
+    command = Path(stamp.read_text(encoding="utf-8").strip()) / "scripts" / "setup" if stamp.is_file() else None
+    return shlex.quote(str(command)) if command and command.is_file() else ""
+
+
+def installed_by(*names: str, numpy_below: int = 0) -> str:
+    """The command that installs packages for this interpreter. It keeps NumPy below a major version, as petsc4py needs.
+
+    It is `scripts/setup EXTRA` in the environment of a clone, else pip's, whichever program is called `pip` in the user's shell.
+    A system's Python that refuses pip (PEP 668) is given an environment of its own, which has all the system's packages as well.
+    Without `numpy_below` the version is the one after that of the NumPy installed.
+    """
+    from importlib import metadata  # 30 ms
+
+    extras = sorted({EXTRAS[name] for name in names if name in EXTRAS})
+    if extras and (setup := set_up_by()):
+        return " && ".join(f"{setup} {extra}".strip() for extra in extras)
+    python, make, kept = shlex.quote(sys.executable or "python3"), "", [name for name in names if name == "numpy"]
+    with suppress(metadata.PackageNotFoundError):
+        kept = [f'"numpy<{numpy_below or int(metadata.version("numpy").split(".")[0]) + 1}"']
+    if sys.prefix == sys.base_prefix and (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").is_file():
+        make, python = f"{python} -m venv --system-site-packages ~/femsub-venv && ", "~/femsub-venv/bin/python"
+    return f"{make}{python} -m pip install {' '.join([*kept, *(name for name in names if name != 'numpy')])}"
 
 
 def finite_number(name: str, value: Any) -> float:

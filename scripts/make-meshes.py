@@ -47,6 +47,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
+from femsub.checks import installed_by
 from femsub.components.solid_elements import reference
 
 
@@ -214,7 +215,7 @@ def main() -> int:
             made[name](path)
         except (ImportError, OSError) as error:
             if name.endswith(".msh") or name.startswith("brake"):
-                print(f"{name} needs Gmsh (pip install gmsh): {error}", file=sys.stderr)
+                print(f"{name} needs Gmsh ({error}): {installed_by('gmsh')}", file=sys.stderr)
                 return 1
             raise
         print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB, {fs.read_mesh(path)!r}")

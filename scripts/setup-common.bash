@@ -38,14 +38,35 @@ from petsc4py import PETSc; from slepc4py import SLEPc
 print(numpy.__version__.split(".")[0])'
 }
 
+# True if everything is there, as this pyproject.toml wants it: see install_femsub.
+complete() { cmp -s pyproject.toml "$state/$extra" && [ ! -e "$state/pip-unfinished" ]; }
+
+# The end for an account that may not write here.
+need_rights() {
+    local place=$root
+    [ ! -d "$state" ] || place=$state
+    [ -w "$place" ] || die "you may not write in $place: its owner, $(stat -c %U "$place"), can run scripts/setup $extra there," \
+        "or set up a copy of your own: cp -r --no-preserve=mode,ownership $(printf %q "$root") ~/femsub &&" \
+        "bash ~/femsub/scripts/setup $extra"
+}
+
+# NumPy as the set-up installed it, where some pip has brought another major version.
+numpy_again() {
+    [ -s "$state/constraints" ] && [ -w "$state" ] || return
+    say "putting $(<"$state/constraints") back, which petsc4py was compiled for"
+    logged "$python" -m pip install --disable-pip-version-check -r "$state/constraints" && solvers_numpy >/dev/null 2>&1
+}
+
 # True if .venv can stay as it is. Otherwise leaves an empty one, but removes none that is somebody else's.
 keep_or_clear() {
     local made_in=$root
     [ ! -e "$state/root" ] || made_in=$(<"$state/root")
-    if [ "$made_in" = "$root" ] && solvers_numpy >/dev/null 2>&1; then
+    if [ "$made_in" = "$root" ] && { solvers_numpy >/dev/null 2>&1 || numpy_again; }; then
+        complete || need_rights
         mkdir -p "$state"
         return
     fi
+    need_rights
     [ ! -L "$venv" ] || die "$venv is a link to $(readlink -f "$venv"), which belongs to another folder: remove the link," \
         "or name that environment's interpreter in FEMSUB_PYTHON"
     if [ -d "$state" ]; then
@@ -78,6 +99,7 @@ need_packages() {
     command -v apt-get >/dev/null || { say "this machine has no apt-get"; return 2; }
 
     local by_hand="apt-get update && apt-get install -y --no-install-recommends ${missing[*]}"
+    say "Debian's ${missing[*]} are missing on this machine: apt-get installs them as root ($time)"
     if [ "$(id -u)" != 0 ]; then
         sudo true 2>>"$log" </dev/null || # may ask for a password, on the terminal itself
             die "Debian packages are missing, and you are not root and cannot use sudo." \
@@ -96,11 +118,10 @@ need_packages() {
             return 2
         }
     fi
-    say "installing Debian's ${missing[*]} ($time)"
     logged "${apt[@]}" install --no-install-recommends "${missing[@]}" && return
-    # Most often the lists are old, or an earlier installation was interrupted.
+    # An interrupted installation is the administrator's to repair. Else the lists are old, most often.
+    ! tail -n 5 "$log" | grep -q "dpkg --configure -a" || by_hand="dpkg --configure -a && $by_hand"
     say "that failed; once more with fresh lists (about 30 s)"
-    logged "${sudo[@]}" dpkg --configure -a || true
     logged "${apt[@]}" update || true
     run "apt-get could not install the packages. An administrator can try: $by_hand" \
         "${apt[@]}" install --no-install-recommends "${missing[@]}"
@@ -110,12 +131,14 @@ need_packages() {
 # written last; scripts/femsub and scripts/test compare it, and look whether pip is, or was stopped, at work.
 install_femsub() {
     local unfinished=$state/pip-unfinished redo=()
-    if cmp -s pyproject.toml "$state/$extra" && [ ! -e "$unfinished" ]; then
+    if complete; then
         say "all is there already"
         return
     fi
     # petsc4py is compiled against one major version of NumPy and breaks with the next
     [ -s "$state/constraints" ] || echo "numpy==$(solvers_numpy 2>>"$log").*" >"$state/constraints"
+    # the same for a pip that somebody calls by hand; a path in this file cannot have blanks
+    [[ $state = *[[:space:]]* ]] || printf '[install]\nconstraint = %s\n' "$state/constraints" >"$venv/pip.conf"
     [ ! -e "$unfinished" ] || redo=(--force-reinstall) # a package half written may look complete to pip
     say "installing femsub and its Python packages, extra '$extra' (about 30 s)"
     echo "$extra" >>"$unfinished"
@@ -129,7 +152,12 @@ install_femsub() {
     run "petsc4py and slepc4py do not import in $venv" \
         "$python" -c 'from femsub.algebra.petsc import versions; print(versions())'
     echo "$root" >"$state/root"
-    cp pyproject.toml "$state/$extra.new" && mv "$state/$extra.new" "$state/$extra"
+    local one # the extras whose packages are all in this one
+    for one in $("$python" -I -c 'import sys, tomllib
+extras = tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]
+print(*(name for name, needs in extras.items() if set(needs) <= set(extras[sys.argv[1]])))' "$extra"); do
+        cp pyproject.toml "$state/$one.new" && mv "$state/$one.new" "$state/$one"
+    done
     rm "$unfinished"
     say "done"
 }

@@ -26,6 +26,7 @@ from femsub.app.cli import main
 from femsub.app.keys import check_keys, item_kind, key, keys_of, values_of
 from femsub.app.scene import SCENES, load, scene_of
 from femsub.app.units import SYSTEMS
+from femsub.checks import installed_by
 from femsub.errors import InputError
 from femsub.studies import span
 
@@ -311,7 +312,7 @@ def test_a_band_may_be_given_in_hertz_and_comes_back_as_given() -> None:
 def test_without_shtab_it_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert main(["completion", "bash"]) == 1
-    assert "-m pip install shtab" in capsys.readouterr().err
+    assert installed_by("shtab") in capsys.readouterr().err
 
 
 def test_whoever_listens_is_told_what_was_factorised_solved_and_counted(caplog: pytest.LogCaptureFixture) -> None:

@@ -24,6 +24,7 @@ from femsub.app import page, report
 from femsub.app.cli import main
 from femsub.app.moving import MODE_FILE, moving, read_mode
 from femsub.app.scene import Result, load
+from femsub.checks import installed_by
 from femsub.reduction import METHODS
 from femsub.studies import Remark, Study, answer, cycles_verdict, study_choice
 from femsub.studies.charts_components import critical_slopes_chart
@@ -136,7 +137,7 @@ def test_a_missing_plotly_is_told_before_anything_is_computed(tmp_path: Path, mo
     monkeypatch.setitem(sys.modules, "plotly", None)
     monkeypatch.setattr(chain, "run", lambda *_: pytest.fail("it was run"))
     assert main(["run", scene, "--out", str(tmp_path / "out")]) == 1
-    assert "-m pip install plotly" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    assert installed_by("plotly") in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 @pytest.mark.sampled(2)

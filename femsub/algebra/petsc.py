@@ -34,7 +34,7 @@ from femsub.algebra.memory import BUFFERED, disk, goes_to_disk
 from femsub.algebra.ordering import good_order, slender
 from femsub.algebra.process_memory import give_back_freed_memory
 from femsub.algebra.threads import no_openmp
-from femsub.checks import EPS, Array, Matrix, installed_by
+from femsub.checks import EPS, Array, Matrix, installed_by, set_up_by
 from femsub.errors import (
     BreakdownError,
     InputError,
@@ -50,10 +50,16 @@ MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules 
 SINGULAR = (-6, -10)  # errors of MUMPS that tell of the matrix; others tell of the machine
 ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
 WHEEL = "dolfinx_solver"  # to be imported before the petsc4py of the same folder
-INSTALL = (f"With Python 3.12 or later: {installed_by('dolfinx-solver-real')}. In a clone of femsub: scripts/setup, which takes "
-           "Debian's packages, that wheel or the sources. docs/install.md tells more")
 MOST_INFO = 64  # numbers in PETSc's MatFactorInfo, which has 11; MUMPS reads none of them
 BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
+
+
+def installation() -> str:
+    """What installs PETSc and SLEPc for this interpreter."""
+    command = installed_by("dolfinx-solver-real")
+    return f"Set it up anew: {command}" if set_up_by() else (
+        "In a clone of femsub: scripts/setup, which takes Debian's packages, a wheel or the sources (docs/install.md). With "
+        f"Python 3.12 or later on Linux: {command}")
 
 
 def load_wheel() -> None:
@@ -70,20 +76,25 @@ def load() -> tuple[Any, Any]:
     # All such processes share one folder in /tmp, and the first to end takes it from those that start: MPI_Init aborts.
     os.environ.setdefault("OMPI_MCA_orte_create_session_dirs", "0")
     os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")  # more threads give other parts at each call
+    # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT, and list at exit what went unused.
+    options_of_petsc = ["femsub", "-no_signal_handler", "-options_left", "no"]
     try:
         load_wheel()
         import petsc4py
         import slepc4py
-    except ImportError as error:
-        raise MissingPackageError(f"slepc4py (with petsc4py) cannot be imported by this Python ({error}). {INSTALL}") from error
-    # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT, and list at exit what went unused.
-    options_of_petsc = ["femsub", "-no_signal_handler", "-options_left", "no"]
-    if mpi := sys.modules.get("mpi4py.MPI"):  # else PETSc would wait for all processes of MPI to load it
-        petsc4py.init(options_of_petsc, comm=mpi.COMM_SELF)
-    slepc4py.init(options_of_petsc)
-    from petsc4py import PETSc
-    from slepc4py import SLEPc
 
+        if mpi := sys.modules.get("mpi4py.MPI"):  # else PETSc would wait for all processes of MPI to load it
+            petsc4py.init(options_of_petsc, comm=mpi.COMM_SELF)
+        slepc4py.init(options_of_petsc)
+        from petsc4py import PETSc
+        from slepc4py import SLEPc
+    except (AttributeError, ImportError, ValueError) as error:  # the others by a petsc4py that was compiled for another NumPy
+        if "numpy" in str(error):
+            older = installed_by("numpy", numpy_below=int(np.__version__.split(".")[0]))
+            raise MissingPackageError(f"petsc4py was compiled for an earlier NumPy than {np.__version__} ({error}). "
+                                      f"Install that: {older}") from error
+        raise MissingPackageError(f"slepc4py (with petsc4py) cannot be imported by this Python ({error}). "
+                                  f"{installation()}") from error
     give_back_freed_memory()
     atexit.register(drop)  # before PETSc goes
     if np.dtype(PETSc.ScalarType).kind == "c":
@@ -129,7 +140,7 @@ def package(kind: Kind, A: Matrix) -> str:
         if slender(A):
             return "petsc"
     if not has("mumps"):
-        raise MissingPackageError(f"this PETSc was built without MUMPS, which {kind} matrices need. {INSTALL}")
+        raise MissingPackageError(f"this PETSc was built without MUMPS, which {kind} matrices need. {installation()}")
     return "mumps"
 
 

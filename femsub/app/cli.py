@@ -108,7 +108,7 @@ def _doctor() -> int:
     try:
         from femsub.app.doctor import report
     except ImportError as error:  # NumPy or SciPy itself
-        return _fail(f"{error}; install what femsub needs: scripts/setup in its folder, or {installed_by('numpy', 'scipy')}", 1)
+        return _fail(f"{error}; install what femsub needs: {installed_by('numpy', 'scipy')}", 1)
     return report()
 
 

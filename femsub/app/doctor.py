@@ -85,7 +85,8 @@ def _petsc(found: Findings) -> None:
     for name in there:
         found.add(name, "in PETSc" if there[name] else "not in PETSc")
     if not there["MUMPS"]:
-        found.wrong.append("this PETSc has no MUMPS, which symmetric indefinite and unsymmetric matrices need. " + petsc.INSTALL)
+        found.wrong.append("this PETSc has no MUMPS, which symmetric indefinite and unsymmetric matrices need. "
+                           + petsc.installation())
     if not there["CHOLMOD"]:
         found.add("", "MUMPS factorises positive definite matrices instead, and PETSc itself those of chains and beams")
     n = 400
@@ -98,12 +99,12 @@ def _petsc(found: Findings) -> None:
         residual = float(np.linalg.norm(K @ x - b) / (np.linalg.norm(x) * 4 + np.linalg.norm(b)))
         if not residual <= WRONG:
             found.wrong.append(f"a {kind} factorisation has a residual of {residual:.0e}: PETSc and its packages do not fit each "
-                               "other, or its BLAS is broken; set it up anew (scripts/setup)")
+                               f"other, or its BLAS is broken. {petsc.installation()}")
     count = inertia(sp.csr_array(A - 0.5 * sp.eye_array(n)))
     true = int(np.count_nonzero(2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)) < 0.5))
     if count != true:
         found.wrong.append(f"the inertia of a matrix with {true} negative eigenvalues is counted as {count}: certificates cannot "
-                           "be trusted; take a PETSc with Debian's MUMPS (scripts/setup)")
+                           f"be trusted; take a PETSc with Debian's MUMPS. {petsc.installation()}")
 
 
 def _blas(found: Findings) -> None:
@@ -129,7 +130,7 @@ def _blas(found: Findings) -> None:
     off = float(np.abs(Q.T @ Q - np.eye(300)).max())
     if not off <= WRONG:
         found.wrong.append(f"NumPy's BLAS is broken: QᵀQ of a QR decomposition is {off:.0e} off; try OPENBLAS_CORETYPE=Haswell, "
-                           "and install NumPy anew")
+                           f"and install NumPy anew: {installed_by('numpy')}")
 
 
 def _memory(found: Findings) -> None:

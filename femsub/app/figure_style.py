@@ -277,6 +277,6 @@ def _along(corners: Any, step: float) -> Any:
 
 
 def _matplotlib() -> Any:
-    found = [package(f"matplotlib{name}", "figures need matplotlib", "matplotlib", otherwise=", or run with --no-figures")
+    found = [package(f"matplotlib{name}", "figures need matplotlib", "matplotlib", otherwise=" (--no-figures draws none)")
              for name in ("", ".backends.backend_agg", ".figure", ".lines", ".text")]
     return found[0]

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -15,7 +16,7 @@ from femsub.app.inputs import RESULTS, results_of
 from femsub.app.keys import keys_of
 from femsub.app.report import machine, remove, results, to_json, versions, write
 from femsub.app.scene import SCENES, Progress, Result, Scene
-from femsub.checks import hash_of
+from femsub.checks import hash_of, installed_by
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.io import texts_read
 
@@ -40,6 +41,9 @@ class Record:
 
     def __init__(self, scene: Scene, folder: Path) -> None:
         self.scene, self.folder = scene, folder
+        if scene.figures and find_spec("matplotlib") is None:
+            warn(f"no figures are drawn, they need matplotlib: {installed_by('matplotlib')}", FemsubWarning)
+            self.scene = replace(scene, figures=False)
         if scene.paged:
             from femsub.app.page import check_plotly
 

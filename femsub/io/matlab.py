@@ -172,7 +172,7 @@ def _flags(path: Path, data: bytes, order: str) -> int | None:
 def _read_hdf(path: Path) -> dict[str, Matrix]:
     """MATLAB 7.3: full matrices are datasets, sparse ones groups of 'data', 'ir' and 'jc'."""
     h5py = package("h5py", f"{path} is a MATLAB 7.3 file, which needs h5py", "h5py",
-                   otherwise=", or in MATLAB save(..., '-v7')")
+                   otherwise=" (or save it by save(..., '-v7') in MATLAB)")
 
     def numbers(name: str, item: Any) -> Array:
         if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "biufV" or item.ndim > 2:
