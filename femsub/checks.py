@@ -108,6 +108,8 @@ def package(module: str, why: str, *names: str, otherwise: str = "") -> Any:
         return import_module(module)
     except ImportError as error:
         raise MissingPackageError(f"{why}{otherwise}: {installed_by(*names)}") from error
+    except Exception as error:  # numba for one, where it may write its cache nowhere
+        raise MissingPackageError(f"{why}{otherwise}, which is installed, but cannot be imported: {error}") from error
 
 
 def set_up_by() -> str:

@@ -90,9 +90,9 @@ def load() -> tuple[Any, Any]:
         from slepc4py import SLEPc
     except (AttributeError, ImportError, ValueError) as error:  # the others by a petsc4py that was compiled for another NumPy
         if "numpy" in str(error):
-            older = installed_by("numpy", numpy_below=int(np.__version__.split(".")[0]))
-            raise MissingPackageError(f"petsc4py was compiled for an earlier NumPy than {np.__version__} ({error}). "
-                                      f"Install that: {older}") from error
+            raise MissingPackageError(
+                f"petsc4py was compiled for an earlier NumPy than {np.__version__} ({error}). Install that: "
+                f"{installed_by('numpy', numpy_below=int(np.__version__.split('.')[0]))}") from error
         raise MissingPackageError(f"slepc4py (with petsc4py) cannot be imported by this Python ({error}). "
                                   f"{installation()}") from error
     give_back_freed_memory()

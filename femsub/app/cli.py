@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import logging
 import os
@@ -84,6 +85,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     `doctor` ends with 1 if something is wrong, and `audit` if there is a fault.
     """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # closed (2>&-): a file opened later would get its number, and what is printed there
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal without Greek letters
     options = _parser().parse_args(arguments)
     try:
         if options.command == "run":
@@ -98,6 +104,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(error, 2 if isinstance(error, (InputError, InputTypeError)) else 1)
     except MemoryError as error:
         return _fail(f"not enough memory: {error or 'an allocation failed'}; make the model smaller, or take a larger machine", 1)
+    except PermissionError as error:
+        return _fail(f"{error.filename} cannot be read or written: {error.strerror}", 2)
     except BrokenPipeError:  # `femsub … | head`: the reader has seen enough
         return READER_GONE
     except KeyboardInterrupt:

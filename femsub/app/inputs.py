@@ -60,7 +60,7 @@ def results_of(path: Path) -> dict[str, Any] | None:
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
         json.dumps(told, ensure_ascii=False).encode()  # half a character cannot be printed
-    except (OSError, ValueError, RecursionError):
+    except (ValueError, RecursionError):
         return None
     if not isinstance(told, dict) or "scene" not in told:
         return None

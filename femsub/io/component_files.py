@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, mapping, path_of, positive_number, truth
 from femsub.errors import InputError, InputTypeError, empty_dofs_text, warn
 from femsub.io.abaqus_calculix import DIRECTIONS, HELD, dof_map, read_dofs
+from femsub.io.damage import unreadable_refused
 from femsub.io.matrix_files import guarded, read_labelled
 from femsub.io.model_folder import read_model
 from femsub.io.superelements import ENDINGS, read_superelement
@@ -23,6 +24,7 @@ from femsub.model import DofMap, ReducedSubstructure, Substructure
 NAMES = {"M": {"m", "mas", "mass", "masse", "maa", "mff", "mgg"}, "K": {"k", "sti", "stiff", "stiffness", "kaa", "kff", "kgg"}}
 
 
+@unreadable_refused
 def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | None = None, *,
                    dofs: DofMap | str | Path | None = None, interface: Iterable[Any] = (),
                    ports: Mapping[str, Any] | None = None, name: str | None = None, massless: bool = False,

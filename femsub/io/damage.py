@@ -8,9 +8,11 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -22,6 +24,20 @@ from femsub.errors import InputError, NotEnoughMemoryError
 THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError, ImportError, LookupError, NameError, OSError,
           RuntimeError, StopIteration, SyntaxError, TypeError, ValueError, Warning, lzma.LZMAError, struct.error,
           tokenize.TokenError, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error)
+
+P, T = ParamSpec("P"), TypeVar("T")
+
+
+def unreadable_refused(reader: Callable[P, T]) -> Callable[P, T]:
+    """A public reader, which names the file that the system does not let it read: without rights, on a disk that fails."""
+    @wraps(reader)
+    def reading(*args: P.args, **named: P.kwargs) -> T:
+        try:
+            return reader(*args, **named)
+        except OSError as error:
+            name = next(iter([*args, *named.values()])) if error.filename is None else error.filename
+            raise InputError(f"{name} cannot be read: {error.strerror or error}") from None
+    return reading
 
 
 @dataclass

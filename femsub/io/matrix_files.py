@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, parsing, path_of, word
 from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
-from femsub.io.damage import THROWN, check_extent, check_indices, check_room
+from femsub.io.damage import THROWN, check_extent, check_indices, check_room, unreadable_refused
 from femsub.io.matlab import read_matlab
 from femsub.io.matrix_market import read_market
 from femsub.io.op4 import read_op4
@@ -32,6 +32,7 @@ PUNCHES = (".pch", ".bdf", ".nas", ".dmig")  # decks of Nastran; others are know
 _LINE = re.compile(rb"\s*(\d++[\s,]++\d++[\s,]++){1,2}[+-]?[\d.]++([eEdD][+-]?\d++|[+-]\d++)?\s*")
 
 
+@unreadable_refused
 def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     """Read a matrix from a file of MATLAB, SciPy, Nastran, Ansys, Abaqus, CalculiX or Matrix Market.
 
@@ -178,7 +179,7 @@ def guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
     """What a reader returns; whatever it throws at a damaged file as an InputError."""
     try:
         return reader(path)
-    except FemsubError:
+    except (FemsubError, PermissionError):  # the file itself may be whole
         raise
     except THROWN as error:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__

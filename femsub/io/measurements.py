@@ -10,6 +10,7 @@ import numpy as np
 
 from femsub.checks import Array, choice, path_of
 from femsub.errors import InputError
+from femsub.io.damage import unreadable_refused
 from femsub.io.mesh_text import as_numbers, whole
 from femsub.io.universal import NUMBERS, DataSet, apart, data_sets, nodes_of, told
 from femsub.modes import FrequencyResponse, ModeSet
@@ -28,6 +29,7 @@ WIDTHS = {2: 3, 3: 6}  # values of a node, by the kind of data: translations in 
 SAME = 1e-6  # relative difference of frequencies that count as equal: text has six digits
 
 
+@unreadable_refused
 def read_response(path: str | Path, *, level: float | None = None, quantity: str | None = None,
                   over: str | None = None) -> FrequencyResponse:
     """The receptances of a part from a universal file: all frequency response functions in it, as a matrix.
@@ -172,6 +174,7 @@ def _listed(where: str, one: DataSet, name: str, announced: int) -> Array:
     return values
 
 
+@unreadable_refused
 def read_modes(path: str | Path) -> ModeSet:
     """Modes of a test bench or of another program: frequencies, damping and shapes at the nodes of its file.
 

@@ -17,6 +17,7 @@ from femsub.components import CELLS, Mesh, checked
 from femsub.errors import InputError
 from femsub.io.atomic import scratch, write_whole
 from femsub.io.cdb import read_cdb
+from femsub.io.damage import unreadable_refused
 from femsub.io.foreign_meshes import meshio, quietly, read_foreign, read_tetgen
 from femsub.io.gmsh import BODIES, is_gmsh, read_gmsh
 from femsub.io.inp import read_inp
@@ -48,6 +49,7 @@ class _Block(NamedTuple):
     number: int  # among all blocks of the file
 
 
+@unreadable_refused
 def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = None, includes: str | Path | None = None) -> Mesh:
     """Read a mesh file: the cells of the highest dimension with their named sets, checked (see `mesh_checks.checked`).
 
@@ -148,10 +150,7 @@ def _sort(found: Any, blocks: list[_Block], chosen: str) -> tuple[dict[str, Arra
 def _found(path: Path) -> tuple[Any, list[str]]:
     """The file as a meshio.Mesh, by its reader, and notes."""
     meshio()
-    try:
-        found, notes = _reader(path)(path)
-    except OSError as error:
-        raise InputError(f"the mesh file {path} cannot be read: {error.strerror or error}") from None
+    found, notes = _reader(path)(path)
     if not len(found.points) or not any(len(block.data) for block in found.cells):
         raise InputError(f"{path} holds {len(found.points)} nodes and no cells; {'; '.join(notes) or 'is it cut short?'}")
     return found, notes
