@@ -22,7 +22,15 @@ from tempfile import gettempdir
 from threading import RLock
 from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, TypeAlias, TypeVar
 
-from femsub.errors import InputError, InputTypeError, MissingPackageError, NotEnoughMemoryError, unknown_name
+from femsub.errors import (
+    InputError,
+    InputTypeError,
+    MissingPackageError,
+    NotEnoughMemoryError,
+    printable,
+    shown as shown,
+    unknown_name,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -92,14 +100,6 @@ def until(cutoff: float) -> str:
 def limit_of(cutoff: float) -> str:
     """What is said of a model with a cut-off."""
     return "" if math.isinf(cutoff) else ", cut-off not known" if math.isnan(cutoff) else f", cut-off {cutoff:.4g} rad/time"
-
-
-def shown(value: Any) -> str:
-    """A value in at most 60 characters for a message; for an array its shape and type."""
-    if hasattr(value, "dtype") and getattr(value, "shape", None):
-        return f"an array of {value.dtype} of shape {value.shape}"
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def package(module: str, why: str, *names: str, otherwise: str = "") -> Any:
@@ -182,15 +182,23 @@ def choice(name: str, value: Any, valid: Iterable[str]) -> str:
     """One of some words."""
     names = list(valid)
     if not isinstance(value, str) or value not in names:
-        raise unknown_name(name, value if isinstance(value, str) else shown(value), names)
+        raise unknown_name(name, value, names)
     return value
 
 
 def word(name: str, value: Any) -> str:
-    """A string."""
+    """A string, such as a name: it is printed, so it may hold no signs that a terminal obeys."""
     if not isinstance(value, str):
         raise InputTypeError(f"{name} must be a string, not {shown(value)}")
+    if not value.isprintable():
+        raise InputError(f"{name} must have printable characters only, but is {shown(value)}")
     return value
+
+
+def csv_cell(text: str) -> str:
+    """A text for a CSV file. A spreadsheet would run one that begins like a formula, so that gets an apostrophe."""
+    text = printable(text).replace("\n", " ")
+    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
 def instance(name: str, value: Any, kind: type[T], hint: str = "") -> T:

@@ -13,8 +13,30 @@ from pathlib import Path
 from typing import Any
 
 
+def printable(text: str, most: int | None = None) -> str:
+    """A text for a terminal: signs that it would obey as escapes, and without its middle if it has more than `most`."""
+    if most is not None and len(text) > most:
+        text = f"{text[:most // 2]} ... {text[-(most // 2):]}"
+    return text if text.isprintable() else "".join(
+        sign if sign.isprintable() or sign == "\n" else sign.encode("unicode_escape", "surrogatepass").decode() for sign in text)
+
+
+def shown(value: Any) -> str:
+    """A value in at most 60 characters for a message; for an array its shape and type."""
+    if hasattr(value, "dtype") and getattr(value, "shape", None):
+        return f"an array of {value.dtype} of shape {value.shape}"
+    try:
+        text = " ".join(printable(repr(value)).split()) if not isinstance(value, (str, bytes)) else repr(value[:60])
+    except Exception:  # a whole number of more digits than Python prints, an object whose own code fails
+        return f"an object of type {type(value).__name__}"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
 class FemsubError(Exception):
     """Root of everything femsub raises on purpose."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__(), most=4000)  # texts of files and callers are in it
 
 
 class InputError(FemsubError, ValueError):
@@ -86,7 +108,7 @@ def warn(message: str | Warning, category: type[Warning] = FemsubWarning) -> Non
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(("femsub.", "functools")):
         frame, level = frame.f_back, level + 1
-    warnings.warn(message, category, stacklevel=level)
+    warnings.warn(printable(message) if isinstance(message, str) else message, category, stacklevel=level)
 
 
 def empty_dofs_error(count: int, names: Iterable[str], model: str = "") -> SingularMatrixError:
@@ -116,6 +138,6 @@ def unknown_name(kind: str, found: object, valid: Iterable[str], *more: object) 
     """The error for a name that does not exist, and for `more` of the kind, with the nearest ones that do."""
     names, told = sorted(valid), ""
     for one in (found, *more):
-        near = difflib.get_close_matches(str(one), names, n=1, cutoff=0.5)
-        told += f"unknown {kind} {one!r}; " + (f"did you mean {near[0]!r}? " if near else "")
+        near = difflib.get_close_matches(str(one)[:60], names, n=1, cutoff=0.5)
+        told += f"unknown {kind} {shown(one)}; " + (f"did you mean {near[0]!r}? " if near else "")
     return InputError(f"{told}{'Valid' if told.endswith('? ') else 'valid'}: {', '.join(names) or 'none'}")

@@ -20,7 +20,7 @@ from femsub import __version__
 from femsub.app.audit_command import add_arguments, keys
 from femsub.app.scene import SCENES, Result, Scene, built, load
 from femsub.checks import installed_by, package
-from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError
+from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, printable
 
 READER_GONE = 141  # the exit status of a command whose output nobody reads any more
 INTERRUPTED = 130  # the exit status of what Ctrl-C ends
@@ -123,7 +123,7 @@ def _doctor() -> int:
 def _say(text: str) -> None:
     """Prints to stdout, now: what is left in the buffer would fail where nobody can tell of it."""
     try:
-        print(text, flush=True)
+        print(printable(text), flush=True)
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more as it ends
         if isinstance(error, BrokenPipeError):
@@ -167,11 +167,17 @@ _femsub_scene_or_file() {{ _femsub_scene; _files -g '*.(toml|py|json)'; }}"""}
     return shtab.complete(_parser(), shell, preamble=preamble)
 
 
+def _printable_record(record: logging.LogRecord) -> bool:
+    record.msg, record.args = printable(record.getMessage()), ()
+    return True
+
+
 @contextmanager
 def _told(verbose: int) -> Iterator[None]:
     """The library's log on stderr while a scene runs: nothing, what is done, or every step."""
     log, handler = logging.getLogger("femsub"), logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("femsub: %(message)s"))
+    handler.addFilter(_printable_record)
     before = log.level
     if verbose:
         log.addHandler(handler)
@@ -231,6 +237,6 @@ def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
 
 
 def _fail(reason: object, status: int) -> int:
-    print(f"femsub: {' '.join(str(reason).split())}", file=sys.stderr)
+    print(f"femsub: {printable(' '.join(str(reason).split()))}", file=sys.stderr)
     return status
 

@@ -22,8 +22,8 @@ import numpy as np
 import femsub
 from femsub.app.scene import Result
 from femsub.app.units import UNKNOWN, Units
-from femsub.checks import hash_of
-from femsub.errors import InputError
+from femsub.checks import csv_cell, hash_of
+from femsub.errors import InputError, printable
 from femsub.io import HASHES, OURS, Writer, hashed, held, write_whole
 from femsub.studies import Remark, answer
 
@@ -177,10 +177,9 @@ def _plain(value: Any) -> Any:
 def _csv(rows: Sequence[dict[str, Any]], file: BinaryIO) -> None:
     """A line for each row; several values in one cell stand with blanks between them."""
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-    writer = csv.DictWriter(text, list(dict.fromkeys(key for row in rows for key in row)), lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({key: _cell(value) for key, value in row.items()})
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([[csv_cell(key) for key in keys], *([_cell(row.get(key, "")) for key in keys] for row in rows)])
     text.detach()
 
 
@@ -188,7 +187,12 @@ def _cell(value: Any) -> Any:
     """Numbers as Python's own, which have every digit whatever NumPy's print options are (pyyeti changes them)."""
     if isinstance(value, np.generic):
         return value.item()
-    return " ".join(map(str, np.ravel(value).tolist())) if isinstance(value, (list, tuple, np.ndarray)) else value
+    if isinstance(value, str):
+        return csv_cell(value)
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        return value
+    found = np.ravel(value).tolist()
+    return (csv_cell if any(isinstance(one, str) for one in found) else str)(" ".join(map(str, found)))
 
 
 def machine() -> dict[str, Any]:
@@ -230,7 +234,7 @@ def commit(folder: Path) -> str | None:
 def progress(text: str) -> None:
     """One line on stderr that overwrites itself; nothing where stderr is not a terminal."""
     if sys.stderr.isatty():
-        print(f"\r\033[K{text[:100]}", end="", file=sys.stderr, flush=True)
+        print(f"\r\033[K{printable(text[:100])}", end="", file=sys.stderr, flush=True)
 
 
 def progress_done() -> None:

@@ -66,6 +66,7 @@ class Mesh(Frozen):
                  groups: Mapping[str, Any] | None = None, numbers: Any = None, repairs: Iterable[str] = (),
                  name: str = "mesh") -> None:
         choice("kind of cell", kind, CELLS)
+        word("name", name)
         places, corners = np.array(real_array("points", points, finite=False)), rows("cells", cells)
         if places.ndim != 2 or not 1 <= places.shape[1] <= 3 or not len(places):
             raise InputError(f"points must have the shape (n, 1), (n, 2) or (n, 3), not {places.shape}")
@@ -81,7 +82,7 @@ class Mesh(Frozen):
         node_sets = {key: np.unique(_within(f"set {key!r}", chosen, count)) for key, chosen in _named("sets", sets)}
         cell_sets = {key: np.unique(_within(f"group {key!r}", chosen, len(corners))) for key, chosen in _named("groups", groups)}
         self._set(points=places, cells=corners, kind=kind, numbers=named, repairs=tuple(items("repairs", repairs, "strings")),
-                  name=str(name), sets=node_sets, groups=cell_sets)
+                  name=name, sets=node_sets, groups=cell_sets)
 
     def __repr__(self) -> str:
         sets = f"sets {', '.join(self.sets)}" if self.sets else "no sets"

@@ -303,6 +303,7 @@ class Spring(Joint):
     name: str = ""
 
     def __post_init__(self) -> None:
+        word("name", self.name)
         for key in ("stiffness", "damping"):
             value = real_array(key, getattr(self, key))
             if value.ndim not in (0, 2) or (value.ndim == 2 and value.shape[0] != value.shape[1]):

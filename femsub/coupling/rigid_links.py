@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, real_array
+from femsub.checks import Array, real_array, word
 from femsub.coupling.joints import End, Joint, Link, Site, site, spatial, stacked, title
 from femsub.errors import InputError
 
@@ -25,6 +25,9 @@ class _OneNode(Joint):
 
     reference: End
     surface: End
+
+    def __post_init__(self) -> None:
+        word("name", self.name)  # type: ignore[attr-defined]
 
     def __repr__(self) -> str:
         return self.name or f"{type(self).__name__}({title(self.reference)}, {title(self.surface)})"  # type: ignore[attr-defined]

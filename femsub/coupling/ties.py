@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, instance, mapping, positive_number
+from femsub.checks import Array, Matrix, instance, mapping, positive_number, word
 from femsub.components import KINDS, Mesh, on_side, patch, reference, shape_functions, side_quadrature, sides_of
 from femsub.coupling.joints import End, Joint, Link, Site, nearest, site, stacked, title
 from femsub.errors import InputError, InputTypeError
@@ -74,6 +74,7 @@ class Tied(Joint):
     name: str = ""
 
     def __post_init__(self) -> None:
+        word("name", self.name)
         for key, mesh in mapping("meshes", self.meshes, "the parts' names and meshes").items():
             instance(f"the mesh of {key!r}", mesh, Mesh)
         if self.tol is not None:

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix
+from femsub.checks import Array, Matrix, csv_cell
 from femsub.errors import InputError
 from femsub.io.damage import check_end, check_extent
 from femsub.model import LARGEST, DofMap
@@ -225,6 +225,8 @@ def read_dofs(path: Path, labels: tuple[str, ...] | None = None) -> DofMap:
         points = np.stack([table[axis] for axis in ("x", "y", "z")[:width - 2]], axis=1) if width > 2 else None
         if points is not None and not np.isfinite(points).all():
             raise InputError(f"the place of data line {int(np.argmin(np.isfinite(points).all(axis=1))) + 1} is not finite")
+        if (marked := np.char.startswith(components, "'")).any():  # see `csv_cell`
+            components[marked] = [cell[1:] if csv_cell(cell[1:]) == cell else cell for cell in components[marked].tolist()]
         if (components == "").any():
             raise InputError(f"data line {int(np.argmax(components == '')) + 1} has no component")
         if np.char.isdecimal(components).all():
@@ -267,7 +269,7 @@ def _whole(path: Path, cells: Array) -> Array:
 def write_dofs(file: BinaryIO, dofs: DofMap) -> None:
     """Write the map as CSV with a heading: node, component and, if known, x, y, z with all digits."""
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-    columns = [dofs.nodes.tolist(), np.array(dofs.labels)[dofs.components].tolist()]
+    columns = [dofs.nodes.tolist(), np.array([csv_cell(label) for label in dofs.labels])[dofs.components].tolist()]
     columns += [] if dofs.points is None else dofs.points.T.tolist()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("node", "component", "x", "y", "z")[:len(columns)])

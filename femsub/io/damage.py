@@ -25,7 +25,8 @@ THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError
           RuntimeError, StopIteration, SyntaxError, TypeError, ValueError, Warning, lzma.LZMAError, struct.error,
           tokenize.TokenError, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error)
 
-P, T = ParamSpec("P"), TypeVar("T")
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 def unreadable_refused(reader: Callable[P, T]) -> Callable[P, T]:

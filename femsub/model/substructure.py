@@ -94,6 +94,7 @@ class Substructure(Frozen):
     def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] | Mapping[str, Iterable[int]] = (),
                  ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None,
                  sets: Mapping[str, Any] | None = None, H: Any = None) -> None:
+        word("name", name)
         pencil = Pencil(M, D, K)
         mass, stiffness = (part if flag else _symmetric(name, part) for name, part, flag in
                            zip("MK", (pencil.M, pencil.K), pencil.symmetric[::2], strict=True))
@@ -105,7 +106,7 @@ class Substructure(Frozen):
             raise InputError("M has no mass at all: every diagonal entry is zero")
         _semidefinite_pairs(mass, diagonal)
         if type(self) is Substructure and _in_each_others_place(mass, stiffness):  # parts of a system have been looked at
-            warn(f"M and K of {str(name)!r} seem to be in each other's place: most rows of M sum to 0 along a translation, as "
+            warn(f"M and K of {name!r} seem to be in each other's place: most rows of M sum to 0 along a translation, as "
                  "those of a stiffness matrix do, and those of K do not. The order is Substructure(M, K), read_component(M, K)")
         if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:
             raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
@@ -113,7 +114,7 @@ class Substructure(Frozen):
             interface, sets = _named(interface, pencil.size)
         joined = _interface(interface, pencil.size)
         self._set(M=mass, K=stiffness, D=pencil.D, interface=joined, sets=checked_sets(sets, len(joined)),
-                  ports=_ports({} if ports is None else ports, pencil.size), name=str(name), dofs=dofs, rigid_motion=None,
+                  ports=_ports({} if ports is None else ports, pencil.size), name=name, dofs=dofs, rigid_motion=None,
                   noise=pencil.noise, H=None if H is None else _structural(H, stiffness))
         if mass is pencil.M and stiffness is pencil.K:
             self._set(pencil=pencil)  # checked already

@@ -1,0 +1,95 @@
+"""Names and values of others on a terminal, in messages and in CSV files: no escapes, no formulas, no two megabytes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from femsub.app import cli
+from femsub.app.report import _csv
+from femsub.checks import csv_cell, shown
+from femsub.errors import FemsubWarning, printable, unknown_name, warn
+from femsub.io.abaqus_calculix import read_dofs, write_dofs
+
+EVIL = "pad\x1b]0;owned\x07\x1b[31m\x9b2J\u202e"
+
+
+@pytest.mark.parametrize("make", [
+    lambda name: fs.Substructure(np.eye(2), np.eye(2), name=name), lambda name: fs.Spring(("a", [0]), stiffness=1.0, name=name),
+    lambda name: fs.Substructure(np.eye(2), np.eye(2), ports={name: np.ones(2)}), lambda name: fs.Belt(port=name, slope=-0.1),
+    lambda name: fs.Substructure(np.eye(2), np.eye(2), interface={name: [0]}),
+    lambda name: fs.Rigid(("a", [0]), ("b", [0]), name=name), lambda name: fs.Kinematic(("a", "b"), ("c", "d"), name=name),
+    lambda name: fs.Averaged(("a", "b"), ("c", "d"), name=name), lambda name: fs.DofMap([1], [0], [name]),
+    lambda name: fs.Tied(("a", "b"), ("c", "d"), {}, name=name), lambda name: fs.couple({name: fs.chain(2)}, []),
+    lambda name: fs.Mesh(np.eye(2), [[0, 1]], "line", name=name), lambda name: fs.Mesh(np.eye(2), [[0, 1]], "line", {name: [0]})])
+def test_a_name_is_printable_text(make: Any) -> None:
+    for wrong in (EVIL, "two\nlines", None, 3):
+        with pytest.raises((fs.InputError, fs.InputTypeError)) as caught:
+            make(wrong)
+        assert str(caught.value).isprintable() and len(str(caught.value)) < 500
+
+
+def test_no_message_holds_what_a_terminal_obeys() -> None:
+    for error in (fs.InputError(f"no {EVIL}"), fs.MissingPackageError(EVIL), fs.WorkerError(EVIL),
+                  unknown_name("part", EVIL, [EVIL])):
+        assert str(error).isprintable() and "pad\\x1b]0;owned" in str(error) and "\\x9b" in str(error) and "\\u202e" in str(error)
+    with pytest.warns(FemsubWarning) as caught:
+        warn(EVIL)
+    assert str(caught[0].message).isprintable()
+    assert printable("μ\nω", 9) == "μ\nω" and printable("\ud800") == "\\ud800"
+
+
+def test_what_was_found_is_shortened() -> None:
+    long = "x" * 2_000_000
+    assert len(str(unknown_name("key", long, ["band"]))) < 200
+    assert len(str(fs.InputError(f"the key {long!r} is wrong: change it"))) < 5000
+    assert str(fs.InputError(f"the key {long!r} is wrong: change it")).endswith("is wrong: change it")
+    assert shown(10**5000) == "an object of type int"  # Python itself refuses to print it
+
+    class Odd:
+        def __repr__(self) -> str:
+            raise RuntimeError
+
+    for value in (long, b"x" * 100, [1] * 1000, EVIL, Odd(), {EVIL: "two\nlines"}, np.array(EVIL), 10**400):
+        assert len(shown(value)) <= 60 and shown(value).isprintable()
+
+
+def test_the_command_line_prints_no_escapes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.toml").write_text(f'scene = "chain"\n"{"k" * 2_000_000}" = 1\n', encoding="utf-8")
+    assert cli.main(["run", str(tmp_path / "a.toml")]) == 2
+    assert len(capsys.readouterr().err) < 5000
+    (tmp_path / "b.toml").write_text('scene = "chain"\n"a\\u001b[31m" = 1\n', encoding="utf-8")
+    assert cli.main(["run", str(tmp_path / "b.toml")]) == 2
+    assert "\x1b" not in capsys.readouterr().err
+    cli._say(EVIL)
+    assert cli._fail(EVIL, 2) == 2
+    with cli._told(1):
+        logging.getLogger("femsub").info("part %r of %s", "pad", EVIL)
+    found = capsys.readouterr()
+    assert "\x1b" not in found.out + found.err and found.err.count("\\x1b[31m") == 2 and "\\x9b" in found.out
+
+
+@pytest.mark.parametrize("sign", list("=+-@\t\r"))
+def test_a_spreadsheet_runs_no_name(sign: str, tmp_path: Path) -> None:
+    name = f"{sign}cmd|' /C calc'!A0"
+    file = io.BytesIO()
+    _csv([{"model": name, name: -1.5, "parts": [name, "b"], "values": [-1.0, 2.0]}], file)
+    cells = [cell for row in csv.reader(io.StringIO(file.getvalue().decode(), newline="")) for cell in row]
+    assert cells == ["model", csv_cell(name), "parts", "values", csv_cell(name), "-1.5", csv_cell(f"{name} b"), "-1.0 2.0"]
+    assert csv_cell(name) == (f"'{name}" if sign.isprintable() else f"\\{'t' if sign == chr(9) else 'r'}{name[1:]}")
+
+
+def test_labels_of_dof_are_read_again_as_they_were(tmp_path: Path) -> None:
+    dofs = fs.DofMap([1, 1, 2], [0, 1, 2], ["=1+1", "-x", "uz"])
+    with (tmp_path / "dofs.csv").open("wb") as file:
+        write_dofs(file, dofs)
+    assert "\n1,'=1+1\n1,'-x\n2,uz\n" in (tmp_path / "dofs.csv").read_text(encoding="utf-8")
+    found = read_dofs(tmp_path / "dofs.csv", dofs.labels)
+    assert found.labels == dofs.labels and np.array_equal(found.components, dofs.components)
