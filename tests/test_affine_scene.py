@@ -235,6 +235,31 @@ def test_nothing_but_arithmetic_is_taken(text: str) -> None:
         _ = Expression(text, "factor").names
 
 
+@pytest.mark.parametrize("text", ["p#c", "p # 2", "p\\\n+ 1", "(p#)\n)"])
+def test_a_comment_is_no_arithmetic(text: str) -> None:
+    with pytest.raises(InputError, match="in it, but only"):
+        Expression(text, "K[1].factor")
+
+
+def test_an_oscillation_that_no_search_can_follow_is_refused() -> None:
+    """A run took 42 s, and said nothing of it."""
+    for text in ("sin(p*1e9)+2", "1 / (cos(exp(30 * p)) + 2)", "1 / sin(1 / (p - 0.1 + 1e-9))"):
+        with pytest.raises(InputError, match="more than 100 periods"):
+            Expression(text, "K[1].factor").check_over("p", (0.1, 1.0), {})
+    Expression("sin(100 * p) + 2", "K[1].factor").check_over("p", (0.1, 1.0), {})
+
+
+@pytest.mark.parametrize("factor", ["p-p+1", "p*0+1", "p**0"])
+def test_a_parameter_that_cancels_is_named(factor: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was unknown, although it is written there."""
+    pair = written(tmp_path)
+    assert len(pair)
+    (tmp_path / "scene.toml").write_text('scene = "affine"\nM = {file = "M.mtx"}\nK = [{file = "K1.mtx"}, {file = "pair.mat:KR", '
+                                         f'factor = "{factor}"}}]\nbetween = [0.1, 1.0]\n', encoding="utf-8")
+    assert main(["run", str(tmp_path / "scene.toml")]) == 2
+    assert "scene key 'K[2].factor': no factor changes with 'p'" in capsys.readouterr().err
+
+
 def test_a_factor_is_pickled_and_tells_its_parameter() -> None:
     import pickle
 

@@ -48,6 +48,9 @@ class Expression:
     def __post_init__(self) -> None:
         if len(self.text) > LONGEST:
             raise InputError(f"scene key {self.where!r} must have at most {LONGEST} characters, but has {len(self.text)}")
+        if strange := set(self.text) & {"#", "\\"}:  # Python would leave out what follows
+            raise InputError(f"scene key {self.where!r}: {self.text!r} has {min(strange)} in it, but only {TAKEN} may "
+                             "stand there")
         for node in ast.walk(self._tree):
             self._check(node)
 
@@ -105,7 +108,8 @@ class Expression:
         Raises
         ------
         InputError
-            There is a place without a value, such as a division by zero; it is named.
+            There is a place without a value, such as a division by zero; it is named. Or a sine or cosine has more than a hundred
+            periods in the range: no search could follow it.
         """
         for end in between:
             self({**values, parameter: end})
@@ -115,6 +119,9 @@ class Expression:
             tried += 1
             try:
                 self._walk({**values, parameter: _Range(lo, hi)})
+            except _RapidError as error:
+                raise InputError(f"scene key {self.where!r}: {self.text!r} has a {error} with more than 100 periods for "
+                                 f"{parameter} from {lo:g} to {hi:g}. Change the expression or the range") from None
             except ArithmeticError as error:
                 middle = (lo + hi) / 2
                 self({**values, parameter: middle})
@@ -178,6 +185,10 @@ class _UndefinedError(ArithmeticError):
     def __init__(self, text: str, singular: bool = True) -> None:
         super().__init__(text)
         self.singular = singular
+
+
+class _RapidError(Exception):
+    """A sine or cosine of so wide a range that it says nothing."""
 
 
 def _power(base: Any, exponent: Any) -> Any:
@@ -250,6 +261,8 @@ class _Range:
     def function(self, name: str) -> _Range:
         if name in ("sin", "cos"):
             middle, half = FUNCTIONS[name]((self.lo + self.hi) / 2), (self.hi - self.lo) / 2
+            if half > 100 * math.pi:
+                raise _RapidError(name)
             return _Range(max(middle - half, -1.0), min(middle + half, 1.0))
         if name == "sqrt" and self.lo < 0:
             raise _UndefinedError("root of a negative number", singular=False)

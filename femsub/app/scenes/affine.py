@@ -90,9 +90,12 @@ class AffineScene(FlutterScene):
             if name not in self.values and name != self.over:
                 raise unknown_name(f"parameter in the scene key {where!r} (it is neither 'parameter' nor in 'fixed')", name,
                                    [self.over, *self.values])
-        for terms in self.terms.values():
-            for factor in terms.values():
-                factor.check_over(self.over, (self.between[0], self.between[1]), self.values)
+        factors = [factor for terms in self.terms.values() for factor in terms.values()]
+        for factor in factors:
+            factor.check_over(self.over, (self.between[0], self.between[1]), self.values)
+        if all((line := factor.lines(self.over, self.values)) and not line[1] for factor in factors):
+            raise InputError(f"scene key {self.names[self.over]!r}: no factor changes with {self.over!r}, which cancels. Change "
+                             "the expression, or name another parameter")
 
     @cached_property
     def terms(self) -> dict[str, dict[str, Expression]]:

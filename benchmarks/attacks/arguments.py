@@ -1,0 +1,457 @@
+"""Odd values for every argument of every public function: a result, or an error that names the argument.
+
+A case is a function of `femsub.__all__`, one of its arguments, and a value of a kind: numbers (10**400, NaN, complex, bool),
+arrays (masked, of no dimension, of wrong shapes and types), sparse matrices, containers, texts, and the argument's own valid value
+in another dress (masked, as a list of sparse matrices). A masked array is refused if anything is masked: its entries are not
+known. Seeds count the cases of a kind through, in a random order.
+"""
+
+from __future__ import annotations
+
+import inspect
+import tempfile
+import traceback
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+import femsub as fs
+from femsub.checks import shown
+
+KINDS = ("numbers", "arrays", "sparse", "containers", "texts", "dressed")
+#: words by which a message names an argument, beside the argument itself
+ALSO = {"contacts": "contact", "sub": "model|component|Substructure", "model": "K |M |component|Substructure|Pencil",
+        "methods": "method", "parts": "part", "joints": "joint", "counts": "count"}
+
+
+def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
+    """A call that works for each public function, by keywords: the arguments to be replaced in turn."""
+    sub, belt = fs.chain(6, belt=2), fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-2))
+    slope = fs.Belt(slope=-0.05)
+    rom = fs.reduce(sub, fs.CraigChang(modes=3), ports=True)
+    modes = fs.complex_modes(rom, slope)
+    mesh, flat = fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"), fs.rectangle((1.0, 1.0), (2, 2))
+    brick = fs.solid(mesh, fs.Material(1.0, 0.3, 1.0))
+    ring = fs.annulus(0.1, 0.2, 0.02, (1, 8, 1), "hexahedron")
+    run = fs.transient(sub, belt, (0.0, 20.0))
+    t = np.linspace(0.0, 20.0, 500)
+    y = np.exp(0.1 * t) * np.sin(3 * t)
+    cycle = fs.harmonic_balance(rom, fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2)), harmonics=40)
+    matrices = {"M": sub.M, "D": sub.D, "K": sub.K}
+    fs.write_matrices(folder / "model", rom)
+    fs.write_mesh(folder / "mesh.vtu", mesh)
+    one = {"mesh": mesh, "name": "x"}
+    soft = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    parts = {"a": fs.chain(4, interface=[4]), "b": fs.chain(3, interface=[1], fixed=False)}
+    pair = fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0]))])
+
+    pair = fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0]))])
+
+    sliding = fs.FrictionContact("top", "ground", mesh, 1.0, 0.4, direction=(1.0, 0.0, 0.0))
+
+    def rigid(end: Any, tol: Any, name: Any) -> fs.Rigid:
+        return fs.Rigid(end, ("b", [0]), tol=tol, name=name)
+
+    def coupled(**given: Any) -> fs.System:
+        """A joint's own arguments, where they are used."""
+        return fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0])), fs.Spring(**given)])
+
+    def rubbing(**given: Any) -> fs.Pencil:
+        """Arguments of a friction contact, where they are used."""
+        return fs.solid(mesh, fs.Material(1.0, 0.3, 1.0), interface=["top"]).linearised(fs.FrictionContact(**given))
+
+    rubbing.__signature__ = inspect.signature(fs.FrictionContact)  # type: ignore[attr-defined]
+
+    def cut(model: Any, into: Any, sets: Any) -> fs.Cut:  # what a caller's own build raises is the caller's
+        return fs.cut(model, fs.plate, into=into, sets=sets, E=1.0, nu=0.3, rho=1.0, thickness=0.1)
+
+    def pieces(folder: Any, mesh: Any, build: Any, into: Any, supports: Any, interface: Any, ports: Any) -> Any:
+        return fs.cut_to_files(folder, mesh, build, into=into, material=fs.Material(1.0, 0.3, 1.0), supports=supports,
+                               interface=interface, ports=ports)
+
+    (folder / "hammer.uff").write_text("\n".join([
+        "    -1", "    58", *"abcde", "    4         0    1         0       NONE         1   1       NONE         1   1",
+        "         6         1         0  0.00000e+00  0.00000e+00  0.00000e+00",
+        *(f"{kind:10}    0    0    0 NONE                 NONE" for kind in (18, 12, 13, 0)),
+        "  1.00000e+00   1.00000000000e+00   0.00000000000e+00", "    -1", ""]))
+    (folder / "modes.uff").write_text("\n".join([
+        "    -1", "    55", *"abcde", "         1         2         2         8         2         3",
+        "         2         4         0         1", "  1.00000e+01  1.00000e+00  0.00000e+00  0.00000e+00",
+        "         7", "  1.00000e+00  2.00000e+00  3.00000e+00", "    -1", ""]))
+    tip = fs.frequency_response(sub, at=[0.1, 0.2], loads="belt")
+    places = {f"s{k}": ((k % 2, k // 2 % 2, k // 4), tuple(np.eye(3)[k % 3])) for k in range(9)}
+    sensed = fs.FrequencyResponse.measured([1.0], np.ones((1, 9, 9)), list(places), list(places))
+    row = fs.block((6.0, 1.0, 1.0), (6, 1, 1), "hexahedron")
+    recipes = pieces(folder / "pieces", row, fs.solid, 2, ["left"], None, None)
+    coupled.__signature__ = inspect.signature(fs.Spring)  # type: ignore[attr-defined]
+    return {
+        "Affine": (fs.Affine, {"M": np.eye(2), "D": None, "K": [(1.0, np.eye(2)), ("mu", [[0.0, 1.0], [0.0, 0.0]])]}),
+        "FrictionContact": (rubbing, {"stiffness": 1.0, "mu": 0.4, "pressure": 0.0, "direction": (1.0, 0.0, 0.0), "axis": None,
+                                      "centre": (0.0, 0.0, 0.0), "speed": None, "slope": 0.0, "tol": None, "first": "top",
+                                      "second": "ground", "meshes": mesh}),
+        "LinearContact": (fs.LinearContact, {"ports": ("belt",), "stiffness": [[1.0]], "damping": None}),
+        "Averaged": (fs.Averaged, {"reference": ("a", [3]), "surface": ("b", [0]), "weights": None, "name": ""}),
+        "Kinematic": (fs.Kinematic, {"reference": ("a", [3]), "surface": ("b", [0]), "name": ""}),
+        "Rigid": (rigid, {"end": ("a", [3]), "tol": None, "name": ""}),
+        "Spring": (coupled, {"first": ("a", [3]), "second": ("b", [0]), "stiffness": 1.0, "damping": 0.1,
+                             "tol": None, "name": ""}),
+        "Tied": (fs.Tied, {"first": ("a", "right"), "second": ("b", "left"), "meshes": {"a": mesh, "b": mesh}, "tol": None,
+                           "name": ""}),
+        "system_estimate": (fs.system_estimate, {"full": pair, "rom": fs.reduce(pair, {"b": fs.CraigBampton(1)}),
+                                                 "band": (0.0, 1.0), "contacts": None, "tol": 1e-2}),
+        "couple": (fs.couple, {"parts": parts, "joints": [fs.Rigid(("a", [3]), ("b", [0]))], "name": "pair", "assembly": "primal",
+                               "interface": [("a", [3])]}),
+        "cut": (cut, {"model": flat, "into": 2, "sets": None}),
+        "Belt": (fs.Belt, {"port": "belt", "force": 1.0, "speed": 0.2, "law": fs.StribeckArctan(), "slope": None}),
+        "CraigBampton": (fs.CraigBampton, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "CraigBampton(tol)": (fs.CraigBampton, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2, "cutoff": None}),
+        "CraigBampton(cutoff)": (fs.CraigBampton, {"modes": None, "cutoff": 1.0}),
+        "CraigChang": (fs.CraigChang, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2, "cutoff": None}),
+        "DofMap": (fs.DofMap, {"nodes": [1, 1], "components": [0, 1], "labels": ("ux", "uy"), "points": None}),
+        "DualCraigBampton": (fs.DualCraigBampton, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "ContactModes": (fs.ContactModes, {"modes": 3, "band": None, "tol": None, "cutoff": None, "contacts": sliding,
+                                           "parameter": "mu", "friction": True}),
+        "Guyan": (fs.Guyan, {"modes": 0, "band": None, "tol": None, "cutoff": None}),
+        "Herting": (fs.Herting, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "Hurty": (fs.Hurty, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "InterfaceModes": (fs.InterfaceModes, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "MacNeal": (fs.MacNeal, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "Material": (fs.Material, {"E": 1.0, "nu": 0.3, "rho": 1.0, "loss": 0.1}),
+        "Mesh": (
+            fs.Mesh,
+            {
+                "points": mesh.points,
+                "cells": mesh.cells,
+                "kind": mesh.kind,
+                "sets": {"a": [0, 1]},
+                "groups": {"g": [0]},
+                "numbers": None,
+                "repairs": (),
+                "name": "m",
+            },
+        ),
+        "Rubin": (fs.Rubin, {"modes": 3, "band": None, "tol": None, "cutoff": None}),
+        "Pencil": (fs.Pencil, dict(matrices)),
+        "State": (fs.State, {"displacement": np.zeros(6), "velocity": np.zeros(6)}),
+        "StribeckArctan": (fs.StribeckArctan, {"eps": 1e-3, "coulomb": 0.3, "drop": 0.2, "decay": 2.0}),
+        "StribeckArctanOdd": (fs.StribeckArctanOdd, {"eps": 1e-3, "coulomb": 0.3, "drop": 0.2, "decay": 2.0}),
+        "Substructure": (
+            fs.Substructure,
+            matrices | {"interface": [0], "ports": {"belt": np.eye(6)[1]}, "name": "s", "sets": {"left": [0]}, "dofs": None,
+                        "H": None},
+        ),
+        "annulus": (
+            fs.annulus,
+            {"inner": 1.0, "outer": 2.0, "thickness": 0.1, "counts": (1, 8, 1), "kind": "hexahedron20", "name": "a",
+             "sector": (0.0, 1.0)},
+        ),
+        "beam": (
+            fs.beam,
+            {
+                "length": 1.0,
+                "elements": 4,
+                "E": 1.0,
+                "I": 1.0,
+                "rho": 1.0,
+                "A": 1.0,
+                "foundation": 0.0,
+                "supports": {0: "clamped"},
+                "interface": ("right",),
+                "ports": {"belt": 0.5},
+                "rayleigh": (0.0, 0.1),
+                "name": "b",
+            },
+        ),
+        "block": (fs.block, {"lengths": (1.0, 1.0, 1.0), "counts": (1, 1, 1), "kind": "hexahedron20", "name": "b"}),
+        "branch": (
+            fs.branch,
+            {
+                "model": rom,
+                "contacts": soft,
+                "parameter": "slope",
+                "between": None,
+                "start": None,
+                "port": None,
+                "points": 3,
+                "harmonics": 40,
+                "tol": 1e-2,
+                "stability": False,
+                "progress": None,
+            },
+        ),
+        "chain": (
+            fs.chain,
+            {"n": 5, "belt": 2, "damping": 0.1, "masses": 1.0, "springs": 1.0, "interface": (1,), "fixed": True, "name": "c"},
+        ),
+        "chain_frequencies": (fs.chain_frequencies, {"n": 5, "count": 3}),
+        "complex_modes": (
+            fs.complex_modes,
+            {"model": sub, "contacts": slope, "count": 4, "band": None, "re": None, "evidence": None},
+        ),
+        "complex_modes(band)": (fs.complex_modes, {"model": rom, "contacts": slope, "band": (0.0, 0.5), "re": (-1.0, 1.0)}),
+        "critical_slope": (fs.critical_slope, {"model": sub, "port": "belt", "force": 1.0, "contacts": None, "band": (0.0, 3.0),
+                                                "method": "auto"}),
+        "critical_value": (
+            fs.critical_value,
+            {"model": sub, "contacts": slope, "parameter": "slope", "between": (-0.1, 0.0), "band": (0.0, 3.0),
+             "solver": "auto"},
+        ),
+        "cut_to_files": (pieces, {"folder": folder / "cut", "mesh": row, "build": fs.solid, "into": 2, "supports": ["left"],
+                                  "interface": ["right"], "ports": {"belt": ("right", "y")}}),
+        "damped": (fs.damped, {"sub": sub, "rayleigh": (0.1, 0.1), "ratios": None, "modal": None, "dashpots": {0: 0.1},
+                               "structural": 0.1}),
+        "equivalent_viscous": (fs.equivalent_viscous, {"model": fs.damped(sub, structural=0.1), "omega": 0.5}),
+        "damped(modal)": (fs.damped, {"sub": sub, "modal": 0.01}),
+        "damped(ratios)": (fs.damped, {"sub": sub, "ratios": ((0.5, 0.01), (1.0, 0.01))}),
+        "displacements": (fs.displacements, {"mesh": mesh, "dofs": brick.dofs, "u": np.zeros(brick.size)}),
+        "audit": (fs.audit, {"reduced": fs.reduce(sub, fs.CraigBampton(3), ports=True), "full": sub, "mass": 1.0, "cutoff": 1.0,
+                             "floating": True,
+                             "gyroscopic": True, "units": "SI"}),
+        "FrequencyResponse": (fs.FrequencyResponse.measured, {"at": [1.0], "receptance": [[[1.0]]], "responses": ["a"],
+                                                              "loads": ["a"], "level": 0.1, "scatter": None}),
+        "couple_responses": (fs.couple_responses, {"parts": {"a": tip, "b": tip}, "joints": [(("a", "belt"), ("b", "belt"))],
+                                                    "tol": 1e-5}),
+        "frequency_response": (fs.frequency_response, {"model": sub, "contacts": slope, "at": [0.1, 0.2], "loads": ["belt"],
+                                                       "responses": 0, "method": "auto", "tol": 1e-6}),
+        "ModeSet": (fs.ModeSet, {"eigenvalues": [1j], "shapes": np.ones((2, 1)), "dofs": fs.DofMap([1, 2], [0, 0]), "notes": ()}),
+        "read_modes": (fs.read_modes, {"path": folder / "modes.uff"}),
+        "read_response": (fs.read_response, {"path": folder / "hammer.uff", "level": 0.1, "quantity": "acceleration",
+                                             "over": "force"}),
+        "virtual_point": (fs.virtual_point, {"response": sensed, "point": (0, 0, 0), "sensors": places, "impacts": None,
+                                             "name": "point", "tol": 1e-5}),
+        "frequency_bounds": (fs.frequency_bounds, {"model": fs.reduce(sub, fs.CraigBampton(3), ports=True), "count": 1}),
+        "growth_rate": (fs.growth_rate, {"t": t, "signal": y, "between": (0.0, 10.0), "below": None}),
+        "harmonic_balance": (
+            fs.harmonic_balance,
+            {"model": rom, "contacts": soft, "harmonics": 40, "start": None, "tol": 1e-3},
+        ),
+        "normal_modes": (fs.normal_modes, {"model": sub, "count": 3, "band": None}),
+        "normal_modes(band)": (fs.normal_modes, {"model": sub, "band": (0.0, 1.0)}),
+        "plate": (
+            fs.plate,
+            {
+                "mesh": flat,
+                "E": 1.0,
+                "nu": 0.3,
+                "rho": 1.0,
+                "thickness": 0.1,
+                "supports": {"left": "clamped"},
+                "interface": ("right",),
+                "ports": {"belt": "right"},
+                "rayleigh": (0.0, 0.1),
+                "name": "p",
+            },
+        ),
+        "read_component": (
+            fs.read_component,
+            {
+                "M": folder / "model",
+                "K": None,
+                "D": None,
+                "dofs": None,
+                "interface": (),
+                "ports": None,
+                "name": None,
+                "massless": False,
+                "drop_empty": False,
+                "cutoff": None,
+            },
+        ),
+        "read_matrix": (fs.read_matrix, {"path": folder / "model" / "M.mtx", "variable": None}),
+        "read_mesh": (fs.read_mesh, {"path": folder / "mesh.vtu", "kind": None, "name": None, "includes": None}),
+        "rectangle": (fs.rectangle, {"lengths": (1.0, 1.0), "counts": (1, 1), "kind": "quad", "name": "r"}),
+        "reduce": (fs.reduce, {"sub": sub, "method": fs.CraigBampton(2), "ports": False, "contacts": None}),
+        "reduce(parts)": (fs.reduce, {"sub": pair, "method": dict.fromkeys(parts, fs.CraigBampton(2)), "ports": False,
+                                      "workers": None, "executor": None}),
+        "reduce_by_levels": (fs.reduce_by_levels, {"parts": recipes, "method": fs.CraigBampton(2), "folder": folder / "levels",
+                                                   "workers": 1, "executor": None}),
+        "refine": (
+            fs.refine,
+            {"full": sub, "modes": modes, "rom": rom, "contacts": slope, "which": None, "tol": 1e-8, "steps": 20},
+        ),
+        "rms": (fs.rms, {"t": t, "signal": y, "between": None}),
+        "rotating": (
+            fs.rotating,
+            {
+                "part": fs.solid(ring, fs.Material(1.0, 0.3, 1.0)),
+                "mesh": ring,
+                "material": fs.Material(1.0, 0.3, 1.0),
+                "axis": "z",
+                "centre": (0.0, 0.0, 0.0),
+            },
+        ),
+        "self_excitation": (
+            fs.self_excitation,
+            {"full": sub, "reduced": rom, "contacts": belt, "band": (0.0, 2.0), "count": None, "omega": None, "harmonics": 3.0},
+        ),
+        "shoot": (fs.shoot, {"model": rom, "contacts": soft, "start": cycle, "period": None, "tol": 1e-6, "rounds": 3}),
+        "solid": (
+            fs.solid,
+            one
+            | {
+                "material": fs.Material(1.0, 0.3, 1.0),
+                "supports": ["left"],
+                "interface": ["right"],
+                "ports": {"belt": ("right", "y")},
+                "rayleigh": (0.0, 0.1),
+            },
+        ),
+        "spectrogram": (fs.spectrogram, {"t": t, "signal": y, "length": 5.0, "between": None, "windows": 20}),
+        "spectrum": (fs.spectrum, {"t": t, "signal": y, "between": None, "count": 8, "floor": 0.01}),
+        "sticking": (fs.sticking, {"run": run, "port": "belt", "between": None, "multiple": 3.0, "below": None}),
+        "study": (
+            fs.study,
+            {
+                "model": sub,
+                "methods": [fs.CraigBampton(2)],
+                "band": (0.0, 0.5),
+                "contacts": slope,
+                "parameter": "slope",
+                "values": [-0.1],
+                "between": None,
+                "ports": False,
+                "repeats": 1,
+                "shared": False,
+                "critical": None,
+                "assembly": 0.0, "held": True,
+                "at": None,
+                "progress": None,
+            },
+        ),
+        "sweep": (fs.sweep, {"model": sub, "contacts": slope, "parameter": "slope", "values": [-0.1, 0.0], "band": (0.0, 3.0),
+                             "workers": None, "executor": None}),
+        "track": (
+            fs.track,
+            {"model": sub, "contacts": slope, "parameter": "slope", "values": [-0.1, 0.0], "band": (0.0, 1.0)},
+        ),
+        "transient": (
+            fs.transient,
+            {
+                "model": rom,
+                "contacts": belt,
+                "time": (0.0, 5.0),
+                "start": None,
+                "impulse": None,
+                "ports": (),
+                "step": None,
+                "samples": None,
+                "record_from": None,
+                "record": "ports",
+                "tol": None,
+                "method": "auto",
+                "progress": None,
+            },
+        ),
+        "transient(alpha)": (
+            fs.transient,
+            {"model": sub, "contacts": belt, "time": (0.0, 5.0), "step": 0.1, "tol": None, "method": "alpha"},
+        ),
+        "write_matrices": (fs.write_matrices, {"folder": folder / "new", "model": rom, "format": "mtx"}),
+        "write_superelement": (
+            fs.write_superelement,
+            {"folder": folder / "super", "model": sub, "program": "dmig", "full": None, "number": 101},
+        ),
+        "write_mesh": (
+            fs.write_mesh,
+            {"path": folder / "again.vtu", "mesh": mesh, "shapes": {"a": np.zeros((len(mesh.points), 3))}},
+        ),
+    }
+
+
+class Odd:
+    """An object that has a length, and nothing else that could be asked for."""
+
+    def __len__(self) -> int:
+        return 3
+
+    def __repr__(self) -> str:
+        return "two\nlines \x1b[31m"
+
+
+def values(kind: str, right: Any) -> list[Any]:
+    """The odd values of a kind; those that are dressed are made of the valid value."""
+    if kind == "numbers":
+        return [None, 10**400, -(10**400), float("nan"), np.inf, -np.inf, 1j, True, np.True_, np.float64("nan"), np.int64(-3), 0, -1,
+                2**63, 5e-324, 1e308, np.complex128(1 + 1j), np.datetime64("2026-01-01"), np.ma.masked]
+    if kind == "arrays":
+        return [np.array(1.0), np.array("x"), np.array(None), np.zeros(0), np.zeros((0, 3)), np.zeros((2, 2, 2)), np.eye(3)[:2],
+                np.array([1, 2], dtype=object), np.array([10**400]), np.array(10**400), np.eye(3) * 1j, np.full(3, np.nan),
+                np.array([True, False]), np.array(["a", "b"]), np.zeros(3, dtype=[("a", float)]), np.matrix([[1.0, 2.0]]),
+                np.ma.masked_array([1.0, 2.0, 3.0], mask=[0, 1, 0]), np.ma.masked_array(np.eye(6), mask=np.eye(6)),
+                [np.ma.masked_array([1.0], mask=[1])], np.arange(3, dtype="m8[s]")]
+    if kind == "sparse":
+        return [sp.bsr_array(np.eye(4), blocksize=(2, 2)), [sp.bsr_array(np.eye(2))], [sp.csr_array(np.eye(2)), sp.eye_array(3)],
+                sp.coo_array((3, 2)), sp.csr_array((0, 0)), sp.eye_array(3) * 1j, sp.csr_array(np.full((2, 2), np.nan)),
+                sp.dok_array((2, 2)), sp.lil_array((3, 3)), sp.csr_matrix(np.eye(2)), {"a": sp.eye_array(2)}, sp.coo_array(np.ones(3))]
+    if kind == "containers":
+        return [[], (), {}, set(), [[]], [None], [[1.0], [1.0, 2.0]], {"x": None}, {1: 2}, {None: 1}, iter([1.0]), range(3), (1, 2, 3),
+                [object()], object(), Odd(), dict, lambda: None, {"a": {"b": []}}, [10**400], (10**400, 1), {"x": 10**400}, [1j], [True],
+                [[[1.0]]], frozenset({"a"}), {(1, 2): 3}, (x for x in "ab"), Ellipsis, NotImplemented]
+    if kind == "texts":
+        return ["", "x", "\0", "a\nb", "\x1b[31m", "x" * 100_000, b"x", bytearray(b"x"), "=1+1", "../x", "ü", "\ud800", "None", "nan",
+                "1.0", Path("x"), np.str_("x"), "x\u202e"]
+    found = [[right], (right, right), {"a": right}, np.array(right, dtype=object) if not isinstance(right, dict) else [right]]
+    if isinstance(right, (np.ndarray, list, tuple)) and len(right) and np.asarray(right).dtype.kind in "iuf":
+        found += [np.ma.masked_array(right, mask=np.arange(np.size(right)).reshape(np.shape(right)) == 0),
+                  np.asarray(right)[None], np.asarray(right, dtype=complex)]
+    if sp.issparse(right):
+        found += [right.tobsr(), right.todok(), [right.tobsr()], right * 1j, right[:-1], sp.csr_matrix(right),
+                  np.ma.masked_array(right.toarray(), mask=right.toarray() == 0)]
+    if isinstance(right, (int, float)):
+        found += [np.array(right), np.array([right]), np.ma.masked_array(right, mask=True), str(right), np.float32(right), complex(right)]
+    return found
+
+
+def masks(value: Any) -> bool:
+    """Whether something is masked."""
+    return isinstance(value, (list, np.ma.MaskedArray)) and any(
+        np.ma.is_masked(one) for one in (value if isinstance(value, list) else [value]))
+
+
+@cache
+def cases(kind: str) -> tuple[list[tuple[str, str, int]], dict[str, tuple[Callable[..., Any], dict[str, Any]]]]:
+    """All cases of a kind in a random order, and the table of calls that work."""
+    table = calls(Path(tempfile.mkdtemp(prefix="femsub-arguments")))
+    found = [(name, argument, number) for name, (_, right) in table.items() for argument in right
+             for number in range(len(values(kind, right[argument])))
+             if name != "study" and argument not in ("progress", "build")]
+    return [found[place] for place in np.random.default_rng(KINDS.index(kind)).permutation(len(found))], table
+
+
+def attacked(kind: str, seed: int) -> str:
+    """One case: 'answered', 'refused', or 'unnamed' for an error of femsub's that does not name the argument."""
+    order, table = cases(kind)
+    name, argument, number = order[seed % len(order)]
+    function, right = table[name]
+    value = values(kind, right[argument])[number]
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
+        warnings.simplefilter("ignore")
+        inside = {"folder", "path"} & set(right)
+        given = right | {argument: value}
+        for key in inside - {argument} if name.startswith("write") or name in ("cut_to_files", "reduce_by_levels") else ():
+            given[key] = Path(folder) / Path(right[key]).name
+        return judged(function, given, argument, value, f"{name}({argument}={shown(value)})")
+
+
+def judged(function: Callable[..., Any], given: dict[str, Any], argument: str, value: Any, what: str) -> str:
+    """The outcome of a call."""
+    try:
+        function(**given)
+    except (fs.FemsubError, TypeError, ValueError) as error:
+        text = str(error)
+        if not isinstance(error, fs.FemsubError):
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            return f"wrong: {what}: {type(error).__name__}: {text:.90} ({Path(at.filename).name}:{at.lineno})"
+        if len(text) > 5000 or not text.replace("\n", "").isprintable():
+            return f"wrong: {what}: {len(text)} characters, or some that a terminal obeys"
+        names = [argument, *ALSO.get(argument, "").split("|")] if argument in ALSO else [argument]
+        return "refused" if any(one.lower() in text.lower() for one in names) else f"unnamed: {what}: {text:.150}"
+    except Exception as error:
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        return f"wrong: {what}: {type(error).__name__}: {error!s:.90} ({Path(at.filename).name}:{at.lineno})"
+    return f"wrong: {what}: the mask was lost" if masks(value) else "answered"
