@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 import shlex
 import sys
 import sysconfig
@@ -165,6 +166,8 @@ def whole_number(name: str, value: Any, least: int | None = None, most: int | No
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise InputTypeError(f"{name} must be a whole number, not {shown(value)}")
     number = int(value)
+    if abs(number) > sys.maxsize:
+        raise InputError(f"{name} must be a whole number of at most {sys.maxsize}, but is {shown(number)}")
     if (least is not None and number < least) or (most is not None and number > most):
         limits = [f"at least {least}"] * (least is not None) + [f"at most {most}"] * (most is not None)
         raise InputError(f"{name} must be {' and '.join(limits)}, but is {shown(number)}")
@@ -212,22 +215,23 @@ def items(name: str, value: Any, of: str) -> list[Any]:
     """The elements of a list, tuple, array or other collection `of` something; a string or a mapping is none."""
     if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable) or isinstance(value, type):
         raise InputTypeError(f"{name} must be a list of {of}, not {shown(value)}")
+    refuse_masked(name, value)
     try:
         return list(value)
-    except TypeError:  # an array of no dimension
+    except (NotImplementedError, TypeError):  # an array of no dimension, a sparse matrix without rows
         raise InputTypeError(f"{name} must be a list of {of}, not {shown(value)}") from None
 
 
 def mapping(name: str, value: Any, of: str) -> Mapping[Any, Any]:
     """A dict, or what behaves like one."""
-    if not isinstance(value, Mapping):
+    if not isinstance(value, Mapping) or hasattr(value, "shape"):  # SciPy's dok_array is a dict
         raise InputTypeError(f"{name} must be a dict of {of}, not {shown(value)}")
     return value
 
 
 def interval(name: str, value: Any, positive: bool = False) -> tuple[float, float]:
     """(lo, hi) with lo < hi, both finite; `positive`: from 0 on."""
-    if isinstance(value, (str, bytes, Mapping, set)) or not isinstance(value, Iterable) or len(pair := list(value)) != 2:
+    if isinstance(value, set) or len(pair := items(name, value, "two numbers (lo, hi)")) != 2:
         raise InputTypeError(f"{name} must be a pair (lo, hi), not {shown(value)}")
     lo, hi = (finite_number(name, edge) for edge in pair)
     if lo >= hi or (positive and lo < 0):
@@ -264,10 +268,20 @@ def whole_numbers(name: str, value: Any) -> np.ndarray:
     return raw if raw.size else raw.astype(np.intp)
 
 
+def refuse_masked(name: str, value: Any) -> None:
+    """Refuses an array with masked entries, and a list of such: NumPy would go on with what lies below the mask."""
+    import numpy as np
+
+    if any(isinstance(one, np.ma.MaskedArray) and np.ma.is_masked(one)
+           for one in (value, *(value if isinstance(value, (list, tuple)) else ()))):
+        raise InputError(f"{name} has masked entries, which are no numbers: replace them by .filled(...), or leave them out")
+
+
 def rows(name: str, value: Any) -> np.ndarray:
     """An array of anything, whose rows have one length."""
     import numpy as np
 
+    refuse_masked(name, value)
     try:
         return np.asarray(value)
     except (TypeError, ValueError):
@@ -280,6 +294,10 @@ def path_of(name: str, value: Any) -> Path:
         raise InputTypeError(f"{name} must be a path (str or Path), not {shown(value)}")
     if "\0" in str(value):
         raise InputError(f"{name} holds a NUL character: {shown(str(value))}")
+    try:
+        os.fsencode(value)
+    except UnicodeEncodeError:
+        raise InputError(f"{name} holds a character that no file name has: {shown(str(value))}") from None
     return Path(value)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from benchmarks.attacks.arguments import KINDS, attacked, calls
+from benchmarks.attacks.arguments import calls
 
 LIMIT = 60.0  # seconds for one call: what takes longer hangs, on a busy machine as well
 NONSENSE: dict[str, Any] = {

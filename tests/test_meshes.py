@@ -269,7 +269,7 @@ TETRA = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     ({"cells": [[0, 1, 2, 3], [0]]}, "cells must be rows of the same length"),
     ({"cells": [[0, 1, 2, 3.5]]}, "cells must hold whole numbers, not float64"),
     ({"cells": None}, "cells must have the shape (m, 4) for tetra, not ()"),
-    ({"kind": ["tetra"]}, "unknown kind of cell \"['tetra']\""),
+    ({"kind": ["tetra"]}, "unknown kind of cell ['tetra']"),
     ({"numbers": [1, 2, 3, 4.5]}, "numbers must be whole numbers, but node 3, counted from 0, has 4.5"),
     ({"numbers": [1, 2, 3, 3]}, "numbers must be unique, but 3 comes twice"),
     ({"numbers": ["a", "b", "c", "d"]}, "numbers must be real numbers, not <U1"),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib.metadata
+import io
 import os
 import re
 import shutil
@@ -48,6 +50,13 @@ def test_each_extra_exists_and_brings_its_package() -> None:
         assert not extra or any(re.split("[>=;]", one)[0] == package for one in extras[extra]), (package, extra)
 
 
+def printed_error(arguments: list[str]) -> None:
+    """The command's error as the exception that it was."""
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        assert cli.main(arguments) == 1
+    raise MissingPackageError(said.getvalue().strip())
+
+
 def unreadable(folder: Path, name: str) -> Path:
     (folder / name).write_text("$ a mesh\n", encoding="utf-8")
     return folder / name
@@ -61,7 +70,7 @@ def unreadable(folder: Path, name: str) -> Path:
     ("skfem", ["scikit-fem", "meshio"], lambda folder: fs.solid(
         fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"), fs.Material(1.0, 0.3, 1.0), interface=["left"])),
     ("pyyeti.nastran.op4", ["pyyeti"], lambda folder: fs.read_matrix(unreadable(folder, "a.op4"))),
-    ("shtab", ["shtab"], lambda folder: cli._completion("bash"))])
+    ("shtab", ["shtab"], lambda folder: printed_error(["completion", "bash"]))])
 def test_each_reader_says_how_to_install_what_it_lacks(blocked: str, packages: list[str], call: Callable[[Path], object],
                                                        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, blocked, None)
@@ -137,7 +146,7 @@ def test_what_is_printed_keeps_numpy_when_it_is_typed(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
     python = str(tmp_path / "venv" / "bin" / "python")
     subprocess.run([python, "-m", "pip", "install", f"numpy=={major}.99"], env=environment, check=True, capture_output=True)
-    loaded = f"import sys; sys.path.append({str(ROOT)!r}); sys.modules['femsub'] = m = type(sys)('femsub'); " \
+    loaded = f"import sys; sys.modules['femsub'] = m = type(sys)('femsub'); " \
              f"m.__path__ = [{str(ROOT / 'femsub')!r}]; from femsub.checks import installed_by; print(installed_by('pyyeti'))"
     printed = subprocess.run([python, "-c", loaded], capture_output=True, text=True, check=True).stdout
     subprocess.run(["bash", "-c", printed], env=environment, check=True, capture_output=True)

@@ -13,7 +13,7 @@ import pytest
 
 import femsub as fs
 from femsub.app import cli
-from femsub.app.report import _csv
+from femsub.app.report import table_csv
 from femsub.checks import csv_cell, shown
 from femsub.errors import FemsubWarning, printable, unknown_name, warn
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
@@ -68,19 +68,18 @@ def test_the_command_line_prints_no_escapes(tmp_path: Path, capsys: pytest.Captu
     (tmp_path / "b.toml").write_text('scene = "chain"\n"a\\u001b[31m" = 1\n', encoding="utf-8")
     assert cli.main(["run", str(tmp_path / "b.toml")]) == 2
     assert "\x1b" not in capsys.readouterr().err
-    cli._say(EVIL)
-    assert cli._fail(EVIL, 2) == 2
-    with cli._told(1):
-        logging.getLogger("femsub").info("part %r of %s", "pad", EVIL)
-    found = capsys.readouterr()
-    assert "\x1b" not in found.out + found.err and found.err.count("\\x1b[31m") == 2 and "\\x9b" in found.out
+    assert cli.main(["run", f"{EVIL}.toml"]) == 2
+    said = capsys.readouterr().err
+    assert "\x1b" not in said and "\\x1b[31m\\x9b2J" in said
+    record = logging.LogRecord("femsub", logging.INFO, "", 0, "part %r of %s", ("pad", EVIL), None)
+    assert cli.printable_record(record) and record.getMessage() == "part 'pad' of " + printable(EVIL)
 
 
 @pytest.mark.parametrize("sign", list("=+-@\t\r"))
 def test_a_spreadsheet_runs_no_name(sign: str, tmp_path: Path) -> None:
     name = f"{sign}cmd|' /C calc'!A0"
     file = io.BytesIO()
-    _csv([{"model": name, name: -1.5, "parts": [name, "b"], "values": [-1.0, 2.0]}], file)
+    table_csv([{"model": name, name: -1.5, "parts": [name, "b"], "values": [-1.0, 2.0]}], file)
     cells = [cell for row in csv.reader(io.StringIO(file.getvalue().decode(), newline="")) for cell in row]
     assert cells == ["model", csv_cell(name), "parts", "values", csv_cell(name), "-1.5", csv_cell(f"{name} b"), "-1.0 2.0"]
     assert csv_cell(name) == (f"'{name}" if sign.isprintable() else f"\\{'t' if sign == chr(9) else 'r'}{name[1:]}")

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from femsub.algebra.frozen import frozen, is_sealed
 from femsub.algebra.threads import times
-from femsub.checks import Array, Matrix
+from femsub.checks import Array, Matrix, refuse_masked
 from femsub.errors import InputError, InputTypeError
 
 ROUNDING = 1e-14  # of sqrt(|a_ii a_jj|): the rounding of two assemblies of the same element matrices in different order
@@ -33,12 +33,13 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     InputError
         Not square, not of the given size, or with NaN or Inf in it (the first place is named).
     """
+    refuse_masked(name, value)
     try:
         raw: Any = sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
         shared = isinstance(value, sp.csr_array) and is_sealed(value) and raw.has_canonical_format
         matrix = None if np.iscomplexobj(raw) else raw if shared and raw.dtype == np.float64 else (
             _copied(raw) if sp.issparse(raw) else raw.astype(np.float64))
-    except (TypeError, ValueError):
+    except (NotImplementedError, OverflowError, TypeError, ValueError):
         raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}") from None
     if matrix is None:
         raise InputTypeError(f"{name} is complex, but femsub takes real matrices only. Put damping into D")

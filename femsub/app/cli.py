@@ -167,7 +167,8 @@ _femsub_scene_or_file() {{ _femsub_scene; _files -g '*.(toml|py|json)'; }}"""}
     return shtab.complete(_parser(), shell, preamble=preamble)
 
 
-def _printable_record(record: logging.LogRecord) -> bool:
+def printable_record(record: logging.LogRecord) -> bool:
+    """A filter: a record's text without what a terminal obeys."""
     record.msg, record.args = printable(record.getMessage()), ()
     return True
 
@@ -177,7 +178,7 @@ def _told(verbose: int) -> Iterator[None]:
     """The library's log on stderr while a scene runs: nothing, what is done, or every step."""
     log, handler = logging.getLogger("femsub"), logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("femsub: %(message)s"))
-    handler.addFilter(_printable_record)
+    handler.addFilter(printable_record)
     before = log.level
     if verbose:
         log.addHandler(handler)

@@ -74,7 +74,7 @@ def write(result: Result, folder: Path, figures: bool, name: str = "results", un
 
     `units` are those that figures are drawn in, `notes` what stands at the foot of some, by name.
     """
-    writers: dict[str, Writer] = {f"{file}.csv": partial(_csv, units.with_hertz(table.filed))
+    writers: dict[str, Writer] = {f"{file}.csv": partial(table_csv, units.with_hertz(table.filed))
                                   for file, table in result.tables.items()}
     if figures and result.drawings:
         from femsub.app.figure_style import render
@@ -174,7 +174,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _csv(rows: Sequence[dict[str, Any]], file: BinaryIO) -> None:
+def table_csv(rows: Sequence[dict[str, Any]], file: BinaryIO) -> None:
     """A line for each row; several values in one cell stand with blanks between them."""
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     keys = list(dict.fromkeys(key for row in rows for key in row))

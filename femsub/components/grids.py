@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from femsub.algebra import check_room
-from femsub.checks import Array, interval, items, real_array, shown
+from femsub.checks import Array, interval, items, real_array, shown, whole_number
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import box
 from femsub.errors import InputError
@@ -176,6 +176,6 @@ def _counts(values: Sequence[int], size: int) -> Array:
     whole = all(isinstance(count, (int, np.integer)) and not isinstance(count, bool) and count >= 1 for count in found)
     if len(found) != size or not whole:
         raise InputError(f"counts must be {size} whole numbers of 1 or more, not {shown(values)}")
-    checked = [int(count) for count in found]
+    checked = [whole_number("counts", count) for count in found]
     check_room(f"a mesh of {' x '.join(f'{count:.6g}' for count in checked)} cells", BYTES * float(math.prod(checked)))
     return np.array(checked)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from femsub.algebra import Frozen
-from femsub.checks import Array, choice, items, mapping, real_array, rows, word
+from femsub.checks import Array, choice, instance, items, mapping, real_array, rows, word
 from femsub.components.solid_elements import KINDS, reference
 from femsub.errors import InputError
 
@@ -81,7 +81,8 @@ class Mesh(Frozen):
         named = np.arange(1, count + 1) if numbers is None else _node_numbers(numbers, count)
         node_sets = {key: np.unique(_within(f"set {key!r}", chosen, count)) for key, chosen in _named("sets", sets)}
         cell_sets = {key: np.unique(_within(f"group {key!r}", chosen, len(corners))) for key, chosen in _named("groups", groups)}
-        self._set(points=places, cells=corners, kind=kind, numbers=named, repairs=tuple(items("repairs", repairs, "strings")),
+        notes = tuple(instance("each of repairs", one, str) for one in items("repairs", repairs, "strings"))
+        self._set(points=places, cells=corners, kind=kind, numbers=named, repairs=notes,
                   name=name, sets=node_sets, groups=cell_sets)
 
     def __repr__(self) -> str:

@@ -108,17 +108,19 @@ def _component(M: str | Path, K: str | Path | None, D: str | Path | None, dofs: 
                interface: Iterable[Any], ports: Mapping[str, Any] | None, name: str | None, massless: bool, drop_empty: bool,
                cutoff: float | None) -> Substructure:
     ports = None if ports is None else mapping("ports", ports, "names and columns")
+    truth("massless", massless)
+    truth("drop_empty", drop_empty)
     if cutoff is not None and (K is not None or not _superelement(path_of("M", M))):
         raise InputError("cutoff is for superelements, read_component('part.op4', cutoff=...)")
     if K is None and _superelement(path_of("M", M)):
-        if D is not None or dofs is not None or not (isinstance(interface, Sized) and len(interface) == 0):
+        if D is not None or dofs is not None or not (isinstance(interface, Sized) and np.shape(interface)[:1] == (0,)):
             raise InputError(f"{M} is a superelement, whose files have D, interface and DOF map: give M, ports, name and cutoff")
         limit = None if cutoff is None else positive_number("cutoff", cutoff)
         return _with_ports(guarded(path_of("M", M), lambda path: read_superelement(path, name, limit)), ports or {})
     if K is None and path_of("M", M).suffix.lower() in (".full", ".sub"):
         K = M
     if K is None:
-        if dofs is not None or ports is not None or not (isinstance(interface, Sized) and len(interface) == 0):
+        if any(one is not None for one in (D, dofs, ports, name)) or not (isinstance(interface, Sized) and len(interface) == 0):
             raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, give it alone: it contains "
                              "interface, ports and DOF map")
         return read_model(path_of("M", M))

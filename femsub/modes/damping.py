@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Matrix, finite_number, instance, positive_number, whole_number
+from femsub.checks import Matrix, finite_number, instance, items, positive_number, whole_number
 from femsub.components import not_negative, pair, proportional
 from femsub.errors import InputError, InputTypeError
 from femsub.model import ReducedSubstructure, Substructure
@@ -150,7 +150,7 @@ def _modal(sub: Substructure, modal: Any) -> Matrix:
     if isinstance(modal, str) or not isinstance(modal, (int, float, np.number, Sequence, np.ndarray)):
         raise InputTypeError(f"modal must be a ratio or a sequence of them, not {modal!r:.80}")
     if isinstance(modal, (Sequence, np.ndarray)):
-        zeta = np.array([not_negative(f"modal[{i}]", value) for i, value in enumerate(modal)])
+        zeta = np.array([not_negative(f"modal[{i}]", value) for i, value in enumerate(items("modal", modal, "ratios"))])
         modes = lowest_modes(ShiftInvert(sub.K, sub.M, carried=sub.rigid_motion), len(zeta))  # refuses more than there are
     else:
         modes = all_modes(sub.K, sub.M, carried=sub.rigid_motion)

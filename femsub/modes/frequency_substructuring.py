@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Tally, instance, items, mapping, positive_number, real_array, shown
+from femsub.checks import EPS, Array, Tally, instance, items, mapping, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, SingularMatrixError, unknown_name, warn
 from femsub.modes.receptance import TOL, FrequencyResponse, loose
 
@@ -280,6 +280,7 @@ def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str,
     """
     instance("response", response, FrequencyResponse)
     positive_number("tol", tol)
+    word("name", name)
     p = _three("point", point)
     left, rows, T, R, unclear = _at_point("sensors", sensors, response.responses, p, name)
     right, columns, *_, blurred = _at_point("impacts", sensors if impacts is None else impacts, response.loads, p, name)

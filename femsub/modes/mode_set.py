@@ -72,7 +72,8 @@ class ModeSet(Frozen):
             raise InputError("eigenvalues and shapes must be finite, and Im λ ≥ 0: give one of each pair")
         if not columns.any(axis=0).all():
             raise InputError(f"mode {int(np.argmin(columns.any(axis=0))) + 1} has no motion")
-        self._set(eigenvalues=values + 0j, shapes=columns * 1.0, dofs=dofs, notes=tuple(items("notes", notes, "strings")))
+        texts = tuple(instance("each of notes", one, str) for one in items("notes", notes, "strings"))
+        self._set(eigenvalues=values + 0j, shapes=columns * 1.0, dofs=dofs, notes=texts)
 
     @classmethod
     def of(cls, eigenvalues: Array, shapes: Array, nodes: Array, directions: Array, points: Array | None = None,

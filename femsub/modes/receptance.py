@@ -154,7 +154,7 @@ class FrequencyResponse(Frozen):
             raise InputError(f"receptance must be finite numbers of shape {shape}, or of repeated measurements (ns, "
                              f"{', '.join(map(str, shape))}), not {shown(h)}")
         for what, own in zip(("responses", "loads"), names, strict=True):
-            if len(set(own)) < len(own) or not all(isinstance(one, str) for one in own):
+            if not all(isinstance(one, str) for one in own) or len(set(own)) < len(own):
                 raise InputError(f"{what} must be names, each of them once, not {shown(own)}")
         if (h.ndim == 4) + (level is not None) + (scatter is not None) > 1:
             raise InputError("give one of level, scatter and repeated measurements: each tells the noise")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from femsub.checks import Array, word
+from femsub.checks import Array, truth, word
 from femsub.errors import InputError
 from femsub.model import ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
 from femsub.reduction.basis import Kept, Partition, Statics, projected
@@ -89,6 +89,7 @@ class ContactModes(FreeInterface):
         super().__post_init__()
         if not contacts_of(self.contacts):
             raise InputError("ContactModes needs the contacts of the system, e.g. contacts=[fs.FrictionContact(...)]")
+        truth("friction", self.friction)
         contacts_at(self.contacts, word("parameter", self.parameter), 0.0)
 
     @property

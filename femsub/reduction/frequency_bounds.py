@@ -221,8 +221,8 @@ def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
     if strange := set(part.kinds) - set(HELD):
         raise InputError(f"{part.name!r} ({part.method}) has coordinates of the kind {min(strange)!r}. Bounds are known for "
                          "parts by CraigBampton and Hurty only: their shapes share no stiffness with the modes left out")
-    if not cutoff > 0:
-        raise InputError(f"the cut-off of {part.name!r} must be positive, but is {cutoff}")
+    if not cutoff * cutoff > np.finfo(float).tiny:
+        raise InputError(f"the cut-off of {part.name!r} must be positive, and its square a number, but it is {cutoff}")
     sigma = cutoff**-2.0
     if not sigma:
         return np.zeros((q.shape[1],) * 2)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import choice, finite_number, instance, positive_number, shown
+from femsub.checks import choice, finite_number, instance, items, positive_number, shown
 from femsub.coupling import Belt
 from femsub.errors import InputError, InputTypeError, UnstableModelError
 from femsub.model import LinearContact, Substructure, contacts_at, contacts_of, small_matrices, usable_band
@@ -219,7 +219,7 @@ def _answer(question: Question, solvers: Iterable[Solver]) -> CriticalValue:
 
 def _range(between: Any) -> tuple[float, float]:
     """(begin, end), different; the end may be infinite."""
-    if isinstance(between, (str, bytes, Mapping, set)) or not isinstance(between, Iterable) or len(pair := list(between)) != 2:
+    if isinstance(between, set) or len(pair := items("between", between, "two numbers (begin, end)")) != 2:
         raise InputTypeError(f"between must be a pair (begin, end), not {shown(between)}")
     begin = finite_number("between", pair[0])
     end = pair[1] if isinstance(pair[1], float) and np.isinf(pair[1]) else finite_number("between", pair[1])

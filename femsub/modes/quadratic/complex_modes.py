@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import RigidMotion, reused_memory, unit_length
-from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance, until
+from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance, truth, until
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
 from femsub.model import Pencil, Substructure, beyond, look_at_the_order, usable_band
 from femsub.modes.quadratic.bars import bars
@@ -230,6 +230,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     >>> modes.eigenvalues.imag.round(3), modes.is_stable
     (array([ 0.149, -0.149]), True)
     """
+    if evidence is not None:
+        truth("evidence", evidence)
     pencil = _with_contacts(model, contacts)
     return _listed(model, contacts, pencil, count, None if band is None else usable_band(model, band), re, evidence)
 

@@ -144,7 +144,7 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
         period = start.period if period is None else period
         start = start.state()
     start = contact.checked(start)
-    if period is None or finite_number("period", period) <= 0:
+    if period is None or not finite_number("period", period) > float(np.finfo(float).tiny):
         raise InputError(f"shooting from a state needs a positive period, not {period!r}")
     modes = all_modes(model.K, model.M, carried=model.rigid_motion)
     turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
