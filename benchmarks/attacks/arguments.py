@@ -399,8 +399,12 @@ def values(kind: str, right: Any) -> list[Any]:
     if kind == "texts":
         return ["", "x", "\0", "a\nb", "\x1b[31m", "x" * 100_000, b"x", bytearray(b"x"), "=1+1", "../x", "ü", "\ud800", "None",
                 "nan", "1.0", Path("x"), np.str_("x"), "x\u202e"]
-    found = [[right], (right, right), {"a": right}, np.array(right, dtype=object) if not isinstance(right, dict) else [right]]
-    if isinstance(right, (np.ndarray, list, tuple)) and len(right) and np.asarray(right).dtype.kind in "iuf":
+    found: list[Any] = [[right], (right, right), {"a": right}, {"a": [right]}]
+    try:
+        numeric = isinstance(right, (np.ndarray, list, tuple)) and len(right) > 0 and np.asarray(right).dtype.kind in "iuf"
+    except ValueError:  # rows of several lengths
+        numeric = False
+    if numeric:
         found += [np.ma.masked_array(right, mask=np.arange(np.size(right)).reshape(np.shape(right)) == 0),
                   np.asarray(right)[None], np.asarray(right, dtype=complex)]
     if sp.issparse(right):
