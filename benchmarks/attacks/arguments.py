@@ -54,7 +54,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
 
     pair = fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0]))])
 
-    sliding = fs.FrictionContact("top", "ground", mesh, 1.0, 0.4, direction=(1.0, 0.0, 0.0))
+    sliding = fs.FrictionContact("top", "ground", mesh, 1.0, 0.4, direction=np.array([1.0, 0.0, 0.0]))
 
     def rigid(end: Any, tol: Any, name: Any) -> fs.Rigid:
         return fs.Rigid(end, ("b", [0]), tol=tol, name=name)
@@ -356,7 +356,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "write_matrices": (fs.write_matrices, {"folder": folder / "new", "model": rom, "format": "mtx"}),
         "write_superelement": (
             fs.write_superelement,
-            {"folder": folder / "super", "model": sub, "program": "dmig", "full": None, "number": 101},
+            {"folder": folder / "super", "model": sub, "program": "dmig", "full": None, "number": 101, "recover": None},
         ),
         "write_mesh": (
             fs.write_mesh,

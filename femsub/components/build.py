@@ -58,7 +58,8 @@ def not_negative(name: str, value: Any) -> float:
 
 
 def pair(name: str, value: Any, what: str) -> tuple[Any, Any]:
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or np.shape(value)[:1] != (2,):
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or getattr(value, "shape", "?") == () \
+            or len(value) != 2:
         raise InputTypeError(f"{name} must be a pair {what}, not {value!r:.80}")
     return value[0], value[1]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sized
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -93,6 +93,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     Substructure 'K': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
     truth("drop_empty", drop_empty)
+    bare = isinstance(interface, (list, tuple)) and not interface
     found = _component(M, K, D, dofs, interface, ports, name, massless, drop_empty, cutoff)
     empty = found.empty(found.D, found.H)
     if len(empty) and drop_empty:
@@ -113,14 +114,14 @@ def _component(M: str | Path, K: str | Path | None, D: str | Path | None, dofs: 
     if cutoff is not None and (K is not None or not _superelement(path_of("M", M))):
         raise InputError("cutoff is for superelements, read_component('part.op4', cutoff=...)")
     if K is None and _superelement(path_of("M", M)):
-        if D is not None or dofs is not None or not (isinstance(interface, Sized) and np.shape(interface)[:1] == (0,)):
+        if D is not None or dofs is not None or not bare:
             raise InputError(f"{M} is a superelement, whose files have D, interface and DOF map: give M, ports, name and cutoff")
         limit = None if cutoff is None else positive_number("cutoff", cutoff)
         return _with_ports(guarded(path_of("M", M), lambda path: read_superelement(path, name, limit)), ports or {})
     if K is None and path_of("M", M).suffix.lower() in (".full", ".sub"):
         K = M
     if K is None:
-        if any(one is not None for one in (D, dofs, ports, name)) or not (isinstance(interface, Sized) and len(interface) == 0):
+        if any(one is not None for one in (D, dofs, ports, name)) or not bare:
             raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, give it alone: it contains "
                              "interface, ports and DOF map")
         return read_model(path_of("M", M))
