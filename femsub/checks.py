@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import shlex
 import sys
 import sysconfig
@@ -295,7 +294,7 @@ def path_of(name: str, value: Any) -> Path:
     if "\0" in str(value):
         raise InputError(f"{name} holds a NUL character: {shown(str(value))}")
     try:
-        os.fsencode(value)
+        str(value).encode("utf-8", "surrogateescape")  # as Python names files
     except UnicodeEncodeError:
         raise InputError(f"{name} holds a character that no file name has: {shown(str(value))}") from None
     return Path(value)

@@ -93,7 +93,6 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     Substructure 'K': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
     truth("drop_empty", drop_empty)
-    bare = isinstance(interface, (list, tuple)) and not interface
     found = _component(M, K, D, dofs, interface, ports, name, massless, drop_empty, cutoff)
     empty = found.empty(found.D, found.H)
     if len(empty) and drop_empty:
@@ -111,6 +110,7 @@ def _component(M: str | Path, K: str | Path | None, D: str | Path | None, dofs: 
     ports = None if ports is None else mapping("ports", ports, "names and columns")
     truth("massless", massless)
     truth("drop_empty", drop_empty)
+    bare = isinstance(interface, (list, tuple)) and not interface
     if cutoff is not None and (K is not None or not _superelement(path_of("M", M))):
         raise InputError("cutoff is for superelements, read_component('part.op4', cutoff=...)")
     if K is None and _superelement(path_of("M", M)):
@@ -121,7 +121,7 @@ def _component(M: str | Path, K: str | Path | None, D: str | Path | None, dofs: 
     if K is None and path_of("M", M).suffix.lower() in (".full", ".sub"):
         K = M
     if K is None:
-        if any(one is not None for one in (D, dofs, ports, name)) or not bare:
+        if any(one is not None for one in (D, dofs, ports)) or not bare:
             raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, give it alone: it contains "
                              "interface, ports and DOF map")
         return read_model(path_of("M", M))
