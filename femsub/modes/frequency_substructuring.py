@@ -144,7 +144,7 @@ def _joint(joint: Any, parts: Mapping[str, FrequencyResponse]) -> tuple[str, str
     """The two ends of a joint as 'part.name'."""
     try:
         ends = [(str(part), str(name)) for part, name in joint]
-    except (TypeError, ValueError):
+    except (NotImplementedError, TypeError, ValueError):
         ends = []
     if len(ends) != 2:
         raise InputTypeError(f"each of joints must be a pair of ends, (('disc', 'rim'), ('hat', 'rim')), not {shown(joint)}")
