@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from femsub.checks import Array, instance, real_array
+from femsub.checks import Array, instance, rows
 from femsub.components.mesh import Mesh, places_of
 from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap
@@ -44,7 +44,7 @@ def displacements(mesh: Mesh, dofs: DofMap, u: Array) -> Array:
     """
     instance("mesh", mesh, Mesh)
     instance("dofs", dofs, DofMap)
-    values = u if isinstance(u, np.ndarray) else real_array("u", u)
+    values = rows("u", u)
     if values.dtype.kind not in "iufc":
         raise InputTypeError(f"u must hold numbers, not {values.dtype}")
     if values.ndim not in (1, 2) or len(values) != dofs.size:
