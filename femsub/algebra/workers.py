@@ -28,7 +28,7 @@ from femsub.algebra.petsc import versions
 from femsub.algebra.process_memory import available
 from femsub.algebra.stored import bytes_of, load, store
 from femsub.algebra.threads import BRINGING, one_thread
-from femsub.algebra.waiting import first_done, is_stopped
+from femsub.algebra.waiting import LOOK, first_done, is_stopped
 from femsub.checks import shown, temporary, whole_number
 from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, WorkerError, no_room_error, warn
 
@@ -207,7 +207,7 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
     and if this process dies, also to a worker that is stuck in code that holds Python's lock.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
-    from multiprocessing import get_context
+    from multiprocessing import connection, get_context
 
     pools: list[ProcessPoolExecutor] = []
     shell = subprocess.Popen(["/bin/sh", "-c", UNDERTAKER, folder], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
@@ -249,12 +249,15 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
             os.killpg(shell.pid, signal.SIGKILL)
         raise
     finally:
-        for pid in numbers(pools):
-            if is_stopped(pid):  # it has no task, and would be waited for
-                with suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGKILL)
+        left = {process.sentinel: process for pool in pools for process in [*(pool._processes or {}).values()]}
         for pool in pools:
-            pool.shutdown(cancel_futures=True)
+            pool.shutdown(wait=False, cancel_futures=True)
+        while left:  # one that is stopped has no task, and would be waited for
+            for ended in connection.wait([*left], LOOK):
+                del left[int(str(ended))]
+            for process in left.values():
+                if process.pid is not None and is_stopped(process.pid):
+                    process.kill()
         shell.kill()
         shell.communicate()
 
