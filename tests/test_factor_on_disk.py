@@ -22,7 +22,7 @@ SIZE = (40, 30)
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder for factors, on a disk with room."""
-    monkeypatch.setattr(memory, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(memory, "temporary", lambda: tmp_path)
     monkeypatch.setattr(memory, "in_memory", lambda _: False)
     monkeypatch.setattr(memory, "DISK_LEFT", 0.0)
     return tmp_path
@@ -157,6 +157,6 @@ def test_a_folder_in_memory_is_no_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     if not tmpfs:
         pytest.skip("nothing is in memory here")
     assert folders.in_memory(Path(tmpfs[0])) and not folders.in_memory(Path("/proc"))
-    monkeypatch.setattr(memory, "gettempdir", lambda: tmpfs[0])
+    monkeypatch.setattr(memory, "temporary", lambda: Path(tmpfs[0]))
     monkeypatch.setattr(memory, "in_memory", lambda _: True)
     assert memory.disk()[1] == 0.0
