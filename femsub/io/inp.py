@@ -232,11 +232,6 @@ def _rows(what: str, data: str, width: int, kind: type = np.int64, lines: int = 
     return rows
 
 
-def _bare(data: str) -> str:
-    """The lines without a comma at their end."""
-    return re.sub(r",[ \t]*(?=\n|\Z)", "", data)
-
-
 def _integer(what: str, options: Mapping[str, str], name: str) -> int:
     if not re.fullmatch(r"[+-]?\d{1,15}", options.get(name, "")):
         raise InputError(f"{what} needs {name}=..., a whole number; it has {options.get(name)!r}")
@@ -516,7 +511,7 @@ def _moved(what: str, rows: Array, points: Array) -> Array:
 
 def _reflected(what: str, how: str, data: str, points: Array) -> Array:
     """Through the point a, the line from a to b, or the plane (MIRROR) through a, b and c."""
-    flat, _ = fields(f"{what}: its data", _bare(data), float)
+    flat, _ = fields(f"{what}: its data", re.sub(r",[ \t]*(?=\n|\Z)", "", data), float)
     need = {"POINT": 3, "LINE": 6, "MIRROR": 9}.get(how, 0)
     if not need or len(flat) < need:
         raise InputError(f"{what}, REFLECT={how} with {len(flat)} numbers is not read: POINT needs 3, LINE 6, MIRROR 9")

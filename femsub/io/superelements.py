@@ -74,8 +74,12 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
                          f"read_component('{path.name}:maa', '{path.name}:kaa')")
     if op2:
         raw = _from_matrices(deck, path, _in_order(op2.matrices, deck.order()))
+    elif any(card == "DMIG" for card, _ in deck.cards):
+        raw = _from_dmig(deck)
+    elif (file := files.get(".op4")) is not None:
+        raw = _from_matrices(deck, file, read_op4(file))
     else:
-        raw = _from_dmig(deck) if any(card == "DMIG" for card, _ in deck.cards) else _from_op4(deck, files.get(".op4"))
+        raise InputError(f"{path} has no DMIG cards, and there is no {path.stem}.op4 beside it with the matrices")
     return _assembled(deck, raw, path.stem if name is None else name, cutoff)
 
 
@@ -126,33 +130,29 @@ class _Deck:
         return found
 
     def order(self) -> list[tuple[int, int]]:
-        """(grid, direction) of the rows, as EXTRN tells them, else the grids of SECONCT with six directions each."""
+        """(grid, direction) of the rows, as EXTRN tells them, else the grids that SECONCT joins with six directions each."""
         found: list[tuple[int, int]] = []
         scalar = self.scalar()
         for card, fields in self.of("EXTRN"):
             for grid, directions in quadruples(fields, 2):
                 number = whole(self.path, card, grid, 1)
                 found += [(number, 0)] if number in scalar else _directions(self.path, number, directions)
-        listed, points = self._joined(scalar), dict(found)
-        if found and (lost := [point for point, _ in listed if point not in points]):
-            raise InputError(f"{self.path}: SECONCT joins the point {lost[0]}, which EXTRN does not have: {self.path.stem}.asm "
-                             "and .pch belong to different runs, or a line of EXTRN is lost")
-        if not (found or listed):
-            raise InputError(f"{self.path}: neither EXTRN nor SECONCT tells the order of the DOF. Copy {self.path.stem}.pch "
-                             "beside it, which EXTSEOUT writes with EXTBULK")
-        return found or listed
-
-    def _joined(self, scalar: set[int]) -> list[tuple[int, int]]:
-        """(grid, direction) of what SECONCT joins, six of each grid."""
-        found: list[tuple[int, int]] = []
+        joined: list[tuple[int, int]] = []
         for card, fields in self.of("SECONCT"):
             words, at = [word for word in fields[8:] if word], 0
             while at < len(words):
                 span = 6 if [word.upper() for word in words[at + 1:at + 2]] == ["THRU"] else 2
                 for number in self.listed(card, words[at:at + span // 2]):
-                    found += [(number, 0)] if number in scalar else [(number, direction) for direction in range(1, 7)]
+                    joined += [(number, 0)] if number in scalar else [(number, direction) for direction in range(1, 7)]
                 at += span
-        return found
+        points = dict(found)
+        if found and (lost := [point for point, _ in joined if point not in points]):
+            raise InputError(f"{self.path}: SECONCT joins the point {lost[0]}, which EXTRN does not have: {self.path.stem}.asm "
+                             "and .pch belong to different runs, or a line of EXTRN is lost")
+        if not (found or joined):
+            raise InputError(f"{self.path}: neither EXTRN nor SECONCT tells the order of the DOF. Copy {self.path.stem}.pch "
+                             "beside it, which EXTSEOUT writes with EXTBULK")
+        return found or joined
 
     def scalar(self) -> set[int]:
         return {number for card, fields in self.of("SPOINT") for number in self.listed(card, fields)}
@@ -253,13 +253,6 @@ def _of_size(found: Mapping[str, Matrix], size: tuple[int, ...], *names: str) ->
     """The first matrix of this name and size that is not 0."""
     return next((found[name] for name in names if name in found and found[name].shape == size and sp.coo_array(found[name]).nnz),
                 None)
-
-
-def _from_op4(deck: _Deck, file: Path | None) -> _Raw:
-    if file is None:
-        raise InputError(f"{deck.path} has no DMIG cards, and there is no {deck.path.stem}.op4 beside it with the "
-                         "matrices")
-    return _from_matrices(deck, file, read_op4(file))
 
 
 def _in_order(found: Mapping[str, Matrix | Dmig], rows: list[tuple[int, int]]) -> dict[str, Matrix]:
