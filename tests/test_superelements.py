@@ -550,7 +550,8 @@ def test_the_asm_and_the_pch_must_have_the_same_grids(tmp_path: Path) -> None:
     full = fs.solid(fs.block((1.0, 0.1, 0.1), (4, 1, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["right"],
                     supports=["left"], name="arm")
     files = {path.suffix: path for path in fs.write_superelement(tmp_path, fs.reduce(full, fs.CraigBampton(2)), "nastran")}
-    lines = files[".pch"].read_text().splitlines(keepends=True)
+    head, *rest = files[".pch"].read_text().splitlines(keepends=True)
+    lines = [head.rpartition(",")[0] + "\n", *rest]  # without the number of lines, as files of Nastran
     asm = files[".asm"].read_text()
     at = max(at for at, line in enumerate(lines) if line.startswith("GRID*") and f"{line}{lines[at + 1]}" in asm
              and lines[at + 1].split()[1][0] != "0")
@@ -607,3 +608,20 @@ def test_recovered_motions_are_read_without_a_square_of_their_number(tmp_path: P
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(found.V) > 4000 and peak < 8 * len(found.V) ** 2 / 2
+
+
+@pytest.mark.parametrize("program", ["nastran", "dmig"])
+def test_a_file_of_ours_says_how_many_lines_it_has(arm: Any, program: str, tmp_path: Path) -> None:
+    """A column of DMIG that was lost left a smaller matrix, and nothing else in the file shows it."""
+    if program == "nastran":
+        pytest.importorskip("pyyeti.nastran.op4")
+    for path in fs.write_superelement(tmp_path, arm[1], program):
+        if path.suffix not in (".asm", ".pch"):
+            continue
+        assert read(path).size == arm[1].size
+        lines = path.read_text().splitlines(keepends=True)
+        for changed in (lines[:-2], [*lines[:-3], *lines[-1:]], [*lines, lines[-1]]):
+            path.write_text("".join(changed))
+            with pytest.raises(fs.InputError, match=f"has {len(changed)} lines, but its first line says {len(lines)}"):
+                read(path)
+        path.write_text("".join(lines))

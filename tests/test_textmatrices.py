@@ -210,3 +210,11 @@ def test_swapped_abaqus_matrices_are_told_by_what_holds_a_dof(tmp_path: Path) ->
     assert fs.read_component(tmp_path / "M.mtx", tmp_path / "K.mtx").size == 1
     with pytest.raises(fs.InputError, match="swapped"):
         fs.read_component(tmp_path / "K.mtx", tmp_path / "M.mtx")
+
+
+def test_a_matrix_of_sierra_has_finite_numbers(tmp_path: Path) -> None:
+    (tmp_path / "a_Kaa.m").write_text(
+        "function a=Kaa()\nNumRows = 2;\na=[\n1 1 1;\n2 2 1e400;\n];\na=sparse(a(:,1),a(:,2),a(:,3),2,2);\n"
+        "disp('This Matrix is in a Symmetric Sparse Format (Lower Triangular)')\n")
+    with pytest.raises(fs.InputError, match="beyond all limits in row 2"):
+        fs.read_matrix(tmp_path / "a_Kaa.m")

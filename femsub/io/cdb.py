@@ -114,6 +114,10 @@ class _Deck:
         while self.at < len(self.lines):
             line = self.lines[self.at]
             self.at += 1
+            above = self.lines[self.at - 2].strip() if self.at > 1 else ""
+            if line.lstrip()[:1] == "(" and (above[:1].isdigit() or above == "-1"):
+                raise InputError(f"{self.path}, line {self.at}: the format {line.strip()!r:.40} is below {above!r:.40}: the "
+                                 "command of its block is lost")
             if (found := _COMMAND.match(line)) is not None:
                 words = [word.strip() for word in line.split("!")[0].split("$")[0].split(",")]
                 self._take(found[1].upper(), words + [""] * 6)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import lzma
+import re
 import struct
 import tokenize
 import zipfile
@@ -83,6 +84,16 @@ def check_indices(matrix: Any) -> None:
     matrix.check_format(full_check=True)
     if (np.diff(matrix.indptr) < 0).any():
         raise ValueError("its index pointers fall")
+
+
+def check_lines(path: Path) -> None:
+    """Refuse a text file of femsub whose first line announces another number of lines."""
+    with open(path, "rb") as file:
+        said = re.fullmatch(rb"\$ .*, by femsub, (\d{1,15}) lines\s*", file.readline(1000))
+        count = 1 + sum(1 for _ in file) if said else 0
+    if said and int(said[1]) != count:
+        raise InputError(f"{path} has {count} lines, but its first line says {int(said[1])}: it is cut short or damaged. Write "
+                         "it again; if you changed it, change that number")
 
 
 def check_end(path: Path, comment: bytes = b"\n") -> None:

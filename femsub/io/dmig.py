@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import TextMatrix
-from femsub.io.damage import check_end
+from femsub.io.damage import check_end, check_lines
 from femsub.io.nastran import entries_of
 
 SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; the columns of NUMBERED have numbers only
@@ -83,7 +83,8 @@ def read_dmig(path: Path) -> dict[str, Dmig]:
     it refuses           words that are no numbers, an entry twice, both entries of a pair of a symmetric matrix,
                          columns without the head of their matrix, a matrix twice, amplitude and phase, a last
                          line without its end
-    it cannot know       whether lines or digits are missing: the format counts nothing
+    it cannot know       whether lines or digits are missing: the format counts nothing. A file of femsub says how many
+                         lines it has, and another number is refused
     ===================  =======================================================================================
 
     Raises
@@ -92,6 +93,7 @@ def read_dmig(path: Path) -> dict[str, Dmig]:
         See the table.
     """
     check_end(path)
+    check_lines(path)
     return dmig_of(path, entries_of(path))
 
 

@@ -61,6 +61,9 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
         raise InputError(f"{path} is damaged: an entry above the diagonal or outside of {size} rows, or two numbers of rows")
     check_extent(path, (size, size), len(table))
     half: Any = sp.csr_array(sp.coo_array((table[:, 2], (i, j)), shape=(size, size)))
+    if not np.isfinite(table[:, 2]).all():
+        raise InputError(f"{path} has a number beyond all limits in row {int(i[~np.isfinite(table[:, 2])][0]) + 1}; it is "
+                         "damaged")
     if half.nnz < len(table):
         raise InputError(f"{path} lists an entry twice; it is damaged")
     matrix = sp.csr_array(half + sp.tril(half, -1).T)

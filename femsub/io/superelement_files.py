@@ -263,7 +263,7 @@ def sixteen(value: float) -> str:
 
 
 def _head(model: Substructure, what: str) -> list[str]:
-    return [f"$ {what} of {model.name.encode('ascii', 'replace').decode()}, by femsub", f"$ {trust(model)}"]
+    return [f"$ {what} of {' '.join(model.name.encode('ascii', 'replace').decode().split())}, by femsub", f"$ {trust(model)}"]
 
 
 def _placed(model: Substructure, places: Places) -> dict[int, Array]:
@@ -321,8 +321,13 @@ def _nastran(model: Substructure, places: Places, name: str, rows: Array) -> dic
            *_card("EXTRN", *extrn), *boundary, *_grid_lines(inner),
            *(line for directions, nodes in sets.items() for line in _card("ASET1", directions, *nodes)),
            *_set_lines(places), *_tug1(recovered, size)]
-    return {f"{name}.op4": partial(write_op4, op4=op4_module(), parts=parts), f"{name}.asm": partial(_write_lines, lines=asm),
-            f"{name}.pch": partial(_write_lines, lines=pch)}
+    return {f"{name}.op4": partial(write_op4, op4=op4_module(), parts=parts), f"{name}.asm": partial(_write_counted, lines=asm),
+            f"{name}.pch": partial(_write_counted, lines=pch)}
+
+
+def _write_counted(file: BinaryIO, lines: Sequence[str]) -> None:
+    """Write lines for Nastran; the first one says how many there are, which the format does not."""
+    _write_lines(file, [f"{lines[0]}, {len(lines)} lines", *lines[1:]])
 
 
 def _write_lines(file: BinaryIO, lines: Sequence[str]) -> None:
@@ -335,26 +340,26 @@ def _dmig(model: Substructure, places: Places, name: str, rows: Array) -> dict[s
     labels = places.labels[places.order].tolist()
 
     def write(file: BinaryIO) -> None:
-        _write_lines(file, [*_head(model, "Superelement"), "$ " + ", ".join(f"{CASE[key]} = {DMIG[key]}" for key in matrices),
-                            *_grid_lines(points), *_scalar_lines(places, "SPOINT"), *_set_lines(places),
-                            *_tug1(recovered, model.size)])
+        lines = [*_head(model, "Superelement"), "$ " + ", ".join(f"{CASE[key]} = {DMIG[key]}" for key in matrices),
+                 *_grid_lines(points), *_scalar_lines(places, "SPOINT"), *_set_lines(places), *_tug1(recovered, model.size)]
         for key, matrix in matrices.items():
             form = 6 if np.array_equal(matrix, matrix.T) else 1
-            _write_dmig(file, DMIG[key], form, np.tril(matrix) if form == 6 else matrix, labels, labels)
+            lines += _dmig_lines(DMIG[key], form, np.tril(matrix) if form == 6 else matrix, labels, labels)
         if recovered:
-            _write_dmig(file, "MUG1T", 9, table.T, labels, [[column, 0] for column in range(1, len(table) + 1)])
+            lines += _dmig_lines("MUG1T", 9, table.T, labels, [[column, 0] for column in range(1, len(table) + 1)])
+        _write_counted(file, lines)
 
     return {f"{name}.pch": write}
 
 
-def _write_dmig(file: BinaryIO, name: str, form: int, matrix: Array, rows: list[list[int]], columns: list[list[int]]) -> None:
+def _dmig_lines(name: str, form: int, matrix: Array, rows: list[list[int]], columns: list[list[int]]) -> list[str]:
     lines = [f"DMIG    {name:8}{0:8d}{form:8d}{2:8d}{0:8d}{'':8}{'':8}{len(columns) if form == 9 else '':>8}"]
     for j in range(matrix.shape[1]):
         entries = np.flatnonzero(matrix[:, j])
         if len(entries):
             lines.append(f"DMIG*   {name:16}{columns[j][0]:16d}{columns[j][1]:16d}")
             lines += [f"*       {rows[i][0]:16d}{rows[i][1]:16d}{sixteen(float(matrix[i, j]))}" for i in entries]
-    _write_lines(file, lines)
+    return lines
 
 
 def _matrix_input(model: Substructure, places: Places, name: str, rows: Array, calculix: bool) -> dict[str, Writer]:

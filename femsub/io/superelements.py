@@ -15,7 +15,7 @@ from femsub.algebra import RigidMotion
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS
-from femsub.io.damage import check_end, check_room
+from femsub.io.damage import check_end, check_lines, check_room
 from femsub.io.dmig import Dmig, dmig_of, quadruples, real, whole
 from femsub.io.nastran import complete, entries_of
 from femsub.io.nastran_systems import NAMES, Systems
@@ -104,6 +104,7 @@ class _Deck:
 
     def add(self, file: Path) -> None:
         check_end(file)
+        check_lines(file)
         cards = entries_of(file)
         self.supers |= {number for card, (number, *_) in cards if card == "BEGIN SUPER"}
         if len(self.supers) > 1:
