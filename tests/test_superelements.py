@@ -530,6 +530,7 @@ EXTRN,1,123,2,1,11,0,12,0
     ("*                     11               0 9.000000000D+00\n", "", "column 11  without an entry"),
     ("*                     11               0 9.000000000D+00", "*                     11               0",
      "as the value in row 11"),
+    ("11               0 9.000000000D+00", "11               0 9." + 40 * " " + "5D+00", "behind column 80"),
     ("DMIG,MAAX,1,1,,1,1,1.5", "DMIG,MAAX,1,1,,1,1,1,5", "'1 5' as the value in row 1 1"),
     ("DMIG,MAAX,1,1,,1,1,1.5", "DMIG,MAAX,1,1,,1,1,,1.5", "'1.5' as the value"),
     ("GRID*                  2               0   1.0000000D+00", "GRID*                  2               0   1,0000000D+00",
@@ -620,8 +621,9 @@ def test_a_file_of_ours_says_how_many_lines_it_has(arm: Any, program: str, tmp_p
             continue
         assert read(path).size == arm[1].size
         lines = path.read_text().splitlines(keepends=True)
-        for changed in (lines[:-2], [*lines[:-3], *lines[-1:]], [*lines, lines[-1]]):
+        for changed in (lines[:-2], [*lines[:-3], *lines[-1:]], [*lines, lines[-1]], [*lines[:-2], "\n", lines[-1]]):
             path.write_text("".join(changed))
-            with pytest.raises(fs.InputError, match=f"has {len(changed)} lines, but its first line says {len(lines)}"):
+            count = sum(map(bool, map(str.strip, changed)))
+            with pytest.raises(fs.InputError, match=f"has {count} lines, but its first line says {len(lines)}"):
                 read(path)
         path.write_text("".join(lines))

@@ -348,3 +348,14 @@ def test_text_outside_of_the_data_sets_is_refused(tmp_path: Path) -> None:
         (tmp_path / "bench.uff").write_text(text)
         with pytest.raises(fs.InputError, match=r"bench\.uff.*in no data set|without its end|is not the number"):
             fs.read_modes(tmp_path / "bench.uff")
+
+
+def test_no_more_parameters_than_a_mode_has(tmp_path: Path) -> None:
+    """A number in two pieces moved those behind it: λ = -1 + 40i was read as i."""
+    six = np.concatenate([SHAPES[0] + 1j * SHAPES[1], SHAPES[1] - 1j * SHAPES[0]], axis=1)
+    for text, old, new in ((new_mode(-1 + 40j, six), "4.00000E+01", "4.0  000E+01"),
+                           (old_mode(10.0, 0.02, SHAPES[0]), "2.00000E-02", "2.0  000E-02")):
+        assert old in text
+        (tmp_path / "bench.uff").write_text(BENCH + text.replace(old, new, 1))
+        with pytest.raises(fs.InputError, match=r"real parameters, where .* belong"):
+            fs.read_modes(tmp_path / "bench.uff")

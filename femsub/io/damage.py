@@ -90,7 +90,7 @@ def check_lines(path: Path) -> None:
     """Refuse a text file of femsub whose first line announces another number of lines."""
     with open(path, "rb") as file:
         said = re.fullmatch(rb"\$ .*, by femsub, (\d{1,15}) lines\s*", file.readline(1000))
-        count = 1 + sum(1 for _ in file) if said else 0
+        count = 1 + sum(1 for line in file if line.strip()) if said else 0
     if said and int(said[1]) != count:
         raise InputError(f"{path} has {count} lines, but its first line says {int(said[1])}: it is cut short or damaged. Write "
                          "it again; if you changed it, change that number")

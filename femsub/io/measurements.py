@@ -267,6 +267,9 @@ def _mode(file: Path, one: DataSet) -> _Mode | None:
         raise InputError(f"{where} announces {width} values for each node, but has motions of {WIDTHS[kind]}")
     begin = real + 1 if old else real + 2
     numbers = as_numbers(where, apart(" ".join(one.lines[real:begin])), float)
+    announced = whole(file, where, one.lines[real - 1].split()[1:2]) if old else [12]
+    if announced and len(numbers) > announced[0] > 0:
+        raise InputError(f"{where} has {len(numbers)} real parameters, where {announced[0]} belong: is a number in two pieces?")
     return _Mode(_eigenvalue(where, numbers, analysis, old), _values_at_nodes(file, where, one.lines[begin:], width,
                                                                               NUMBERS[data][1]), old)
 

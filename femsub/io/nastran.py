@@ -106,6 +106,9 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
             found = [] if name.endswith("BULK") else [*found, ("BEGIN SUPER", [begin[2]])]
             continue
         head, data, _ = _fields(path, line)
+        if "," not in line and line[80:].strip() and (head[:1] in ("*", "+") or head.rstrip("*") in _KNOWN):
+            raise InputError(f"{path}: {line.strip()!r:.75} has {line[80:].strip()!r:.20} behind column 80, unread by Nastran. "
+                             "Remove it, or the blanks before it")
         if head and head[0] != "+" and (head[0] != "*" or head[1:2] == "("):
             found.append((head.rstrip("*"), data))
         elif found:
