@@ -47,7 +47,7 @@ def read_badly(path: Path) -> object:
 def test_the_harness_finds_each_kind_of_fault(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("1 2 3\n4 5 6\n")
     subject = Subject("bad", tmp_path / "a.txt", "test_fuzz_matrices:read_badly")
-    report = fuzz([subject], count=60, seed=32, folder=tmp_path / "damaged", seconds=2)
+    report = fuzz([subject], count=90, seed=8, folder=tmp_path / "damaged", seconds=2)
     assert {"raised", "crash", "memory", "hang", "wrong content", "refused"} <= set(report.counts["bad"])
     kept = list((tmp_path / "damaged").glob("bad-*"))
     fine = sum(report.counts["bad"][key] for key in report.counts["bad"] if key.startswith(("refused", "same", "other, ")))

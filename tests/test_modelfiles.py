@@ -198,3 +198,13 @@ def test_an_error_without_bounds_at_a_port_is_written_and_read(tmp_path: Path, s
     object.__setattr__(rom, "port_error", {"belt": np.inf})
     fs.write_matrices(tmp_path, rom)
     assert fs.read_component(tmp_path).port_error == {"belt": np.inf}
+
+
+def test_a_size_beyond_all_numbers_is_damage(tmp_path: Path) -> None:
+    """1e400 in JSON is infinite, and no whole number."""
+    fs.write_matrices(tmp_path, fs.reduce(fs.chain(10), fs.CraigBampton(2)), "npz")
+    about = json.loads((tmp_path / "model.json").read_text())
+    about["reduced"]["origin"]["size"] = np.inf
+    (tmp_path / "model.json").write_text(json.dumps(about).replace("Infinity", "1e400"))
+    with pytest.raises(fs.InputError, match="damaged"):
+        fs.read_component(tmp_path)

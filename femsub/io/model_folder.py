@@ -218,7 +218,7 @@ def _fitting(path: Path, what: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise _damaged(path, error) from None
-    except (KeyError, TypeError, ValueError):
+    except (ArithmeticError, KeyError, TypeError, ValueError):
         raise _damaged(path, f"{what} does not fit its matrices") from None
 
 
