@@ -191,10 +191,10 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
         factorisations, and about as many solves as for 300 modes. A `count`, if D is proportional except for at most 40 columns
         (belts, dashpots), is made in a disc around 0. It costs one factorisation of K - R²M and some solves (`disc_count`). If D
         is skew and K positive definite, as for a part that turns without damping, it costs one of twice the size. Each of the
-        two takes the place of the other where that fails. This is the default for a band, and for a `count` up to 200,000 DOF. Where
-        damping or gyroscopic forces are too strong for that, a band is checked by the winding number of det P, which costs about
-        fifty complex factorisations. This is the default up to 2,000 DOF. LAPACK lists all: 2n, or as many as the ranks of M
-        and D leave.
+        two takes the place of the other where that fails. This is the default for a band, and for a `count` up to 200,000 DOF.
+        Where damping or gyroscopic forces are too strong for that, LAPACK lists all up to 2,000 DOF: 2n, or as many as the ranks
+        of M and D leave. Above, ``evidence=True`` checks a band by the winding number of det P, which costs about fifty complex
+        factorisations.
 
     Returns
     -------
