@@ -60,7 +60,9 @@ class BreakdownError(NotConvergedError):
 
 
 class NoCycleError(InputError):
-    """There is no such limit cycle: no mode grows, there is no simple Hopf point, or no amplitude balances."""
+    """There is no such limit cycle: no mode grows, there is no simple Hopf point, no amplitude balances, or a signal
+    is not periodic.
+    """
 
 
 class MissedModesError(FemsubError, ArithmeticError):

@@ -212,7 +212,7 @@ def test_rounding_of_a_fine_beam_is_told_with_its_figure(ends: str) -> None:
     ({"elements": [0.0, [0.5], 1.0]}, "(elements) must be rows of the same length"),
     ({"elements": None}, "elements must be a whole number"),
     ({"supports": ["left"]}, "supports must be a dict of places"),
-    ({"supports": {"left": ["clamped"]}}, "unknown support \"['clamped']\""),
+    ({"supports": {"left": ["clamped"]}}, "unknown support ['clamped']; did you mean 'clamped'"),
     ({"interface": 1.0}, "interface must be a list of places"),
     ({"interface": [["left"]]}, "a place in interface must be a number"),
     ({"ports": {"p": ("left", ["w"])}}, "unknown motion of port 'p'"),

@@ -120,8 +120,8 @@ def test_a_name_is_read_again_or_not_written(suffix: str, tmp_path: Path) -> Non
     mesh = fs.block((1, 1, 1), (2, 1, 1), "hexahedron")
     written = 0
     for name in NAMES:
-        named = changed(mesh, sets={name: [0, 3], "other": [1]}, groups={name + "g": [1]})
         try:
+            named = changed(mesh, sets={name: [0, 3], "other": [1]}, groups={name + "g": [1]})
             path = fs.write_mesh(tmp_path / f"m{suffix}", named)
         except fs.InputError as error:
             assert repr(name) in str(error) or "spaces" in str(error)

@@ -26,7 +26,7 @@ from sandbox import HOOK
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.report import _csv, commit
+from femsub.app.report import commit, table_csv
 from femsub.app.scene import SCENES, load
 from femsub.app.units import SYSTEMS, UNKNOWN
 from femsub.studies.tables import WIDTH
@@ -101,7 +101,7 @@ def results(folder: Path) -> dict[str, Any]:
 def test_tables_have_every_digit_whatever_numpy_prints(tmp_path: Path) -> None:
     value = 0.1 + 0.2
     with np.printoptions(legacy="1.13"):  # pyyeti sets it
-        _csv([{"one": np.float64(value), "more": np.array([value, 1.0])}], file := io.BytesIO())
+        table_csv([{"one": np.float64(value), "more": np.array([value, 1.0])}], file := io.BytesIO())
     assert file.getvalue().decode() == f"one,more\n{value!r},{value!r} 1.0\n"
 
 

@@ -454,3 +454,8 @@ def test_a_mode_whose_digits_k_holds_is_listed_between_two_whose_it_does_not_hol
         assert found.rigid == 1 and found.frequencies[1:] == pytest.approx(exact[:count], rel=1e-3)
     whole = fs.normal_modes(fs.Substructure(np.eye(10), K), band=(0.0, 1.0))
     assert whole.frequencies[1:] == pytest.approx(exact[exact < 1], rel=1e-3)
+
+
+def test_a_guided_beam_on_the_dof_of_its_interface_alone_keeps_its_rigid_motion() -> None:
+    """The modes of the reduced part have other units than its rotations, which are compared with its displacements."""
+    assert attack.attacked("guided", 810136) == "certified"

@@ -226,7 +226,7 @@ def test_a_mode_that_the_small_model_gets_wrong_is_told(monkeypatch: pytest.Monk
     ({"between": (0.0, np.inf)}, "only takes damping from one port"),
     ({"between": (0.0, -0.1), "solver": "followed"}, "needs a band"), ({"between": (np.inf, 0.0)}, "between must be"),
     ({"between": (0.0, -0.1), "solver": "guess"}, "unknown solver 'guess'"), ({"between": (0.0, np.nan)}, "finite"),
-    ({"between": (0.1, 0.1)}, "must be a range"), ({"between": 3.0}, "must be a pair")])
+    ({"between": (0.1, 0.1)}, "must be a range"), ({"between": 3.0}, "must be a list of two numbers")])
 def test_what_a_solver_cannot_answer_is_refused(options: dict[str, object], words: str) -> None:
     with pytest.raises((fs.InputError, fs.InputTypeError), match=words):
         fs.critical_value(fs.chain(10, belt=2), fs.Belt(slope=0.0), "slope", **options)  # type: ignore[arg-type]

@@ -43,6 +43,7 @@ from femsub.coupling.joined import (
     rows_of_parts,
     springs_of,
     sprung,
+    units_of_energy,
     unjoined,
     whole_sets,
     with_interfaces,
@@ -389,7 +390,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     unit = reach(joined.S, equations.unit)
     ports = {f"{part}.{port}": _port(L[rows], w, unit, equations.unit[rows])
              for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True) for port, w in sub.ports.items()}
-    motion = Joined(tuple(parts.values()), joined.S, equations.unit, equations.A,
+    motion = Joined(tuple(parts.values()), joined.S, units_of_energy(parts), equations.A,
                     *(tuple(sp.csr_array(C) @ R for R, link in springs if np.any(C := getattr(link, key)))
                       for key in ("stiffness", "damping")))
     return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),

@@ -71,10 +71,10 @@ def rows_of_parts(parts: Mapping[str, Substructure]) -> list[slice]:
 
 
 def units_of_energy(parts: Mapping[str, Substructure]) -> Array:
-    """How far each coordinate moves at unit energy: (k_jj + ω² m_jj)^(-1/2) with a typical ω of all parts; `comparable`."""
+    """How far each coordinate moves at unit energy: (k_jj + ω² m_jj)^(-1/2) with a typical ω of all parts."""
     K = np.concatenate([np.abs(part.K.diagonal()) for part in parts.values()])
     M = np.concatenate([np.abs(part.M.diagonal()) for part in parts.values()])
-    return comparable(units(M, K)[0])
+    return units(M, K)[0]
 
 
 def on_all_parts(tables: Sequence[Mapping[str, Matrix]], widths: Mapping[str, int]) -> Matrix:
@@ -111,7 +111,7 @@ def equations_of(parts: Mapping[str, Substructure], C: Matrix, owner: Array) -> 
     A = sp.csr_array(C @ block_diagonal([part.interface_rows for part in parts.values()]))
     A.sort_indices()
     physical = [np.isin(np.arange(part.size), part.interface) for part in parts.values()]
-    return Equations(A, units_of_energy(parts), np.concatenate(physical), owner)
+    return Equations(A, comparable(units_of_energy(parts)), np.concatenate(physical), owner)
 
 
 def with_interfaces(parts: Mapping[str, Substructure], C: Matrix, given: Equations) -> tuple[Matrix, Equations]:
@@ -142,7 +142,7 @@ def with_interfaces(parts: Mapping[str, Substructure], C: Matrix, given: Equatio
 
 
 def _units_at_rest(part: Substructure) -> Array:
-    """`units_of_energy` at the part's lowest ω², at which its displacements cost next to nothing but strain."""
+    """Comparable `units_of_energy` at the part's lowest ω², at which its displacements cost next to nothing but strain."""
     mass, stiffness = np.abs(part.M.diagonal()), np.abs(part.K.diagonal())
     square = np.divide(stiffness, mass, out=np.zeros(len(mass)), where=mass > 0)
     square = square[square > STILL * square.max(initial=0.0)]

@@ -152,8 +152,12 @@ def _values(file: Path, where: str, one: DataSet) -> tuple[Array, Array]:
     if len(values) != count * width:
         raise InputError(f"{where} announces {count} values, but has {len(values) / width:g}; it is damaged")
     table = values.reshape(count, width)
-    start, step = as_numbers(f"{where}: its frequencies", apart(one.lines[6][30:56]), float)[:2]
-    return table[:, 0] if even == 0 else start + step * np.arange(count), table[:, -2] + 1j * table[:, -1]
+    if even == 0:
+        return table[:, 0], table[:, -2] + 1j * table[:, -1]
+    places = as_numbers(f"{where}: its frequencies", apart(one.lines[6][30:56]), float)
+    if len(places) < 2:
+        raise InputError(f"{where} must have the first frequency and the step on its line 7, columns 31 to 56; it is damaged")
+    return places[0] + places[1] * np.arange(count), table[:, -2] + 1j * table[:, -1]
 
 
 def _listed(where: str, one: DataSet, name: str, announced: int) -> Array:

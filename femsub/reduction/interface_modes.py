@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import DEPENDENT, ROUNDING, congruent, groups
+from femsub.algebra import DEPENDENT, ROUNDING, comparable, congruent, groups
 from femsub.checks import EPS, Array, Matrix
 from femsub.coupling import System, rows_of_parts, units_of_energy
 from femsub.errors import InputError, NotConvergedError
@@ -191,7 +191,7 @@ def _turned(sub: Substructure) -> tuple[Matrix | None, Array]:
     """
     import scipy.linalg as la
 
-    n, unit = sub.size, units_of_energy({"": sub})
+    n, unit = sub.size, comparable(units_of_energy({"": sub}))
     B = sp.csr_array(_rows(sub) @ sp.diags_array(unit))
     B.sum_duplicates()  # else abs(B) would do it, and change the order of the entries
     largest = abs(B).max(axis=1).toarray().ravel()
@@ -248,7 +248,7 @@ def with_common_shapes(system: System, models: Mapping[str, ReducedSubstructure]
     if system.multipliers:
         raise InputError(f"{system.name!r} has joints by multipliers (Dual Craig-Bampton parts, or dual assembly), where parts "
                          "need not move alike. Reduce the interface of the whole system, as reduce(system, InterfaceModes(20))")
-    unit, whole = units_of_energy({"": system}), ShiftInvert(system.K, system.M, carried=system.rigid_motion).rigid
+    unit, whole = comparable(units_of_energy({"": system})), ShiftInvert(system.K, system.M, carried=system.rigid_motion).rigid
     motion: dict[str, Matrix] = {}
     shapes: list[Array] = []
     member = np.zeros((system.size, len(own)), dtype=bool)

@@ -165,7 +165,9 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     Raises
     ------
     InputError
-        The signal is too short, not finite, or not periodic.
+        The signal is too short, or not finite.
+    NoCycleError
+        It is not periodic.
     """
     from scipy.signal import correlate, find_peaks
 
@@ -182,11 +184,11 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     alike = sum(correlate(row, row, method="fft")[len(even) - 1 + lags] for row in tail) / (len(even) - lags)
     low = np.flatnonzero(alike < 0.3 * alike[0])
     if not alike[0] > 0 or not len(low):
-        raise InputError("the second half of the signal must contain two oscillations, but does not. Give a longer signal")
+        raise NoCycleError("the second half of the signal must contain two oscillations, but does not. Give a longer signal")
     tops, _ = find_peaks(alike)
     tops = tops[tops > low[0]]
     if not len(tops) or alike[tops].max() < 0.5 * alike[0]:
-        raise InputError("the second half of the signal is not periodic. Give a longer signal, or another start")
+        raise NoCycleError("the second half of the signal is not periodic. Give a longer signal, or another start")
     top = int(tops[np.flatnonzero(alike[tops] >= 0.98 * alike[tops].max())[0]])
     left, middle, right = alike[top - 1:top + 2]
     period = (top + 0.5 * (left - right) / (left - 2 * middle + right)) * (even[1] - even[0])

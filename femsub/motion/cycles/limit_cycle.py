@@ -12,7 +12,7 @@ import numpy as np
 
 from femsub.checks import Array, finite_number, positive_number, whole_number
 from femsub.coupling import Belt
-from femsub.errors import FemsubWarning, InputError, NotConvergedError, warn
+from femsub.errors import FemsubWarning, InputError, NoCycleError, NotConvergedError, warn
 from femsub.motion.cycles.balance import Balance, Orbit, StepsEndedError, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
@@ -379,6 +379,6 @@ def _in_time(contact: Sliding, flexibility: Compliance, state: State, omega: flo
         state = run.final
         try:
             orbit = of_signal(run.t, _speeds(contact, run), contact.columns)
-        except InputError:  # not periodic yet
+        except NoCycleError:  # not periodic yet
             continue
         yield orbit, harmonics_for(contact, orbit.harmonics), 0
