@@ -100,9 +100,10 @@ def test_a_factorisation_that_broke_down_is_told_of() -> None:
 @pytest.mark.slow
 def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
     sub = long_chain()
-    assert made(lambda: fs.complex_modes(sub, BELT, band=BAND)) == 2
-    assert made(lambda: fs.complex_modes(sub, fs.Belt("belt", force=2.0, slope=-1e-4), band=BAND)) == 0
-    assert made(lambda: fs.normal_modes(sub, 10)) == 1
+    assert made(lambda: fs.complex_modes(sub, BELT, band=BAND)) == 4
+    other = fs.Belt("belt", force=2.0, slope=-1e-4)
+    assert made(lambda: fs.complex_modes(sub, other, band=BAND)) == 2  # they bound its damping
+    assert made(lambda: fs.normal_modes(sub, 10)) == 0
     belt = fs.Belt(slope=0.0)
     assert made(lambda: fs.sweep(long_chain(), belt, "slope", np.linspace(0, -1e-3, 20), band=BAND)) <= 3  # one bounds Re λ
 
@@ -131,8 +132,9 @@ def test_a_response_beyond_the_basis_is_found_by_its_factor_or_by_a_complex_one(
 
 def test_models_in_units_of_their_own_share_too() -> None:
     sub = plate()
-    assert made(lambda: fs.complex_modes(sub, BELT, band=(0.0, 1500.0))) == 2
-    assert made(lambda: fs.complex_modes(sub, fs.Belt("belt", force=2.0, slope=-1.0), band=(0.0, 1500.0))) == 0
+    first, other = (made(lambda: fs.complex_modes(sub, belt, band=(0.0, 1500.0)))
+                    for belt in (BELT, fs.Belt("belt", force=2.0, slope=-1.0)))
+    assert other <= 3 <= first - 2  # of the bounds of damping
 
 
 def test_the_compliance_of_a_cycle_takes_one() -> None:
