@@ -177,7 +177,8 @@ def test_modes_beside_one_of_a_heavy_mass_stay_orthogonal(mass: float) -> None:
 
 
 def test_a_cluster_larger_than_krylov_schur_can_hold_goes_to_lapack() -> None:
-    assert np.array_equal(fs.normal_modes(fs.Substructure(sp.eye_array(300), sp.eye_array(300)), count=5).eigenvalues, np.ones(5))
+    modes = fs.normal_modes(fs.Substructure(sp.eye_array(300), sp.eye_array(300)), count=5)
+    assert np.allclose(modes.eigenvalues, np.ones(5), rtol=1e-14)
 
 
 @pytest.mark.parametrize(("mass", "stiffness"), [(1e-30, 1e30), (1e30, 1e-30)])
