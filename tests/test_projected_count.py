@@ -386,3 +386,9 @@ def test_a_projection_whose_eigenvalues_are_all_real_gives_left_vectors() -> Non
     for count in (4, 5):
         found = fs.complex_modes(fs.Pencil(sp.eye_array(n), D, sp.csr_array(line + 0.01 * sp.eye_array(n))), count=count)
         assert len(found) == count and (found.eigenvalues.imag == 0).all() and np.isfinite(found.error_bar).all()
+
+
+def test_a_large_floating_model_needs_no_square_of_its_size() -> None:
+    sub = fs.chain(50_000, fixed=False, belt=2)
+    modes = fs.complex_modes(sub, fs.Belt(slope=-1e-3), band=(0.0, 4e-4))
+    assert modes.evidence == "certified" and len(modes) > 5

@@ -50,7 +50,7 @@ class _OneNode(Joint):
 def _following(follower: tuple[Site, Array], leader: tuple[Site, Array], weight: Array, lost: Callable[[str], str]) -> Link:
     """u_f = R_f (W R_l)⁺ W u_l, W = diag(weight); `lost` tells of a DOF of the follower that the leader does not determine."""
     (first, rows), (second, known) = follower, leader
-    _, values, V = np.linalg.svd(weight[:, None] * known)
+    _, values, V = np.linalg.svd(weight[:, None] * known, full_matrices=False)
     basis = V[:int(np.count_nonzero(values > LOST * values.max(initial=0.0)))]
     missing = np.linalg.norm(rows - (rows @ basis.T) @ basis, axis=1) / np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
     if missing.max(initial=0.0) > LOST:

@@ -117,7 +117,7 @@ def _loose_motions(sub: Substructure) -> int:
     R = R[:, R.any(axis=0)]
     Q, size, _ = np.linalg.svd(R / np.linalg.norm(R, axis=0), full_matrices=False)
     Q = Q[:, size > STILL * size.max(initial=0.0)]
-    _, size, turn = np.linalg.svd(Q[b])
+    _, size, turn = np.linalg.svd(Q[b], full_matrices=len(b) < Q.shape[1])
     still = turn[np.count_nonzero(size > STILL * size.max(initial=0.0)):]
     at_rest = Q @ still.T
     at_rest[b] = 0.0

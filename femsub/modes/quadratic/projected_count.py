@@ -455,8 +455,11 @@ def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
     if not Z.shape[1] or not acting:
         return Z, rest
     scale = [np.linalg.norm(abs(part) @ abs(Z)) for part in acting]
-    sizes, turn = la.svd(np.vstack([(part @ Z) / size for part, size in zip(acting, scale, strict=True) if size]))[1:]
-    still = np.append(sizes, np.zeros(len(turn) - len(sizes))) < STILL
+    moved = [(part @ Z) / size for part, size in zip(acting, scale, strict=True) if size]
+    if not moved:
+        return Z, rest
+    sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
+    still = sizes < STILL
     return Z @ turn[still].T, np.hstack([Z @ turn[~still].T, rest])
 
 
