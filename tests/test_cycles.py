@@ -490,3 +490,13 @@ def test_a_transient_that_starts_no_cycle_is_continued(monkeypatch: pytest.Monke
     left[0] = 1
     found = fs.harmonic_balance(sub, belt, start=run)
     assert found.omega == pytest.approx(fs.shoot(sub, belt, found, tol=1e-8).omega, rel=1e-4)
+
+
+def test_a_start_of_two_periods_ends_in_a_cycle_of_one() -> None:
+    """A motion that has hardly settled may repeat itself best after two periods."""
+    model, belt = fs.chain(2, belt=2), fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    once = fs.harmonic_balance(model, belt)
+    v = np.zeros((2 * len(once.orbit.v), once.orbit.v.shape[1]), dtype=complex)
+    v[1::2] = once.orbit.v
+    twice = replace(once, orbit=replace(once.orbit, v=v, omega=0.5 * once.omega))
+    assert fs.harmonic_balance(model, belt, start=twice).omega == pytest.approx(once.omega, rel=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.attacks import stiff_soft
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues, rigid_motions
+from femsub.modes.normal_modes import count_deferred, lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
 
 
@@ -362,3 +364,13 @@ def test_attacks_on_stiff_and_soft_find_nothing(kind: str) -> None:
     outcomes = [stiff_soft.attacked(kind, seed) for seed in range(10)]
     assert not [outcome for outcome in outcomes if outcome.startswith("wrong")]
     assert "certified" in outcomes
+
+
+def test_a_deferred_count_certifies_no_mode_that_may_be_rigid_motion() -> None:
+    sub = fs.chain(3000)
+    handle = ShiftInvert(sub.K, sub.M)
+    modes = lowest_modes(handle, 3)
+    modes = replace(modes, tally=replace(modes.tally, counted=None))  # as of a large model
+    assert count_deferred(handle, modes).evidence == "certified"
+    doubtful = replace(modes, rounding=np.array([5.0, 0.0, 0.0]))
+    assert count_deferred(handle, doubtful).evidence == "not checked"

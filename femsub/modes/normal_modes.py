@@ -259,8 +259,7 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
         missed = counted - below - rigid
         if missed == 0:
             found = checked or _result(handle, values[:count], shapes[:, :count], *uncounted)
-            if found.rounding.max(initial=0.0) <= 1:  # else a mode may be rigid motion
-                found = replace(found, tally=Tally(below + rigid, counted))
+            found = _certified(found, Tally(below + rigid, counted))
             _remember(handle.K, handle.M, limit, found)
             return found
         if missed < 0 or attempt == 3:
@@ -294,7 +293,12 @@ def count_deferred(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     counted = _count(handle, limit**2)
     _check_count(counted, expected, limit**2)
     _remember(handle.K, handle.M, limit**2, modes)
-    return replace(modes, tally=Tally(expected, counted))
+    return _certified(modes, Tally(expected, counted))
+
+
+def _certified(modes: NormalModes, tally: Tally) -> NormalModes:
+    """The modes with this tally, without its count where rounding may make one of them rigid motion."""
+    return replace(modes, tally=tally if modes.rounding.max(initial=0.0) <= 1 else replace(tally, counted=None))
 
 
 def counted_early(K: Matrix, M: Matrix, limit: float) -> CountBeside | None:
@@ -408,9 +412,8 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
                 "supports" if handle.unit == EPS
                 else f"The entries are known to about {handle.unit:.0e} of each: write K with all digits (17)"),
              ConditionWarning)
-    if rounding.max(initial=0.0) > 1:  # such a mode may be rigid motion
-        tally = replace(tally, counted=None)
-    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, tally, rounding)
+    found = NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, tally, rounding)
+    return _certified(found, tally)
 
 
 def normal_modes(model: Substructure, count: int | None = None, band: tuple[float, float] | None = None) -> NormalModes:

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
@@ -64,6 +64,12 @@ class Orbit:
     def norm(self) -> float:
         """Root mean square of v over one period, summed over the columns."""
         return float(np.sqrt(2) * np.linalg.norm(self.v))
+
+    @property
+    def periods(self) -> int:
+        """How often the motion repeats itself within 2π/ω: the common divisor of all k with v_k beyond rounding."""
+        size = np.abs(self.v).max(axis=1)
+        return max(1, int(np.gcd.reduce(1 + np.flatnonzero(size > EPS**0.5 * size.max()))))
 
     @property
     def vector(self) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -228,6 +228,10 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
             orbit, residual, turns = _converged(balance, [begin], min(count, most) if harmonics is None else harmonics, most, tol)
             while True:
                 steps += turns
+                if (periods := orbit.periods) > 1:  # the start had several
+                    one = replace(orbit, v=orbit.v[periods - 1::periods], omega=periods * orbit.omega)
+                    orbit, residual, turns = _converged(balance, [one], harmonics or one.harmonics, most, tol)
+                    continue
                 target = 0.0 if harmonics else 0.5 * tol
                 truncation, aliasing, enough = balance.unresolved(orbit, target, balance.disturbed(orbit))
                 if truncation <= tol or orbit.harmonics >= most:
