@@ -178,8 +178,8 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
         The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
         sliding that grows fastest; where that starts no cycle, in a model of up to 300 DOF, the motion in time from there. A
         frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under the same contacts. A
-        `Transient`, which is continued if it starts no cycle, is of this model, and `harmonics` are not given. Or (t, v) with v
-        the speeds of their columns, shape (m,) or (p, m).
+        `Transient` whose second half is periodic; it is continued if it starts no cycle, is of this model, and `harmonics` are
+        not given. Or (t, v) with v the speeds of their columns, shape (m,) or (p, m).
     tol : float
         Largest effect of the neglected harmonics, relative to the cycle.
 
