@@ -28,7 +28,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="subjects whose name holds this")
     parser.add_argument("--out", type=Path, help="where findings are kept (a temporary folder)")
     parser.add_argument("--kills", type=int, default=0, help="kills of a writer and of a run (0)")
-    parser.add_argument("--silent", action="store_true", help="list the mutants with other content and no word about it")
+    parser.add_argument("--silent", action="store_true", help="list mutants with other content, not only numbers, and no word")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     out = options.out or Path(tempfile.mkdtemp(prefix="fuzz-files-"))

@@ -3,8 +3,9 @@
 Right is a FemsubError, the content of the valid file, or the honest meaning of the damaged one. A finding is all else: another
 exception, a crash, a hang, memory without bounds, and content that the damaged file does not have.
 
-Other content is counted by whether a warning or a note said so, and where none did, by the kind of damage: another digit in a
-number cannot be known.
+Other content is counted by whether a warning or a note said so. Where none did, it is `undetectable` if only numbers of the file
+became others (in a binary file: eight bytes at most), and only real values or a text's numbers of the content; all else is
+`silent`, counted by the kind of damage and listed: the file may hold what shows it.
 
 A module `fuzz_NAME.py` beside this one offers `subjects(folder) -> list[Subject]`: it writes valid files into the folder and
 tells how each is read. `scripts/fuzz-files` runs all of them at length, the tests a short seeded part:
@@ -121,38 +122,45 @@ class Report:
         return "\n".join(lines + self.findings)
 
 
-def fingerprint(content: Any) -> str:
-    """A hash that is equal for equal content: bits of numbers, order of sequences, not that of mappings."""
+def fingerprint(content: Any, *, reals: bool = True) -> str:
+    """A hash that is equal for equal content: bits of numbers, order of sequences, not that of mappings.
+
+    Without `reals`, it is equal where only real numbers and those of texts differ: the shapes, indices and names are the same.
+    """
     digest = hashlib.sha256()
-    _feed(content, digest.update)
+    _feed(content, digest.update, reals)
     return digest.hexdigest()
 
 
-def _feed(content: Any, update: Callable[[bytes], object]) -> None:
+def _feed(content: Any, update: Callable[[bytes], object], reals: bool) -> None:
     import numpy as np
     import scipy.sparse as sp
 
     if sp.issparse(content):
         entries = sp.csr_array(content, copy=True)  # a model's own are read-only
         entries.sum_duplicates()
-        entries.eliminate_zeros()
+        if reals:
+            entries.eliminate_zeros()
         update(b"sparse")
-        _feed([entries.shape, entries.indptr.astype(np.int64), entries.indices.astype(np.int64), entries.data], update)
+        _feed([entries.shape, entries.indptr.astype(np.int64), entries.indices.astype(np.int64), entries.data], update, reals)
     elif isinstance(content, np.ndarray):
         plain = content if content.dtype.kind in "OSUMmV" else content.astype(complex if content.dtype.kind == "c" else float)
         update(f"array {plain.shape}".encode())
+        if not reals and content.dtype.kind in "fc":
+            return
         update(repr(plain.tolist()).encode() if plain.dtype.kind in "OSUMmV" else (plain + 0).tobytes())
     elif isinstance(content, Mapping):
         update(b"mapping")
         for key in sorted(content, key=repr):
             update(repr(key).encode())
-            _feed(content[key], update)
+            _feed(content[key], update, reals)
     elif isinstance(content, (list, tuple)):
         update(f"sequence {len(content)}".encode())
         for part in content:
-            _feed(part, update)
+            _feed(part, update, reals)
     else:
-        update(repr(content.item() if isinstance(content, np.generic) else content).encode())
+        said = repr(content.item() if isinstance(content, np.generic) else content).encode()
+        update(said if reals or isinstance(content, (int, np.integer)) else NUMBER.sub(b"1", said))
 
 
 # --- damage ------------------------------------------------------------------------------------------------------------------
@@ -408,8 +416,9 @@ def serve(questions: Connection, answers: Connection, memory: int) -> None:
                 limited = True
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")
-                content = fingerprint(read(Path(path)))
-            answers.send(("content", f"{content} {fingerprint(sorted({str(one.message) for one in said}))}"))
+                content = read(Path(path))
+            answers.send(("content", f"{fingerprint(content)} {fingerprint(sorted({str(one.message) for one in said}))} "
+                                     f"{fingerprint(content, reals=False)}"))
         except FemsubError as error:
             hungry = _memory_error(error)
             answers.send(("memory", f"refused only after a MemoryError: {hungry}") if hungry else ("refused", str(error)))
@@ -445,7 +454,7 @@ def fuzz(subjects: Sequence[Subject], count: int, seed: int, folder: Path, *, jo
         for subject, indices in parts[number::jobs]:
             for ending, finding in _judged(subject, set(indices), count, seed, place, folder, child):
                 report.counts[subject.name][ending] += 1
-                (report.silent if ending.startswith("other, without") else report.findings).extend([finding] if finding else [])
+                (report.silent if ending.startswith("silent") else report.findings).extend([finding] if finding else [])
 
     try:
         with ThreadPoolExecutor(jobs) as pool:
@@ -458,9 +467,24 @@ def fuzz(subjects: Sequence[Subject], count: int, seed: int, folder: Path, *, jo
     return report
 
 
+def only_numbers(valid: bytes, damaged: bytes) -> bool:
+    """Whether two files differ in numbers only: words of a text, or eight bytes of a binary file."""
+    if b"\0" not in valid:
+        return NUMBER.sub(b"1", valid) == NUMBER.sub(b"1", damaged)
+    places = [at for at, (one, other) in enumerate(zip(valid, damaged, strict=False)) if one != other]
+    return len(valid) == len(damaged) and places[-1] - places[0] < 8
+
+
 def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: Path, keep: Path,
             child: Child) -> Iterator[tuple[str, str]]:
-    ending, original = child.ask(subject.reader, subject.path)
+    shutil.rmtree(place, ignore_errors=True)
+    copy = place / subject.path.name  # read where the damaged ones are: a file may name others as seen from there
+    if subject.path.is_dir():
+        shutil.copytree(subject.path, copy)
+    else:
+        place.mkdir(parents=True)
+        shutil.copy(subject.path, copy)
+    ending, original = child.ask(subject.reader, copy)
     assert ending == "content", f"the valid file of {subject.name} is not read: {ending}: {original}"
     for index, mutant in enumerate(mutants(subject, count, seed)):
         if index not in indices:
@@ -474,17 +498,21 @@ def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: P
             verdict = "refused though meant"  # no finding: redundant lines, or a size that only looks wrong
         if ending == "content":
             verdict = "same" if answer.split()[0] == original.split()[0] else "other"
-            quiet = answer.split()[1] == original.split()[1]
-            answer = answer.split()[0]
+            answer, said, shape = answer.split()
+            quiet, same_shape = said == original.split()[1], shape == original.split()[2]
             if verdict == "other" and subject.honest is not None:
                 meaning = subject.honest(path)
                 verdict = "meant" if meaning is not None and fingerprint(meaning) == answer else "wrong content"
             elif verdict == "other" and mutant.kind in subject.strict and not mutant.file.endswith(".json"):
                 verdict = "wrong content"
             if verdict == "other":
-                verdict = f"other, without a word ({mutant.kind})" if quiet else "other, with a word"
-        if verdict.startswith("other, ") or verdict in ("same", "meant", "refused", "refused though meant"):
-            yield verdict, f"{verdict}: {subject.name} {mutant.file}: {mutant.what}" if "without" in verdict else ""
+                valid = (subject.path / mutant.file if mutant.file else subject.path).read_bytes()
+                verdict = ("other, with a word" if not quiet else
+                           "undetectable" if same_shape and mutant.data is not None and only_numbers(valid, mutant.data) else
+                           f"silent ({mutant.kind})")
+        if verdict.startswith("silent") or verdict in ("same", "meant", "refused", "refused though meant", "undetectable",
+                                                       "other, with a word"):
+            yield verdict, f"{verdict}: {subject.name} {index} {mutant.file}: {mutant.what}" if "silent" in verdict else ""
         else:
             kept = keep / f"{subject.name}-{seed}-{index}{subject.path.suffix}"
             with contextlib.suppress(OSError):

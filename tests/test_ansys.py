@@ -200,7 +200,9 @@ def test_components_and_materials_are_sets(tmp_path: Path) -> None:
     ("ET,3,185", "ET,3,174", "no elements that are cells: 2 elements of type 174"), ("ET,3,185\n", "", "which no ET tells"),
     ("NODE,       2", "NODE,       3", "announces 3 numbers, but has 2"), ("       -14", "        -9", "goes from 11 to 9"),
     ("       -1\nCM", "CM", None), ("       16       17       18\n", "       16       17       99\n", "names node 99"),
-    ("CMBLOCK,ONE,ELEM,       1\n", "", "command of its block is lost"), ("FINISH\n", "CMBL", "does not end"),
+    ("CMBLOCK,ONE,ELEM,       1\n", "", "command of its block is lost"),
+    ("CMBLOCK,ONE,ELEM", "CSYS,,ONE,ELEM", "command of its block is lost"), ("CMBLOCK,ONE,ELEM", "ONE,CMBLOCK,ELEM", "is lost"),
+    ("FINISH\n", "CMBL", "does not end"),
     ("(19i9)", "(19x9)", "is not the format"), ("        6        15", "        5        15", "element 5")])
 def test_faults_of_archives_are_told(tmp_path: Path, old: str, new: str, message: str | None) -> None:
     text = archive(185, LINE, BRICKS, PARTS)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import fuzz_matrices
 import pytest
-from fuzzing import Subject, fuzz
+from fuzzing import Subject, fuzz, only_numbers
 
 import femsub as fs
 
@@ -50,8 +50,28 @@ def test_the_harness_finds_each_kind_of_fault(tmp_path: Path) -> None:
     report = fuzz([subject], count=90, seed=8, folder=tmp_path / "damaged", seconds=2)
     assert {"raised", "crash", "memory", "hang", "wrong content", "refused"} <= set(report.counts["bad"])
     kept = list((tmp_path / "damaged").glob("bad-*"))
-    fine = sum(report.counts["bad"][key] for key in report.counts["bad"] if key.startswith(("refused", "same", "other, ")))
+    sound = ("refused", "same", "other, ", "undetectable", "silent")
+    fine = sum(count for key, count in report.counts["bad"].items() if key.startswith(sound))
     assert len(kept) == len(report.findings) == report.total - fine
+
+
+def read_around(path: Path) -> object:
+    """Content that depends on where the file is, and a real number."""
+    words = [*path.read_text(errors="replace").split(), "0", "0"]
+    try:
+        return {"where": path.parent.parent.name, "number": float(words[0]), "index": int(words[1])}
+    except ValueError:
+        raise fs.InputError(f"{words}") from None
+
+
+def test_the_harness_sorts_other_content(tmp_path: Path) -> None:
+    """Only a real number that became another one is undetectable; where the copies are read makes no difference."""
+    (tmp_path / "a.txt").write_text("1.5 2\n")
+    report = fuzz([Subject("plain", tmp_path / "a.txt", "test_fuzz_matrices:read_around", strict=frozenset())], count=60, seed=2,
+                  folder=tmp_path / "damaged")
+    assert report.counts["plain"]["undetectable"] and report.counts["plain"]["same"] and report.silent
+    assert only_numbers(b"a 1.5 2", b"a 7 2") and not only_numbers(b"a 1.5", b"b 1.5") and not only_numbers(b"1 x", b"1 1 x")
+    assert only_numbers(b"\0" * 9, b"\0" + b"\1" * 8) and not only_numbers(b"\0" * 9, b"\1" * 9)
 
 
 @pytest.mark.parametrize(("what", "count"), [("write", 3), pytest.param("write", 30, marks=pytest.mark.slow),

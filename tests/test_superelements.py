@@ -568,6 +568,34 @@ def test_the_asm_and_the_pch_must_have_the_same_grids(tmp_path: Path) -> None:
         fs.read_component(files[".asm"], cutoff=1.0)
 
 
+@pytest.mark.parametrize("other", ["EXTRN", "KAAX", "7", "GRID*"])
+@pytest.mark.parametrize("counted", [True, False])
+def test_a_continuation_that_became_a_card_is_refused(other: str, counted: bool, arm: Any, tmp_path: Path) -> None:
+    """It dropped one entry of the matrix."""
+    path = next(path for path in fs.write_superelement(tmp_path, arm[1], "dmig") if path.suffix == ".pch")
+    head, *lines = path.read_text().splitlines(keepends=True)
+    at = next(at for at, line in enumerate(lines) if line.startswith("DMIG*")) + 2
+    assert lines[at][:2] == "* "
+    lines[at] = f"{other:8}{lines[at][8:]}"
+    path.write_text("".join([head if counted else head.rpartition(",")[0] + "\n", *lines]))
+    with pytest.raises(fs.InputError, match=r"card|GRID"):
+        fs.read_component(path, cutoff=1.0)
+
+
+def test_a_recovered_grid_without_its_card_is_reported(arm: Any, tmp_path: Path) -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+    files = {path.suffix: path for path in fs.write_superelement(tmp_path, arm[1], "nastran", recover="all")}
+    head, *lines = files[".pch"].read_text().splitlines(keepends=True)
+    at = max(at for at, line in enumerate(lines) if line.startswith("GRID*"))
+    lines[at] = "GRAD*" + lines[at][5:]
+    files[".pch"].write_text("".join([head, *lines]))
+    with pytest.raises(fs.InputError, match="a card 'GRAD', which femsub does not write"):
+        fs.read_component(files[".asm"], cutoff=1.0)
+    files[".pch"].write_text("".join([head.rpartition(",")[0] + "\n", *lines]))
+    with pytest.warns(fs.FemsubWarning, match="no GRID card of 1 recovered grids"):
+        fs.read_component(files[".asm"], cutoff=1.0)
+
+
 # ---- motions that are recovered
 
 @pytest.mark.parametrize("program", ["nastran", "dmig", "abaqus", "calculix"])

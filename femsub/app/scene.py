@@ -319,6 +319,9 @@ def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Sce
         raise InputError(f"{source} is no scene file: its brackets are nested too deeply") from None
     except OSError as error:
         raise InputError(f"{source} cannot be read: {error.strerror or error}") from None
+    if not table:
+        raise InputError(f'{source} names no scene: it is empty, or has comments only. Begin it with scene = "chain", or '
+                         "another name of `femsub scenes`")
     return _build(table, path.parent, path, trusted)
 
 

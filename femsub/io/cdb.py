@@ -115,7 +115,7 @@ class _Deck:
             line = self.lines[self.at]
             self.at += 1
             above = self.lines[self.at - 2].strip() if self.at > 1 else ""
-            if line.lstrip()[:1] == "(" and (above[:1].isdigit() or above == "-1"):
+            if re.match(r"[ \t]*\(\d*[iIeE]\d", line) and not re.match(r"(?i)\w*BLOCK\b|\*|\(|/|!|$", above):
                 raise InputError(f"{self.path}, line {self.at}: the format {line.strip()!r:.40} is below {above!r:.40}: the "
                                  "command of its block is lost")
             if (found := _COMMAND.match(line)) is not None:

@@ -86,14 +86,15 @@ def check_indices(matrix: Any) -> None:
         raise ValueError("its index pointers fall")
 
 
-def check_lines(path: Path) -> None:
-    """Refuse a text file of femsub whose first line announces another number of lines."""
+def check_lines(path: Path) -> bool:
+    """Refuse a text file of femsub whose first line announces another number of lines; whether it announces one."""
     with open(path, "rb") as file:
         said = re.fullmatch(rb"\$ .*, by femsub, (\d{1,15}) lines\s*", file.readline(1000))
         count = 1 + sum(1 for line in file if line.strip()) if said else 0
     if said and int(said[1]) != count:
         raise InputError(f"{path} has {count} lines, but its first line says {int(said[1])}: it is cut short or damaged. Write "
                          "it again; if you changed it, change that number")
+    return bool(said)
 
 
 def check_end(path: Path, comment: bytes = b"\n") -> None:

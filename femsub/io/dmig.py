@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from femsub.io.damage import check_end, check_lines
 from femsub.io.nastran import entries_of
 
 SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; the columns of NUMBERED have numbers only
+#: cards of `write_superelement`
+WRITTEN = {"ASET1", "BEGIN SUPER", "BSET1", "DMIG", "DTI", "EXTRN", "GRID", "QSET1", "SEBULK", "SECONCT", "SPOINT"}
 FORMS = (SQUARE, 2, SYMMETRIC, NUMBERED)
 _REAL = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)([EDed][+-]?\d++|[+-]\d++)?", re.ASCII)
 
@@ -92,16 +95,27 @@ def read_dmig(path: Path) -> dict[str, Dmig]:
     InputError
         See the table.
     """
+    return dmig_of(path, cards_of(path))
+
+
+def cards_of(path: Path) -> list[tuple[str, list[str]]]:
+    """`entries_of` a file that has its end, the lines that its first one announces and, if that does, femsub's cards only."""
     check_end(path)
-    check_lines(path)
-    return dmig_of(path, entries_of(path))
+    own, cards = check_lines(path), entries_of(path)
+    if own and (other := next((card for card, _ in cards if card not in WRITTEN), None)):
+        raise InputError(f"{path} has a card {other!r:.20}, which femsub does not write: a name, or the * of a continuation, is "
+                         "damaged. Write it again; if you added the card, take the number of lines out of the first line")
+    return cards
 
 
 def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
     """`read_dmig` of cards that were read already."""
     found: dict[str, Entries] = {}
-    for card, fields in cards:
+    for (before, _), (card, fields) in pairwise([("", [""]), *cards]):
         if card != "DMIG":
+            if before == "DMIG" and not fields[0] and card not in ("BEGIN SUPER", "GRDSET"):
+                raise InputError(f"{path}: the card {card!r:.20} below {before} has a blank first field, as a continuation "
+                                 "has: its * is damaged, and an entry would be lost")
             if card[:4] == "DMIG" or fields[0].lower() in found:
                 raise InputError(f"{path}: a card {card!r:.40} of {fields[0]!r:.20} is no DMIG, but names a matrix of it, or "
                                  "begins like it. Mend its name, or remove a comma from its fields of fixed width")

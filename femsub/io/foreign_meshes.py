@@ -59,20 +59,27 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
         with _Ending(io.FileIO(path)) as file:
             found, said = quietly(lambda: meshio().read(file, "ansys"), what)
     else:
-        found, said = quietly(lambda: meshio().read(path), what)
+        found, said = quietly(lambda: meshio().read(path), what, _Lost() if suffix == ".su2" else None)
     if "not closed" in said:
         raise InputError(f"{path} is cut short: {said}")
-    if suffix == ".su2" and "could not parse" in said:
-        raise InputError(f"{path} has lines that do not belong to what is above them: {said}")
     for name, count, promised in (("points", len(found.points), points), ("cells", sum(len(b.data) for b in found.cells), cells)):
         if promised is not None and count != promised:
             raise InputError(f"{path} has {count} {name}, but its header says {promised}: is it cut short or damaged?")
     return found, [f"meshio: {said}"] if said else []
 
 
-def quietly(act: Callable[[], Any], what: str) -> tuple[Any, str]:
+class _Lost(io.StringIO):
+    """Takes what meshio prints, up to the first line that it passes over: setting a message takes it a millisecond."""
+
+    def write(self, text: str) -> int:
+        if "could not parse" in text:
+            raise ValueError(f"it has lines that do not belong to what is above them: {' '.join(text.split())}")
+        return super().write(text)
+
+
+def quietly(act: Callable[[], Any], what: str, into: io.StringIO | None = None) -> tuple[Any, str]:
     """The result and the printed text. Any exception of meshio, including SystemExit, becomes an InputError of one line."""
-    said, own = io.StringIO(), meshio()._exceptions  # meshio exports only two of them
+    said, own = into or io.StringIO(), meshio()._exceptions  # meshio exports only two of them
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
             warnings.simplefilter("ignore")

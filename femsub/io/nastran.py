@@ -115,6 +115,9 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
             found[-1][1].extend(data)
         else:
             raise InputError(f"{path} begins with a continuation: {line.strip()!r:.60}")
+    if wrong := next((card for card, _ in found if card[0].isdigit()), None):
+        raise InputError(f"{path} has a card {wrong!r:.20}, and no name of a card begins with a digit: a name or the * of a "
+                         "continuation is damaged")
     return found
 
 

@@ -15,9 +15,9 @@ from femsub.algebra import RigidMotion
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS
-from femsub.io.damage import check_end, check_lines, check_room
-from femsub.io.dmig import Dmig, dmig_of, quadruples, real, whole
-from femsub.io.nastran import complete, entries_of
+from femsub.io.damage import check_room
+from femsub.io.dmig import Dmig, cards_of, dmig_of, quadruples, real, whole
+from femsub.io.nastran import complete
 from femsub.io.nastran_systems import NAMES, Systems
 from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
@@ -103,9 +103,7 @@ class _Deck:
     program: str = "Nastran"
 
     def add(self, file: Path) -> None:
-        check_end(file)
-        check_lines(file)
-        cards = entries_of(file)
+        cards = cards_of(file)
         self.supers |= {number for card, (number, *_) in cards if card == "BEGIN SUPER"}
         if len(self.supers) > 1:
             raise InputError(f"{file} holds the superelements {', '.join(sorted(self.supers))}: write a file for each")
@@ -372,6 +370,9 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     T = sp.block_diag([turn, sp.eye_array(len(order) - nb)], format="csr")
     K, M, *lossy = ((A + A.T) / 2 for A in (T.T @ part @ T for part in (K, M, H) if part is not None))
     extra, recovery = _extra(raw, order, set(boundary), T)
+    if (lost := sorted({grid for grid, _ in extra} - cd.keys())) and any(grid in cd for grid, _ in extra):
+        warn(f"{path}: there is no GRID card of {len(lost)} recovered grids, first {lost[0]}, but others have one: places of all "
+             "are left out. Is a card lost?")
     back, names = _turned(extra, systems, cd, place)
     V, kept = np.vstack([np.eye(len(order)), back.T @ recovery]), len(order) - nb
     D = None if D is None else T.T @ D @ T
