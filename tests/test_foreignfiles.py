@@ -88,7 +88,7 @@ def test_a_mesh_of_fluent_is_told_from_others(tmp_path: Path) -> None:
 
 
 def test_lines_that_do_not_belong_are_refused_at_the_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """meshio set a message of each in colours: 21,429 lines took 15 s."""
+    """meshio set a message of each in colours: 21,429 lines took seconds."""
     from meshio.su2 import _su2
 
     said, warn = list[str](), _su2.warn
