@@ -18,7 +18,16 @@ finite-element scene needs. The folders are rooms in the order of the method; im
 
 import logging
 
-import lazy_loader
+try:
+    import lazy_loader
+except ModuleNotFoundError:
+    from importlib.util import find_spec
+
+    from femsub.checks import installed_by
+    from femsub.errors import MissingPackageError
+
+    _lacking = [name for name in ("numpy", "scipy", "lazy_loader", "threadpoolctl") if find_spec(name) is None]
+    raise MissingPackageError(f"femsub needs {', '.join(_lacking)}: {installed_by(*_lacking)}") from None
 
 __version__ = "0.1.0"
 

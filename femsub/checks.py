@@ -50,8 +50,12 @@ CONFIRMED = "confirmed"
 NOT_CHECKED = "not checked"
 
 #: The extras of pyproject.toml, by the packages for which femsub asks; the plain set-up brings those of ''.
-EXTRAS = {"numpy": "", "scipy": "", "dolfinx-solver-real": "", "matplotlib": "figures", "scikit-fem": "fe", "meshio": "fe",
-          "plotly": "page", "pyyeti": "nastran", "h5py": "matlab", "ansys-mapdl-reader": "ansys", "shtab": "completion"}
+EXTRAS = {"numpy": "", "scipy": "", "lazy_loader": "", "threadpoolctl": "", "dolfinx-solver-real": "", "matplotlib": "figures",
+          "scikit-fem": "fe", "meshio": "fe", "plotly": "page", "pyyeti": "nastran", "h5py": "matlab",
+          "ansys-mapdl-reader": "ansys", "shtab": "completion"}
+
+#: classes that Python counts among the numbers; NumPy's spans of time are whole numbers to it
+NO_NUMBERS = ("bool", "timedelta64")
 
 T = TypeVar("T")
 
@@ -141,7 +145,7 @@ def installed_by(*names: str, numpy_below: int = 0) -> str:
 
 def finite_number(name: str, value: Any) -> float:
     """A finite real number."""
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if type(value).__name__ in NO_NUMBERS or not isinstance(value, Real):
         raise InputTypeError(f"{name} must be a number, not {shown(value)}")
     try:
         number = float(value)
@@ -162,7 +166,7 @@ def positive_number(name: str, value: Any) -> float:
 
 def whole_number(name: str, value: Any, least: int | None = None, most: int | None = None) -> int:
     """An int, from `least` to `most` where those are given."""
-    if isinstance(value, bool) or not isinstance(value, Integral):
+    if type(value).__name__ in NO_NUMBERS or not isinstance(value, Integral):
         raise InputTypeError(f"{name} must be a whole number, not {shown(value)}")
     number = int(value)
     if abs(number) > sys.maxsize:

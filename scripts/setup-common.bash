@@ -46,8 +46,8 @@ need_rights() {
     local place=$root
     [ ! -d "$state" ] || place=$state
     [ -w "$place" ] || die "you may not write in $place: its owner, $(stat -c %U "$place"), can run scripts/setup $extra there," \
-        "or set up a copy of your own: cp -r --no-preserve=mode,ownership $(printf %q "$root") ~/femsub &&" \
-        "bash ~/femsub/scripts/setup $extra"
+        "or set up a copy of your own: cp -rT $(printf %q "$root") ~/femsub && chmod -R u+w ~/femsub &&" \
+        "~/femsub/scripts/setup $extra"
 }
 
 # NumPy as the set-up installed it, where some pip has brought another major version.

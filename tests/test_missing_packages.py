@@ -214,6 +214,13 @@ def test_a_second_account_uses_a_clone_that_it_may_not_write_or_hears_in_one_lin
     first = second(clone / "scripts" / "setup", "page")
     assert first.returncode == 1 and first.stderr.count("\n") == 1
     assert f"you may not write in {clone}: its owner, root" in first.stderr
+    home = clone.parent / "home"
+    home.mkdir()
+    shutil.chown(home, "nobody")
+    remedy = first.stderr.split("of your own: ")[1]
+    done = called(["bash", "-c", remedy], user="nobody", cwd="/", env={"PATH": os.environ["PATH"], "HOME": str(home)})
+    assert done.returncode == 0, done.stderr
+    assert called([home / "femsub" / "scripts" / "femsub"], user="nobody", cwd="/").stdout == "it runs\n"
     assert called([clone / "scripts" / "setup", "dev"]).returncode == 0
     assert second(clone / "scripts" / "setup", "figures").returncode == 0
     assert second(clone / "scripts" / "femsub").stdout == "it runs\n"
@@ -236,3 +243,9 @@ def test_root_reads_first_that_packages_are_installed_and_dpkg_is_left_alone(clo
     assert lines[0] == ("femsub set-up: Debian's a-package are missing on this machine: apt-get installs them as root (20 s)")
     assert done.returncode == 1 and "try: dpkg --configure -a && apt-get update" in lines[-1]
     assert set((clone / "called").read_text().split()) == {"apt-get"}
+
+
+def test_femsub_without_its_packages_names_the_command() -> None:
+    """In an interpreter without site packages, such as Debian's."""
+    done = called([sys.executable, "-S", "-c", "import femsub"], env={"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT)})
+    assert done.returncode and "MissingPackageError: femsub needs numpy, scipy, lazy_loader, threadpoolctl: " in done.stderr

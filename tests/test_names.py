@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -92,3 +93,9 @@ def test_labels_of_dof_are_read_again_as_they_were(tmp_path: Path) -> None:
     assert "\n1,'=1+1\n1,'-x\n2,uz\n" in (tmp_path / "dofs.csv").read_text(encoding="utf-8")
     found = read_dofs(tmp_path / "dofs.csv", dofs.labels)
     assert found.labels == dofs.labels and np.array_equal(found.components, dofs.components)
+
+
+@pytest.mark.parametrize("wrong", [lambda one: fs.chain(one), lambda one: fs.Belt(force=one)])
+def test_a_span_of_time_is_no_number(wrong: Callable[[object], object]) -> None:
+    with pytest.raises(fs.InputTypeError, match=r"must be a (whole )?number, not .*timedelta64"):
+        wrong(np.timedelta64(3))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, mapping, path_of, positive_number, truth
+from femsub.checks import Array, Matrix, mapping, path_of, positive_number, truth, word
 from femsub.errors import InputError, InputTypeError, empty_dofs_text, warn
 from femsub.io.abaqus_calculix import DIRECTIONS, HELD, dof_map, read_dofs
 from femsub.io.damage import unreadable_refused
@@ -108,6 +108,7 @@ def _component(M: str | Path, K: str | Path | None, D: str | Path | None, dofs: 
                interface: Iterable[Any], ports: Mapping[str, Any] | None, name: str | None, massless: bool, drop_empty: bool,
                cutoff: float | None) -> Substructure:
     ports = None if ports is None else mapping("ports", ports, "names and columns")
+    name = None if name is None else word("name", name)
     truth("massless", massless)
     truth("drop_empty", drop_empty)
     bare = isinstance(interface, (list, tuple)) and not interface

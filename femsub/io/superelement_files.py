@@ -106,6 +106,7 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     target = path_of("folder", folder)
     choice("program", program, PROGRAMS)
     whole_number("number", number, 1, MOST_PARTS)
+    full = None if full is None else instance("full", full, Substructure)
     places = _places(instance("model", model, Substructure), number, program == "calculix")
     nodes: str | list[int] = [] if recover is None else choice("recover", recover, ("all",)) if isinstance(recover, str) else (
         sorted(set(whole_numbers("recover", recover).tolist())))
