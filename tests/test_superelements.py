@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import shutil
@@ -624,6 +625,33 @@ def test_the_nodes_that_are_recovered_are_chosen(arm: Any, program: str, tmp_pat
         fs.write_superelement(tmp_path, rom, program, recover=[5, 99])
     with pytest.raises(fs.InputError, match="recover"):
         fs.write_superelement(tmp_path, rom, program, recover="every")
+    with pytest.raises(fs.InputError, match="not node 7777"):  # also of a model that is not reduced
+        fs.write_superelement(tmp_path, arm[0], program, recover=[7777])
+
+
+def test_what_is_recovered_is_what_was_written(arm: Any, tmp_path: Path) -> None:
+    rom = arm[1]
+    bare = dataclasses.replace(rom, full_dofs=None)
+    fs.write_superelement(tmp_path / "bare", bare, "dmig", recover="all")
+    held = dataclasses.replace(rom, V=np.where((rom.full_dofs.nodes == 6)[:, None], 0.0, rom.V))
+    files = fs.write_superelement(tmp_path / "held", held, "dmig", recover=[6])
+    for name in ("bare", "held"):
+        assert json.loads((tmp_path / name / "validity.json").read_text())["recovered nodes"] == "none but the interface"
+    assert "MUG1T" not in files[0].read_text() and "TUG1" not in files[0].read_text()
+    read(files[0])
+    with pytest.raises(fs.InputError, match="recover: Exudyn"):
+        fs.write_superelement(tmp_path, rom, "exudyn", full=arm[0], recover=[5])
+
+
+def test_a_full_target_is_named_not_the_temporary_folder(arm: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pyyeti.nastran.op4")
+
+    def full(*given: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("shutil.copyfileobj", full)
+    with pytest.raises(fs.InputError, match=r"the folder .*target cannot be written: No space left"):
+        fs.write_superelement(tmp_path / "target", arm[1], "nastran")
 
 
 def test_recovered_motions_are_read_without_a_square_of_their_number(tmp_path: Path) -> None:

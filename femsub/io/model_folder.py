@@ -144,8 +144,9 @@ def write_op4(file: BinaryIO, op4: Any, parts: Mapping[str, Matrix]) -> None:
     with scratch(need) as folder:  # pyyeti needs a file name, and closes the file
         path = folder / "model.op4"
         op4.write(str(path), dict(parts))
-        with path.open("rb") as whole:
-            shutil.copyfileobj(whole, file)
+        whole = path.open("rb")
+    with whole:  # it can be read although its name is gone; errors are now those of the target
+        shutil.copyfileobj(whole, file)
 
 
 def read_model(folder: Path) -> Substructure:

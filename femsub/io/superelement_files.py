@@ -116,7 +116,13 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
         "nastran": partial(_nastran, model, places, name, rows), "dmig": partial(_dmig, model, places, name, rows),
         "abaqus": partial(_matrix_input, model, places, name, rows, False),
         "calculix": partial(_matrix_input, model, places, name, rows, True), "exudyn": partial(_exudyn, model, full, name)}
+    if program == "exudyn" and recover not in (None, "all"):
+        raise InputError("recover: Exudyn's file has the motions of all nodes; leave recover out")
     recovers = "all" if program == "exudyn" else nodes
+    if program in ("nastran", "dmig") and isinstance(model, ReducedSubstructure):
+        known = [node for node, _ in _recovery(model, places, rows)[0]]
+        whole = model.full_dofs is not None and len(known) == len(np.unique(model.full_dofs.nodes))
+        recovers = "all" if nodes == "all" and whole else known
     files = makers[program]() | {VALIDITY: partial(_validity, model=model, places=places, recovers=recovers)}
     try:
         return write_whole(target, files)
@@ -126,16 +132,19 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
 
 def _rows(model: Substructure, nodes: str | list[int]) -> Array:
     """The rows of V that are written."""
-    if not isinstance(model, ReducedSubstructure) or not nodes:
+    if not nodes or (nodes == "all" and not isinstance(model, ReducedSubstructure)):
         return np.zeros(0, dtype=np.intp)
-    if nodes == "all":
-        return np.arange(len(model.V))
-    dofs = model.full_dofs
+    if isinstance(model, ReducedSubstructure):
+        if nodes == "all":
+            return np.arange(len(model.V))
+        dofs = model.full_dofs
+    else:
+        dofs = model.dofs
     if dofs is None or (missing := np.setdiff1d(nodes, dofs.nodes)).size:
         known = "its full model has no DOF map" if dofs is None else f"not node {missing[0]}"
         raise InputError(f"recover: {model.name!r} does not know these nodes: {known}. Name nodes of the full model's DOF map, "
                          "or 'all'")
-    return np.flatnonzero(np.isin(dofs.nodes, nodes))
+    return np.flatnonzero(np.isin(dofs.nodes, nodes) & isinstance(model, ReducedSubstructure))  # others have no V
 
 
 @dataclass(frozen=True)
@@ -238,6 +247,8 @@ def _recovery(model: Substructure, places: Places, rows: Array) -> tuple[list[tu
     nodes, index = np.unique(dofs.nodes[rows], return_inverse=True)
     table = np.zeros((6 * len(nodes), model.size))
     table[6 * index + direction[rows]] = model.V[rows][:, places.order]
+    if not table.any():  # a matrix without entries is read by nobody
+        return [], np.zeros((0, model.size))
     return [(int(node), 6 * at + 1) for at, node in enumerate(nodes)], table
 
 
