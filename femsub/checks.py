@@ -202,9 +202,12 @@ def word(name: str, value: Any) -> str:
 
 
 def csv_cell(text: str) -> str:
-    """A text for a CSV file. A spreadsheet would run one that begins like a formula, so that gets an apostrophe."""
+    """A text for a CSV file. A spreadsheet would run one that begins like a formula, so that gets an apostrophe.
+
+    One that looks as if it had got one gets another, so that reading takes away one and finds the text.
+    """
     text = printable(text).replace("\n", " ")
-    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
+    return f"'{text}" if text.lstrip("'").startswith(("=", "+", "-", "@")) else text
 
 
 def instance(name: str, value: Any, kind: type[T], hint: str = "") -> T:

@@ -99,3 +99,10 @@ def test_labels_of_dof_are_read_again_as_they_were(tmp_path: Path) -> None:
 def test_a_span_of_time_is_no_number(wrong: Callable[[object], object]) -> None:
     with pytest.raises(fs.InputTypeError, match=r"must be a (whole )?number, not .*timedelta64"):
         wrong(np.timedelta64(3))
+
+
+@pytest.mark.parametrize("label", ["=a", "'=a", "''=a", "'a", "'", "-x"])
+def test_a_label_of_any_sign_is_read_back(label: str, tmp_path: Path) -> None:
+    with (tmp_path / "dofs.csv").open("wb") as file:
+        write_dofs(file, fs.DofMap(np.array([1, 2]), np.array([0, 1]), (label, "ux")))
+    assert read_dofs(tmp_path / "dofs.csv").name(0) == f"{label} at node 1"
