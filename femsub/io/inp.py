@@ -328,11 +328,12 @@ def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) ->
     values, counts = fields(f"{path}: the data of *NODE", data, float)
     if not len(counts):
         return
-    lines = [line.rstrip(", \t").count(",") for line in data.split("\n")] if counts.max() > 4 else [0]
-    if not 3 <= counts.max() <= 8 or max(lines) > 6 or {4, 5} & {*lines}:  # three numbers of a normal may follow, and a comma
+    lines = [line.rstrip(", \t").count(",") for line in data.split("\n") if line.strip()] if counts.max() > 4 else [0]
+    table = as_table(values, counts)
+    some = table[np.isin(lines, (4, 5)), 4:7] if len(lines) == len(table) else table[:0, 4:7]  # of a normal, or 0,5
+    if not 3 <= counts.max() <= 8 or max(lines) > 6 or not ((np.abs(some) <= 1).all() and some.any(axis=1).all()):
         raise InputError(f"{path}: *NODE has {len(values)} numbers in {len(counts)} lines; each line must be number, x, y, z "
                          "(coordinates that are left out at the end of a line are 0; a normal may follow; write 0.5, not 0,5)")
-    table = as_table(values, counts)
     whole = whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
     points = np.zeros((len(table), 3))
     points[:, :min(table.shape[1] - 1, 3)] = table[:, 1:4]
