@@ -218,3 +218,9 @@ def test_a_matrix_of_sierra_has_finite_numbers(tmp_path: Path) -> None:
         "disp('This Matrix is in a Symmetric Sparse Format (Lower Triangular)')\n")
     with pytest.raises(fs.InputError, match="beyond all limits in row 2"):
         fs.read_matrix(tmp_path / "a_Kaa.m")
+
+
+@pytest.mark.parametrize("empty", [[], (), range(0), np.array([], int)])
+def test_an_empty_interface_of_any_kind_is_none(empty: Any, tmp_path: Path) -> None:
+    fs.write_matrices(tmp_path / "part", fs.Substructure(np.eye(2), np.eye(2)))
+    assert fs.read_component(tmp_path / "part", interface=empty).size == 2

@@ -111,7 +111,8 @@ def _component(M: str | Path, K: str | Path | None, D: str | Path | None, dofs: 
     name = None if name is None else word("name", name)
     truth("massless", massless)
     truth("drop_empty", drop_empty)
-    bare = isinstance(interface, (list, tuple)) and not interface
+    listed = interface.tolist() if isinstance(interface, np.ndarray) else interface
+    bare = isinstance(listed, (list, tuple, range)) and not listed
     if cutoff is not None and (K is not None or not _superelement(path_of("M", M))):
         raise InputError("cutoff is for superelements, read_component('part.op4', cutoff=...)")
     if K is None and _superelement(path_of("M", M)):
