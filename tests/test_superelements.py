@@ -127,6 +127,11 @@ def test_dmig_with_grids_is_a_superelement(tmp_path: Path) -> None:
     bare = fs.read_matrix(tmp_path / "part.pch", "KAAX")
     assert bare.shape == (5, 5) and bare[0, 3] == bare[3, 0] == -1.0
     assert fs.read_matrix(written(tmp_path, HEADS, "job.dat"), "maax").shape == (5, 5)
+    with_param = written(tmp_path, f"{HEADS}PARAM   KAAX    YES\n", "param.dat")
+    assert fs.read_matrix(with_param, "KAAX").shape == (5, 5)
+    for card in ("DMLG", "DMI"):
+        with pytest.raises(fs.InputError, match="is no DMIG"):
+            fs.read_matrix(written(tmp_path, f"{HEADS}{card:8}KAAX    YES\n", "wrong.dat"), "KAAX")
     named = fs.read_component(f"{tmp_path}/part.pch:MAAX", f"{tmp_path}/part.pch:KAAX", interface=["2.1"])
     assert named.size == 5 and named.interface.tolist() == [3]
 

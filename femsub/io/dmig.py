@@ -23,6 +23,7 @@ SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; th
 #: cards of `write_superelement`
 WRITTEN = {"ASET1", "BEGIN SUPER", "BSET1", "DMIG", "DTI", "EXTRN", "GRID", "QSET1", "SEBULK", "SECONCT", "SPOINT"}
 FORMS = (SQUARE, 2, SYMMETRIC, NUMBERED)
+OTHERS = ("PARAM", "DTI", "MDLPRM", "DOPTPRM", "AECOMP", "MONPNT1", "MONPNT2", "MONPNT3", "MONDSP1")  # begin with any name
 _REAL = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)([EDed][+-]?\d++|[+-]\d++)?", re.ASCII)
 
 
@@ -116,7 +117,7 @@ def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
             if before == "DMIG" and not fields[0] and card not in ("BEGIN SUPER", "GRDSET"):
                 raise InputError(f"{path}: the card {card!r:.20} below {before} has a blank first field, as a continuation "
                                  "has: its * is damaged, and an entry would be lost")
-            if card[:4] == "DMIG" or fields[0].lower() in found:
+            if card[:4] == "DMIG" or (fields[0].lower() in found and card not in OTHERS):
                 raise InputError(f"{path}: a card {card!r:.40} of {fields[0]!r:.20} is no DMIG, but names a matrix of it, or "
                                  "begins like it. Mend its name, or remove a comma from its fields of fixed width")
             continue
