@@ -182,6 +182,8 @@ PARTS = "CMBLOCK,LEFT    ,NODE,       2  ! of a user\n(8i10)\n        11       -
 
 def test_components_and_materials_are_sets(tmp_path: Path) -> None:
     (tmp_path / "bar.cdb").write_text(archive(185, LINE, BRICKS, PARTS))
+    (tmp_path / "end.cdb").write_text((tmp_path / "bar.cdb").read_text().rstrip() + "\nFINISH")
+    assert fs.read_mesh(tmp_path / "end.cdb").kind == "hexahedron"
     mesh = fs.read_mesh(tmp_path / "bar.cdb")
     assert mesh.numbers[mesh.sets["LEFT"]].tolist() == [11, 12, 13, 14]
     assert {name: rows.tolist() for name, rows in mesh.groups.items()} == {"ONE": [1], "material-1": [0], "material-2": [1]}

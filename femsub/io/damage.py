@@ -97,10 +97,10 @@ def check_lines(path: Path) -> bool:
     return bool(said)
 
 
-def check_end(path: Path, comment: bytes = b"\n") -> None:
+def check_end(path: Path, comment: bytes = b"\n", last_words: str = "") -> None:
     """Refuse a text file whose last line has no end: it was cut short, and its last number may have lost digits.
 
-    A line with a `comment` sign may be cut.
+    A line with a `comment` sign may be cut, and one that matches `last_words` is whole.
     """
     with open(path, "rb") as file:
         end = file.seek(0, io.SEEK_END)
@@ -109,6 +109,6 @@ def check_end(path: Path, comment: bytes = b"\n") -> None:
     if not tail:
         raise InputError(f"{path} is empty")
     last = tail.replace(b"\r", b"\n").rpartition(b"\n")[2].partition(comment)[0].decode("ascii", "replace")
-    if last.strip():
+    if last.strip() and not re.fullmatch(last_words, last.strip(), re.IGNORECASE):
         raise InputError(f"{path} seems to be cut short: its last line, {last[-40:]!r}, does not end. Write the file again; "
                          "if it is complete, end the line")
