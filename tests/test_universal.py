@@ -359,3 +359,13 @@ def test_no_more_parameters_than_a_mode_has(tmp_path: Path) -> None:
         (tmp_path / "bench.uff").write_text(BENCH + text.replace(old, new, 1))
         with pytest.raises(fs.InputError, match=r"real parameters, where .* belong"):
             fs.read_modes(tmp_path / "bench.uff")
+
+
+def test_parameters_that_are_not_announced_are_read(tmp_path: Path) -> None:
+    """Some programs announce one parameter and write all of them, and more."""
+    text = old_mode(10.0, 0.02, SHAPES[0])
+    head, values = numbers(2, 4, 0, 1), reals(10.0, 1, 0.02, 0.0)
+    assert head + values in text
+    more = numbers(2, 1, 0, 1) + reals(10.0, 1, 0.02, 0, 0)
+    (tmp_path / "bench.uff").write_text(BENCH + text.replace(head + values, more))
+    assert np.allclose(np.abs(fs.read_modes(tmp_path / "bench.uff").eigenvalues), 20 * np.pi)

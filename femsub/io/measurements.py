@@ -272,7 +272,8 @@ def _mode(file: Path, one: DataSet) -> _Mode | None:
     begin = real + 1 if old else real + 2
     numbers = as_numbers(where, apart(" ".join(one.lines[real:begin])), float)
     announced = whole(file, where, one.lines[real - 1].split()[1:2]) if old else [12]
-    if announced and len(numbers) > announced[0] > 0:
+    need = (4 if old else 6) if analysis == NORMAL else (2 if old else 8)
+    if announced and len(numbers) > announced[0] >= need:  # some programs announce 1, whatever follows
         raise InputError(f"{where} has {len(numbers)} real parameters, where {announced[0]} belong: is a number in two pieces?")
     return _Mode(_eigenvalue(where, numbers, analysis, old), _values_at_nodes(file, where, one.lines[begin:], width,
                                                                               NUMBERS[data][1]), old)
