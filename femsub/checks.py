@@ -21,6 +21,7 @@ from pathlib import Path
 from tempfile import gettempdir
 from threading import RLock
 from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, TypeAlias, TypeVar
+from unicodedata import category
 
 from femsub.errors import (
     InputError,
@@ -196,9 +197,15 @@ def word(name: str, value: Any) -> str:
     """A string, such as a name: it is printed, so it may hold no signs that a terminal obeys."""
     if not isinstance(value, str):
         raise InputTypeError(f"{name} must be a string, not {shown(value)}")
-    if not value.isprintable():
+    if as_word(value) != value:
         raise InputError(f"{name} must have printable characters only, but is {shown(value)}")
     return value
+
+
+def as_word(text: str) -> str:
+    """A text of a file as a name: control and format characters and surrogates, which `word` refuses, as escapes."""
+    return "".join(sign.encode("unicode_escape", "surrogatepass").decode() if category(sign) in ("Cc", "Cf", "Cs") else sign
+                   for sign in text)
 
 
 def csv_cell(text: str) -> str:

@@ -37,6 +37,18 @@ def test_a_name_is_printable_text(make: Any) -> None:
         assert str(caught.value).isprintable() and len(str(caught.value)) < 500
 
 
+def test_a_name_may_have_spaces_of_any_script_and_a_file_any_name(tmp_path: Path) -> None:
+    for name in ("disc\u00a0A", "\u30d6\u30ec\u30fc\u30ad\u3000A"):
+        model = fs.Substructure(np.eye(2), np.eye(2), name=name)
+        fs.write_matrices(tmp_path / "model", model)
+        assert fs.read_component(tmp_path / "model").name == name
+        mesh = fs.Mesh(np.eye(2), [[0, 1]], "line", {name: [0]}, name=name)
+        assert fs.read_mesh(fs.write_mesh(tmp_path / f"{name}.vtu", mesh)).name == name
+    plain = fs.write_mesh(tmp_path / "plain.vtu", fs.block((1.0, 1.0, 1.0), (1, 1, 1)))
+    evil = plain.rename(tmp_path / f"{EVIL}\n.vtu")
+    assert fs.read_mesh(evil).name == "pad\\x1b]0;owned\\x07\\x1b[31m\\x9b2J\\u202e\\n"
+
+
 def test_no_message_holds_what_a_terminal_obeys() -> None:
     for error in (fs.InputError(f"no {EVIL}"), fs.MissingPackageError(EVIL), fs.WorkerError(EVIL),
                   unknown_name("part", EVIL, [EVIL])):

@@ -12,7 +12,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from femsub.checks import Array, choice, instance, mapping, path_of, word
+from femsub.checks import Array, as_word, choice, instance, mapping, path_of, word
 from femsub.components import CELLS, Mesh, checked
 from femsub.errors import InputError
 from femsub.io.atomic import scratch, write_whole
@@ -118,9 +118,10 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     if cells.shape[1:] != (CELLS[chosen][1],) or cells.min() < 0 or cells.max() >= len(found.points):
         raise InputError(f"{place}: {chosen} cells name nodes that the file does not give; is it damaged?")
     sets, groups, lost = _sort(found, blocks, chosen)
+    sets, groups = ({key if as_word(key) in of else as_word(key): rows for key, rows in of.items()} for of in (sets, groups))
     if lost:
         notes.append(f"{_several(lost)} cells of lower dimension, in no set, dropped")
-    called = place.stem if name is None else word("name", name)
+    called = as_word(place.stem) if name is None else word("name", name)
     mesh = Mesh(found.points, cells, chosen, sets, groups, _node_numbers(found), notes, called)
     numbers = getattr(found, "cells_id", None)
     return checked(mesh, None if numbers is None else np.concatenate([numbers[block.number] for block in taken]))
