@@ -44,6 +44,10 @@ def test_a_name_may_have_spaces_of_any_script_and_a_file_any_name(tmp_path: Path
         assert fs.read_component(tmp_path / "model").name == name
         mesh = fs.Mesh(np.eye(2), [[0, 1]], "line", {name: [0]}, name=name)
         assert fs.read_mesh(fs.write_mesh(tmp_path / f"{name}.vtu", mesh)).name == name
+    index = tmp_path / "model" / "model.json"
+    index.write_text(index.read_text("utf-8").replace('"name": "', '"name": "\\u001b'), "utf-8")
+    with pytest.raises(fs.InputError, match=r"model\.json.*printable characters"):
+        fs.read_component(tmp_path / "model")
     plain = fs.write_mesh(tmp_path / "plain.vtu", fs.block((1.0, 1.0, 1.0), (1, 1, 1)))
     evil = plain.rename(tmp_path / f"{EVIL}\n.vtu")
     assert fs.read_mesh(evil).name == "pad\\x1b]0;owned\\x07\\x1b[31m\\x9b2J\\u202e\\n"

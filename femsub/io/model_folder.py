@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import RigidMotion
-from femsub.checks import Matrix, choice, instance, path_of, unlike
+from femsub.checks import Matrix, as_word, choice, instance, path_of, unlike
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
 from femsub.io.atomic import HASHES, Writer, hashed, newest, scratch, write_whole
@@ -313,7 +313,8 @@ def _is_place(value: Any) -> bool:
 
 Check = tuple[str, Callable[[Any], bool], str]
 CHECKS: tuple[Check, ...] = (
-    ("name", _is_text, "a text"), ("interface", _is_list(_is_count), "a list of DOF counted from 0"),
+    ("name", lambda value: _is_text(value) and as_word(value) == value, "a text of printable characters"),
+    ("interface", _is_list(_is_count), "a list of DOF counted from 0"),
     ("ports", _is_table(_is_count), "the number of columns of each port"),
     ("files", _is_table(_is_place), "a file in this folder for each matrix"),
     (HASHES, _is_table(_is_text), "the hash of each file"))
