@@ -350,8 +350,11 @@ def hash_of(path: Path) -> str:
         return content_hash(file)
 
 
-def unlike(path: Path, known: str, size: int | None = None) -> str:
-    """How a file differs from the one with this hash, and with so many bytes if they are known; '' if it does not."""
+def unlike(path: Path, known: str, size: int | None = None, raising: bool = False) -> str:
+    """How a file differs from the one with this hash, and with so many bytes if they are known; '' if it does not.
+
+    `raising`: an OSError of reading is raised, not returned as a difference.
+    """
     try:
         if not path.is_file():
             return "there is no such file"
@@ -359,6 +362,8 @@ def unlike(path: Path, known: str, size: int | None = None) -> str:
             return f"it has {path.stat().st_size} bytes, and had {size}"
         return "" if hash_of(path) == known else "its content has changed"
     except OSError as error:
+        if raising:
+            raise
         return f"it cannot be read: {error.strerror or error}"
 
 

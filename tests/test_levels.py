@@ -135,6 +135,24 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     assert not [path for path in work.iterdir() if path.name.endswith(".unfinished")]
 
 
+@pytest.mark.parametrize("error", [MemoryError(), OSError(24, "Too many open files"), OSError(5, "Input/output error")])
+def test_what_cannot_be_read_for_now_is_not_taken_for_damaged(error: Exception, tmp_path: Path,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(*_: object, **__: object) -> None:
+        raise error
+
+    notes, work = tmp_path / "notes", tmp_path / "work"
+    notes.mkdir()
+    parts, method = chain_parts(2, str(notes)), fs.CraigBampton(modes=3)
+    fs.reduce_by_levels(parts, method, work)
+    for place in ("numpy.load", "femsub.checks.hash_of"):
+        with monkeypatch.context() as patch, pytest.raises(type(error)):
+            patch.setattr(place, failing)
+            fs.reduce_by_levels(parts, method, work)
+    fs.reduce_by_levels(parts, method, work)
+    assert len(list(notes.iterdir())) == 2
+
+
 def files_in(folder: Path) -> list[str]:
     """All files that the tasks have written, but for arrays of zeros."""
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file() and path.name != "alive"

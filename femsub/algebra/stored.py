@@ -108,7 +108,7 @@ def load(folder: Path, files: Files = MappingProxyType({})) -> Any:
         There is no such folder.
     """
     for name, (size, known) in files.items():
-        if why := unlike(folder / name, known, size):
+        if why := unlike(folder / name, known, size, raising=True):
             raise DamagedFileError(f"{folder / name} is damaged, or was changed: {why}")
     content = (folder / PICKLE).read_bytes()
     body = memoryview(content)[:-hashlib.sha256().digest_size]

@@ -324,6 +324,9 @@ def _earlier(folder: Path, name: str, key: str, what: str) -> Task | None:
             return None
         load(folder / name, task.files)
     except Exception as error:  # a pickle of another version may raise anything
+        kinds_of_damage = FileNotFoundError, IsADirectoryError, NotADirectoryError
+        if isinstance(error, MemoryError) or (isinstance(error, OSError) and not isinstance(error, kinds_of_damage)):
+            raise  # no memory, no file handle or a failing disk: the result itself may be whole
         why = error if isinstance(error, DamagedFileError) else f"{folder / name} is damaged ({type(error).__name__}: {error})"
         warn(f"{why}. The {what} {name!r} is made anew")
         return None
