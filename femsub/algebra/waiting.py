@@ -32,7 +32,8 @@ def is_stopped(pid: int) -> bool:
     return False
 
 
-def first_done(futures: Iterable[Future[Any]], at_work: Callable[[], Mapping[int, str]], named: set[int]) -> set[Future[Any]]:
+def first_done(futures: Iterable[Future[Any]], at_work: Callable[[], Mapping[int, str]], named: set[int],
+               killed: str = "and what the others have done is kept") -> set[Future[Any]]:
     """Those of the futures that have ended, one at least. A warning names each of the processes at work that is stopped.
 
     Parameters
@@ -42,6 +43,8 @@ def first_done(futures: Iterable[Future[Any]], at_work: Callable[[], Mapping[int
         {process: what it does} of those that may be waited for.
     named : set of int
         Processes that a warning has named; those of this call are added.
+    killed : str
+        What else `kill -KILL` does.
     """
     from concurrent.futures import FIRST_COMPLETED, wait
 
@@ -50,6 +53,6 @@ def first_done(futures: Iterable[Future[Any]], at_work: Callable[[], Mapping[int
         for pid, what in at_work().items():
             if pid not in named and is_stopped(pid):
                 named.add(pid)
-                log.warning("%s waits: process %d is stopped (state T). `kill -CONT %d` lets it go on; `kill -KILL %d` ends it, "
-                            "and what the others have done is kept", what, pid, pid, pid)
+                log.warning("%s waits: process %d is stopped (state T). `kill -CONT %d` lets it go on; `kill -KILL %d` ends it, %s",
+                            what, pid, pid, pid, killed)
     return ended

@@ -223,9 +223,10 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
                 pools.append(ProcessPoolExecutor(1, get_context("spawn"), os.setpgid, (0, shell.pid)))
                 new.append(pools[-1])
             with environment_of_workers():
-                begun = {pool.submit(os.getpid) for pool in new}
+                begun, stopped = {pool.submit(os.getpid) for pool in new}, set[int]()
                 while begun:
-                    ended = first_done(begun, lambda: dict.fromkeys(numbers(new), "a worker that begins"), set())
+                    ended = first_done(begun, lambda: dict.fromkeys(numbers(new), "a worker that begins"), stopped,
+                                       "and this call ends with an error")
                     begun -= {future for future in ended if future.result()}
         except OSError as error:
             if error.errno != ENOSPC:
