@@ -146,7 +146,7 @@ def test_what_cannot_be_read_for_now_is_not_taken_for_damaged(error: Exception, 
     parts, method = chain_parts(2, str(notes)), fs.CraigBampton(modes=3)
     fs.reduce_by_levels(parts, method, work)
     for place in ("numpy.load", "femsub.checks.hash_of"):
-        with monkeypatch.context() as patch, pytest.raises(type(error)):
+        with monkeypatch.context() as patch, pytest.raises((MemoryError, fs.InputError)):
             patch.setattr(place, failing)
             fs.reduce_by_levels(parts, method, work)
     fs.reduce_by_levels(parts, method, work)

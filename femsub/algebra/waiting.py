@@ -53,6 +53,6 @@ def first_done(futures: Iterable[Future[Any]], at_work: Callable[[], Mapping[int
         for pid, what in at_work().items():
             if pid not in named and is_stopped(pid):
                 named.add(pid)
-                log.warning("%s waits: process %d is stopped (state T). `kill -CONT %d` lets it go on; `kill -KILL %d` ends it, %s",
-                            what, pid, pid, pid, killed)
+                log.warning("%s waits: process %d is stopped (state T). `kill -CONT %d` lets it go on; `kill -KILL %d` ends it, "
+                            "%s", what, pid, pid, pid, killed)
     return ended

@@ -259,7 +259,7 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
         missed = counted - below - rigid
         if missed == 0:
             found = checked or _result(handle, values[:count], shapes[:, :count], *uncounted)
-            found = _certified(found, Tally(below + rigid, counted))
+            found = _with_tally(found, Tally(below + rigid, counted))
             _remember(handle.K, handle.M, limit, found)
             return found
         if missed < 0 or attempt == 3:
@@ -293,10 +293,10 @@ def count_deferred(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     counted = _count(handle, limit**2)
     _check_count(counted, expected, limit**2)
     _remember(handle.K, handle.M, limit**2, modes)
-    return _certified(modes, Tally(expected, counted))
+    return _with_tally(modes, Tally(expected, counted))
 
 
-def _certified(modes: NormalModes, tally: Tally) -> NormalModes:
+def _with_tally(modes: NormalModes, tally: Tally) -> NormalModes:
     """The modes with this tally, without its count where rounding may make one of them rigid motion."""
     return replace(modes, tally=tally if modes.rounding.max(initial=0.0) <= 1 else replace(tally, counted=None))
 
@@ -413,7 +413,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
                 else f"The entries are known to about {handle.unit:.0e} of each: write K with all digits (17)"),
              ConditionWarning)
     found = NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, tally, rounding)
-    return _certified(found, tally)
+    return _with_tally(found, tally)
 
 
 def normal_modes(model: Substructure, count: int | None = None, band: tuple[float, float] | None = None) -> NormalModes:

@@ -323,10 +323,11 @@ def _earlier(folder: Path, name: str, key: str, what: str) -> Task | None:
         if task.key != key:
             return None
         load(folder / name, task.files)
+    except MemoryError:
+        raise
     except Exception as error:  # a pickle of another version may raise anything
-        kinds_of_damage = FileNotFoundError, IsADirectoryError, NotADirectoryError
-        if isinstance(error, MemoryError) or (isinstance(error, OSError) and not isinstance(error, kinds_of_damage)):
-            raise  # no memory, no file handle or a failing disk: the result itself may be whole
+        if isinstance(error, OSError) and not isinstance(error, (FileNotFoundError, IsADirectoryError, NotADirectoryError)):
+            raise _unread(folder / name, error) from None  # no file handle or a failing disk: the result itself may be whole
         why = error if isinstance(error, DamagedFileError) else f"{folder / name} is damaged ({type(error).__name__}: {error})"
         warn(f"{why}. The {what} {name!r} is made anew")
         return None
@@ -339,7 +340,13 @@ def _read(folder: Path, task: Task) -> dict[str, Any]:
         found: dict[str, Any] = load(folder / task.name, task.files)
     except DamagedFileError as error:
         raise DamagedFileError(f"{error}. {ADVICE}, and makes {task.name!r} anew") from None
+    except OSError as error:
+        raise _unread(folder / task.name, error) from None
     return found
+
+
+def _unread(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path} cannot be read: {error.strerror or error}. Nothing was deleted; try again once it can be read")
 
 
 def _pairs(tasks: Sequence[Task]) -> list[tuple[Task, Task]]:
