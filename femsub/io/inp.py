@@ -334,6 +334,9 @@ def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) ->
     if not 3 <= counts.max() <= 8 or max(lines) > 6 or not ((np.abs(some) <= 1).all() and some.any(axis=1).all()):
         raise InputError(f"{path}: *NODE has {len(values)} numbers in {len(counts)} lines; each line must be number, x, y, z "
                          "(coordinates that are left out at the end of a line are 0; a normal may follow; write 0.5, not 0,5)")
+    if len(some):
+        found.notes.append(f"{len(some)} node{'s have' if len(some) > 1 else ' has'} one or two direction cosines of a normal. A "
+                           "coordinate with a decimal comma (0,5) would look alike: check that it has none")
     whole = whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
     points = np.zeros((len(table), 3))
     points[:, :min(table.shape[1] - 1, 3)] = table[:, 1:4]
