@@ -26,7 +26,7 @@ def scene_schema(name: str) -> dict[str, Any]:
     made = _table(scene, defaults_of(scene, name))
     made["properties"] = {"scene": {"const": name, "description": told}, **made["properties"]}
     made["required"] = [*(["scene"] if name != "chain" else []), *made["required"]]
-    return {"$schema": DIALECT, "title": f"femsub scene {name}", "description": told, **made}
+    return {"$schema": DIALECT, "title": f"femsub scene {name}", "description": told, "minProperties": 1, **made}
 
 
 def schema() -> dict[str, Any]:
@@ -57,7 +57,7 @@ def schema() -> dict[str, Any]:
             del asked["required"]
         cases.append({"if": asked, "then": {"properties": {"scene": {}, **own}, **rules}})
     return {"$schema": DIALECT, "title": "femsub scene file",
-            "description": "What `femsub run` computes. `femsub keys SCENE` explains the keys.", "type": "object",
+            "description": "What `femsub run` computes. `femsub keys SCENE` explains the keys.", "type": "object", "minProperties": 1,
             "allOf": [{"properties": every}, *cases]}
 
 

@@ -68,7 +68,7 @@ def read_cdb(path: Path) -> tuple[Any, list[str]]:
     InputError
         What is refused, by command and number.
     """
-    check_end(path, last_words="FINI(SH)?|/GO|/EOF|SAVE|SOLVE")
+    check_end(path, last_words=("FINI", "FINISH", "/GO", "/EOF", "SAVE", "SOLVE"))
     deck = _Deck(path)
     if not deck.numbers or not deck.elements:
         count = sum(map(len, deck.elements.values()))

@@ -9,7 +9,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -97,10 +97,10 @@ def check_lines(path: Path) -> bool:
     return bool(said)
 
 
-def check_end(path: Path, comment: bytes = b"\n", last_words: str = "") -> None:
+def check_end(path: Path, comment: bytes = b"\n", last_words: Sequence[str] = ()) -> None:
     """Refuse a text file whose last line has no end: it was cut short, and its last number may have lost digits.
 
-    A line with a `comment` sign may be cut, and one that matches `last_words` is whole.
+    A line with a `comment` sign may be cut, and one that is one of the `last_words` is whole.
     """
     with open(path, "rb") as file:
         end = file.seek(0, io.SEEK_END)
@@ -109,6 +109,6 @@ def check_end(path: Path, comment: bytes = b"\n", last_words: str = "") -> None:
     if not tail:
         raise InputError(f"{path} is empty")
     last = tail.replace(b"\r", b"\n").rpartition(b"\n")[2].partition(comment)[0].decode("ascii", "replace")
-    if last.strip() and not re.fullmatch(last_words, last.strip(), re.IGNORECASE):
+    if last.strip() and last.strip().upper() not in last_words:
         raise InputError(f"{path} seems to be cut short: its last line, {last[-40:]!r}, does not end. Write the file again; "
                          "if it is complete, end the line")
