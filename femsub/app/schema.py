@@ -57,8 +57,8 @@ def schema() -> dict[str, Any]:
             del asked["required"]
         cases.append({"if": asked, "then": {"properties": {"scene": {}, **own}, **rules}})
     return {"$schema": DIALECT, "title": "femsub scene file",
-            "description": "What `femsub run` computes. `femsub keys SCENE` explains the keys.", "type": "object", "minProperties": 1,
-            "allOf": [{"properties": every}, *cases]}
+            "description": "What `femsub run` computes. `femsub keys SCENE` explains the keys.",
+            "type": "object", "minProperties": 1, "allOf": [{"properties": every}, *cases]}
 
 
 def _table(kind: type, defaults: Mapping[str, Any]) -> dict[str, Any]:
