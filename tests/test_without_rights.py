@@ -89,6 +89,7 @@ def test_the_commands_say_in_one_line_what_they_may_not_read_or_write(folder: Pa
                 ["run", "open.toml", "--out", "results"], ["run", "open.toml", "--out", "closed"],
                 ["run", "open.toml", "--out", "closed/new"], ["run", "open.toml", "--out", "new"], ["audit", "M.mtx"],
                 ["audit", "closed/M.mtx"]]
+    folder.chmod(0o555)  # a user who is not root owns it
     done = as_another(f"""
 os.chdir({str(folder)!r})
 for command in {commands!r}:
@@ -98,6 +99,7 @@ for command in {commands!r}:
     except BaseException as error:
         print("raw", type(error), error, file=sys.stderr)
 """, folder / "home")
+    folder.chmod(0o755)
     (folder / "closed").chmod(0o755)
     for part in done.stderr.split("== ")[1:]:
         lines = part.splitlines()
