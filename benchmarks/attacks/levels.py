@@ -169,7 +169,8 @@ def damaged(seed: int, place: Path, expanded: bool) -> str:
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         again = fs.reduce_by_levels(parts, method, place / "work")
-    named = {task for task in changed for one in said if re.search(rf"/work/{task}[/ ]", str(one.message))}
+    named = {task for task in changed for one in said
+             if re.search(rf"{re.escape(str(place / 'work' / task))}[/ ]", str(one.message))}
     if (far := off(digits(again), right)) > 1e-9:
         return f"wrong: seed {seed}: {what}: off by {far:.1e}"
     if silent := [task for task in changed - named if f"all of {task} of" not in what and f"{task}/task/" not in what]:
