@@ -67,8 +67,9 @@ class Subject:
         Whether it is damaged as text: words, numbers, lines. In a folder, this is asked of each file by `text_file`.
     strict : set of str
         Kinds of damage behind which only the valid file's content or a refusal is right. 'word' puts nonsense in the place of
-        a number, 'comma' writes 0,5 for 0.5, 'nul' puts NUL bytes before the file. Checksums make 'bytes' strict, counts of
-        lines make 'line' strict. A folder's .json is never strict: it is what the rest is checked against.
+        a number, 'comma' writes 0,5 for 0.5 (a warning is right as well: commas separate numbers), 'nul' puts NUL bytes before
+        the file. Checksums make 'bytes' strict, counts of lines make 'line' strict. A folder's .json is never strict: it is
+        what the rest is checked against.
     honest : callable, optional
         The content that a damaged file honestly has, in the reader's form, or None if it has no meaning: a second reader, slow
         and simple. With it, any other content is a finding.
@@ -503,7 +504,8 @@ def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: P
             if verdict == "other" and subject.honest is not None:
                 meaning = subject.honest(path)
                 verdict = "meant" if meaning is not None and fingerprint(meaning) == answer else "wrong content"
-            elif verdict == "other" and mutant.kind in subject.strict and not mutant.file.endswith(".json"):
+            elif (verdict == "other" and mutant.kind in subject.strict and not mutant.file.endswith(".json")
+                    and (quiet or mutant.kind != "comma")):
                 verdict = "wrong content"
             if verdict == "other":
                 valid = (subject.path / mutant.file if mutant.file else subject.path).read_bytes()
