@@ -40,6 +40,8 @@ Array: TypeAlias = "np.ndarray"
 Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (sparse), both float64
 
 EPS = sys.float_info.epsilon
+POSITION = 1e-6  # of a model's size: mesh files print coordinates with six to seven digits, so points that meet differ by this
+EQUAL = 1e-9  # two results that exact arithmetic makes equal: some hundred roundings times a condition number of 1e5
 
 #: Evidence that nothing is missing: the result lists as many as an independent count without sampling gives. Such counts are the
 #: inertia of K - ω²M, the number of all eigenvalues that a pencil has, and the discs of `femsub.stability.exclusion`.

@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.algebra import check_room
-from femsub.checks import Array, choice, finite_number, items, positive_number, real_array, whole_number
+from femsub.checks import EQUAL, POSITION, Array, choice, finite_number, items, positive_number, real_array, whole_number
 from femsub.components.bending_elements import hermite_matrices
-from femsub.components.build import component, free_to_lift, gathered, node_at, optional_mapping, per_part, tell_rounding
+from femsub.components.build import component, free_to_lift, gathered, node_at, optional_mapping, per_part, warn_of_rounding
 from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
 
-BYTES = 2000.0  # memory per element while the matrices are made
-ROUNDING = 0.05  # see `tell_rounding`: 540 equal elements
 LABELS = ("w", "w,x")
 #: which of w and w,x a support holds
 SUPPORTS: dict[str, tuple[int, ...]] = {"free": (), "pinned": (0,), "guided": (1,), "clamped": (0, 1)}
@@ -97,7 +95,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     K, M = gathered(places, size, matrices)
     K = free_to_lift(K, np.arange(size) % 2 == 0)
     whole = 1 / (float(np.sum(h / bending)) * x[-1] ** 2)  # about a third of a tip's stiffness, 3EI/L³
-    tell_rounding(K, np.arange(size) % 2 == 0, whole, ROUNDING, name, "take longer elements")
+    warn_of_rounding(K, np.arange(size) % 2 == 0, whole, name, "take longer elements", growth=0.05)  # 540 equal elements
     if bed.any():
         K = K + gathered(places, size, bedding)[0]
     held = [2 * _node(x, place, "supports") + dof for place, kind in supports.items()
@@ -113,12 +111,13 @@ def _nodes(length: Any, elements: Any) -> Array:
     size = positive_number("length", length)
     if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
         x = real_array("the places of nodes (elements)", elements, finite=False)
-        if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=1e-9) or not (np.diff(x) > 0).all():
+        if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=EQUAL) or not (np.diff(x) > 0).all():
             raise InputError(f"elements, the positions of the nodes, must ascend from 0 to the length {size:.6g}, not "
                              f"{elements!r:.80}")
         return x
     count = whole_number("elements", elements, least=1)
-    check_room(f"a beam of {count:.3g} elements", BYTES * float(count))
+    # 16 entries of K and M, each with row and column, and four copies while they are summed
+    check_room(f"a beam of {count:.3g} elements", 2 * 16 * 16 * 4.0 * count)
     return np.arange(count + 1) * (size / count)
 
 
@@ -126,7 +125,7 @@ def _node(x: Array, place: Any, what: str) -> int:
     if isinstance(place, str):
         return 0 if choice(f"place in {what}:", place, ("left", "right")) == "left" else len(x) - 1
     where = [finite_number(f"a place in {what}", place)]
-    return node_at(x[:, None], 1 + np.arange(len(x)), where, what, 1e-6 * np.diff(x).min())
+    return node_at(x[:, None], 1 + np.arange(len(x)), where, what, POSITION * np.diff(x).min())
 
 
 def _column(x: Array, place: Any, what: str) -> Array:

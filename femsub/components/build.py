@@ -15,8 +15,7 @@ from femsub.model import Substructure
 if TYPE_CHECKING:
     from femsub.model import DofMap
 
-CHUNK = 4_000_000  # entries of element matrices held at a time
-TOLD = 1e-6  # relative error of the lowest frequencies by rounding above which there is a warning
+CHUNK = 1 << 25  # bytes of element matrices held at a time
 LOSS = 2.0**-46  # entries are rounded to at most this share of sqrt(K_ii K_jj); more would damage rotations
 
 
@@ -76,7 +75,7 @@ def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ..
 
     `dofs` (m, k) numbers the DOF of each element. Both triangles are exactly alike.
     """
-    pattern, step = Pattern(dofs, size), max(1, CHUNK // dofs.shape[1] ** 2)
+    pattern, step = Pattern(dofs, size), max(1, CHUNK // (8 * dofs.shape[1] ** 2))
     total: list[Array] = []
     for start in range(0, len(dofs), step):
         part = slice(start, start + step)
@@ -118,15 +117,15 @@ def free_to_lift(K: Matrix, lift: Array) -> Matrix:
     return K
 
 
-def tell_rounding(K: Matrix, lift: Array, whole: float, share: float, name: str, advice: str) -> None:
-    """Warn if rounding in solves with K may change the lowest frequencies by a relative TOLD or more.
+def warn_of_rounding(K: Matrix, lift: Array, whole: float, name: str, advice: str, *, growth: float, limit: float = 1e-6) -> None:
+    """Warn if rounding in solves with K may change the lowest frequencies by a relative `limit` or more.
 
     A factorisation has errors like a random spring of about EPS · K_ii under each deflection (`lift`). Compared with the
     stiffness of the `whole` part, with n elements in a row, this is a share n^3.5 EPS. The largest observed error is
-    `share` times that.
+    `growth` times that.
     """
-    rounding = min(share * EPS * float(np.linalg.norm(K.diagonal()[lift])) / whole, 1.0)
-    if rounding > TOLD:
+    rounding = min(growth * EPS * float(np.linalg.norm(K.diagonal()[lift])) / whole, 1.0)
+    if rounding > limit:
         warn(f"{name!r}: rounding may take {rounding:.0e} of the lowest frequencies, because its smallest elements are "
              f"much stiffer than the whole. Remedy: {advice}", ConditionWarning)
 

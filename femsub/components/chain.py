@@ -13,8 +13,6 @@ from femsub.checks import Array, items, truth, whole_number
 from femsub.components.build import not_negative, per_part
 from femsub.model import Substructure
 
-BYTES = 200.0  # memory per mass while the matrices are made
-
 
 def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0, springs: Any = 1.0,
           interface: Sequence[int] = (1,), fixed: bool = True, name: str = "chain") -> Substructure:
@@ -57,7 +55,8 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     Substructure 'chain': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
     n = whole_number("n", n, least=1)
-    check_room(f"a chain of {n:.3g} masses", BYTES * float(n))
+    # three entries of K in a row, each with its column, and four copies while they are made
+    check_room(f"a chain of {n:.3g} masses", 3 * 16 * 4.0 * n)
     mass, spring = per_part("masses", masses, n, "mass"), per_part("springs", springs, n, "spring")
     dashpot = not_negative("damping", damping)
     place = whole_number("belt (masses count from 1)", belt, 1, n)

@@ -13,8 +13,6 @@ from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import box
 from femsub.errors import InputError
 
-BYTES = 1000.0  # memory per cell while the mesh is made
-
 
 def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedron20", name: str = "block") -> Mesh:
     """A mesh of the block [0, lx] x [0, ly] x [0, lz] with nx x ny x nz bricks, or six tetrahedra in place of each brick.
@@ -177,5 +175,6 @@ def _counts(values: Sequence[int], size: int) -> Array:
     if len(found) != size or not whole:
         raise InputError(f"counts must be {size} whole numbers of 1 or more, not {shown(values)}")
     checked = [whole_number("counts", count) for count in found]
-    check_room(f"a mesh of {' x '.join(f'{count:.6g}' for count in checked)} cells", BYTES * float(math.prod(checked)))
+    # 20 node numbers for each cell (8 and their sorted copies), 3 coordinates, and six copies while they are made
+    check_room(f"a mesh of {' x '.join(f'{count:.6g}' for count in checked)} cells", 23 * 8 * 6.0 * math.prod(checked))
     return np.array(checked)

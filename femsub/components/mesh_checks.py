@@ -10,13 +10,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.checks import Array
+from femsub.checks import EQUAL, POSITION, Array
 from femsub.components.mesh import Mesh, corners_of, distinct_sides, sides_of
 from femsub.components.solid_elements import KINDS, jacobians, quadrature, reference, shape_functions
 from femsub.errors import InputError
 
-FLAT = 1e-6  # a cell with a volume below this fraction of the product of its edges is flat
-APART = 1e-3  # nodes closer than this fraction of the shortest edge coincide
 CHUNK = 1 << 25  # bytes of Jacobians held at a time
 
 _PLANE = {"triangle": np.array([[0, 1, 2]]), "quad": np.array([[0, 1, 3], [1, 2, 0], [2, 3, 1], [3, 0, 2]])}
@@ -129,8 +127,8 @@ def _used(mesh: Mesh) -> Mesh:
 
 def _oriented(mesh: Mesh, labels: Array) -> Mesh:
     low, high, corner_low, corner_high = (np.concatenate(part) for part in zip(*_volumes(mesh), strict=True))
-    mirrored = (high < -FLAT) & (corner_high <= FLAT)
-    sound = (low > FLAT) & (corner_low >= -FLAT)
+    mirrored = (high < -POSITION) & (corner_high <= POSITION)
+    sound = (low > POSITION) & (corner_low >= -POSITION)
     if mesh.kind == "line":
         wrong, cure = "have no length", "Leave them out, e.g. springs between nodes at the same place, or move their nodes"
     else:
@@ -178,7 +176,7 @@ def _areas(mesh: Mesh) -> tuple[Array, Array, Array, Array]:
     cross = np.cross(one, other)
     normal = cross.sum(axis=1)
     size = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
-    if np.ptp(points[:, 2]) <= 1e-9 * size:
+    if np.ptp(points[:, 2]) <= EQUAL * size:
         normal = np.array([[0.0, 0.0, 1.0]])
     normal = normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
     edges = np.linalg.norm(one, axis=2) * np.linalg.norm(other, axis=2)
@@ -212,7 +210,8 @@ def _notes(mesh: Mesh) -> tuple[str, ...]:
     notes = []
     smallest = min(np.linalg.norm(mesh.points[one] - mesh.points[other], axis=1).min()
                    for one, other in combinations(corners_of(mesh).T, 2))
-    pairs = len(cKDTree(mesh.points).query_pairs(APART * smallest, output_type="ndarray"))
+    pairs = len(cKDTree(mesh.points).query_pairs(min(POSITION * float(np.ptp(mesh.points, axis=0).max()), smallest / 2),
+                                                     output_type="ndarray"))
     if pairs:
         notes.append(f"{plural(pairs, 'pair', 'pairs')} of nodes coincide (not merged: their parts are not joined there)")
     count, k = len(mesh.points), mesh.cells.shape[1]

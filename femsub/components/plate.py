@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, Matrix, choice, finite_number, instance, items, positive_number
+from femsub.checks import EQUAL, POSITION, Array, Matrix, choice, finite_number, instance, items, positive_number
 from femsub.components.bending_elements import (
     CORNERS,
     HERMITE_MEAN,
@@ -18,7 +18,7 @@ from femsub.components.bending_elements import (
     morley_integrals,
     morley_matrices,
 )
-from femsub.components.build import component, gathered, node_at, optional_mapping, tell_rounding
+from femsub.components.build import component, gathered, node_at, optional_mapping, warn_of_rounding
 from femsub.components.mesh import Mesh, edges_of, edges_within, sides_of
 from femsub.components.mesh_checks import refuse_spoilt
 from femsub.components.patches import Patch, patch
@@ -27,8 +27,6 @@ from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap, Substructure
 
 SUPPORTS = ("free", "simply supported", "clamped")
-ROUNDING = 0.7  # see `tell_rounding`
-SKEW = 1e-6  # largest deviation of a corner from the rectangle, relative to the side
 
 
 def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supports: Mapping[str, str] | None = None,
@@ -104,7 +102,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     K, M = layout.matrices(steel.nu)
     K = bending * K
     sides = np.ptp(layout.plane, axis=0)
-    tell_rounding(K, layout.w, bending * sides.prod() / sides.max() ** 4, ROUNDING, name, "take larger cells")
+    warn_of_rounding(K, layout.w, bending * sides.prod() / sides.max() ** 4, name, "take larger cells", growth=0.7)
     held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in supports.items()),
                            np.zeros(0, dtype=int)])
     return component(
@@ -120,7 +118,7 @@ class _Layout:
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh, self.plane = mesh, mesh.points[:, :2]
-        if mesh.points.shape[1] == 3 and np.ptp(mesh.points[:, 2]) > 1e-9 * np.ptp(self.plane, axis=0).max():
+        if mesh.points.shape[1] == 3 and np.ptp(mesh.points[:, 2]) > EQUAL * np.ptp(self.plane, axis=0).max():
             raise InputError(f"a plate lies in a plane of constant z, but z of {mesh.name!r} runs from "
                              f"{mesh.points[:, 2].min():.6g} to {mesh.points[:, 2].max():.6g}")
         self.triangles = mesh.kind == "triangle"
@@ -141,7 +139,7 @@ class _Layout:
         corners = self.plane[cells]
         span = np.stack([corners[:, k] - corners[:, j] for j, k in OPPOSITE], axis=1)
         area = np.abs(span[:, 0, 0] * span[:, 1, 1] - span[:, 0, 1] * span[:, 1, 0])
-        flat = area <= 1e-9 * np.einsum("mid,mid->mi", span, span).max(axis=1)
+        flat = area <= EQUAL * np.einsum("mid,mid->mi", span, span).max(axis=1)
         if flat.any():
             raise InputError(f"{int(flat.sum())} triangles of {self.mesh.name!r} are flat. The first is cell "
                              f"{int(flat.argmax())}, counted from 0. Mesh that part anew")
@@ -152,7 +150,7 @@ class _Layout:
         along = self.plane[self.ends[:, 1]] - self.plane[self.ends[:, 0]]
         along = along / np.linalg.norm(along, axis=1)[:, None]
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
-        leading = np.where(np.abs(normal[:, 0]) > SKEW, normal[:, 0], normal[:, 1])
+        leading = np.where(np.abs(normal[:, 0]) > POSITION, normal[:, 0], normal[:, 1])
         return normal * np.sign(leading)[:, None]
 
     def _rectangles(self) -> tuple[Array, tuple[Array, ...]]:
@@ -163,7 +161,7 @@ class _Layout:
         with np.errstate(divide="ignore", invalid="ignore"):
             place = (corners - low[:, None, :]) / sides[:, None, :]
         nearest = np.rint(place)
-        right = np.abs(place - nearest).max(axis=(1, 2)) <= SKEW  # also False for a side of length 0
+        right = np.abs(place - nearest).max(axis=(1, 2)) <= POSITION  # also False for a side of length 0
         code = nearest[..., 0] * 2 + nearest[..., 1]
         order = np.argsort(code, axis=1)
         right &= (np.sort(code, axis=1) == np.arange(4)).all(axis=1)
@@ -210,7 +208,8 @@ class _Layout:
         if not isinstance(where, (Sequence, np.ndarray)) or len(where) != 2:
             raise InputTypeError(f"port {port!r} must be the name of a set or a place (x, y), not {where!r:.80}")
         place = [finite_number(f"port {port!r}", value) for value in where]
-        w[self.w[node_at(self.plane, self.mesh.numbers, place, f"port {port!r}", SKEW * np.ptp(self.plane, axis=0).max())]] = 1.0
+        near = POSITION * np.ptp(self.plane, axis=0).max()
+        w[self.w[node_at(self.plane, self.mesh.numbers, place, f"port {port!r}", near)]] = 1.0
         return w
 
     def _along_triangles(self, found: Patch) -> tuple[Array, Array]:

@@ -10,13 +10,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import upper as upper_triangle
-from femsub.checks import Array, Matrix, finite_number, positive_number
+from femsub.checks import EQUAL, Array, Matrix, finite_number, positive_number
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import jacobians, quadrature, reference, shape_functions
 from femsub.errors import InputError
 
 CHUNK = 1 << 27  # bytes of element matrices held at a time
-AFFINE = 1e-10  # relative variation of the Jacobian in a cell below which the cell is affine
 
 
 @dataclass(frozen=True)
@@ -124,7 +123,7 @@ def exact_degree(mesh: Mesh, cells: Array) -> Array:
     """2p for affine cells (both integrands are then polynomials of that degree), else 2p + 2, of shape (m,)."""
     corners = reference(mesh.kind).nodes
     J = jacobians(mesh.points, mesh.cells[cells], shape_functions(mesh.kind, corners)[1])
-    spread = np.abs(J - J[:, :1]).max(axis=(1, 2, 3)) > AFFINE * np.abs(J).max(axis=(1, 2, 3))
+    spread = np.abs(J - J[:, :1]).max(axis=(1, 2, 3)) > EQUAL * np.abs(J).max(axis=(1, 2, 3))
     return 2 * reference(mesh.kind).degree + 2 * spread
 
 

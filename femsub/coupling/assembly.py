@@ -385,7 +385,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
         matrices = _matrices(parts, springs, joined, equations.unit, dense)
     M, D, K = matrices if len(joined.owner) and not weakly else _settled(parts, springs, joined, matrices)
     if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
-        M, D, K = (A.toarray() for A in matrices)
+        M, D, K = (A.toarray() for A in (M, D, K))
     L = joined.S if sp.issparse(K) else joined.S.toarray()
     unit = reach(joined.S, equations.unit)
     ports = {f"{part}.{port}": _port(L[rows], w, unit, equations.unit[rows])

@@ -11,14 +11,13 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra import Equations, block_diagonal, comparable, product, recovered, units
-from femsub.checks import Array, Matrix, instance, items, mapping, word
+from femsub.checks import EQUAL, Array, Matrix, instance, items, mapping, word
 from femsub.coupling.dual import interface_forces
 from femsub.coupling.joints import End, Joint, Link, site
 from femsub.errors import InputError, InputTypeError
 from femsub.model import Substructure
 
 STILL = 1e-14  # of the largest k_jj/m_jj of a part: below it a coordinate is rigid motion, with the stiffness of a rounding
-SAME = 1e-9  # of a row of the interface that two rows may differ by which are the motion of one DOF
 
 
 def checked_parts(parts: Any) -> dict[str, Substructure]:
@@ -235,9 +234,9 @@ def distinct(parts: Mapping[str, Substructure], chosen: Mapping[str, Array], L: 
     one, other = order[:-1], order[1:]
     owner = np.repeat(np.arange(len(parts)), [len(chosen[name]) for name in parts])
     alike = (owner[one] != owner[other]) | (np.diff(B.indptr)[one] == 1)
-    close = alike & (np.abs(value[other] - value[one]) <= SAME) & (np.abs(size[other] - size[one]) <= SAME * size[one])
+    close = alike & (np.abs(value[other] - value[one]) <= EQUAL) & (np.abs(size[other] - size[one]) <= EQUAL * size[one])
     one, other = one[close], other[close]
-    same = abs(B[one] - B[other]).max(axis=1).toarray().ravel() <= SAME if len(one) else np.zeros(0, dtype=bool)
+    same = abs(B[one] - B[other]).max(axis=1).toarray().ravel() <= EQUAL if len(one) else np.zeros(0, dtype=bool)
     graph = sp.csr_array((np.ones(int(same.sum())), (one[same], other[same])), shape=(B.shape[0],) * 2)
     first = np.zeros(0, dtype=np.intp)
     if B.shape[0]:

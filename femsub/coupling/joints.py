@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, items, positive_number, real_array, shown, word
+from femsub.checks import POSITION, Array, Matrix, items, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 GROUND = "ground"
 End: TypeAlias = Any  # ("disc", "left"), ("disc", [0, 1, 2]), or "ground"
-NEAR = 1e-6  # of the largest coordinate of the two ends, that DOF which meet may lie apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +151,7 @@ def matched(one: Site, other: Site, tol: float | None) -> Site:
         return other
     ours, theirs = spatial(one.dofs.points), spatial(other.dofs.points)
     size = max(float(np.abs(where).max(initial=0.0)) for where in (ours, theirs))
-    limit = NEAR * size if tol is None else tol
+    limit = POSITION * size if tol is None else tol
     order, apart = nearest(ours, theirs, [one.dofs.labels[k] for k in one.dofs.components],
                            [other.dofs.labels[k] for k in other.dofs.components])
     worst = int(np.argmax(apart))

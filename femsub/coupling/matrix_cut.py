@@ -7,11 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix
+from femsub.checks import EQUAL, Array, Matrix
 from femsub.components import places_of
 from femsub.errors import InputError
 
-DOMINANT = 1e-9  # share of the diagonal entry that the sum of the others may exceed it by, as rounding
 BALANCING = 100  # steps at most
 
 
@@ -93,7 +92,7 @@ def divided(B: Matrix, common: Sequence[Matrix], member: Array) -> list[Matrix]:
     diagonal = np.abs(B.diagonal())
     beside = abs(rest) @ inner
     np.add.at(beside, row, np.abs(values)[:, None] * share)
-    dominant = beside.sum(axis=1) <= (1 + DOMINANT) * diagonal
+    dominant = beside.sum(axis=1) <= (1 + EQUAL) * diagonal
     if not dominant[shared].all():
         unit = np.where(diagonal > 0, diagonal, 1.0) ** -0.5
         scaled = sp.diags_array(unit) @ rest @ sp.diags_array(unit)

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, real_array, word
+from femsub.checks import EQUAL, Array, real_array, word
 from femsub.coupling.joints import End, Joint, Link, Site, site, spatial, stacked, title
 from femsub.errors import InputError
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
 
-LOST = 1e-9  # of a motion of unit size that may be missing before it counts as not determined
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,11 +50,11 @@ def _following(follower: tuple[Site, Array], leader: tuple[Site, Array], weight:
     """u_f = R_f (W R_l)⁺ W u_l, W = diag(weight); `lost` tells of a DOF of the follower that the leader does not determine."""
     (first, rows), (second, known) = follower, leader
     _, values, V = np.linalg.svd(weight[:, None] * known, full_matrices=False)
-    basis = V[:int(np.count_nonzero(values > LOST * values.max(initial=0.0)))]
+    basis = V[:int(np.count_nonzero(values > EQUAL * values.max(initial=0.0)))]
     missing = np.linalg.norm(rows - (rows @ basis.T) @ basis, axis=1) / np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
-    if missing.max(initial=0.0) > LOST:
+    if missing.max(initial=0.0) > EQUAL:
         raise InputError(lost(first.name(int(missing.argmax()))))
-    follow = rows @ np.linalg.pinv(weight[:, None] * known, rcond=LOST) * weight
+    follow = rows @ np.linalg.pinv(weight[:, None] * known, rcond=EQUAL) * weight
     return Link(stacked([(first.part, first.chosen()), (second.part, sp.csr_array(-follow) @ second.chosen())]))
 
 

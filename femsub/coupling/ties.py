@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, instance, mapping, positive_number, word
+from femsub.checks import EQUAL, Array, Matrix, instance, mapping, positive_number, word
 from femsub.components import KINDS, Mesh, on_side, patch, reference, shape_functions, side_quadrature, sides_of
 from femsub.coupling.joints import End, Joint, Link, Site, nearest, site, stacked, title
 from femsub.errors import InputError, InputTypeError
@@ -18,13 +18,7 @@ from femsub.errors import InputError, InputTypeError
 if TYPE_CHECKING:
     from femsub.model import DofMap, Substructure
 
-GAP = 0.05  # of a face's size that the surfaces may lie apart, where no tolerance is given
-COVERED = 1e-3  # of a face that may lie beside the other surface
-PARALLEL = 0.5  # the cosine of the angle between two faces, at least
-SLIVER = 1e-12  # of a face: less is no common part of two
-OBLIQUE = 6  # see `Surface.excess`: what is left of N's integral is below 1e-10 of it on faces of usual shape
 STEPS = 20  # of Newton's method, for the place of a point on a face
-PLACED = 1e-12  # a step of it, in faces, after which a point is in its place: what is left is much smaller
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +150,8 @@ class Surface:
             return 0
         # the middles of both diagonals, which are one point in a parallelogram
         diagonals = self.polygons[:, ::2].mean(axis=1) - self.polygons[:, 1::2].mean(axis=1)
-        return OBLIQUE if np.abs(diagonals).max() > 1e-9 * self.radii.max() else 0
+        # six degrees more leave less than 1e-10 of the integral of N on faces of usual shape
+        return 6 if np.abs(diagonals).max() > EQUAL * self.radii.max() else 0
 
     @cached_property
     def radii(self) -> Array:
@@ -196,7 +191,7 @@ class Side:
             side = cls(surface, face[going], s[going])
             step = side.along(x[going] - side.x)
             s[going] += step
-            going = going[np.abs(step).max(axis=1) > PLACED]
+            going = going[np.abs(step).max(axis=1) > EQUAL]  # the next step would be far smaller
             if not len(going):
                 break
         return cls(surface, face, s)
@@ -240,10 +235,11 @@ class Side:
         return sp.csr_array(sp.coo_array((N.ravel(), at), shape=(len(N), len(self.surface.points))))
 
 
-def mortar(ours: Surface, theirs: Surface, tol: float | None, what: str) -> Matrix:
+def mortar(ours: Surface, theirs: Surface, tol: float | None, what: str, *, missing: float = 1e-3) -> Matrix:
     """T (n, m), sparse, with u = T v: the motion of our nodes that glues them to the others, D u = B v.
 
-    D_ij = ∫ ψ_i N_j dA and B_ik = ∫ ψ_i N'_k dA over the common parts of our faces and theirs.
+    D_ij = ∫ ψ_i N_j dA and B_ik = ∫ ψ_i N'_k dA over the common parts of our faces and theirs. A share `missing`
+    of each of our faces may lie beside theirs.
 
     Raises
     ------
@@ -255,7 +251,7 @@ def mortar(ours: Surface, theirs: Surface, tol: float | None, what: str) -> Matr
     near = gap <= limit
     area = np.linalg.norm(ours.areas, axis=1)
     covered = np.bincount(here.face[near], w[near], len(area)) / area
-    if covered.min() < 1 - COVERED:
+    if covered.min() < 1 - missing:
         worst = int(covered.argmin())
         beside = np.flatnonzero(here.face == worst)
         why = (f"the surfaces are {gap[beside].min():.3g} apart, and {limit[beside].max():.3g} is allowed" if len(beside) and
@@ -280,8 +276,8 @@ def mortar(ours: Surface, theirs: Surface, tol: float | None, what: str) -> Matr
 
 
 def reach(surface: Surface, face: Array, tol: float | None) -> Array:
-    """How far another surface may be away from these faces."""
-    return GAP * surface.radii[face] if tol is None else np.full(len(face), tol)
+    """How far another surface may be away from these faces: `tol`, by default 5 % of each face's size."""
+    return 0.05 * surface.radii[face] if tol is None else np.full(len(face), tol)
 
 
 def common_points(ours: Surface, theirs: Surface) -> tuple[Side, Side, Array, Array]:
@@ -292,7 +288,8 @@ def common_points(ours: Surface, theirs: Surface) -> tuple[Side, Side, Array, Ar
     several = cKDTree(ours.centres).query_ball_tree(cKDTree(theirs.centres), reach)
     face = np.repeat(np.arange(len(several)), [len(found) for found in several])
     pair = np.fromiter((i for found in several for i in found), dtype=np.intp, count=len(face))
-    parallel = np.abs(np.einsum("pi,pi->p", ours.frames[face, 2], theirs.frames[pair, 2])) > PARALLEL
+    # two faces with an angle of 60 degrees or more between them do not lie on each other
+    parallel = np.abs(np.einsum("pi,pi->p", ours.frames[face, 2], theirs.frames[pair, 2])) > 0.5
     face, pair = face[parallel], pair[parallel]
     flat = [np.einsum("pki,psi->pks", surface.polygons[at] - ours.centres[face][:, None], ours.frames[face, :2])
             for surface, at in ((ours, face), (theirs, pair))]
@@ -307,7 +304,7 @@ def common_points(ours: Surface, theirs: Surface) -> tuple[Side, Side, Array, Ar
                 triangles.append(parts[:, [0, i, i + 1]])
     face, pair, triangle = np.concatenate(faces), np.concatenate(pairs), np.concatenate(triangles)
     area = np.abs(_cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])) / 2
-    keep = area > SLIVER * ours.radii[face] ** 2
+    keep = area > EQUAL * EQUAL * ours.radii[face] ** 2  # below, the two touch along a line
     face, pair, triangle, area = face[keep], pair[keep], triangle[keep], area[keep]
     degree = max(4 * reference(surface.kind).degree + surface.excess for surface in (ours, theirs))  # of N_i N_j
     s, w = side_quadrature(3, degree)

@@ -9,6 +9,7 @@ its Fig. 4 could not be unstable.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
     from femsub.model import Substructure
 
 Scalar = Callable[[float], float]
-NARROWEST = 1e-100  # smallest ε
 STICKING = 3.0  # times ε: slower sliding counts as sticking; the arctan law has reached 80 % of its plateau there
-SLOPE_AGREES = 0.01  # allowed relative difference between a law's slope and the difference quotient of its values
 
 
 class FrictionLaw(Protocol):
@@ -90,8 +89,10 @@ class StribeckArctan:
     def __post_init__(self) -> None:
         for name in ("eps", "coulomb", "drop", "decay"):
             finite_number(name, getattr(self, name))
-        if self.eps < NARROWEST:
-            raise InputError(f"eps must be positive, at least {NARROWEST:g}, not {self.eps!r}: it is the width of the transition")
+        narrowest = sys.float_info.min ** (1 / 3)  # the third derivative of the law is a finite number
+        if self.eps < narrowest:
+            raise InputError(f"eps must be positive, at least {narrowest:.1g}, not {self.eps!r}: it is the width of the "
+                             "transition")
 
     def value(self, v: Any) -> Any:
         """μ(v)."""
@@ -349,8 +350,8 @@ class Belt:
         return np.abs(self.speed - np.asarray(v)) <= limit
 
 
-def _consistent_slope(law: FrictionLaw, speed: float) -> float:
-    """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h.
+def _consistent_slope(law: FrictionLaw, speed: float, tol: float = 0.01) -> float:
+    """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h, to `tol`.
 
     No step reaches beyond a knot of the law. Beside a jump that is no knot the quotient of one side may agree alone.
     """
@@ -367,7 +368,7 @@ def _consistent_slope(law: FrictionLaw, speed: float) -> float:
         raise InputError(f"{type(law).__name__}.value(v), of the friction law, is not a finite number near v = {speed:g}")
     found = np.concatenate([(ahead - behind) / (2 * steps), (ahead - here) / steps, (here - behind) / steps])
     rounding = np.tile(8 * EPS * (np.abs(ahead) + np.abs(behind)) / steps, 3)
-    if (np.abs(found - slope) > SLOPE_AGREES * np.maximum(np.abs(found), abs(slope)) + rounding).all():
+    if (np.abs(found - slope) > tol * np.maximum(np.abs(found), abs(slope)) + rounding).all():
         raise InputError(f"the friction law contradicts itself at the speed {speed:g}: slope() returns {slope:.6g}, but the "
                          f"difference quotient of value() is {found[len(steps) // 2]:.6g}")
     return slope

@@ -21,11 +21,8 @@ from femsub.model import TRANSLATIONS
 if TYPE_CHECKING:
     from femsub.model import Substructure
 
-KEPT = 8  # pairs of surfaces whose points are kept, since a sweep over μ makes a contact for each value
-ALONG = 0.1  # of the sliding velocity that must lie in the surface
-OBLIQUE, FLAT = 0.02, 1e-3  # angle in radians of an axis that is told, and by which normals of a flat surface may differ
 FEW = 100_000  # numbers up to which the motions of the points are dense in motion
-TOUCHING = 0.99  # of the first surface that lies on the second: below, there is a warning
+KEPT = 8  # pairs of surfaces whose points are kept, since a sweep over μ makes a contact for each value
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +252,7 @@ class FrictionContact(Joint):
     def _points(self) -> Points:
         surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]
         points = contact_points(surfaces[0], surfaces[1], self.tol)
-        if points.share < TOUCHING:
+        if points.share < 0.99:
             owner, _, key = self.first.rpartition(".")
             title = f"{key!r}{f' of {owner!r}' if owner else ''}"
             warn(f"only {points.share:.0%} of the face {title} lies on {self.second} (straight edges). The rest has no "
@@ -279,7 +276,7 @@ class FrictionContact(Joint):
         size = np.linalg.norm(way, axis=1)
         t = way - np.einsum("qi,qi->q", way, n)[:, None] * n
         along = np.linalg.norm(t, axis=1)  # V/Ω with an axis; a direction has the length 1
-        if (along <= ALONG * size).any():
+        if (along <= 0.1 * size).any():  # within 6 degrees of the normal
             where = points.x[np.argmin(along)].round(6)
             raise InputError(f"the second body of {self!r} does not slide along the surface at {where}: its velocity is 0 there, "
                              "or normal to it")
@@ -288,14 +285,14 @@ class FrictionContact(Joint):
         t = t / along[:, None]
         return n, t, np.cross(n, t), along if turning else np.ones(len(n))
 
-    def _in_surface(self, points: Points, way: Array, n: Array) -> None:
-        """Warn if the turning second body moves along the normal.
+    def _in_surface(self, points: Points, way: Array, n: Array, limit: float = 0.02) -> None:
+        """Warn if more than `limit` of the turning second body's velocity is along the normal.
 
         The axis must be normal to a flat surface. Else the velocity is compared with the normal face by face: the normals of flat
         faces differ from those of the curved surface that they stand for, by as much to either side.
         """
         e = np.asarray(self.axis)
-        if np.ptp(n, axis=0).max() < FLAT:
+        if np.ptp(n, axis=0).max() < 1e-3:  # flat, but for the digits of the coordinates of small faces
             share = float(np.linalg.norm(np.cross(e, n[0])))
             off = f"{np.degrees(np.arcsin(min(share, 1.0))):.3g} degrees from the normal of this flat surface"
         else:
@@ -305,7 +302,7 @@ class FrictionContact(Joint):
             speed = np.bincount(face, points.weight * np.linalg.norm(way, axis=1)) / area
             share = float(np.sqrt((area @ away**2) / (area @ speed**2)))
             off = f"{share:.0%} of the velocity of the second body is along the normal"
-        if share > OBLIQUE:
+        if share > limit:
             warn(f"the axis ({', '.join(f'{value:.4g}' for value in e)}) is oblique to {self.first}: {off}. The second body "
                  "parts from it on one side and presses on the other; only the velocity along the surface counts. Give axis and "
                  "centre about which the surface is one of revolution", PortWarning)
