@@ -41,6 +41,7 @@ Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (spar
 
 EPS = sys.float_info.epsilon
 POSITION = 1e-6  # of a model's size: mesh files print coordinates with six to seven digits, so points that meet differ by this
+DENSE = 4000  # coordinates up to which a model is dense: each matrix has 128 MB, and all modes take half a minute on one core
 EQUAL = 1e-9  # two results that exact arithmetic makes equal: some hundred roundings times a condition number of 1e5
 
 #: Evidence that nothing is missing: the result lists as many as an independent count without sampling gives. Such counts are the

@@ -39,7 +39,7 @@ class ContactModes(FreeInterface):
         Number of elastic modes of the system in contact.
     band : (lo, hi), with tol : float
         In place of `modes`: few modes that keep every λ of the system with friction within the relative error `tol`, if
-        lo ≤ Im λ ≤ hi and |Re λ| ≤ hi. This holds for the contacts as they are given, with their μ. ``.estimate`` tells the error
+        lo ≤ Im λ ≤ hi and |Re λ| ≤ hi. This holds for the contacts as they are given, with their μ. ``.estimate`` has the error
         of each λ, and where λ of the full system is. `complex_modes` under these contacts calls a mode stable or unstable only if
         both agree. If that makes the basis smaller, the responses to K₁ᵀΦ and D₁Φ join it, too; D₁ is what the contacts add to D.
     contacts : contact, or sequence of contacts

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import InputError
 from femsub.reduction.basis import Basis, Partition, Statics
 from femsub.reduction.method import Method
@@ -16,10 +16,7 @@ from femsub.reduction.method import Method
 if TYPE_CHECKING:
     from femsub.modes import ShiftInvert
 
-CLEAR = 1e-2  # of an interface DOF's motion at unit energy that a residual shape must have of its own to be solved for
-FAINT = 1e-5  # the same of a shape without mass: below, it moves no interface DOF at all; the energy knows the square
-DUST = 1e-14  # share of its error bound below which an entry is rounding
-NOTHING = 1e-10  # the same for any shape: with less it moves no further interface DOF
+DUST = 64 * EPS  # share of its error bound below which an entry is rounding
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class FreeInterface(Method):
         return Statics.of(part, handle, forces, "residual attachment")
 
 
-def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
+def recovered(basis: Basis, statics: Statics, clear: float = 1e-2) -> Basis:
     """The same model in the coordinates [u_b, rest]: the interface displacements replace as many columns of V.
 
     With B = V_b = [B_J B_I], u_b = B_J q_J + B_I q_I is solved for q_J:
@@ -47,6 +44,9 @@ def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     J are the residual shapes, as Craig and Chang (1977) do. Where these move the interface too little, since the modes have
     left next to nothing (with every mode kept nothing at all), modes are solved for in their place: their B_J is regular,
     and the span is the same.
+
+    `clear` is the least motion of an interface DOF, as a share of that by all shapes at unit energy, that a residual shape must
+    have of its own to be solved for.
 
     Raises
     ------
@@ -63,7 +63,8 @@ def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     B = moved[:, solved]
     inverse = np.linalg.inv(B)
     inverse = _clean(inverse, np.abs(inverse) @ np.abs(B) @ np.abs(inverse))
-    faint = (np.abs(motion) < FAINT) & (basis.M.diagonal() == 0)  # it would give a massless shape the mass of a rounding
+    # of a massless shape, which would get the mass of a rounding; the energy knows the square of the motion
+    faint = (np.abs(motion) < np.sqrt(EQUAL)) & (basis.M.diagonal() == 0)
     T = np.zeros(basis.M.shape)
     T[solved, :len(b)], T[rest, len(b) + np.arange(len(rest))] = inverse, 1.0
     others = np.where(faint, 0.0, moved)[:, rest]
@@ -96,7 +97,7 @@ def _solved_for(basis: Basis, statics: Statics, B: Array, clear: float) -> Array
     sub = statics.part.sub
     residual = np.array([kind == statics.kind for kind in basis.kinds])
     chosen = np.zeros(0, dtype=np.intp)
-    for candidates, least in ((np.flatnonzero(residual), clear), (np.arange(len(residual)), NOTHING)):
+    for candidates, least in ((np.flatnonzero(residual), clear), (np.arange(len(residual)), EQUAL)):
         candidates = np.setdiff1d(candidates, chosen)
         if len(chosen) == len(B) or not len(candidates):
             continue

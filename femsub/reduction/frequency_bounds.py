@@ -26,8 +26,6 @@ from femsub.modes import ShiftInvert, lowest_modes, modes_below
 from femsub.reduction.craig_bampton import CraigBampton
 
 HELD = ("constraint", "rigid", CraigBampton.mode_kind, "static port")  # kinds of coordinates of models with a held interface
-BESIDE = 20  # more modes of the reduced model than are asked for: what lies above them bounds what they may be mixed with
-REACH = 1.5  # times the highest frequency asked for; modes up to there make the bounds nearly as sharp as all would
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,11 +126,13 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     instance("model", model, Substructure, "made by reduce or couple")
     count = whole_number("count", count, least=1)
     handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
-    modes = lowest_modes(handle, min(2 * count + BESIDE, handle.elastic))
+    # more than are asked for: what lies above them bounds what they may be mixed with
+    modes = lowest_modes(handle, min(2 * count + 20, handle.elastic))
     if len(modes.eigenvalues) - modes.rigid < count:
         raise InputError(f"count={count} frequencies were asked for, but {model.name!r} has "
                          f"{len(modes.eigenvalues) - modes.rigid}")
-    reach = REACH * float(modes.frequencies[modes.rigid + count - 1])
+    # modes up to here make the bounds nearly as sharp as all would
+    reach = 1.5 * float(modes.frequencies[modes.rigid + count - 1])
     if len(modes.eigenvalues) < modes.rigid + handle.elastic and modes.frequencies[-1] < reach:
         modes = modes_below(model.K, model.M, reach, handle)
     omega = modes.frequencies[modes.rigid:]

@@ -35,7 +35,7 @@ class Guyan(CraigBampton):
         They are the DOF at which as many fixed-interface modes can be distinguished best (pivoted QR, in units of
         sqrt(m_ii)). To choose masters yourself, put them into the interface.
     band : (lo, hi), with tol : float
-        Check that condensation onto the interface is within `tol` in the band. A `NotConvergedError` tells how many modes
+        Check that condensation onto the interface is within `tol` in the band. A `NotConvergedError` says how many modes
         would be needed in addition.
 
     References

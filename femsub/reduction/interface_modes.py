@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import DEPENDENT, ROUNDING, comparable, congruent, groups
-from femsub.checks import EPS, Array, Matrix
+from femsub.checks import DENSE, EPS, Array, Matrix
 from femsub.coupling import System, rows_of_parts, units_of_energy
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import ReducedSubstructure, Substructure
@@ -24,8 +24,7 @@ from femsub.reduction.method import Method
 
 KIND, INSIDE = "interface mode", "interior"  # labels of the coordinates
 ALIKE = 1e-6  # of a shape on the interface between parts: where others contain it but for less it is no shape of its own
-EXACT = 1e-12  # the same for rigid motion, of which nothing may be lost: a floating system would be held by it
-INTERIOR = 4000  # interior coordinates that may be kept: all of them stay, in dense matrices
+EXACT = 4096 * EPS  # the same for rigid motion, of which nothing may be lost: a floating system would be held by it
 
 
 @dataclass(frozen=True)
@@ -110,9 +109,9 @@ class InterfaceModes(Method):
             raise InputError(f"{sub.name!r} has no interface DOF, so that there are none to reduce. Name some as interface "
                              "of the parts, or use another method")
         i = np.setdiff1d(np.arange(sub.size), b)
-        if len(i) > INTERIOR:
+        if len(i) > DENSE:
             raise InputError(f"{sub.name!r} has {len(i)} coordinates beside its {len(b)} interface DOF. Interface modes keep all "
-                             f"of them, at most {INTERIOR}: reduce its parts first, e.g. by CraigBampton(modes=20)")
+                             f"of them, at most {DENSE}: reduce its parts first, e.g. by CraigBampton(modes=20)")
         K, M, D = (A if turn is None else congruent(A, turn) for A in (sub.K, sub.M, sub.D))
         if K[i][:, b].any() if isinstance(K, np.ndarray) else K[i][:, b].nnz:
             K, lift = _uncoupled(Substructure(M, K, None, b, name=sub.name))
@@ -124,7 +123,7 @@ class InterfaceModes(Method):
 
     def static_columns(self, sub: Substructure) -> int:
         """The coordinates that are kept as they are: those beside the interface."""
-        return min(sub.size - len(_turned(sub)[1]), INTERIOR)  # `part` refuses more
+        return min(sub.size - len(_turned(sub)[1]), DENSE)  # `part` refuses more
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """The interior coordinates as they are, and the port columns whose static responses join the basis."""
@@ -166,21 +165,22 @@ def _with_rounding(sub: Substructure, model: ReducedSubstructure) -> ReducedSubs
     It is much where a stiff part that floats is joined to a soft one. In the coordinates that the modes are computed in, the
     interface shares no stiffness, and this rounding does not show.
     """
-    told = model.estimate
-    if told is None:
+    known = model.estimate
+    if known is None:
         return model
     found = all_modes(model.K, model.M, ACCEPTED, model.rigid_motion)
     omega, x = found.frequencies[found.rigid:], np.abs(model.V @ found.shapes[:, found.rigid:])
     if len(omega):
         share = EPS * np.einsum("ij,ij->j", x, abs(sub.K) @ x) / (2 * omega**2)
         of_omega, of_lambda = (share[np.abs(size[:, None] - omega).argmin(axis=1)]
-                               for size in (told.frequencies, np.abs(told.eigenvalues)))
-        told = replace(told, frequency_error=told.frequency_error + of_omega, eigenvalue_error=told.eigenvalue_error + of_lambda)
-    if told.worst > told.tol:
-        raise NotConvergedError(f"the interface of {sub.name!r} cannot be reduced to a relative error of {told.tol:g}, by "
-                                f"rounding alone: {told!r}. Reduce the stiffness contrast of its parts, raise tol, or give a "
+                               for size in (known.frequencies, np.abs(known.eigenvalues)))
+        known = replace(known, frequency_error=known.frequency_error + of_omega,
+                        eigenvalue_error=known.eigenvalue_error + of_lambda)
+    if known.worst > known.tol:
+        raise NotConvergedError(f"the interface of {sub.name!r} cannot be reduced to a relative error of {known.tol:g}, by "
+                                f"rounding alone: {known!r}. Reduce the stiffness contrast of its parts, raise tol, or give a "
                                 "number of modes")
-    return replace(model, estimate=told)
+    return replace(model, estimate=known)
 
 
 def _turned(sub: Substructure) -> tuple[Matrix | None, Array]:

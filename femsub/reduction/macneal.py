@@ -9,8 +9,6 @@ import numpy as np
 from femsub.reduction.basis import Basis, Statics
 from femsub.reduction.free_interface import FreeInterface, recovered
 
-MASSLESS = 1e-4  # as `free_interface.CLEAR`: lower, since a mode that is solved for brings mass to the interface
-
 
 @dataclass(frozen=True)
 class MacNeal(FreeInterface):
@@ -55,4 +53,5 @@ class MacNeal(FreeInterface):
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
         """Those of Craig-Chang without the mass of its residual shapes, solved for the interface."""
         massive = np.array([kind != statics.kind for kind in basis.kinds], dtype=float)
-        return recovered(replace(basis, M=np.diag(massive)), statics, MASSLESS)
+        # as few modes as possible are solved for, since each brings mass to the interface
+        return recovered(replace(basis, M=np.diag(massive)), statics, clear=1e-4)

@@ -50,7 +50,7 @@ class Method(ABC):
        motions in C. A method that leaves them out has its rigid motion found from the rounding of the reduced K and D.
     5. `kept` finds the modes, and forces of theirs whose responses join the basis. `coordinates` turns the basis [C Φ Ξ] into
        other coordinates. Both may be overridden. Each gets the results of the earlier steps, and must not change them.
-    6. `static_columns` tells the number of static shapes, where that is not the number of interface DOF.
+    6. `static_columns` is the number of static shapes, where that is not the number of interface DOF.
     7. `unestimated` says why a band and a tolerance have no estimate, where that is so; they are refused then. `title` is the
        line that names a model with so many modes.
 
@@ -68,7 +68,7 @@ class Method(ABC):
     marker: ClassVar[str]
     held: ClassVar[bool]
     mode_kind: ClassVar[str]  #: the label of elastic modes: 'fixed-interface' or 'free', as `held` says, if no other is given
-    judges_ports: ClassVar[bool] = True  #: whether the model tells the error of its static responses to ports
+    judges_ports: ClassVar[bool] = True  #: whether the model reports the error of its static responses to ports
     offered: ClassVar[bool] = True  #: whether studies and scenes offer it for components by its key
     nested: ClassVar[bool] = True  #: whether part and factor are the same for any number of modes (`Reductor`)
     takes_cutoff: ClassVar[bool] = True  #: whether all modes below a frequency can be asked for

@@ -98,7 +98,7 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubs
         An unknown method or port; more modes than there are; an interface that does not hold the component (Craig-Bampton);
         contacts without a tolerance.
     NotConvergedError
-        No basis meets the tolerance; the message tells how accurate the largest one is.
+        No basis meets the tolerance; the message says how accurate the largest one is.
     NotEnoughMemoryError
         The reduction needs more memory than is free.
     WorkerError

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import check_columns
-from femsub.checks import Array, Matrix
+from femsub.checks import DENSE, EPS, Array, Matrix
 from femsub.modes import NormalModes, independent, lightest, lowest_modes
 from femsub.reduction.basis import COLUMNS, Kept, Statics, free_first, in_blocks
 from femsub.reduction.estimates.nested import Nested
@@ -17,17 +17,14 @@ from femsub.reduction.estimates.nested import Nested
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
-BEGIN = 10  # modes of the first search
-MOST = 1000  # modes at which the search gives up in a larger model
-DENSE = 3000  # DOF up to which all modes may be taken
+MOST = 1000  # modes at which the search gives up in a model of more than DENSE DOF: they take as long as all of DENSE
 TINY = float(np.finfo(float).tiny)
-FAINT = 1e-16  # directions with a smaller share of the squared residuals are dropped
 
 
 class FoundModes:
     """The modes found so far, and the static shapes without the modes' contribution. `pencil` has the damping of the part."""
 
-    def __init__(self, statics: Statics, pencil: Pencil | None, begin: int = BEGIN) -> None:
+    def __init__(self, statics: Statics, pencil: Pencil | None, begin: int = 10) -> None:
         self.statics, self.pencil, self.all = statics, pencil, statics.handle.elastic
         self.found = lowest_modes(statics.handle, min(begin, self.all), evidence=False)
         self.loads = np.hstack([statics.forces, statics.inertia[statics.part.rows]])
@@ -174,5 +171,5 @@ def compressed(columns: Array, stiffness: Array) -> Array:
     unit = np.where(stiffness > 0, stiffness, 1.0)[:, None] ** -0.5
     scaled = unit * columns
     share, vectors = np.linalg.eigh(scaled.T @ scaled)
-    keep = share > FAINT * float(share.max(initial=TINY))
+    keep = share > EPS * float(share.max(initial=TINY))
     return columns @ (vectors[:, keep] / np.sqrt(share[keep]))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, instance
+from femsub.checks import DENSE, EPS, Array, instance
 from femsub.coupling import System, couple, linked, rows_of_parts, sprung
 from femsub.errors import InputError
 from femsub.model import Contacts, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper
@@ -22,16 +22,14 @@ from femsub.modes import all_modes, motion_of
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.reduction.basis import Statics
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.estimates.found_modes import DENSE, FoundModes, Span
+from femsub.reduction.estimates.found_modes import FoundModes, Span
 from femsub.reduction.estimates.nested import ACCEPTED, Nested
 from femsub.reduction.estimates.search import Goal, Reference, Space
 
 if TYPE_CHECKING:
     from femsub.model import Estimate
 
-ENOUGH = 0.3  # of the tolerance: the largest model is to leave some choice
-SHARP = 0.3  # of the error that is judged: more of it should not be due to the model it is compared with
-FINE = 1e-4  # of the tolerance: nobody asks for smaller errors
+SHARE = 0.3  # of an error that is judged, or of the tolerance: the largest model, the standard of comparison, may have as much
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,7 +64,7 @@ class JoinedSpace(Space):
             raise InputError(f"no estimate can be had of {system.name!r}: its parts that are not reduced have "
                              f"{sum(whole.values())} DOF, {max(whole, key=lambda name: whole[name])!r} most of them, and at most "
                              f"{DENSE} are allowed. Reduce them, too")
-        self.enough = 1.0 if given else ENOUGH
+        self.enough = 1.0 if given else SHARE
         super().__init__(f"the parts of {system.name!r}", {name: FoundModes(one, self.all[name].pencil if self.damped else None)
                                                            for name, one in statics.items()}, top, given)
 
@@ -220,8 +218,9 @@ def _sharp(largest: Estimate, judged: Estimate) -> bool:
     """Whether the model that is compared with is so good that what it lacks decides no figure."""
     if len(largest.frequencies) != len(judged.frequencies) or largest.unmatched:
         return judged.unmatched > 0
-    fine = largest.frequency_error <= np.maximum(SHARP * judged.frequency_error, FINE * judged.tol)
-    return bool(fine.all()) and largest.eigenvalue_error.max(initial=0.0) <= SHARP * max(judged.worst, judged.tol)
+    # errors below a thousandth of the tolerance need not be known to two digits
+    fine = largest.frequency_error <= SHARE * np.maximum(judged.frequency_error, 1e-3 * judged.tol)
+    return bool(fine.all()) and largest.eigenvalue_error.max(initial=0.0) <= SHARE * max(judged.worst, judged.tol)
 
 
 def _same_parts(full: System, rom: System) -> dict[str, Substructure]:

@@ -20,12 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import EQUAL, Array
 from femsub.model import Estimate, beyond
 from femsub.reduction.estimates.nested import MARGIN, Nested
-
-ROOM = 1e-9  # relative: so near to the tolerance, a model is solved
-CLEAR = 1e-9  # of the sum of its terms, from which on a negative G counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +63,7 @@ class LeavingOut:
         low, high = nested.bounds, nested.largest[0]
         known = min(len(low), len(high))
         inside = np.flatnonzero(~beyond(low[:known], goal.band[1]) & ~beyond(goal.band[0], high[:known]))
-        most = (low[inside] * (1 + goal.tol / MARGIN) * (1 + ROOM)) ** 2
+        most = (low[inside] * (1 + goal.tol / MARGIN) * (1 + EQUAL)) ** 2
         return cls(nested, counts, inverse, shapes, S, int(inside[0]) if len(inside) else 0, most)
 
     def may_meet(self, counts: Array) -> bool:
@@ -80,7 +77,7 @@ class LeavingOut:
             far[far == 0] = np.finfo(float).tiny
             terms = along / far[:, None]
             G = along.T @ terms
-            least = CLEAR * float(np.abs(along * terms).sum(axis=0).max())
+            least = EQUAL * float(np.abs(along * terms).sum(axis=0).max())
             lost = np.count_nonzero(np.linalg.eigvalsh((G + G.T) / 2) < -least)
             if np.count_nonzero(far < 0) - lost < number:
                 return False

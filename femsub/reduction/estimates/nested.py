@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from femsub.algebra import RigidMotion, negative_eigenvalues, without
-from femsub.checks import EPS, Array, Matrix
+from femsub.checks import EPS, EQUAL, Array, Matrix
 from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
 from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve, units
 from femsub.modes.quadratic.search import search
@@ -32,8 +32,7 @@ Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
 Solution: TypeAlias = tuple[Array, Array, Array, Array, Array]  # of a damped model, see `Nested.damped`
 ACCEPTED = 1e-7  # residual of modes of these small matrices. Where parts are joined their ω² span up to 12 decades; ω is wrong
 # by much less
-NEAR = 0.6  # of `limit`: lower bounds are looked for up to there, which is beyond the band
-LANCZOS = 600  # coordinates from which on they are found by Lanczos
+MANY = 300  # coordinates from which on an estimate solves by Lanczos, and only for what may lie in the band or near it
 MARGIN = 1.01  # safety factor on each estimate: with all modes the estimate is the error itself, and rounding could undercut it
 
 
@@ -299,7 +298,9 @@ class Nested:
         return sp.csr_array(sp.diags_array(weight[felt]) @ sp.vstack([coupling, coupling], format="csr")[felt]), below[felt]
 
     def _bounds_of_band(self, S: Matrix, below: Array) -> Array | None:
-        """The `bounds` below NEAR times the limit at least; None where there is no limit, or [C Φ] has other rigid motion than C.
+        """The `bounds` below 0.6 times the limit at least, which is beyond the band.
+
+        None where there is no limit, or [C Φ] has other rigid motion than C.
 
         With the substitute modes among the modes, E their coupling with C scaled by stiffness and d their 1/ω², the bounds are
         the 1/θ of the eigenvalues θ of
@@ -312,7 +313,7 @@ class Nested:
         """
         if not np.isfinite(self.limit) or self.rigid:
             return None
-        part, inner, limit = slice(0, self.constraint), slice(self.constraint, self.rest.start), (NEAR * self.limit) ** 2
+        part, inner, limit = slice(0, self.constraint), slice(self.constraint, self.rest.start), (0.6 * self.limit) ** 2
         M, K, Z = self.M[part, part], self.K[part, part], self._rigid
         held = M @ Z
         try:
@@ -328,7 +329,7 @@ class Nested:
             z = la.solve_triangular(R, x, lower=True, trans="T", check_finite=False)
             return np.concatenate([_solved(R, M @ z + E.T @ y), E @ z + (y.T * d).T]) - v @ (v[:len(R)].T @ x + v[len(R):].T @ y)
 
-        if size > LANCZOS:
+        if size > MANY:
             left = 1 - limit * d
             left[left == 0] = np.finfo(float).tiny
             felt = (E.T @ sp.diags_array(limit**2 / left) @ E).toarray()
@@ -339,7 +340,7 @@ class Nested:
                 if count < size / 4:
                     inverse = eigsh(LinearOperator((size, size), times, dtype=float), count, which="LA",
                                     v0=np.random.default_rng(0).standard_normal(size), return_eigenvectors=False)
-                    if inverse.min() * limit >= 1 - 1e-9:
+                    if inverse.min() * limit >= 1 - EQUAL:
                         return np.sort(inverse ** -0.5)
         inverse = np.linalg.eigvalsh(times(np.eye(size)))[::-1]
         return inverse[inverse > 0][:self.rest.start - Z.shape[1]] ** -0.5

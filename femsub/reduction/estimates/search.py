@@ -25,16 +25,12 @@ from femsub.modes import lowest_modes
 from femsub.reduction.basis import Kept, Statics
 from femsub.reduction.estimates.found_modes import FoundModes, Span
 from femsub.reduction.estimates.leaving_out import LeavingOut
-from femsub.reduction.estimates.nested import Nested
+from femsub.reduction.estimates.nested import MANY, Nested
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
     from femsub.modes import ShiftInvert
 
-EXCHANGED = 4  # modes of one part that are tried at a time in place of those of others
-TRIALS = 12  # choices by first order that are tried before all modes are taken
-MANY = 300  # coordinates above which an estimate solves only for what may lie in the band or near it
-REACH = 2.0  # times the end of the band: so far
 Best: TypeAlias = tuple[Array, Estimate]  # numbers of modes, one for each part, and the estimate of the model they make
 
 
@@ -54,14 +50,14 @@ class Goal:
 class Space:
     """The modes of one part found so far, and the reference that they make. `JoinedSpace` is that of a system.
 
-    ω and |λ| beyond REACH times `top` are not looked for, where that saves time. `given` numbers of modes are not chosen.
+    ω and |λ| beyond twice `top` are not looked for, where that saves time. `given` numbers of modes are not chosen.
     """
 
     enough = 1.0  #: share of the tolerance that the largest model is to be within before one is chosen
 
     def __init__(self, name: str, parts: Mapping[str, FoundModes], top: float = np.inf,
                  given: Mapping[str, int] = MappingProxyType({})) -> None:
-        self.name, self.parts, self.limit = name, parts, REACH * top
+        self.name, self.parts, self.limit = name, parts, 2 * top
         self.given = np.array([given.get(part, -1) for part in parts])
         for part, count in given.items():
             parts[part].grow(count + 1)
@@ -232,13 +228,16 @@ def _judged(reference: Nested, counts: Array, goal: Estimate) -> Estimate:
     return reference.estimate(counts, goal.band, goal.tol) if found.met and reference.D is not None else found
 
 
-def _by_first_order(reference: Nested, least: Array, best: Best) -> Best:
-    """A model with few modes in all that meets the tolerance, from what leaving out each mode costs to first order."""
+def _by_first_order(reference: Nested, least: Array, best: Best, trials: int = 12) -> Best:
+    """A model with few modes in all that meets the tolerance, from what leaving out each mode costs to first order.
+
+    After `trials` choices that do not meet it, `best` stays.
+    """
     (most, largest), tol = best, best[1].tol
     costs = _costs(reference, largest.band)
     base = reference.estimate(most, largest.band, tol, False).frequency_error.max(initial=0.0)
     allowed = tol
-    for _ in range(TRIALS):
+    for _ in range(trials):
         counts = _leanest(costs, least, most, allowed - base)
         found = _judged(reference, counts, largest)
         if found.met:
@@ -257,10 +256,10 @@ def _costs(nested: Nested, band: tuple[float, float]) -> list[Array]:
     return np.split(cost, np.cumsum(nested.most)[:-1])
 
 
-def _leanest(costs: Sequence[Array], least: Array, most: Array, allowed: float) -> Array:
+def _leanest(costs: Sequence[Array], least: Array, most: Array, allowed: float, exchanged: int = 4) -> Array:
     """Few modes in all whose summed cost stays within what is allowed.
 
-    From all modes on, always the cheapest one goes. Then up to EXCHANGED more of one part are tried against fewer of others.
+    From all modes on, always the cheapest one goes. Then up to `exchanged` more of one part are tried against fewer of others.
     """
     tails = [np.vstack([np.cumsum(cost[:count][::-1], axis=0)[::-1], np.zeros((1, cost.shape[1]))])
              for cost, count in zip(costs, most, strict=True)]  # of each part: what all modes from a number on cost
@@ -269,7 +268,7 @@ def _leanest(costs: Sequence[Array], least: Array, most: Array, allowed: float) 
     while going:
         going = False
         for at in range(len(counts)):
-            for more in range(1, EXCHANGED + 1):
+            for more in range(1, exchanged + 1):
                 trial, floor = counts.copy(), least.copy()
                 trial[at] = floor[at] = min(counts[at] + more, most[at])
                 trial = _without_the_cheapest(tails, floor, trial, allowed)
@@ -307,5 +306,5 @@ def sides_of(nested: Nested, band: tuple[float, float]) -> list[tuple[Array, Arr
 
 
 def lowest(handle: ShiftInvert, count: int, defer: bool = True) -> Kept:
-    """The `count` lowest modes, and one more for the cut-off if there is one. `count_deferred` must still run unless told."""
+    """The `count` lowest modes, and one more for the cut-off if there is one. `count_deferred` must still run if `defer`."""
     return Kept(lowest_modes(handle, count + (count < handle.elastic), defer), count)
