@@ -51,7 +51,7 @@ def first_line(thing: Any) -> str:
 
 
 def place(name: str) -> str:
-    """Where the page of a public name stands in its folder. `branch` and `Branch` are one file where case is not told apart."""
+    """Where the page of a public name stands in its folder. `branch` and `Branch` are one file where case is not distinguished."""
     return f"classes/{name}" if isinstance(getattr(fs, name), type) else name
 
 
@@ -63,7 +63,7 @@ def names_page(page: str, names: list[str]) -> str:
 
 
 def name_page(name: str) -> str:
-    """All that the docstring of a public name tells, with its example."""
+    """All that the docstring of a public name says, with its example."""
     thing = getattr(fs, name)
     kind = "function" if not isinstance(thing, type) else "exception" if issubclass(thing, BaseException) else "class"
     return f"# {name}\n\n```{{eval-rst}}\n.. currentmodule:: femsub\n.. auto{kind}:: {name}\n```\n"
@@ -72,8 +72,8 @@ def name_page(name: str) -> str:
 def scene_page(scene: str) -> str:
     """What a scene is, and its keys in a table."""
     kind, line = scene_of(scene)[0], SCENES[scene][1]
-    told = [" ".join(part.split()) for part in inspect.cleandoc(kind.__doc__ or "").split("\n\n")]
-    return "\n\n".join([WIDE, f"# {scene}", f"{line[0].upper()}{line[1:]}.", *told,
+    text = [" ".join(part.split()) for part in inspect.cleandoc(kind.__doc__ or "").split("\n\n")]
+    return "\n\n".join([WIDE, f"# {scene}", f"{line[0].upper()}{line[1:]}.", *text,
                         f"`femsub new {scene} > my.toml` begins a file with these keys.",
                         "## Keys", key_table(kind, defaults_of(kind, scene)), *inner_tables(kind, "")]) + "\n"
 
