@@ -51,7 +51,7 @@ def first_line(thing: Any) -> str:
 
 
 def place(name: str) -> str:
-    """Where the page of a public name stands in its folder. `branch` and `Branch` are one file where case is not distinguished."""
+    """Where the page of a public name stands in its folder. `branch` and `Branch` are one file where case is ignored."""
     return f"classes/{name}" if isinstance(getattr(fs, name), type) else name
 
 

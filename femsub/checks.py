@@ -1,6 +1,6 @@
 """The vocabulary of all rooms (`Array`, `Matrix`, `EPS`, the kinds of evidence), and the checks of arguments.
 
-Each check returns the value in the type that the code needs, or raises an error that tells what was found and what is valid.
+Each check returns the value in the type that the code needs, or raises an error that says what was found and what is valid.
 No value is converted just because it looks right: '3', True and 2.0 are not whole numbers. NumPy is imported for arrays only,
 so that an error in a scene is reported without waiting for it.
 """

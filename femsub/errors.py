@@ -52,7 +52,7 @@ class SingularMatrixError(FemsubError, ArithmeticError):
 
 
 class NotConvergedError(FemsubError, ArithmeticError):
-    """An iteration stopped before it reached its tolerance. The message tells the error reached and the tolerance."""
+    """An iteration stopped before it reached its tolerance. The message reports the error reached and the tolerance."""
 
 
 class BreakdownError(NotConvergedError):
@@ -86,11 +86,11 @@ class WorkerError(FemsubError):
 
 
 class MissingPackageError(FemsubError, ImportError):
-    """An optional package is needed, but not installed. The message tells how to install it."""
+    """An optional package is needed, but not installed. The message says how to install it."""
 
 
 class FemsubWarning(UserWarning):
-    """Root of femsub's warnings: a result is less accurate than it looks. The message tells by how much."""
+    """Root of femsub's warnings: a result is less accurate than it looks. The message says by how much."""
 
 
 class PortWarning(FemsubWarning):
@@ -138,8 +138,8 @@ def no_room_error(folder: Path, what: str, need: float, why: object,
 
 def unknown_name(kind: str, found: object, valid: Iterable[str], *more: object) -> InputError:
     """The error for a name that does not exist, and for `more` of the kind, with the nearest ones that do."""
-    names, told = sorted(valid), ""
+    names, text = sorted(valid), ""
     for one in (found, *more):
         near = difflib.get_close_matches(str(one)[:60], names, n=1, cutoff=0.5)
-        told += f"unknown {kind} {shown(one)}; " + (f"did you mean {near[0]!r}? " if near else "")
-    return InputError(f"{told}{'Valid' if told.endswith('? ') else 'valid'}: {', '.join(names) or 'none'}")
+        text += f"unknown {kind} {shown(one)}; " + (f"did you mean {near[0]!r}? " if near else "")
+    return InputError(f"{text}{'Valid' if text.endswith('? ') else 'valid'}: {', '.join(names) or 'none'}")

@@ -76,7 +76,7 @@ def write_results(path: Path) -> Any:
 
 def mode(path: Path) -> Any:
     found = read_mode(path)
-    return {"told": json.dumps(found.told), "points": found.points, "cells": found.cells, "u": found.u}
+    return {"facts": json.dumps(found.facts), "points": found.points, "cells": found.cells, "u": found.u}
 
 
 def subjects(folder: Path) -> list[Subject]:

@@ -207,7 +207,7 @@ def test_a_page_has_all_lines_over_springs_and_a_figure_those_that_can_be_told_a
     chart = springs_chart(rows, "x")
     (panel,) = chart.drawn
     looks = {(*one.look[1:], one.line, one.hollow) for one in panel.series}
-    assert len(looks) == len(panel.series) == 6 <= LINES and {one.told["modes"][0] for one in panel.series} == {4, 20}
+    assert len(looks) == len(panel.series) == 6 <= LINES and {one.hover["modes"][0] for one in panel.series} == {4, 20}
     assert len(chart.plain()["places"][0]["panels"][0]["series"]) == 12 and "models with 8, 12 modes" in chart.about
     assert len(springs_chart(rows[:8], "x").drawn[0].series) == 3  # one method: fewest, most, and one between
 

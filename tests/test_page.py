@@ -115,7 +115,7 @@ def test_wrong_folders_and_damaged_files_end_in_one_line(tmp_path: Path, folders
     (copy / page.PAGE_FILE).unlink()
     whole = (copy / MODE_FILE).read_bytes()
     wrong = tmp_path / "wrong.npz"
-    np.savez(wrong, told=np.frombuffer(b"{}", np.uint8), points=np.zeros((2, 3)), cells=np.array([[0, 2]]),
+    np.savez(wrong, facts=np.frombuffer(b"{}", np.uint8), points=np.zeros((2, 3)), cells=np.array([[0, 2]]),
              real=np.zeros((2, 3)), imag=np.zeros((2, 3)))
     results = json.loads((copy / "results.json").read_text())
     for words in ("mode.npz is not the file that results.json was written with", "does not hold a mode"):
@@ -268,7 +268,7 @@ def test_numbers_that_are_infinite_or_unknown_are_told_and_not_drawn(value: floa
         told = json.loads(report.to_json(chart.plain()))
         assert told["places"]
         for series in (one for place in told["places"] for panel in place["panels"] for one in panel["series"]):
-            for values in (series["x"], series["y"], *(values for _, values in series["told"])):
+            for values in (series["x"], series["y"], *(values for _, values in series["hover"])):
                 assert all(item is None or isinstance(item, (int, float)) for item in values)
 
 
@@ -283,7 +283,7 @@ class SCENE(Scene):
 def run(scene, progress):
     rows = [{"belt": belt, "method": "craig-chang", "width": 0.5 * belt, "omega": 2.0 * belt} for belt in (1, 2, 3)]
     columns = ["belt", "method", column("width", "the width", ".2f", meaning="how wide it is"), "omega"]
-    series = Series("a", [1.0, 2.0, 3.0], [0.5, 1.0, 1.5], "craig-chang", told={"omega [rad/time]": [2.0, 4.0, 6.0]})
+    series = Series("a", [1.0, 2.0, 3.0], [0.5, 1.0, 1.5], "craig-chang", hover={"omega [rad/time]": [2.0, 4.0, 6.0]})
     chart = Chart("widths", "Widths", [Panel([series], "belt  [-]", "width  [length]")])
     return Result({"places": {"rows": rows}}, ["Places", Table("places", rows, columns, "Widths of places"), chart,
                                                Verdict(["It is wide."], [], "yes", "Wide enough at 6 rad/time.", "Is it wide?")])
@@ -307,7 +307,7 @@ def test_what_a_scene_gives_is_printed_filed_drawn_and_on_its_page(tmp_path: Pat
                                                       "meaning": "how wide it is"}
     series, = told["charts"][0]["places"][0]["panels"][0]["series"]
     assert series["x"] == [1.0, 2.0, 3.0] and series["colour"] == METHODS["craig-chang"].colour
-    assert [name for name, _ in series["told"]] == ["omega [rad/s]", "f [Hz]"] and (tmp_path / "out" / "widths.png").exists()
+    assert [name for name, _ in series["hover"]] == ["omega [rad/s]", "f [Hz]"] and (tmp_path / "out" / "widths.png").exists()
     assert told["verdict"]["headline"] == "Wide enough at 6 rad/s (0.9549 Hz)."
     for run_again in (False, True):
         if run_again:
@@ -357,7 +357,7 @@ def test_a_mode_s_file_holds_the_shape_in_single_precision(folders: dict[str, Pa
     path = folders["solid"] / MODE_FILE
     mode = read_mode(path)
     told = results(folders["solid"])["least-stable"]
-    assert mode.told["eigenvalue"] == told["eigenvalue"] and mode.points.dtype == np.float32
+    assert mode.facts["eigenvalue"] == told["eigenvalue"] and mode.points.dtype == np.float32
     assert np.linalg.norm(mode.u, axis=1).max() == pytest.approx(1, abs=1e-6)
     sent = page._sent(mode)
     again = np.frombuffer(__import__("base64").b64decode(sent["real"]), "<i2").reshape(-1, 3) * sent["unit"]

@@ -25,10 +25,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("files", nargs="+", metavar="FILE",
                          help="a folder of write_matrices, or the files of M and K, and of D if there is one")
     command.add_argument("--full", nargs="+", metavar="FILE", default=[], help="the full model, named alike")
-    for name, told in {**FILES, **LISTS}.items():
-        command.add_argument(f"--{name}", metavar="LIST" if name in LISTS else "FILE", help=told)
-    for name, told in NUMBERS.items():
-        command.add_argument(f"--{name}", type=float, metavar="NUMBER", help=told)
+    for name, text in {**FILES, **LISTS}.items():
+        command.add_argument(f"--{name}", metavar="LIST" if name in LISTS else "FILE", help=text)
+    for name, text in NUMBERS.items():
+        command.add_argument(f"--{name}", type=float, metavar="NUMBER", help=text)
     command.add_argument("--floating", choices=("yes", "no"), help="whether the part hangs on nothing")
     command.add_argument("--gyroscopic", action="store_true", help="the part turns, so that D may be unsymmetric")
     command.add_argument("--units", help="the units of all numbers: SI or mm-t-s")

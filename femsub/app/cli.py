@@ -69,12 +69,12 @@ def _loudness(command: argparse.ArgumentParser) -> None:
     loud = command.add_mutually_exclusive_group()
     loud.add_argument("-q", "--quiet", action="store_true", help="print warnings and errors only")
     loud.add_argument("-v", "--verbose", action="count", default=0,
-                      help="print every table, and tell on stderr what is factorised, solved and counted; -vv: each "
+                      help="print every table, and report on stderr what is factorised, solved and counted; -vv: each "
                       "factorisation and count")
 
 
-def _scene_argument(command: argparse.ArgumentParser, told: str, files: bool = False, optional: bool = False) -> None:
-    scene = command.add_argument("scene", help=told, nargs="?" if optional else None)
+def _scene_argument(command: argparse.ArgumentParser, text: str, files: bool = False, optional: bool = False) -> None:
+    scene = command.add_argument("scene", help=text, nargs="?" if optional else None)
     shells = {"bash": "_femsub_scene", "zsh": "_femsub_scene", "tcsh": "f"}
     scene.complete = {shell: f"{name}_or_file" if files and shell != "tcsh" else name  # type: ignore[attr-defined]
                       for shell, name in shells.items()}
@@ -121,7 +121,7 @@ def _doctor() -> int:
 
 
 def _say(text: str) -> None:
-    """Prints to stdout, now: what is left in the buffer would fail where nobody can tell of it."""
+    """Prints to stdout, now: what is left in the buffer would fail where no message can be printed."""
     try:
         print(printable(text), flush=True)
     except OSError as error:
@@ -174,7 +174,7 @@ def printable_record(record: logging.LogRecord) -> bool:
 
 
 @contextmanager
-def _told(verbose: int) -> Iterator[None]:
+def _logged(verbose: int) -> Iterator[None]:
     """The library's log on stderr while a scene runs: nothing, what is done, or every step."""
     log, handler = logging.getLogger("femsub"), logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("femsub: %(message)s"))
@@ -192,7 +192,7 @@ def _told(verbose: int) -> Iterator[None]:
 
 def _run(options: argparse.Namespace, loaded: Callable[[], tuple[Scene, Callable[..., Result]]],
          trusted: Sequence[str] = ()) -> int:
-    with warnings.catch_warnings(record=True) as caught, _told(options.verbose):
+    with warnings.catch_warnings(record=True) as caught, _logged(options.verbose):
         warnings.simplefilter("always", FemsubWarning)
         scene, run = loaded()
         # Imported late: a scene that is misspelt should not wait for numpy.
@@ -206,13 +206,13 @@ def _run(options: argparse.Namespace, loaded: Callable[[], tuple[Scene, Callable
         with output_folder(options.out) as folder:
             try:
                 loud = logging.getLogger("femsub.app").info if options.verbose else progress
-                tell = (lambda _: None) if options.quiet else loud
+                say = (lambda _: None) if options.quiet else loud
                 record = None if folder is None else Record(scene, folder)
                 with including(*trusted):  # meshes may include files from these folders, too
-                    result = record.run(run, tell) if record else run(scene, tell)
+                    result = record.run(run, say) if record else run(scene, say)
                 written = []
                 if record is not None:
-                    tell("writing")
+                    say("writing")
                     written = record.write(result, _texts(caught))
             finally:
                 progress_done()

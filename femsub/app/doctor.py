@@ -111,14 +111,14 @@ def _blas(found: Findings) -> None:
     """The BLAS libraries in the process, each with its kernels and threads, and whether their products are right."""
     import scipy.linalg  # loads SciPy's own  # noqa: F401
 
-    told = libraries().info()
-    for one in told:
+    lines = libraries().info()
+    for one in lines:
         found.add("BLAS", f"{Path(one['filepath']).name}: {one['internal_api']} {one['version']}, kernels "
                           f"{one.get('architecture')}, {one['num_threads']} thread(s)")
-    if not told:
+    if not lines:
         found.add("BLAS", "no BLAS found in the process")
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    for one in told:
+    for one in lines:
         if (threads := one["num_threads"]) > processors:
             found.wrong.append(f"{Path(one['filepath']).name} uses {threads} threads, but this process may use {processors} "
                                f"processors, which slows small products down by far: set OMP_NUM_THREADS={processors}, or 1")
@@ -136,7 +136,7 @@ def _blas(found: Findings) -> None:
 def _memory(found: Findings) -> None:
     free = available()
     if free is None:
-        found.add("memory", "unknown: nobody tells on this system")
+        found.add("memory", "unknown on this system")
         return
     found.add("memory", f"{free / 1e9:.1f} GB available to this process")
     if free < LITTLE:

@@ -158,8 +158,8 @@ class Expression:
         return value(self._tree)
 
     def _undefined(self, values: Mapping[str, float], error: Exception) -> InputError:
-        told = ", ".join(f"{name} = {values[name]:.9g}" for name in self.names)
-        return InputError(f"scene key {self.where!r}: {self.text!r} has no value at {told}: {error}. Change the expression or "
+        place = ", ".join(f"{name} = {values[name]:.9g}" for name in self.names)
+        return InputError(f"scene key {self.where!r}: {self.text!r} has no value at {place}: {error}. Change the expression or "
                           "the range")
 
 

@@ -20,7 +20,7 @@ DECADES = 3  # of the spectrograms' scale
 STRETCH = 0.12  # how far the largest displacement of a solid is drawn, in parts of the mesh's largest side
 MARKS = {"contact": ("black", "v"), "interface": ("#0067a5", "s")}
 AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(35.0)  # from where solids are seen
-#: colours that also those tell apart who see no red or no green
+#: colours that readers who see no red or no green distinguish as well
 PARTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#999999")
 #: the same on the colours of solids, where black and blue are not seen
 MARKS_ON_SOLIDS = {"contact": ("#e41a1c", "v"), "interface": ("#ff7f00", "s")}

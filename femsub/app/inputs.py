@@ -30,14 +30,14 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
         Not a results.json of a run; a file of the scene is missing, or no longer what it was.
     """
     path = newest(path.parent, path.name)
-    told = results_of(path)
-    if told is None or not told["inputs"]:
+    known = results_of(path)
+    if known is None or not known["inputs"]:
         raise InputError(f"{path} does not hold the inputs of a run; name a scene, a scene file, or the results.json of a run "
                          "with --out")
-    keys = _mapped(told["inputs"], lambda value: value)
-    if str(keys.get("scene", "")).endswith(".py") and not any(item["path"] == keys["scene"] for item in told["files"]):
+    keys = _mapped(known["inputs"], lambda value: value)
+    if str(keys.get("scene", "")).endswith(".py") and not any(item["path"] == keys["scene"] for item in known["files"]):
         raise InputError(f"{path} names the Python file {keys['scene']}, but not its SHA-256; it is not run")
-    for item in told["files"]:
+    for item in known["files"]:
         place = path.parent / item["path"]
         if not place.is_file():
             place = path.parent / place.name
@@ -48,7 +48,7 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
         if now != item["sha256"]:
             raise InputError(f"{place} has changed since the run of {path}: its SHA-256 was {item['sha256'][:12]}… and is "
                              f"{now[:12]}…. Put the old file back, or run the scene file")
-    if (then := told["versions"].get("femsub")) != __version__:
+    if (then := known["versions"].get("femsub")) != __version__:
         warn(f"{path} was written by femsub {then}, and this is {__version__}: figures may differ", FemsubWarning)
     return keys, path.parent
 
@@ -58,16 +58,16 @@ def results_of(path: Path) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        json.dumps(told, ensure_ascii=False).encode()  # half a character cannot be printed
+        known = json.loads(path.read_text(encoding="utf-8"))
+        json.dumps(known, ensure_ascii=False).encode()  # half a character cannot be printed
     except (ValueError, RecursionError):
         return None
-    if not isinstance(told, dict) or "scene" not in told:
+    if not isinstance(known, dict) or "scene" not in known:
         return None
-    told = {key: kind() for key, kind in SHAPE.items()} | told
-    fit = all(isinstance(told[key], kind) for key, kind in SHAPE.items()) and all(
-        isinstance(item, dict) and all(isinstance(item.get(key), str) for key in ("path", "sha256")) for item in told["files"])
-    return told if fit and isinstance(told["inputs"].get("units", ""), str) else None
+    known = {key: kind() for key, kind in SHAPE.items()} | known
+    fit = all(isinstance(known[key], kind) for key, kind in SHAPE.items()) and all(
+        isinstance(item, dict) and all(isinstance(item.get(key), str) for key in ("path", "sha256")) for item in known["files"])
+    return known if fit and isinstance(known["inputs"].get("units", ""), str) else None
 
 
 def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:

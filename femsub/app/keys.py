@@ -1,4 +1,4 @@
-"""Keys of scene files: what each means, its unit, its type and its bounds, told once, where the field is declared.
+"""Keys of scene files: what each means, its unit, its type and its bounds, stated once, where the field is declared.
 
     @dataclass(frozen=True)
     class Strip:
@@ -86,8 +86,8 @@ class Key:
     @property
     def bounds(self) -> str:
         """'at least 1 and at most 1000'."""
-        told = {"at least": self.least, "above": self.above, "at most": self.most, "below": self.below}
-        return " and ".join(f"{word} {bound:,}" for word, bound in told.items() if bound is not None)
+        bounds = {"at least": self.least, "above": self.above, "at most": self.most, "below": self.below}
+        return " and ".join(f"{word} {bound:,}" for word, bound in bounds.items() if bound is not None)
 
     def admits(self, value: float) -> bool:
         """Whether a number is within the bounds."""
@@ -118,10 +118,10 @@ class Declared:
 
 def key(default: Any, meaning: str, **known: Any) -> Any:
     """A field of a frozen dataclass that is a key of scene files; `known` are the attributes of `Key`."""
-    told = {"key": Key(meaning, **known)}
+    metadata = {"key": Key(meaning, **known)}
     if isinstance(default, list):
-        return dataclasses.field(default_factory=lambda: list(default), metadata=told)
-    return dataclasses.field(default=default, metadata=told)
+        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 def keys_of(kind: type) -> dict[str, Declared]:
@@ -129,8 +129,8 @@ def keys_of(kind: type) -> dict[str, Declared]:
     hints = _types(kind)
     found: dict[str, Declared] = {}
     for item in dataclasses.fields(kind):
-        known = next((told["key"] for one in kind.__mro__ if (field := getattr(one, "__dataclass_fields__", {}).get(item.name))
-                      and "key" in (told := field.metadata)), None)
+        known = next((data["key"] for one in kind.__mro__ if (field := getattr(one, "__dataclass_fields__", {}).get(item.name))
+                      and "key" in (data := field.metadata)), None)
         if known is not None and item.name not in getattr(kind, "WITHOUT", {}):
             default = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
             found[item.name] = Declared(item.name, hints[item.name], default, known)
@@ -181,7 +181,7 @@ def values_of(kind: type, table: Mapping[str, Any], where: str = "") -> dict[str
     Raises
     ------
     InputError
-        Keys that do not exist (the nearest ones are named), values of the wrong type, an empty list: all of them are told.
+        Keys that do not exist (the nearest ones are named), values of the wrong type, an empty list: all of them are listed.
     """
     declared, values, unknown = keys_of(kind), {}, []
     wrong: list[FemsubError] = []
@@ -219,7 +219,7 @@ def _radians(name: str, value: Any, table: Mapping[str, Any]) -> Any:
     if found is None:
         return value
     if not table.get("units"):
-        raise InputError(f"scene key {name!r}: {value!r} is told in hertz, which needs the unit of time: give units, e.g. "
+        raise InputError(f"scene key {name!r}: {value!r} is given in hertz, which needs the unit of time: give units, e.g. "
                          "units = \"SI\"")
     return 2 * pi * float(found[1]) * (1000 if found[2] else 1)
 

@@ -29,7 +29,7 @@ ARRAYS = ("points", "cells", "real", "imag")  # cells are lines or triangles
 class Moving(NamedTuple):
     """u(t) = Re(u e^(iφ)) at points (n, 3), joined by `cells`, rows of points: lines (m, 2) or triangles (m, 3)."""
 
-    told: dict[str, Any]  #: title, eigenvalue, size of the mesh, and whatever else the page says of it
+    facts: dict[str, Any]  #: title, eigenvalue, size of the mesh, and whatever else the page says of it
     points: Array
     cells: Array
     u: Array
@@ -41,7 +41,7 @@ def mode_file(mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str
                                                  "nodes": len(mesh.points)})}
 
 
-def moving(mesh: Mesh, u: Array, told: Mapping[str, Any], most: int = MOST_NODES) -> Moving:
+def moving(mesh: Mesh, u: Array, facts: Mapping[str, Any], most: int = MOST_NODES) -> Moving:
     """A mesh's surface, or its lines, with at most so many nodes; the largest displacement is 1, at the phase 0."""
     points, cells = np.zeros((len(mesh.points), 3)), _drawn_cells(mesh)
     points[:, :mesh.points.shape[1]] = mesh.points
@@ -52,7 +52,7 @@ def moving(mesh: Mesh, u: Array, told: Mapping[str, Any], most: int = MOST_NODES
         points, u = _means(points, box), _means(u, box)
     length = np.linalg.norm(u, axis=1).max()
     largest = u.ravel()[np.abs(u).argmax()]
-    return Moving(dict(told), points, cells, u * (np.conj(largest) / abs(largest) / length) if length else u)
+    return Moving(dict(facts), points, cells, u * (np.conj(largest) / abs(largest) / length) if length else u)
 
 
 def _drawn_cells(mesh: Mesh) -> Array:
@@ -89,9 +89,9 @@ def _means(values: Array, box: Array) -> Array:
     return found / np.bincount(box)[:, None]
 
 
-def _write(mesh: Mesh, u: Array, told: Mapping[str, Any], file: BinaryIO) -> None:
-    made = moving(mesh, u, told)
-    np.savez_compressed(file, told=np.frombuffer(json.dumps(made.told).encode(), dtype=np.uint8),
+def _write(mesh: Mesh, u: Array, facts: Mapping[str, Any], file: BinaryIO) -> None:
+    made = moving(mesh, u, facts)
+    np.savez_compressed(file, facts=np.frombuffer(json.dumps(made.facts).encode(), dtype=np.uint8),
                         points=made.points.astype(np.float32), cells=made.cells.astype(np.int32),
                         real=made.u.real.astype(np.float32), imag=made.u.imag.astype(np.float32))
 
@@ -106,9 +106,9 @@ def read_mode(path: Path, content: BinaryIO | None = None) -> Moving:
     """
     try:
         found = read_arrays(path, content, MOST_BYTES)
-        told = json.loads(found["told"].tobytes())
+        facts = json.loads(found["facts"].tobytes())
         points, cells, real, imag = (found[name] for name in ARRAYS)
-        if not (_is_told(told) and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
+        if not (_is_known(facts) and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
                 and all(part.dtype.kind == "f" and np.isfinite(part).all() for part in (points, real, imag))
                 and cells.dtype.kind in "iu" and cells.shape[1] in (2, 3)
                 and cells.min(initial=0) >= 0 and cells.max(initial=0) < max(len(points), 1)):
@@ -116,14 +116,14 @@ def read_mode(path: Path, content: BinaryIO | None = None) -> Moving:
     except (ValueError, KeyError, RecursionError) as error:
         raise InputError(f"{path} does not hold a mode as femsub writes it: {error!s:.200}. Delete it, or run the scene again") \
             from None
-    return Moving(told, points, cells, real + 1j * imag)
+    return Moving(facts, points, cells, real + 1j * imag)
 
 
-def _is_told(told: Any) -> bool:
+def _is_known(facts: Any) -> bool:
     """Whether a title, an eigenvalue and the size of the mesh are there, each of its type."""
-    if not isinstance(told, dict):
+    if not isinstance(facts, dict):
         return False
-    value = told.get("eigenvalue")
+    value = facts.get("eigenvalue")
     return (isinstance(value, list) and len(value) == 2
             and all(type(part) in (int, float) and abs(part) < math.inf for part in value)
-            and isinstance(told.get("title"), str) and type(told.get("nodes")) is int)
+            and isinstance(facts.get("title"), str) and type(facts.get("nodes")) is int)

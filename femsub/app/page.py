@@ -59,17 +59,17 @@ def show(folder: Path) -> Path:
         raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
     with output_folder(str(folder)):
         path = folder / RESULTS
-        told = results_of(path)
-        kind = told["inputs"].get("scene") if told else None
-        if told is None or not isinstance(kind, str) or not (kind in SCENES or kind.endswith(OWN)):
+        data = results_of(path)
+        kind = data["inputs"].get("scene") if data else None
+        if data is None or not isinstance(kind, str) or not (kind in SCENES or kind.endswith(OWN)):
             raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
         place = folder / MODE_FILE
-        if place.is_file() and (known := told["sha256"].get(MODE_FILE)) and (why := unlike(place, known)):
+        if place.is_file() and (known := data["sha256"].get(MODE_FILE)) and (why := unlike(place, known)):
             raise InputError(f"{place} is not the file that {RESULTS} was written with: {why}. Delete it, or run the scene again")
         mode = read_mode(place) if place.is_file() else None
         content = io.BytesIO()
         try:
-            write_page(told, mode, content)
+            write_page(data, mode, content)
         except FemsubError:
             raise
         except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
@@ -79,11 +79,11 @@ def show(folder: Path) -> Path:
     return made
 
 
-def write_page(told: Mapping[str, Any], mode: Moving | None, file: BinaryIO) -> None:
+def write_page(data: Mapping[str, Any], mode: Moving | None, file: BinaryIO) -> None:
     """The page of results as results.json has them, and with the mode to be shown if there is one."""
     script = package("plotly.offline", *WHY).get_plotlyjs()
-    parts = {"TITLE": escape(str(told["scene"])), "BODY": "\n".join(_body(told, mode)),
-             "DATA": _embedded({"charts": told["charts"], "mode": None if mode is None else _sent(mode)}), "PLOTLY": script}
+    parts = {"TITLE": escape(str(data["scene"])), "BODY": "\n".join(_body(data, mode)),
+             "DATA": _embedded({"charts": data["charts"], "mode": None if mode is None else _sent(mode)}), "PLOTLY": script}
     text = TEMPLATE.read_text(encoding="utf-8")
     pieces = text.split("%%")  # text, name, text, name, ...: what is put in is not searched again
     pieces[1::2] = [parts[name] for name in pieces[1::2]]
@@ -101,27 +101,27 @@ def _sent(mode: Moving) -> dict[str, Any]:
         return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode()
 
     top = max(float(np.abs(mode.u.real).max(initial=0)), float(np.abs(mode.u.imag).max(initial=0))) or 1.0
-    return {"told": mode.told, "corners": mode.cells.shape[1], "unit": top / 32767, "points": coded(mode.points, "<f4"),
+    return {"facts": mode.facts, "corners": mode.cells.shape[1], "unit": top / 32767, "points": coded(mode.points, "<f4"),
             "cells": coded(mode.cells, "<i4"), "real": coded(np.rint(mode.u.real / top * 32767), "<i2"),
             "imag": coded(np.rint(mode.u.imag / top * 32767), "<i2")}
 
 
-def _body(told: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
-    kind = told["inputs"]["scene"]
-    by = f"femsub {told.get('versions', {}).get('femsub', '')}, {str(told.get('date', ''))[:16].replace('T', ' ')} UTC"
-    yield f"<header><h1>{escape(str(told['scene']))}</h1><p>{escape(f'Scene {kind}, run by {by}')}</p></header>"
-    yield from _verdict(told["verdict"])
-    yield from _warned(told)
+def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
+    kind = data["inputs"]["scene"]
+    by = f"femsub {data.get('versions', {}).get('femsub', '')}, {str(data.get('date', ''))[:16].replace('T', ' ')} UTC"
+    yield f"<header><h1>{escape(str(data['scene']))}</h1><p>{escape(f'Scene {kind}, run by {by}')}</p></header>"
+    yield from _verdict(data["verdict"])
+    yield from _warned(data)
     if mode is not None:
-        yield from _mode(told, mode)
+        yield from _mode(data, mode)
     yield ('<section id="plots"><h2>Plots</h2><p class="note">Point at a mark to read its numbers. Click a name in a legend to '
            'hide it. Drag to zoom; double-click to zoom out.</p><div class="plots"></div></section>')
     yield ('<section id="tables"><h2>Tables</h2><p class="note">Click a head to sort by its column. Point at it to read what it '
            'means.</p>')
-    for name, table in told["tables"].items():
-        yield from _table(name, table, rows_of(told, table))
+    for name, table in data["tables"].items():
+        yield from _table(name, table, rows_of(data, table))
     yield "</section>"
-    yield from _rests_on(told, mode)
+    yield from _rests_on(data, mode)
 
 
 def _verdict(found: Mapping[str, Any]) -> Iterator[str]:
@@ -134,17 +134,17 @@ def _verdict(found: Mapping[str, Any]) -> Iterator[str]:
     yield "</section>"
 
 
-def _warned(told: Mapping[str, Any]) -> Iterator[str]:
-    if told.get("warnings"):
-        lines = "".join(f"<li>{escape(str(line))}</li>" for line in told["warnings"])
+def _warned(data: Mapping[str, Any]) -> Iterator[str]:
+    if data.get("warnings"):
+        lines = "".join(f"<li>{escape(str(line))}</li>" for line in data["warnings"])
         yield f'<section id="warnings"><h2>Warnings of the run</h2><ul>{lines}</ul></section>'
 
 
-def _mode(told: Mapping[str, Any], mode: Moving) -> Iterator[str]:
-    (growth, omega), said = mode.told["eigenvalue"], str(mode.told["title"])
+def _mode(data: Mapping[str, Any], mode: Moving) -> Iterator[str]:
+    (growth, omega), said = mode.facts["eigenvalue"], str(mode.facts["title"])
     verb = "grows" if growth > 0 else "decays"
-    at = SYSTEMS.get(told["inputs"].get("units", ""), UNKNOWN).said(f"{omega:.6g} rad/time")
-    fewer = f" Drawn are {len(mode.points)} of {mode.told['nodes']} nodes." if len(mode.points) < mode.told["nodes"] else ""
+    at = SYSTEMS.get(data["inputs"].get("units", ""), UNKNOWN).said(f"{omega:.6g} rad/time")
+    fewer = f" Drawn are {len(mode.points)} of {mode.facts['nodes']} nodes." if len(mode.points) < mode.facts["nodes"] else ""
     sliders = "".join(
         f'<label>{title} <input type="range" id="{name}" min="{low}" max="{high}" step="{step}" value="{value}"><output></output>'
         "</label>" for name, title, low, high, step, value in SLIDERS)
@@ -155,9 +155,9 @@ def _mode(told: Mapping[str, Any], mode: Moving) -> Iterator[str]:
            f'{fewer}</p></section>')
 
 
-def rows_of(told: Mapping[str, Any], table: Mapping[str, Any]) -> list[dict[str, Any]]:
+def rows_of(data: Mapping[str, Any], table: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The rows of a table, without lists that no cell has room for."""
-    found: Any = table.get("rows", told)
+    found: Any = table.get("rows", data)
     for key in table.get("place", ()):
         found = found[key]
     return [{key: value for key, value in row.items() if not (isinstance(value, dict) or (isinstance(value, list) and (
@@ -216,14 +216,14 @@ def _toml_lines(table: Mapping[str, Any], header: str) -> Iterator[str]:
             yield from _toml_lines(item, f"{header}{key}.")
 
 
-def _rests_on(told: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
+def _rests_on(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
     """Inputs, files, versions and the machine."""
     yield ('<section id="inputs"><h2>Inputs</h2><p class="note">As a scene file, with every key as it was used. Places of files '
-           f"are relative to the folder of the results.</p><pre>{escape(inputs_toml(told['inputs']))}</pre></section>")
-    versions = {**told.get("versions", {}), **{f"machine: {key}": value for key, value in told.get("machine", {}).items()}}
+           f"are relative to the folder of the results.</p><pre>{escape(inputs_toml(data['inputs']))}</pre></section>")
+    versions = {**data.get("versions", {}), **{f"machine: {key}": value for key, value in data.get("machine", {}).items()}}
     facts = [(key, ", ".join(map(str, value)) if isinstance(value, list) else value) for key, value in versions.items()]
-    facts += [(str(item.get("path")), f"SHA-256 {item.get('sha256')}") for item in told.get("files", [])]
-    facts.append(("run ended", told.get("date", "")))
+    facts += [(str(item.get("path")), f"SHA-256 {item.get('sha256')}") for item in data.get("files", [])]
+    facts.append(("run ended", data.get("date", "")))
     if mode is None:
         facts.append(("mode", f"{MODE_FILE} is not there. A run with the output page writes it, if the scene finds a mode"))
     lines = "".join(f"<tr><th scope=row>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts)

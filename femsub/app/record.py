@@ -51,10 +51,10 @@ class Record:
         self.last = self._last()
         keys = asdict(scene)
         self.inputs: dict[str, Any] = {"scene": self._kind()} | {name: keys[name] for name in keys_of(type(scene))}
-        self.files = self._told([Path(scene.own)] if scene.own else [])
+        self.files = self._described([Path(scene.own)] if scene.own else [])
         for table, name in _file_keys(type(scene), self.inputs):
             path, matrix = _named_file(Path(keys.get("folder", ".")) / table[name])
-            self.files += self._told([path])
+            self.files += self._described([path])
             table[name] = self._place(path) + matrix
 
     def run(self, run: Callable[[Scene, Progress], Result], progress: Progress) -> Result:
@@ -62,20 +62,20 @@ class Record:
         with texts_read() as texts:
             result = run(self.scene, progress)
         known = {item["path"] for item in self.files}
-        self.files += self._told(path for path in dict.fromkeys(texts) if self._place(path) not in known)
+        self.files += self._described(path for path in dict.fromkeys(texts) if self._place(path) not in known)
         return result
 
     def write(self, result: Result, warned: Sequence[str] = ()) -> list[Path]:
         """Writes the results, takes away what only the last run of this scene wrote, and warns of other files of results."""
         drawn = {name: number for name, number in self.scene.PAPER.items() if name in result.drawings and self.scene.figures}
-        told: dict[str, Any] = {
+        data: dict[str, Any] = {
             "scene": self.scene.name, "date": datetime.now(UTC).isoformat(timespec="seconds"), "versions": versions(),
             "machine": machine(), "inputs": self.inputs, "files": self.files}
         if drawn:
-            told["paper"] = {"paper": PAPER, "figures": {f"{name}.png": number for name, number in drawn.items()}}
+            data["paper"] = {"paper": PAPER, "figures": {f"{name}.png": number for name, number in drawn.items()}}
         if warned:
-            told["warnings"] = list(warned)
-        result = replace(result, data=told | results(
+            data["warnings"] = list(warned)
+        result = replace(result, data=data | results(
             result, self.scene.system, [name for name in self.scene.OUTPUTS if name not in self.scene.outputs]))
         if self.scene.paged:
             result = replace(result, files=result.files | _page(result))
@@ -101,21 +101,21 @@ class Record:
         place, kind = self.folder / RESULTS, self._kind()
         if not os.path.lexists(place):
             return {}
-        told = results_of(place)
-        if told is None:
+        known = results_of(place)
+        if known is None:
             raise InputError(f"{place} was not written by femsub; choose another folder for --out")
-        if (told["scene"], told["inputs"].get("scene", kind)) != (self.scene.name, kind):
+        if (known["scene"], known["inputs"].get("scene", kind)) != (self.scene.name, kind):
             others = [path.name for path in sorted(self.folder.iterdir()) if path.suffix in OURS]
-            raise InputError(f"the output folder {self.folder} holds the results of another scene, {told['scene']!r} "
+            raise InputError(f"the output folder {self.folder} holds the results of another scene, {known['scene']!r} "
                              f"({_listed(others)}); choose another folder for --out, or delete them")
-        return {name: told["sha256"].get(name) for name in told["written"] if isinstance(name, str)}
+        return {name: known["sha256"].get(name) for name in known["written"] if isinstance(name, str)}
 
     def _place(self, path: Path) -> str:
         """A file as seen from the folder of the results, with which it may be moved."""
         whole = Path(os.path.realpath(path.parent)) / path.name
         return Path(os.path.relpath(whole, os.path.realpath(self.folder))).as_posix()
 
-    def _told(self, paths: Iterable[Path]) -> list[dict[str, Any]]:
+    def _described(self, paths: Iterable[Path]) -> list[dict[str, Any]]:
         """Place, hash and size of each; what is wrong with one that cannot be read, the scene says."""
         return [{"path": self._place(path), "sha256": hash_of(path), "bytes": path.stat().st_size} for path in paths
                 if path.is_file() and os.access(path, os.R_OK)]

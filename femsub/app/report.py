@@ -121,7 +121,7 @@ def remove(folder: Path, hashes: Mapping[Any, Any]) -> None:
 
 
 def results(result: Result, units: Units = UNKNOWN, left_out: Sequence[str] = ()) -> dict[str, Any]:
-    """The data, with Hz beside rad per unit of time where the units are known; what the columns of its tables tell; its charts;
+    """The data, with Hz beside rad per unit of time where the units are known; what the columns of its tables mean; its charts;
     its verdict, which was not asked for these outputs.
     """
     tables = {}

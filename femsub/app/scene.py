@@ -99,7 +99,7 @@ class Scene:
     figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
     repeats: int = key(5, "runs per time that is measured", least=1, most=MOST_REPEATS)
     units: str = key("", "the units of all numbers: 'SI' (m, kg, s, N) or 'mm-t-s' (mm, t, s, N); with them Hz stands beside "
-                     "rad/s in what is told, written and drawn; nothing is converted", choices=lambda _: SYSTEMS,
+                     "rad/s in what is printed, written and drawn; nothing is converted", choices=lambda _: SYSTEMS,
                      otherwise="no unit is claimed", example="SI")
 
     own: str = ""  #: the Python file of a scene of your own
@@ -193,7 +193,7 @@ class Result:
         File name, which may name a folder below that of the results, to a function that writes the file's content. Called
         only where there is a folder to write to.
     head : sequence
-        The first of `shown`, which tell what the model is.
+        The first of `shown`, which say what the model is.
     """
 
     data: dict[str, Any]
@@ -237,7 +237,7 @@ class Result:
         decides = verdict.decides if whole or not choices else [
             line for one in self.shown if isinstance(one, studies.Remark) for line in one.decides
             if one not in choices or line.startswith("Mind")]
-        if not whole:  # where no model will do, its sentence tells what to do
+        if not whole:  # where no model will do, its sentence says what to do
             decides = [*(studies.sentence(one.sentence, one.where) for one in choices if not one.model), *decides]
         lists = [("What decides it", decides), ("Not checked", verdict.unchecked if whole else ())]
         parts += ["\n".join([f"{title}:", *(f"- {line}" for line in dict.fromkeys(lines))]) for title, lines in lists if lines]
@@ -251,7 +251,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
     """A result, output by output: one that fails, or is interrupted, takes nothing from what was computed before.
 
     `data` and `shown` are what the result begins with; `long` outputs are not begun once there was an interruption. Failures are
-    told in the text and in data["failed"], an interruption by data["complete"] = False.
+    reported in the text and in data["failed"], an interruption by data["complete"] = False.
 
     Raises
     ------

@@ -22,17 +22,17 @@ SIMPLE = {bool: "boolean", int: "integer", float: "number", str: "string"}
 def scene_schema(name: str) -> dict[str, Any]:
     """The schema of the files of one scene."""
     scene = scene_of(name)[0]
-    told = SCENES[name][1] if name in SCENES else inspect.getdoc(scene) or ""
+    text = SCENES[name][1] if name in SCENES else inspect.getdoc(scene) or ""
     made = _table(scene, defaults_of(scene, name))
-    made["properties"] = {"scene": {"const": name, "description": told}, **made["properties"]}
+    made["properties"] = {"scene": {"const": name, "description": text}, **made["properties"]}
     made["required"] = [*(["scene"] if name != "chain" else []), *made["required"]]
-    return {"$schema": DIALECT, "title": f"femsub scene {name}", "description": told, "minProperties": 1, **made}
+    return {"$schema": DIALECT, "title": f"femsub scene {name}", "description": text, "minProperties": 1, **made}
 
 
 def schema() -> dict[str, Any]:
     """The schema of all scene files, by the scene that each names; 'chain' where it names none.
 
-    Keys that mean the same in all scenes are told once. The first part lists all keys, since editors do not look for
+    Keys that mean the same in all scenes are described once. The first part lists all keys, since editors do not look for
     completions behind an `if`.
     """
     scenes = {name: scene_schema(name) for name in SCENES}
@@ -41,16 +41,16 @@ def schema() -> dict[str, Any]:
                                        "description": "what is run: the name of a scene, or the Python file of one of your own"}}
     meanings: dict[str, list[Any]] = {}
     for made in scenes.values():
-        for key, told in made["properties"].items():
-            bare = {word: value for word, value in told.items() if word != "default"}
+        for key, one in made["properties"].items():
+            bare = {word: value for word, value in one.items() if word != "default"}
             meanings.setdefault(key, []).extend([bare] if bare not in meanings.get(key, []) else [])
     shared = {key for key, found in meanings.items() if len(found) == 1}
     every |= {key: found[0] if key in shared else {"description": found[0].get("description", "")}
               for key, found in meanings.items() if key != "scene"}
     cases = []
     for name, made in scenes.items():
-        own = {key: {word: told[word] for word in told if word == "default" or key not in shared}
-               for key, told in made["properties"].items() if key != "scene"}
+        own = {key: {word: one[word] for word in one if word == "default" or key not in shared}
+               for key, one in made["properties"].items() if key != "scene"}
         rules = {word: value for word, value in made.items() if word in ("dependencies", "additionalProperties", "required")}
         asked: dict[str, Any] = {"properties": {"scene": {"const": name}}, "required": made["required"][:1]}
         if name == "chain":

@@ -1,4 +1,4 @@
-"""Units that a scene names: with them Hz stands beside rad/s, and m/s for "length/time", in what is told, written and drawn."""
+"""Units that a scene names: with them Hz is beside rad/s, and m/s for "length/time", in what is printed, written and drawn."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
     Raises
     ------
     InputError
-        A node twice in a cell; tangled or flat cells; cells folded into their neighbours. The message tells how many, which
+        A node twice in a cell; tangled or flat cells; cells folded into their neighbours. The message says how many, which
         and where.
     """
     labels = np.arange(len(mesh.cells)) if cell_numbers is None else np.asarray(cell_numbers)
@@ -54,7 +54,7 @@ def refuse_spoilt(mesh: Mesh) -> None:
     Raises
     ------
     InputError
-        There are some; the message tells their numbers.
+        There are some; the message lists their numbers.
     """
     first = _first_alike(mesh)
     again = np.flatnonzero(first != np.arange(len(first)))
@@ -65,8 +65,8 @@ def refuse_spoilt(mesh: Mesh) -> None:
     unused = ~_in_cells(mesh)
     if unused.any():
         of = f"of {mesh.name!r}"
-        told = plural(np.count_nonzero(unused), f"node {of} belongs", f"nodes {of} belong")
-        raise InputError(f"{told} to no cell: number {listed(mesh.numbers[unused])}. Such a node has no mass and no stiffness; "
+        which = plural(np.count_nonzero(unused), f"node {of} belongs", f"nodes {of} belong")
+        raise InputError(f"{which} to no cell: number {listed(mesh.numbers[unused])}. Such a node has no mass and no stiffness; "
                          "leave it out")
 
 

@@ -71,7 +71,7 @@ class Reference:
 
 
 def skfem() -> Any:
-    """The package scikit-fem, or an error that tells how to install it."""
+    """The package scikit-fem, or an error that says how to install it."""
     return package("skfem", "finite elements need scikit-fem and meshio", "scikit-fem", "meshio")
 
 

@@ -429,7 +429,7 @@ def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
     for number in dict.fromkeys(joined.owner.tolist()):
         name = repr(joints[number])
         if name in found:
-            raise InputError(f"two joints are called {name!r}, and their multipliers could not be told apart: give each a name=")
+            raise InputError(f"two joints are called {name!r}, so their multipliers share a name: give each a name=")
         found[name] = joined.G[np.flatnonzero(joined.owner == number)]
     return found
 

@@ -47,7 +47,7 @@ class _OneNode(Joint):
 
 
 def _following(follower: tuple[Site, Array], leader: tuple[Site, Array], weight: Array, lost: Callable[[str], str]) -> Link:
-    """u_f = R_f (W R_l)⁺ W u_l, W = diag(weight); `lost` tells of a DOF of the follower that the leader does not determine."""
+    """u_f = R_f (W R_l)⁺ W u_l, W = diag(weight); `lost` names a DOF of the follower that the leader does not determine."""
     (first, rows), (second, known) = follower, leader
     _, values, V = np.linalg.svd(weight[:, None] * known, full_matrices=False)
     basis = V[:int(np.count_nonzero(values > EQUAL * values.max(initial=0.0)))]

@@ -73,8 +73,8 @@ class Affine(Frozen):
 
     def __repr__(self) -> str:
         kind = "sparse" if all(sp.issparse(A) for _, A in self._all) else "dense"
-        told = f"parameters {', '.join(self.parameters)}" if self.parameters else "no parameters"
-        return f"Affine: {self.size} DOF, {kind}, {told}{limit_of(self.cutoff)}"
+        shown = f"parameters {', '.join(self.parameters)}" if self.parameters else "no parameters"
+        return f"Affine: {self.size} DOF, {kind}, {shown}{limit_of(self.cutoff)}"
 
     @property
     def _all(self) -> Terms:
@@ -215,11 +215,11 @@ def _value(theta: Callable[..., float], known: Mapping[str, float]) -> float:
     whole = {**theta.keywords, **known} if isinstance(theta, partial) else known
     function = theta.func if isinstance(theta, partial) else theta
     what = f"the factor {getattr(function, '__name__', type(function).__name__)}({', '.join(whole)})"
-    told = f" at {', '.join(f'{name} = {value:g}' for name, value in whole.items())}" if whole else ""
+    shown = f" at {', '.join(f'{name} = {value:g}' for name, value in whole.items())}" if whole else ""
     try:
         found = theta(**known)
     except FemsubError:
         raise
     except Exception as error:
-        raise InputError(f"{what} cannot be computed{told}: {type(error).__name__}: {error}") from error
-    return finite_number(f"{what}{told}", found)
+        raise InputError(f"{what} cannot be computed{shown}: {type(error).__name__}: {error}") from error
+    return finite_number(f"{what}{shown}", found)

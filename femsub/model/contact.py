@@ -121,9 +121,9 @@ class LinearContact(Frozen):
         return matrix
 
     def __repr__(self) -> str:
-        told = [f"{name} {len(matrix)} x {len(matrix)}, {'symmetric' if np.array_equal(matrix, matrix.T) else 'unsymmetric'}"
+        shown = [f"{name} {len(matrix)} x {len(matrix)}, {'symmetric' if np.array_equal(matrix, matrix.T) else 'unsymmetric'}"
                 for name in ("stiffness", "damping") if (matrix := getattr(self, name)) is not None]
-        return f"LinearContact: on {', '.join(self.ports)}; {'; '.join(told)}"
+        return f"LinearContact: on {', '.join(self.ports)}; {'; '.join(shown)}"
 
     def linearised(self, model: Model) -> tuple[Array | None, Array | None]:
         """(C_D, C_K), whatever the model."""
@@ -160,7 +160,7 @@ def fields_of(contact: Any) -> tuple[str, ...]:
 
 
 def contacts_at(contacts: Contacts, parameter: str, value: float) -> list[Any]:
-    """The contacts with this value of a parameter. Those that do not have it stay as they are, which the log tells.
+    """The contacts with this value of a parameter. Those that do not have it stay as they are, which the log reports.
 
     Raises
     ------

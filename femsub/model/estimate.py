@@ -108,9 +108,9 @@ class Estimate:
             raise InputError(f"the estimate is damaged ({type(problem).__name__}: {problem})") from None
 
     def growth_of_full(self, values: Array) -> Array:
-        """Between which values Re λ of the full system lies, for each λ of the model, (k, 2); NaN where it is not told.
+        """Between which values Re λ of the full system lies, for each λ of the model, (k, 2); NaN where it is not known.
 
-        The estimate holds for the contacts that it was made for. So it is told of those λ alone that it knows. A λ of at most
+        The estimate holds for the contacts that it was made for. So it covers only those λ that it knows. A λ of at most
         1e-6 of the band that it does not know may be rigid motion, whose λ = 0 rounding moves to either side.
         """
         found = np.full((len(values), 2), np.nan)
@@ -143,10 +143,10 @@ class Estimate:
         return self.worst <= self.tol and self.band[1] < self.share * self.cutoff
 
     def __repr__(self) -> str:
-        told = f"{len(self.frequencies)} ω within {self.frequency_error.max(initial=0.0):.1e}"
+        text = f"{len(self.frequencies)} ω within {self.frequency_error.max(initial=0.0):.1e}"
         if len(self.eigenvalues) or self.unmatched:
-            told += f", {len(self.eigenvalues)} λ within {self.eigenvalue_error.max(initial=0.0):.1e}"
+            text += f", {len(self.eigenvalues)} λ within {self.eigenvalue_error.max(initial=0.0):.1e}"
         if self.unmatched:
-            told += f", {self.unmatched} λ without a counterpart"
-        return (f"Estimate: {told}, {self.tol:g} asked from {self.band[0]:.5g} to {self.band[1]:.5g} rad/time: "
+            text += f", {self.unmatched} λ without a counterpart"
+        return (f"Estimate: {text}, {self.tol:g} asked from {self.band[0]:.5g} to {self.band[1]:.5g} rad/time: "
                 f"{'met' if self.met else 'not met'} with {self.modes} modes (cut-off {self.cutoff:.4g})")

@@ -35,7 +35,7 @@ from femsub.algebra import (
 from femsub.checks import Array, Matrix, limit_of, positive_number, real_array
 from femsub.errors import InputError, warn
 
-EVEN = 4.0  # largest entry of an unsymmetric K where its diagonal has been scaled to about 1, and tells the units
+EVEN = 4.0  # largest entry of an unsymmetric K where its diagonal has been scaled to about 1, and shows the units
 LIGHT = 0.1  # damping ratio up to which a DOF is lightly damped
 ALIKE = 10  # DOF from which it is no accident that all are
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled

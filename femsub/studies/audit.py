@@ -93,7 +93,7 @@ class Audit:
 
     @property
     def verdict(self) -> str:
-        """'fault' if there is one, else 'good'. What is unknown is told beside it."""
+        """'fault' if there is one, else 'good'. What is unknown is listed beside it."""
         return FAULT if self.faults else GOOD
 
     @property

@@ -1,4 +1,4 @@
-"""What the small matrices of a reduced model tell by themselves, without the full model."""
+"""What the small matrices of a reduced model show by themselves, without the full model."""
 
 from __future__ import annotations
 
@@ -53,23 +53,23 @@ def numbers(model: Model) -> Finding:
 
 def sizes(model: Model) -> Finding:
     """Whether shapes and lists belong together."""
-    r, told = model.size, ""
+    r, wrong = model.size, ""
     shapes = {key: A.shape for key in "MKDV" if (A := getattr(model, key)) is not None}
     if bad := [key for key in "MKD" if shapes.get(key, (r, r)) != (r, r)]:
-        told = f"{bad[0]} is {' x '.join(map(str, shapes[bad[0]]))}, M has {r} rows"
+        wrong = f"{bad[0]} is {' x '.join(map(str, shapes[bad[0]]))}, M has {r} rows"
     elif len(shapes.get("V", (0, r))) != 2 or shapes.get("V", (0, r))[1] != r:
-        told = f"V is {' x '.join(map(str, shapes['V']))}, but there are {r} coordinates"
+        wrong = f"V is {' x '.join(map(str, shapes['V']))}, but there are {r} coordinates"
     elif model.kinds and len(model.kinds) != r:
-        told = f"{len(model.kinds)} kinds are stated for {r} coordinates"
+        wrong = f"{len(model.kinds)} kinds are stated for {r} coordinates"
     elif model.places is not None and (np.any(model.places < 0) or np.any(model.places >= r)
                                        or len(np.unique(model.places)) < len(model.places)):
-        told = f"the interface names a coordinate twice, or one outside 0 to {r - 1}"
+        wrong = f"the interface names a coordinate twice, or one outside 0 to {r - 1}"
     elif model.rows is not None and model.V is not None and np.any(model.rows >= len(model.V)):
-        told = f"the interface names row {int(model.rows.max())}, but V has {len(model.V)} rows"
+        wrong = f"the interface names row {int(model.rows.max())}, but V has {len(model.V)} rows"
     elif model.dofs is not None and len(model.B) and model.dofs.size != len(model.B):
-        told = f"the DOF map has {model.dofs.size} DOF, the interface {len(model.B)}"
-    return Finding("sizes fit", FAULT if told else GOOD, told,
-                   todo="Take matrices and lists of one and the same model. Nothing else was checked" if told else "")
+        wrong = f"the DOF map has {model.dofs.size} DOF, the interface {len(model.B)}"
+    return Finding("sizes fit", FAULT if wrong else GOOD, wrong,
+                   todo="Take matrices and lists of one and the same model. Nothing else was checked" if wrong else "")
 
 
 def alone(model: Model, known: bool, active: bool | None = False) -> Iterator[Finding]:
@@ -126,7 +126,7 @@ def _definite(model: Model) -> Finding:
 
 
 def _independent(model: Model) -> Finding:
-    """No motion may have neither mass nor stiffness; coordinates that are all zero are told."""
+    """No motion may have neither mass nor stiffness; coordinates that are all zero are reported."""
     some = np.flatnonzero(model.M.any(axis=0) | model.K.any(axis=0))
     if len(some) < model.size and "interface force" not in model.kinds:
         empty = np.setdiff1d(np.arange(model.size), some)
@@ -257,7 +257,7 @@ def rigid(model: Model) -> Iterator[Finding]:
                          "elastic energy", "K has been changed, or grounded by a spring, since it was reduced")
     if model.dofs is None or model.static is None or not len(model.B):
         if model.motion is None or not model.motion.shape[1]:
-            yield Finding(what, UNKNOWN, "nothing tells where the interface DOF are and how they move", todo="Give the DOF map "
+            yield Finding(what, UNKNOWN, "nothing says where the interface DOF are and how they move", todo="Give the DOF map "
                           "of the interface, with points (dofs), or the full model")
         return
     U, X = model.parted[0], model.static
@@ -291,7 +291,7 @@ def rigid(model: Model) -> Iterator[Finding]:
     elif count:
         yield Finding(what, GOOD, f"{count} rigid motions are free", float(energy[loose].max()), FREE)
     else:
-        yield Finding(what, UNKNOWN, "the part is held, so far as K tells", float(energy.min()), FREE,
+        yield Finding(what, UNKNOWN, "the part is held, so far as K shows", float(energy.min()), FREE,
                       "State whether it floats (floating), or give the full model")
     if whole and count == R.shape[1] == 6:
         yield from _body(model, X @ at, R)
@@ -310,7 +310,7 @@ def strain(model: Model, q: Array) -> float:
 
 
 def _apart(R: Array, at: Array) -> tuple[Array, Array]:
-    """The motions that the interface can tell apart."""
+    """The motions that the interface can distinguish."""
     size = np.linalg.norm(at, axis=0)
     keep: list[int] = []
     for j in range(at.shape[1]):

@@ -350,7 +350,7 @@ def _rigid(model: Model, full: Full) -> Iterator[Finding]:
         yield Finding.of("V has the rigid motion", float(left), SAME, f"a share of {left:.2g} of it is missing",
                          "Add rigid-body modes or constraint modes to the basis")
     else:
-        yield Finding(what, UNKNOWN, "the interface does not tell all rigid motions apart", todo="Give V")
+        yield Finding(what, UNKNOWN, "the interface does not distinguish all rigid motions", todo="Give V")
         return
     if model.motion is not None and model.motion.shape[1] and np.shape(model.motion) == np.shape(q) \
             and strain(model, model.motion) <= FREE:

@@ -246,8 +246,8 @@ def array(value: Any) -> Array:
 
 def listed(numbers: Sequence[int] | Array, most: int = 4) -> str:
     """'0, 3 and 2 more'."""
-    told = ", ".join(str(int(number)) for number in numbers[:most])
-    return told + (f" and {len(numbers) - most} more" if len(numbers) > most else "")
+    text = ", ".join(str(int(number)) for number in numbers[:most])
+    return text + (f" and {len(numbers) - most} more" if len(numbers) > most else "")
 
 
 def within(difference: Array, A: Array, rounding: Array | float = 0.0) -> Array:

@@ -52,8 +52,8 @@ class Series:
     hollow, legend : bool
     labels : sequence of str
         Beside the points.
-    told : mapping of str to sequence
-        What else a page tells of each point.
+    hover : mapping of str to sequence
+        What else a page shows of each point.
     """
 
     name: str
@@ -68,7 +68,7 @@ class Series:
     hollow: bool = False
     legend: bool = True
     labels: Sequence[str] = ()
-    told: Mapping[str, Any] = field(default_factory=dict)
+    hover: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def look(self) -> Look:
@@ -169,7 +169,7 @@ class Chart:
         return [panel for panel in self.panels if panel.where != "page"]
 
     def plain(self, hertz: bool = False) -> dict[str, Any]:
-        """As it stands in results.json, for a page; with `hertz` what is told in rad/time is told in Hz as well."""
+        """As it stands in results.json, for a page; with `hertz` what is in rad/time is shown in Hz as well."""
         places: dict[str, list[dict[str, Any]]] = {}
         for panel in self.panels:
             if panel.where != "figure" and panel.series:
@@ -182,18 +182,18 @@ def _panel(panel: Panel, hertz: bool) -> dict[str, Any]:
     series = []
     for one in panel.series:
         _, colour, marker = one.look
-        told = list(one.told.items())
+        hover = list(one.hover.items())
         if hertz:
-            told += [("f [Hz]", np.asarray(values, dtype=float) / (2 * np.pi)) for name, values in told if "[rad/time]" in name]
+            hover += [("f [Hz]", np.asarray(values, dtype=float) / (2 * np.pi)) for name, values in hover if "[rad/time]" in name]
         series.append({"name": one.name, "x": _plain(one.x), "y": _plain(one.y), "line": one.line, "marker": marker,
                        "colour": colour, "size": one.size, "width": one.width, "hollow": one.hollow, "legend": one.legend,
-                       "told": [[name, _plain(values)] for name, values in told]})
+                       "hover": [[name, _plain(values)] for name, values in hover]})
     return {"title": panel.title, "x": panel.x, "y": panel.y, "logs": panel.logs, "series": series,
             "levels": [one._asdict() for one in panel.levels if math.isfinite(one.at)]}
 
 
-def told_of(rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> dict[str, list[Any]]:
-    """What a page tells of points: columns of their rows by the words that stand there; those that the rows lack are left out."""
+def hover_of(rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> dict[str, list[Any]]:
+    """What a page shows of points: columns of their rows by the words that stand there; those that the rows lack are left out."""
     return {word: [row[key] for row in rows] for word, key in words.items() if key in rows[0]}
 
 

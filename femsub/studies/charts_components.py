@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, look, told_of
+from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, hover_of, look
 
 CLUMP = 0.4  # of the range of the full model's eigenvalues: reduced ones that fill less are drawn enlarged as well
 PILED = 0.03  # of the largest |Re λ|: where half of them are smaller, they pile up at 0
@@ -17,7 +17,7 @@ SLOPE, ERROR = "critical slope dμ/dv  [time/length]", "relative error  [-]"
 MISSING = "A slope below the border destabilises. Where a point is missing, the band reaches above the model's cut-off."
 HOLLOW = "Right of the line Re λ = 0 a mode grows. Hollow marks of reduced models lie above their cut-off."
 PLANE = "Re λ  [1/time]", "Im λ  [rad/time]"
-LINES = 8  # that can be told apart in one panel
+LINES = 8  # that can be distinguished in one panel
 STYLES = (("solid", False, 1.6), ("dash", True, 1.2), ("dot", True, 0.9))  # line, hollow and width: the most modes first
 SHADES = ("#9ecae1", "#4292c6", "#08519c", "#000000")
 
@@ -52,10 +52,10 @@ def size_sweep_chart(curves: Sequence[Mapping[str, Any]], belt: int) -> Chart:
                  width=1.0 if len(places) > 1 else 0.65, height=2.4)
 
 
-def _sized(method: str, x: Sequence[float], y: Sequence[float], at: int, error: bool, told: Mapping[str, Any]) -> Series:
+def _sized(method: str, x: Sequence[float], y: Sequence[float], at: int, error: bool, hover: Mapping[str, Any]) -> Series:
     """Values over the size or place; infinite ones are left out, and marks that are drawn later are smaller."""
     values = floored(y) if error else np.where(np.isfinite(np.asarray(y, dtype=float)), np.asarray(y, dtype=float), np.nan)
-    return Series(look(method).label, x, values, method, "solid", size=nested(at), told=told)
+    return Series(look(method).label, x, values, method, "solid", size=nested(at), hover=hover)
 
 
 def critical_slopes_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
@@ -84,7 +84,8 @@ def _slopes(title: str, x: str, levels: Sequence[Level], curves: Sequence[Curve]
     words = {"DOF": "size", "interface": "interface", "critical slope": "slope", "relative error": "error",
             "ω [rad/time]": "omega", "static port error": "port_error", "why": "reason"}
     return Chart("critical-slope", title, [
-        Panel([Series(name, [row[over] for row in rows], drawn(row[key] for row in rows), model, line, told=told_of(rows, words))
+        Panel([Series(name, [row[over] for row in rows], drawn(row[key] for row in rows), model, line,
+                      hover=hover_of(rows, words))
                for name, model, line, rows in curves if rows], x, label, label.split("  ")[0], "y" * (key == "error"),
               () if key == "error" else levels, among="critical slope", where="page")
         for key, label, drawn in (("slope", SLOPE, list), ("error", ERROR, floored))], note=MISSING)
@@ -136,10 +137,10 @@ def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False) -> lis
         for chosen, hollow, word in ((~beyond, full, label), (beyond, True, f"{label}, above its cut-off")):
             own = values[chosen]
             if len(own):
-                told = {"DOF": [model["size"]] * len(own), "Re λ": own.real, "ω [rad/time]": own.imag,
+                hover = {"DOF": [model["size"]] * len(own), "Re λ": own.real, "ω [rad/time]": own.imag,
                         "error bar of Re λ": np.asarray(model["error_bar"])[chosen],
                         "damping ratio": [-z.real / abs(z) if z.imag else None for z in own]}
-                series.append(Series(word, own.real, own.imag, model["model"], size=size, hollow=hollow, told=told))
+                series.append(Series(word, own.real, own.imag, model["model"], size=size, hollow=hollow, hover=hover))
     return series
 
 
@@ -167,7 +168,7 @@ def _sizes(models: Sequence[Mapping[str, Any]]) -> str:
 def springs_chart(rows: Sequence[Mapping[str, Any]], title: str) -> Chart:
     """Error of the lowest frequencies over the stiffness of the springs under the interface; a line for each model.
 
-    A figure has so many models that they can be told apart: of each method the fewest and the most modes, and those between as
+    A figure has so many models that they can be distinguished: of each method the fewest and the most modes, and those between as
     far as there is room. A page has all.
     """
     methods, counts = (list(dict.fromkeys(row[key] for row in rows)) for key in ("model", "modes"))
@@ -179,10 +180,10 @@ def springs_chart(rows: Sequence[Mapping[str, Any]], title: str) -> Chart:
         series = []
         for model, modes in dict.fromkeys((row["model"], row["modes"]) for row in rows if row["modes"] in kept):
             own = [row for row in rows if (row["model"], row["modes"]) == (model, modes)]
-            told = told_of(own, {"modes": "modes", "springs": "springs", "error": "error"})
+            hover = hover_of(own, {"modes": "modes", "springs": "springs", "error": "error"})
             line, hollow, width = looks.get(modes, STYLES[0])
-            series.append(Series(f"{look(model).label}, {own[0]['size']} DOF", told["springs"], floored(told["error"]), model,
-                                 line, hollow=hollow, width=width, told=told))
+            series.append(Series(f"{look(model).label}, {own[0]['size']} DOF", hover["springs"], floored(hover["error"]), model,
+                                 line, hollow=hollow, width=width, hover=hover))
         return Panel(series, "springs under the interface / static stiffness of the component there  [-]",
                      "relative error of ω  [-]", logs="xy", where=where)
 

@@ -27,7 +27,7 @@ TOP = 2  # errors of a component that its figure shows; a page has all
 def error_time_chart(studies: Sequence[tuple[str, Study]]) -> Chart:
     """Errors over seconds: a row of panels for each study, by the name of its interface.
 
-    Models of full size are not shown, since their errors are rounding. The figure has the two errors that tell most: those of
+    Models of full size are not shown, since their errors are rounding. The figure has the two most telling errors: those of
     growth rates and of the critical slope, or of eigenvalues where there is no slope or its error is rounding.
     """
     shown = [[row for row in found.rows if row.missing == 0 and row.size < found.full.size] for _, found in studies]
@@ -110,10 +110,10 @@ def _method(method: str, rows: Sequence[Row], kind: str) -> list[Series]:
     """The models of one method: filled and hollow marks, dotted between them, and bars from the least to the most seconds."""
     height = floored(getattr(row, kind) for row in rows)
     solve, whole = (np.array([astuple(getattr(row, key)) for row in rows]) for key in ("solution", "whole"))
-    told: dict[str, list[Any]] = {word: [getattr(row, key) for row in rows] for word, key in (
+    hover: dict[str, list[Any]] = {word: [getattr(row, key) for row in rows] for word, key in (
         ("DOF", "size"), ("modes", "modes"), ("error", kind))}
-    told |= {"s to solve": list(solve[:, 0]), "s to reduce": list(whole[:, 0] - solve[:, 0])}
-    told |= {word: [getattr(row, word) for row in rows] for word in ("missing", "extra", "missed", "invented")}
+    hover |= {"s to solve": list(solve[:, 0]), "s to reduce": list(whole[:, 0] - solve[:, 0])}
+    hover |= {word: [getattr(row, word) for row in rows] for word in ("missing", "extra", "missed", "invented")}
     label = look(method).label
 
     def bars(low: Iterable[float], high: Iterable[float], line: str, width: float) -> Series:
@@ -122,5 +122,5 @@ def _method(method: str, rows: Sequence[Row], kind: str) -> list[Series]:
 
     return [bars(solve[:, 0], whole[:, 0], "dot", 0.8),
             *(bars(one[:, 1], one[:, 2], "solid", 1.6) for one in (solve, whole) if (one[:, 1] < one[:, 2]).any()),
-            Series(label, solve[:, 0], height, method, "solid", width=0.6, labels=[str(size) for size in told["DOF"]], told=told),
-            Series(label, whole[:, 0], height, method, "solid", width=0.6, hollow=True, legend=False, told=told)]
+            Series(label, solve[:, 0], height, method, "solid", width=0.6, labels=list(map(str, hover["DOF"])), hover=hover),
+            Series(label, whole[:, 0], height, method, "solid", width=0.6, hollow=True, legend=False, hover=hover)]

@@ -23,7 +23,7 @@ ROOM = 0.06  # of the range of Re λ and Im λ, left around the curves
 FEW = 4  # losses and regains of a model that have a line and their value each; of more the first loss alone
 REGAINED = "#8f8f8f"
 LITTLE = 1.5  # times the largest Re λ: an axis that reaches no further down is not cut
-NEAR = 0.05  # of ω: how far a crossing may be from a branch whose sign it tells
+NEAR = 0.05  # of ω: how far a crossing may be from a branch whose sign it gives
 NOTE = "Dashed: where stability is lost. A mode with Re λ above 0 grows; its line is red and wide, its marks are filled."
 
 Points: TypeAlias = Sequence[tuple[float, Array]]  # values of the parameter, and the eigenvalues there
@@ -97,18 +97,18 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
 def _levels(name: str, crossings: Sequence[Crossing], line: str, colour: str) -> list[Level]:
     """Lines at a few losses and regains with their values, or at the first loss."""
     ordered = sorted(crossings, key=lambda one: one.value)
-    told = [(one, "lost" if one.growth[1] > one.growth[0] else "regained") for one in ordered]
-    if len(told) > FEW:
-        told = [next((one for one in told if one[1] == "lost"), told[0])]
+    hover = [(one, "lost" if one.growth[1] > one.growth[0] else "regained") for one in ordered]
+    if len(hover) > FEW:
+        hover = [next((one for one in hover if one[1] == "lost"), hover[0])]
     return [Level(one.value, f"{name}: stability {word} at {one.value:.4g}", "x", line, colour if word == "lost" else REGAINED)
-            for one, word in told]
+            for one, word in hover]
 
 
-def _pair(values: Array, places: Any, name: str, told: Mapping[str, Any] | None = None, **style: Any) \
+def _pair(values: Array, places: Any, name: str, hover: Mapping[str, Any] | None = None, **style: Any) \
         -> dict[str, list[Series]]:
     """Im λ and Re λ over the parameter; each name stands in the legend once."""
-    known = {"Im λ [rad/time]": values.imag, "Re λ": values.real, **(told or {})}
-    return {part: [Series(name, places, getattr(values, part), told=known, **style)] for part in ("imag", "real")}
+    known = {"Im λ [rad/time]": values.imag, "Re λ": values.real, **(hover or {})}
+    return {part: [Series(name, places, getattr(values, part), hover=known, **style)] for part in ("imag", "real")}
 
 
 def _joined(*pairs: dict[str, list[Series]]) -> dict[str, list[Series]]:
@@ -128,11 +128,12 @@ def _branches(model: str, item: Tracked, many: bool, known: Sequence[Crossing]) 
         places = np.insert(item.values, at, [one.value for one in passed])
         branch = np.insert(item.eigenvalues[:, j], at, [one.eigenvalue for one in passed])
         grow = np.insert(item.growing[:, j], at, True)
-        told = {"branch": [float(j)] * len(branch), "error bar": np.insert(item.error_bar[:, j], at, np.nan)}
-        lines.append(_pair(branch, places, name if many or count == 1 else f"{name}, mode {j + 1}", told, line="solid", marker="",
-                           colour=STABLE if many else COLOURS[j], width=0.8 if many else 1.2, legend=not many or j == 0))
+        hover = {"branch": [float(j)] * len(branch), "error bar": np.insert(item.error_bar[:, j], at, np.nan)}
+        lines.append(_pair(branch, places, name if many or count == 1 else f"{name}, mode {j + 1}", hover, line="solid",
+                           marker="", colour=STABLE if many else COLOURS[j], width=0.8 if many else 1.2,
+                           legend=not many or j == 0))
         if grow.any():
-            wide.append(_pair(np.where(grow, branch, complex(np.nan, np.nan)), places, "a mode grows", told, line="solid",
+            wide.append(_pair(np.where(grow, branch, complex(np.nan, np.nan)), places, "a mode grows", hover, line="solid",
                               marker="", colour=UNSTABLE, width=1.8 if many else 3.6, legend=not wide))
     ends = [_pair(np.array([one.eigenvalue for one in these]), [one.value for one in these], word, marker=marker, size=5.0)
             for word, marker, these in (("begins to grow", "^", [one for one in crossed if one.lost]),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array
-from femsub.studies.charts import Chart, Level, Panel, Series, look, told_of
+from femsub.studies.charts import Chart, Level, Panel, Series, hover_of, look
 
 PERIODS = 10  # of the highest peak, at the end of a signal
 COLUMNS = 600  # of pixels across an envelope
@@ -20,7 +20,7 @@ KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch poi
 UNITS = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [length/time]", "force": "normal force F  [force]"}
 SHOWN = {"rms": "rms of v  [length/time]", "omega": "ω  [rad/time]", "peak": "peak of v  [length/time]",
          "sticking": "share of the period in which it sticks  [-]"}  # the first two in the figure
-TOLD = {"ω [rad/time]": "omega", "rms": "rms", "peak": "peak", "sticking": "sticking", "harmonics": "harmonics"}
+HOVER = {"ω [rad/time]": "omega", "rms": "rms", "peak": "peak", "sticking": "sticking", "harmonics": "harmonics"}
 LINES = {True: ("", "solid", None), False: (", unstable", "dash", 0.8), None: (" (stability not computed)", "", None)}
 NOTE = ("v is the speed under the belt. Dashed: unstable. Star: where the branch begins. Open circle: where a transient ended. "
         "Dotted: the value of the scene.")
@@ -41,7 +41,7 @@ def signals_chart(tracks: Sequence[Any]) -> Chart:
         known = item.spectrum is not None and len(item.spectrum.peaks)
         period = 2 * np.pi / item.spectrum.peaks[0] if known else np.ptp(run.t) / 20
         t, whole = run.t, v
-        if np.ptp(t) > 4 * PERIODS * period:  # too many to be told apart
+        if np.ptp(t) > 4 * PERIODS * period:  # too many to be distinguished
             t, *ends = envelope(t, v)
             t, whole = np.repeat(t, 2), np.stack(ends, axis=1).ravel()
         late = run.t > run.t[-1] - PERIODS * period
@@ -74,7 +74,7 @@ def spectra_chart(tracks: Sequence[Any], highest: float) -> Chart:
         panels.append(Panel(
             [Series(name, omega, height, item.kind, "solid", "", width=0.8, legend=False),
              Series(name, peaks, heights, item.kind, size=3.0, legend=False, labels=[f"{at:.4g}" for at in peaks[:PEAKS]],
-                    told={"ω [rad/time]": peaks, "amplitude": heights})],
+                    hover={"ω [rad/time]": peaks, "amplitude": heights})],
             "ω  [rad/time]", "amplitude  [length/time]", f"{name}: t = {item.window[0]:g} to {item.window[1]:g}", "y",
             limits={"x": (0, highest), "y": (top * 1e-4, top * 5)}, share={"x": "omega", "y": "amplitude"}))
     return Chart("spectrum", "Spectra of the velocity under the belt", panels, note="Marks are the peaks.", height=1.7)
@@ -86,9 +86,9 @@ def period_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
     series = []
     for kind in dict.fromkeys(row["model"] for row in rows if row["model"] != "full"):
         own = [row for row in rows if row["model"] == kind]
-        told = told_of(own, {"DOF": "size", "error": "amplitude_error", "s per period": "seconds_per_period", "steps": "steps"})
-        series.append(Series(look(kind).label, told["s per period"], [max(error, FLOOR) for error in told["error"]], kind,
-                             "solid", width=0.8, labels=[str(size) for size in told["DOF"]], told=told))
+        hover = hover_of(own, {"DOF": "size", "error": "amplitude_error", "s per period": "seconds_per_period", "steps": "steps"})
+        series.append(Series(look(kind).label, hover["s per period"], [max(error, FLOOR) for error in hover["error"]], kind,
+                             "solid", width=0.8, labels=[str(size) for size in hover["DOF"]], hover=hover))
     levels = [Level(full["seconds_per_period"], f"full model, {full['size']} DOF"), Level(0.01, "1 %", "y", "dot", "#808080")]
     return Chart("error-time", "Error against run time in the limit cycle; numbers: DOF", [Panel(
         series, "run time of a simulated period  [s]", "relative error of the rms velocity  [-]", logs="xy", levels=levels)],
@@ -128,7 +128,7 @@ def _branch(model: str, branch: Any, parameter: str, key: str, width: float) -> 
     """Pieces that are stable, or not, each to the next point, so that the line has no gaps; its begin, and special points."""
     rows, name = branch.rows(), look(model).label
     x, y = np.asarray(branch.values, dtype=float), np.array([row[key] for row in rows], dtype=float)
-    told = {parameter: x, **told_of(rows, TOLD)}
+    hover = {parameter: x, **hover_of(rows, HOVER)}
     flags = [None if flag is None and all(one is None for one in branch.stable) else flag is not False for flag in branch.stable]
     series = []
     for flag, (word, line, thin) in LINES.items():
@@ -136,15 +136,15 @@ def _branch(model: str, branch: Any, parameter: str, key: str, width: float) -> 
         if own.any():
             keep = own | np.append(False, own[:-1]) if line else own
             series.append(Series(f"{name}{word}", x, np.where(keep, y, np.nan), model, line, "" if line else "x",
-                                 size=7.0 if not line else 4.0, width=thin or width, told=told))
+                                 size=7.0 if not line else 4.0, width=thin or width, hover=hover))
     if branch.hopf is not None:
         kind = "supercritical" if branch.hopf.supercritical else "subcritical"
         series.append(Series("Hopf point", x[:1], y[:1], model, marker="*", size=8.0,
-                             told={"model": [name], "kind": [kind], parameter: x[:1]}))
+                             hover={"model": [name], "kind": [kind], parameter: x[:1]}))
     for point in branch.special:
         if key in ("rms", "omega"):
             series.append(Series(point.kind, [point.value], [getattr(point, key)], model, marker=KINDS[point.kind], size=4.5,
-                                 told={"model": [name], parameter: [point.value]}))
+                                 hover={"model": [name], parameter: [point.value]}))
     return series
 
 

@@ -132,10 +132,10 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     known = None if critical is None else real_array("critical", critical, finite=False).ravel()
     if known is not None and len(known) != len(asked_for) + 1:
         raise InputError(f"critical must be {len(asked_for) + 1}, of the full model and of each method, not {len(known)}")
-    tell = listener("progress", progress)
+    say = listener("progress", progress)
     asked = Question(model, given, band, parameter, values, between)
-    full, small, left_out = _measured(asked, asked_for, ports, repeats, tell, shared)
-    tell(f"{model.name}: undamped frequencies")
+    full, small, left_out = _measured(asked, asked_for, ports, repeats, say, shared)
+    say(f"{model.name}: undamped frequencies")
     own = asked.at_rest(model)
     modes = normal_modes(own, band=band) if model.size > SMALL else _all_modes(own)
     rates = [turnover(model, load, spectrum) for load, spectrum in zip(asked.loads, full.spectra, strict=True)]
@@ -143,15 +143,15 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     if known is not None:
         losses = [Loss(float(known[i])) for i in (0, *(1 + asked_for.index(one.steps) for one in small))]
     else:
-        losses = asked.losses([full.model, *(one.model for one in small)], rows, tell)
+        losses = asked.losses([full.model, *(one.model for one in small)], rows, say)
     rows = [replace(row, critical=loss.value, omega=loss.omega, reason=loss.reason,
                     error_critical=relative_error(loss.value, losses[0].value)) for row, loss in zip(rows, losses, strict=True)]
     if held and len(model.interface):
-        tell(f"{model.name}: undamped frequencies with the interface held")
+        say(f"{model.name}: undamped frequencies with the interface held")
         rows = [replace(row, error_held=error) for row, error in zip(
             rows, asked.held_errors([one.model for one in small]), strict=True)]
     if at is not None:
-        tell(f"{model.name}: receptances")
+        say(f"{model.name}: receptances")
         rows = [replace(row, error_response=error) for row, error in zip(
             rows, asked.response_errors([one.model for one in small], at), strict=True)]
     return Study(model.name, band, repeats, rows[0], with_front(rows[1:], band[1]), assembly, parameter, values, between,
@@ -261,11 +261,11 @@ class Question:
         errors = [frequency_response(model, self.contacts, at=at, loads=self.places).error(exact).max(axis=0) for model in models]
         return [0.0, *(float((error / np.where(size > 0, size, 1.0)).max()) for error in errors)]
 
-    def losses(self, models: Sequence[Substructure], rows: Sequence[Row], tell: Progress) -> list[Loss]:
+    def losses(self, models: Sequence[Substructure], rows: Sequence[Row], say: Progress) -> list[Loss]:
         """The first loss of each model. Over a range, that of a large model is sought near that of the most accurate one."""
         if self.between is None and (self.parameter != "slope" or first_belt(self.contacts) is None):
             return [Loss()] * len(models)
-        tell(f"{self.model.name}: critical {self.parameter}")
+        say(f"{self.model.name}: critical {self.parameter}")
         look = partial(first_loss, contacts=self.contacts, parameter=self.parameter, between=self.between, band=self.band)
         small = [look(model) for model in models[1:]]
         errors = [row.error_eigenvalue for row in rows[1:]]
@@ -273,19 +273,19 @@ class Question:
         return [look(models[0], near=best.value), *small]
 
 
-def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool, repeats: int, tell: Progress, shared: bool
+def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool, repeats: int, say: Progress, shared: bool
               ) -> tuple[Tried, list[Tried], tuple[str, ...]]:
     """The full and the reduced models, solved several times in turn, and why other methods are left out."""
     model, full, small = asked.model, Tried(asked.model, phases=[{}]), [Tried(asked.model, steps) for steps in methods]
     refused: list[tuple[tuple[Step, ...], FemsubError]] = []
     if model.size <= QUADRATIC:
-        tell(f"{model.name}: complex modes of the full model")
+        say(f"{model.name}: complex modes of the full model")
         full.spectra = [complex_modes(model, load, band=asked.band) for load in asked.loads]
     same: list[str] = []
     for turn in range(repeats):
         bases = Bases(methods) if shared else None
         for one in list(small):
-            tell(f"{model.name}: run {turn + 1} of {repeats}, {in_words(one.steps)}")
+            say(f"{model.name}: run {turn + 1} of {repeats}, {in_words(one.steps)}")
             try:
                 with warnings.catch_warnings(), timed() as spent:
                     warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
@@ -299,7 +299,7 @@ def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool,
         if not small:
             raise refused[0][1] if len(refused) == 1 else InputError(
                 f"no method can reduce {model.name!r}: {'; '.join(_left_out(refused, small))}")
-        tell(f"{model.name}: run {turn + 1} of {repeats}, full model")
+        say(f"{model.name}: run {turn + 1} of {repeats}, full model")
         found = _solved(full, asked.loads, asked.band)
         full.spectra = full.spectra or found
         for one in small:  # for a small dense model the whole spectrum costs no more than the band
@@ -483,10 +483,10 @@ def in_words(steps: Sequence[Step]) -> str:
 def _in_words(step: Step) -> str:
     if not isinstance(step, Mapping):
         return str(step)
-    told = {name: str(one) for name, one in step.items()}
-    if len(set(told.values())) == 1:
-        return f"each part by {next(iter(told.values()))}"
-    return ", ".join(f"{name} by {one}" for name, one in told.items())
+    names = {name: str(one) for name, one in step.items()}
+    if len(set(names.values())) == 1:
+        return f"each part by {next(iter(names.values()))}"
+    return ", ".join(f"{name} by {one}" for name, one in names.items())
 
 
 def kept_modes(model: Substructure) -> dict[str, int]:

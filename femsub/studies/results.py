@@ -225,8 +225,8 @@ class Study:
 
     def __repr__(self) -> str:
         best = min(self.rows, key=lambda row: row.error_eigenvalue, default=None)
-        told = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.label} with {best.size} DOF"
-        return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{told}"
+        text = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.label} with {best.size} DOF"
+        return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{text}"
 
     def recommended(self, tol: float = 1e-3, held: bool = False) -> Row | None:
         """The smallest reduced model that may replace the full one, or None; with `held` also where its interface is held.
@@ -305,8 +305,8 @@ class Study:
         kept = [one for one in self._columns() if one.key in (*BRIEF, self.decisive)
                 and (one.key != "missing" or any(row.missing for row in rows))]
         first = replace(kept[0], cell=lambda row: f"{'>' if row['recommended'] else ' '} {label(row['method'])}")
-        told = Table("", [row.flat() | {"recommended": row is best} for row in rows], [first, *kept[1:]], keys=2).text()
-        return "\n".join([told, *(["> recommended"] if best else []), *map(fitted, self.left_out)])
+        text = Table("", [row.flat() | {"recommended": row is best} for row in rows], [first, *kept[1:]], keys=2).text()
+        return "\n".join([text, *(["> recommended"] if best else []), *map(fitted, self.left_out)])
 
     @property
     def _forces(self) -> bool:
@@ -318,7 +318,7 @@ class Study:
         forces, over = self._forces, bool(self.values) or self.between is not None
         apart = [] if over else [key for key in ("missing", "stable")
                                  if any(getattr(row, key) != getattr(self.full, key) for row in self.rows)]
-        # of systems the forces in the joints tell more than λ, which is told by ω and Re λ
+        # of systems the forces in the joints say more than λ, which ω and Re λ show
         return [column(one) if isinstance(one, str) else one for one in (
             column("method", "  method", cell=lambda row: f"{'*' if row['pareto'] else ' '} {label(row['method'])}"), "size",
             *([] if over else ["error_frequency"]),

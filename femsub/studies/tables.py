@@ -194,7 +194,7 @@ class Table:
 
 
 def span(band: Sequence[float]) -> str:
-    """'0 to 31415.9 rad/time': with digits enough that a band of 5000 Hz is told as one."""
+    """'0 to 31415.9 rad/time': with digits enough that a band of 5000 Hz is shown as one."""
     return f"{band[0]:.6g} to {band[1]:.6g} rad/time"
 
 

@@ -11,8 +11,8 @@ from femsub.checks import NOT_CHECKED
 from femsub.studies.results import STABLE, Row, Study, seconds
 from femsub.studies.tables import label, span
 
-#: what no run can tell, for every scene that compares models
-NEVER = ("All errors are relative to the full model. The run does not tell how well its mesh, its materials and its friction law "
+#: what no run can decide, for every scene that compares models
+NEVER = ("All errors are relative to the full model. The run does not show how well its mesh, its materials and its friction law "
          "describe the real part.")
 LINEAR = ("The verdict is that of the linear model about steady sliding. Motion beyond the border was not computed: see the "
           "scenes of limit cycles and those in time.")
@@ -122,7 +122,7 @@ def _conditions(found: Study, row: Row, tol: float) -> list[str]:
     if found.between:
         return [f"{found.symbol} lies between {found.between[0]:g} and {found.between[1]:g}."]
     if not found.interface:
-        return ["the model has no interface. Nothing is told of it joined to others."]
+        return ["the model has no interface. Nothing is known of it joined to others."]
     free = "the interface is free, as in this run."
     if math.isnan(row.error_held):
         return [f"{free} A held interface was not compared."]
@@ -208,7 +208,7 @@ def cycles_verdict(rows: Sequence[Mapping[str, Any]], where: str, unchecked: Seq
                        f"The full model has {len(full)} limit cycles. No small model was compared.")
     if good:
         return Verdict(decides, unchecked, "yes" if len(good) == len(names) else "in part",
-                       f"{' and '.join(good)} may replace the full model for its limit cycles {where}, if the errors told here "
+                       f"{' and '.join(good)} may replace the full model for its limit cycles {where}, if the errors shown here "
                        "will do. The same cycles exist and are stable alike.")
     return Verdict(decides, unchecked, "no",
                    f"No small model has all limit cycles of the full model {where} with the same stability.")

@@ -121,8 +121,8 @@ class Brake:
     """The models of a run; each is made when an output first asks for it."""
 
     def __init__(self, scene: BrakeScene, progress: Progress) -> None:
-        self.scene, self.tell = scene, lambda text: progress(f"{scene.name}: {text}")
-        self.tell("building the parts")
+        self.scene, self.say = scene, lambda text: progress(f"{scene.name}: {text}")
+        self.say("building the parts")
         self.meshes = self._meshes()
         self.system.check_held(self.contacts(1.0), "the pad")
 
@@ -178,7 +178,7 @@ class Brake:
     @cached_property
     def all_critical(self) -> CriticalValue:
         """All losses and regains of the best reduced model; proved to be all if that was asked for."""
-        self.tell("all losses of stability")
+        self.say("all losses of stability")
         solver = "auto" if "losses" in self.scene.outputs else "followed"
         return critical_value(self.affine, None, "mu", between=self.range, band=self.band, solver=solver)
 
@@ -204,7 +204,7 @@ class Brake:
                                 self.contact_modes(min(modes, room - 1))))
         methods += [self.contact_modes(modes, friction) for friction in (True, False) for modes in scene.modes]
         return study(system, methods, self.band, contacts=self.contacts(0.0), parameter="mu", values=scene.full,
-                     between=self.range, ports=True, repeats=1, progress=self.tell)
+                     between=self.range, ports=True, repeats=1, progress=self.say)
 
     def contact_modes(self, modes: int, friction: bool = True) -> ContactModes:
         """The method for the brake as a whole."""
@@ -215,7 +215,7 @@ class Brake:
         """The full model's modes in the band at some values of μ."""
         if "error-time" in self.scene.outputs:
             return dict(zip(self.scene.full, self.compared.spectra, strict=True))
-        self.tell(f"full model of {self.system.size} DOF")
+        self.say(f"full model of {self.system.size} DOF")
         return {mu: complex_modes(self.system, self.contacts(mu), band=self.band) for mu in self.scene.full}
 
     @cached_property
@@ -224,7 +224,7 @@ class Brake:
         modes = self.exact[self.scene.full[-1]]
         if modes.evidence != NOT_CHECKED:
             return modes
-        self.tell(f"count of the full model's modes at μ = {self.scene.full[-1]:g}")
+        self.say(f"count of the full model's modes at μ = {self.scene.full[-1]:g}")
         return complex_modes(self.system, self.contacts(self.scene.full[-1]), band=self.band)
 
     @cached_property
@@ -232,7 +232,7 @@ class Brake:
         """The largest model of contact modes of the full system."""
         if (row := self.best_row) is not None:
             return self.compared.models[self.compared.rows.index(row)]
-        self.tell(f"contact modes with {self.scene.modes[-1]} modes")
+        self.say(f"contact modes with {self.scene.modes[-1]} modes")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PortWarning)
             return reduce(self.system, self.contact_modes(self.scene.modes[-1]))
@@ -249,7 +249,7 @@ class Brake:
         if (row := self.best_row) is not None:
             own, full = (Loss(one.critical, one.omega, one.reason) for one in (row, self.compared.full))
         else:
-            self.tell("the critical μ")
+            self.say("the critical μ")
             look = partial(first_loss, contacts=self.contacts(0.0), parameter="mu", between=self.range, band=self.band)
             own = look(self.best)
             full = look(self.system, near=own.value)
@@ -352,7 +352,7 @@ def _error_time(brake: Brake) -> Result:
 def _flutter(brake: Brake) -> Result:
     """Eigenvalues over μ of the best reduced model, and of the full one where it was solved; the critical μ of both."""
     scene, small, affine, band = brake.scene, brake.best, brake.affine, brake.band
-    brake.tell("modes of the reduced model over μ")
+    brake.say("modes of the reduced model over μ")
     followed = track(affine, None, "mu", np.linspace(scene.mu[0], scene.mu[1], scene.points), band=band)
     curves = [(float(mu), values[np.isfinite(values)]) for mu, values in zip(followed.values, followed.eigenvalues, strict=True)]
     crosses = [(mu, modes.eigenvalues) for mu, modes in brake.exact.items()]
@@ -371,9 +371,9 @@ def _flutter(brake: Brake) -> Result:
     name = f"reduced to {small.size} DOF"
     lost = {name: [*brake.all_critical.losses, *brake.all_critical.regains]} if np.isfinite(own) else {}
     losses = ", ".join(f"of the {key} model at μ = {one.value:.6g}" for key, one in critical.items() if np.isfinite(one.value))
-    told = Remark([f"Loss of stability in the flutter diagram: {losses}."] if losses else ())
+    remark = Remark([f"Loss of stability in the flutter diagram: {losses}."] if losses else ())
     tracked = repr(followed).replace(" over mu ", " over μ ")
-    return Result(data, [words, tracked, told, Table("flutter", rows, title="Eigenvalues over μ"), flutter_chart(
+    return Result(data, [words, tracked, remark, Table("flutter", rows, title="Eigenvalues over μ"), flutter_chart(
         "flutter", {name: followed}, lost, "μ  [-]", scene.name, {f"full model of {brake.system.size} DOF": crosses})])
 
 

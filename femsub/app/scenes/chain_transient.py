@@ -11,7 +11,7 @@ from femsub.algebra import QUADRATIC, Interruptible
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, Shown, run_outputs
 from femsub.app.scenes.chain import ChainKeys
-from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, verdict, whole
+from femsub.app.scenes.in_time import Track, found_table, growth, quality, signals, spectra, spectrograms, track, verdict, whole
 from femsub.errors import InputError
 from femsub.studies import label
 
@@ -53,12 +53,12 @@ def run(scene: ChainTransientScene, progress: Progress) -> Result:
     window = (scene.window[0], scene.window[1])
     with Interruptible() as work:
         for kind in ("full", *scene.methods):
-            def tell(text: str, kind: str = kind) -> None:
+            def say(text: str, kind: str = kind) -> None:
                 progress(f"{scene.name}: {label(kind)}, {text}")
 
             model = full if kind == "full" else scene.reduced(full, kind, scene.size)
             found = transient(model, belt, (scene.time[0], scene.time[1]), impulse=scene.impulse, step=scene.step, tol=scene.tol,
-                              progress=tell)
+                              progress=say)
             tracks.append(track(kind, model, found, window))
             whole(found)
     parts: dict[str, Callable[[], Result]] = {
@@ -74,5 +74,5 @@ def run(scene: ChainTransientScene, progress: Progress) -> Result:
     shown: list[Shown] = [
         f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
         f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
-        "", f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}", told(data["models"]), verdict(tracks)]
+        "", f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}", found_table(data["models"]), verdict(tracks)]
     return run_outputs(scene.outputs, lambda output: parts[output](), data | {"complete": True}, shown, work.complete)

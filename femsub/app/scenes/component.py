@@ -60,8 +60,8 @@ class Work:
     """A component under study; what several outputs share is made when the first one asks."""
 
     def __init__(self, scene: ComponentScene, progress: Progress) -> None:
-        self.scene, self.tell = scene, lambda text: progress(f"{scene.name}: {text}")
-        self.tell("building the component")
+        self.scene, self.say = scene, lambda text: progress(f"{scene.name}: {text}")
+        self.say("building the component")
         start = time.perf_counter()
         self.sub, self.mesh = scene.component()
         self.assembly = time.perf_counter() - start
@@ -75,7 +75,7 @@ class Work:
 
     @cached_property
     def normal(self) -> NormalModes:
-        self.tell("normal modes")
+        self.say("normal modes")
         return normal_modes(self.sub, count=max(1, min(LISTED, self.sub.size - 6)))
 
     @cached_property
@@ -100,7 +100,7 @@ class Work:
 
     def reduce(self, method: Method) -> ReducedSubstructure:
         """The component by one method, as the scene has it."""
-        self.tell(str(method))
+        self.say(str(method))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PortWarning)  # the figure is in the tables
             return reduce(self.sub, method, ports=self.scene.ports)

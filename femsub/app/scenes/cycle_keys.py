@@ -46,10 +46,10 @@ class CycleKeys(Scene):
 def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], data: dict[str, Any],
                head: str, progress: Progress) -> Result:
     """The outputs 'cycles' and 'branches' of a set of models, the reference among them first if it is small."""
-    tell = lambda text: progress(f"{scene.name}: {text}")  # noqa: E731 - a word for each step
+    say = lambda text: progress(f"{scene.name}: {text}")  # noqa: E731 - a word for each step
     parts = {"cycles": _cycles, "branches": _branches}
     common = {**scene.friction, "band": band, "parameter": scene.parameter}
-    return run_outputs(scene.outputs, lambda output: parts[output](scene, models, band, tell), common | data, [head])
+    return run_outputs(scene.outputs, lambda output: parts[output](scene, models, band, say), common | data, [head])
 
 
 def _small(model: Substructure) -> bool:
@@ -68,13 +68,13 @@ def _families(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
     return [float(value) for value in np.sort(omega[:scene.families])], float(c[0])
 
 
-def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], tell: Progress) -> Result:
+def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], say: Progress) -> Result:
     rows: list[dict[str, Any]] = []
     for family in _families(scene, models, band)[0]:
         found: dict[str, LimitCycle] = {}
         here: list[dict[str, Any]] = []
         for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):
-            tell(f"limit cycle of {label(name)} near ω = {family:.4g}")
+            say(f"limit cycle of {label(name)} near ω = {family:.4g}")
             begun = time.perf_counter()
             row: dict[str, Any] = {"family": family, "model": name, "size": model.size}
             try:
@@ -114,16 +114,16 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
     return Result({"cycles": rows}, shown)
 
 
-def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], tell: Progress) -> Result:
+def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], say: Progress) -> Result:
     families, first = _families(scene, models, band)
     limits = _range(scene, first)
     found: list[dict[str, Any]] = []
     for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):  # large ones start from the others' cycles
         for family in families:
-            tell(f"branch of {label(name)} from ω = {family:.4g}")
+            say(f"branch of {label(name)} from ω = {family:.4g}")
             begun = time.perf_counter()
             try:
-                traced, missed = _large(scene, found, family, model, tell) if not _small(model) else \
+                traced, missed = _large(scene, found, family, model, say) if not _small(model) else \
                     (branch(model, scene.rubbing, scene.parameter, limits, start=family, points=scene.points,
                             harmonics=scene.harmonics), [])
             except (NotConvergedError, NoCycleError) as error:
@@ -137,7 +137,7 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
                           "seconds": time.perf_counter() - begun})
     found.sort(key=lambda item: list(models).index(item["model"]))
     dots = [dot for name, model in models.items() if _small(model)
-            for dot in _dots(scene, name, model, limits, families, tell,
+            for dot in _dots(scene, name, model, limits, families, say,
                              [item["branch"] for item in found if item["model"] == name and "branch" in item])]
     rows = [{"model": item["model"], "family": item["family"], **row} for item in found if "branch" in item
             for row in item["branch"].rows()]
@@ -199,7 +199,7 @@ def _range(scene: CycleKeys, first: float) -> tuple[float, float]:
 
 
 def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: Substructure,
-           tell: Progress) -> tuple[Branch, list[dict[str, Any]]]:
+           say: Progress) -> tuple[Branch, list[dict[str, Any]]]:
     """A model whose modes are not at hand: its cycles at a few points of a reduced one's branch, each from the cycle there, and
     where none was found. They are spread evenly from the branch's beginning, where there is no amplitude yet, to its end.
     """
@@ -213,7 +213,7 @@ def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: 
     wanted = np.unique([np.abs(guide.values - value).argmin() for value in even])
     for at in wanted:
         value, cycle = float(guide.values[at]), guide.points[at]
-        tell(f"full model, {scene.parameter} = {value:.5g}")
+        say(f"full model, {scene.parameter} = {value:.5g}")
         belt = with_parameter(scene.rubbing, scene.parameter, value)
         begin = LimitCycle(points[-1].contact, cycle.orbit, points[-1].flexibility, 0.0, 0.0, 0.0) if points else cycle
         try:
@@ -229,13 +229,13 @@ def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: 
 
 
 def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float, float], families: list[float],
-          tell: Progress, traced: list[Branch]) -> list[dict[str, Any]]:
+          say: Progress, traced: list[Branch]) -> list[dict[str, Any]]:
     """rms and the strongest frequency of what a blow, or a disturbed cycle, leads to, at a few values of the parameter."""
     dots: list[dict[str, Any]] = []
     part = 0.75 if scene.dots_from == "blow" else 0.5
     end = scene.periods * 2 * np.pi / families[0]
     for value in np.linspace(limits[0], limits[1], scene.dots + 2)[1:-1]:
-        tell(f"transient of {label(name)}, {scene.parameter} = {value:.5g}")
+        say(f"transient of {label(name)}, {scene.parameter} = {value:.5g}")
         belt = with_parameter(scene.rubbing, scene.parameter, float(value))
         if scene.dots_from == "cycle":
             near = [cycle for one in traced for cycle in one.at(float(value)) if cycle.is_stable]

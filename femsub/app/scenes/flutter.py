@@ -27,7 +27,7 @@ class FlutterScene(Scene):
     """What scenes of a pencil with one parameter share."""
 
     between: list[float] = key([0.0, 1.0], "the range of the parameter", form="[lo, hi]")
-    points: int = key(151, "values in the range at which modes are told; the diagram has those between them as well where modes "
+    points: int = key(151, "values in the range at which modes are listed; the diagram has others between them where modes "
                       "meet", least=2, most=10000)
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("critical-value", "diagram")

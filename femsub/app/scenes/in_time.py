@@ -121,7 +121,7 @@ def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
                   "error": abs(found.rate / value.real - 1)} | above
 
 
-def told(rows: Sequence[dict[str, Any]]) -> Table:
+def found_table(rows: Sequence[dict[str, Any]]) -> Table:
     """The table of what was seen: the rows of tracks."""
     def first(row: Mapping[str, Any]) -> list[float] | None:
         return None if row["peaks"] is None else [float(at) for at in row["peaks"]][:LISTED]

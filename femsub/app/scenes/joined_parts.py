@@ -186,14 +186,14 @@ class MeshedScene(JoinedScene):
     OUTPUTS: ClassVar[tuple[str, ...]] = ("parts", "methods", "modes-per-part")
 
 
-def run_parts(scene: MeshedScene, system: System, meshes: Mapping[str, Mesh], told: str, progress: Progress) -> Result:
+def run_parts(scene: MeshedScene, system: System, meshes: Mapping[str, Mesh], head: str, progress: Progress) -> Result:
     """The parts in colours, the study over methods, and how many modes each part needs; the belt is at the system's port."""
     belt = replace(scene.linear_belt, port=next(iter(system.ports)))
     views = {"parts": lambda: picture(meshes, f"{scene.name}: {system.size} DOF in {len(meshes)} parts"),
              "methods": lambda: compared(scene, system, belt, scene.name, "methods", progress),
              "modes-per-part": lambda: chosen_modes(scene, system, "modes-per-part", progress)}
     return run_outputs(scene.outputs, lambda output: views[output](), {"band": scene.band, **scene.friction},
-                       [f"{told}, {scene.friction_words}"])
+                       [f"{head}, {scene.friction_words}"])
 
 
 def picture(meshes: Mapping[str, Mesh], title: str) -> Result:

@@ -135,7 +135,7 @@ def _critical(work: Work) -> Result:
     band, _ = work.band
     rows: list[dict[str, Any]] = []
     for name, modes, model in work.models:
-        work.tell(f"critical slope, {label(name)} with {model.size} DOF")
+        work.say(f"critical slope, {label(name)} with {model.size} DOF")
         slope, omega, reason = first_loss(model, work.belt, "slope", None, band)
         full = rows[0]["slope"] if rows else slope
         rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
@@ -158,7 +158,7 @@ def _port_error(model: Substructure) -> float:
 
 def _eigenvalues(work: Work) -> Result:
     band, _ = work.band
-    work.tell(f"complex modes of {work.sub.size} DOF")
+    work.say(f"complex modes of {work.sub.size} DOF")
     exact = complex_modes(work.sub, work.belt, band=band)
     at = least_stable(exact)
     models = [(name, modes, model, exact if model is work.sub else beside_the_full(model, work.belt, band=band))
@@ -224,18 +224,18 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     value, q = _counterpart(found, exact, at)
     u = model.expand(q)
     error = float(work.sub.linearised(work.belt).backward_error(np.array([value]), u[:, None])[0])
-    told = (f"least stable mode, recovered from {label(name)} with {modes} modes ({model.size} DOF): λ = {value.real:.6g} "
+    words = (f"least stable mode, recovered from {label(name)} with {modes} modes ({model.size} DOF): λ = {value.real:.6g} "
             f"{value.imag:+.6g}i, full model {exact.eigenvalues[at].real:.6g} {exact.eigenvalues[at].imag:+.6g}i; backward error "
             f"in the full pencil {error:.1e}")
-    told += f"; it oscillates at {value.imag:.6g} rad/time"
+    words += f"; it oscillates at {value.imag:.6g} rad/time"
     data = {"model": name, "modes": modes, "size": model.size, "eigenvalue": value, "omega": value.imag,
             "full": complex(exact.eigenvalues[at]), "backward_error": error}
     mesh, whole = work.mesh, work.field(u)
     if mesh is None or whole is None:
-        return Result(data, [told])
+        return Result(data, [words])
     files = page_mode(work.scene, mesh, whole, f", from {label(name)} with {model.size} DOF", value)
     if not work.scene.figures:
-        return Result(data, [told], files)
+        return Result(data, [words], files)
     # any phase will do: the one in which the place that moves most is at its largest
     largest = whole.ravel()[np.argmax(np.abs(whole))]
     shape = whole * (np.conj(largest) / abs(largest))
@@ -246,7 +246,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
              f"{model.size} DOF")
     named = f"{work.units.frequency(value.imag)} growth {value.real:.4g} 1/{work.units.time}"
     files |= {"least-stable.vtu": partial(vtu, mesh, {f"real-part {named}": shape.real, f"imaginary-part {named}": shape.imag})}
-    return Result(data, [told, Picture("least-stable", lambda: shapes_figure(mesh, parts, titles, title, work.marks))],
+    return Result(data, [words, Picture("least-stable", lambda: shapes_figure(mesh, parts, titles, title, work.marks))],
                   files | (motion_files(mesh, shape, value.imag, named) if value.imag > 0 else {}))
 
 
@@ -268,7 +268,7 @@ def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str 
 def _error_time(work: Work) -> Result:
     scene = work.scene
     found = study(work.sub, work.methods, work.band[0], contacts=work.belt, ports=scene.ports, repeats=scene.repeats,
-                  held=True, critical=work.slopes, assembly=work.assembly, progress=work.tell)
+                  held=True, critical=work.slopes, assembly=work.assembly, progress=work.say)
     rows = [row.flat() for row in (found.full, *found.rows)]
     best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
     data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,
@@ -287,7 +287,7 @@ def _responses(work: Work) -> Result:
     curves: list[dict[str, Any]] = []
     rows: list[dict[str, Any]] = []
     for name, modes, model in work.models:
-        work.tell(f"receptance, {label(name)} with {model.size} DOF")
+        work.say(f"receptance, {label(name)} with {model.size} DOF")
         found = frequency_response(damped(model, structural=scene.loss), acting, at=omega, loads="belt")
         h = found.entry("belt", "belt")
         own = {"model": name, "modes": modes, "size": model.size}
@@ -335,7 +335,7 @@ def _springs(work: Work) -> Result:
     own = np.where(condensed > 1e-9 * bare, condensed, bare)
     rows: list[dict[str, Any]] = []
     for ratio in RATIOS:
-        work.tell(f"interface on springs of {ratio:g} times its own stiffness")
+        work.say(f"interface on springs of {ratio:g} times its own stiffness")
         count = min(UP_TO, min(rom.size for _, rom in work.reduced))
         exact = _frequencies(sub, ratio * own, count)
         for method, rom in work.reduced:

@@ -198,7 +198,7 @@ class OwnPartsScene(JoinedScene):
         super().__post_init__()
         names = [part.name for part in self.parts]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise InputError(f"parts: the name {twice[0]!r} is given {names.count(twice[0])} times; names tell parts apart")
+            raise InputError(f"parts: the name {twice[0]!r} is given {names.count(twice[0])} times; names distinguish parts")
         if parted := [name for name in names if not re.fullmatch(r"[^.:]+", name) or name == GROUND]:
             raise InputError(f"parts: the name {parted[0]!r} must be a word without a dot or colon, other than 'ground': joints "
                              "name their ends as 'part.set'")

@@ -107,5 +107,5 @@ def run(scene: SolidPartsScene, progress: Progress) -> Result:
     found = meshes(scene.fineness, scene.kind)
     parts, joints = assembly(found, Material(scene.E, scene.nu, scene.rho), scene.bolts, (scene.rayleigh[0], scene.rayleigh[1]))
     system = couple(parts, joints, scene.name)
-    told = f"{scene.name}: {system.size} DOF in {len(parts)} parts, {len(joints)} joints"
-    return run_parts(scene, system, found, told, progress)
+    head = f"{scene.name}: {system.size} DOF in {len(parts)} parts, {len(joints)} joints"
+    return run_parts(scene, system, found, head, progress)

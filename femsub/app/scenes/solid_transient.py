@@ -13,7 +13,7 @@ from femsub.algebra import Interruptible
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
 from femsub.app.scenes.component import Work
-from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, verdict, whole
+from femsub.app.scenes.in_time import found_table, growth, most_unstable, signals, spectra, spectrograms, track, verdict, whole
 from femsub.app.scenes.solid import SolidScene
 from femsub.errors import InputError
 from femsub.modes import relative_error
@@ -66,11 +66,11 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
     rate, omega, period = value.real, value.imag, 2 * np.pi / value.imag
     step = period / POINTS
 
-    def told_by(name: str) -> Callable[[str], None]:
-        return lambda text: work.tell(f"{name}, {text}")
+    def saying(name: str) -> Callable[[str], None]:
+        return lambda text: work.say(f"{name}, {text}")
 
     long = transient(reference, belt, (0.0, scene.periods * period), impulse=scene.impulse, step=step, tol=scene.tol,
-                     progress=told_by(f"{label(kind)} from the blow"))
+                     progress=saying(f"{label(kind)} from the blow"))
     window = ((1 - SETTLED) * long.t[-1], float(long.t[-1])) if long.complete else (0.0, 0.0)
     tracks = [track(kind, reference, long, window)]
     data: dict[str, Any] = {
@@ -79,7 +79,7 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
         "growth": rate, "omega": omega, "period": period, "periods": scene.periods, "compared": scene.compared,
         "impulse": scene.impulse, "tol": scene.tol, "full_tol": scene.full_tol, "models": [item.row for item in tracks]}
     shown = [f"{scene.name}: {work.sub!r}\n{scene.friction_words}; a mode at {omega:.6g} rad/time grows (Re λ = {rate:.5g})",
-            "", f"From a blow of {scene.impulse:g} over {scene.periods:g} periods", told(data["models"]), verdict(tracks)]
+            "", f"From a blow of {scene.impulse:g} over {scene.periods:g} periods", found_table(data["models"]), verdict(tracks)]
     views: dict[str, Callable[[], Result]] = {
         "growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt),
         "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
@@ -87,7 +87,7 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
 
     def error_time() -> Result:
         state = State(reference.expand(long.final.displacement), reference.expand(long.final.velocity))
-        return _error_time(scene, work, belt, state, period, work.models, told_by)
+        return _error_time(scene, work, belt, state, period, work.models, saying)
 
     views["error-time"] = error_time
     return run_outputs(scene.outputs, lambda output: views[output](), data | {"complete": True}, shown, long.complete,
@@ -95,7 +95,7 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
 
 
 def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State, period: float,
-                models: list[tuple[str, int, Any]], told_by: Callable[[str], Callable[[str], None]]) -> Result:
+                models: list[tuple[str, int, Any]], saying: Callable[[str], Callable[[str], None]]) -> Result:
     """Full and reduced models from one physical state: amplitude, its error, and seconds per period."""
     rows: list[dict[str, Any]] = []
     exact = 0.0
@@ -104,9 +104,9 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
             start = state if kind == "full" else State(*(project(model, work.sub.M, part) for part in
                                                          (state.displacement, state.velocity)))
             tol, method, times = (scene.full_tol, "alpha", 1) if kind == "full" else (scene.tol, "lsoda", TIMED)
-            tell = told_by(f"{label(kind)} with {model.size} DOF")
+            say = saying(f"{label(kind)} with {model.size} DOF")
             runs = [whole(transient(model, belt, (0.0, scene.compared * period), start=start, step=period / POINTS, tol=tol,
-                                    method=method, progress=tell)) for _ in range(times)]
+                                    method=method, progress=say)) for _ in range(times)]
             v = runs[0].velocity("belt")
             amplitude = float(v[len(v) // 2:].std())
             exact = amplitude if kind == "full" else exact

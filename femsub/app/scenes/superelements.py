@@ -69,7 +69,7 @@ def _parts(scene: SuperelementsScene, progress: Progress, system: System) -> Res
 
 
 def _grids(part: ReducedSubstructure) -> dict[str, int | None]:
-    """How many grids the interface has, and how many motions are recovered in frames that the files do not tell."""
+    """How many grids the interface has, and how many motions are recovered in frames that the files do not say."""
     dofs, full = part.interface_dofs, part.full_dofs
     own = [at for at, label in enumerate(full.labels) if "@" in label] if full else []
     return {"grids": len(np.unique(dofs.nodes)) if dofs else None,

@@ -184,7 +184,7 @@ def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
 
 
 def asked(law: FrictionLaw | None, name: str, v: Any, function: Callable[[Any], Any] | None = None) -> Any:
-    """`law.value(v)` or `law.slope(v)`, by its name; what your own law raises is told with the law and the speed."""
+    """`law.value(v)` or `law.slope(v)`, by its name; what your own law raises is reported with the law and the speed."""
     try:
         return (getattr(law, name) if function is None else function)(v)
     except FemsubError:
