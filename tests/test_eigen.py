@@ -366,6 +366,12 @@ def test_attacks_on_stiff_and_soft_find_nothing(kind: str) -> None:
     assert "certified" in outcomes
 
 
+@pytest.mark.parametrize("seed", [141, 158, 193, 240])
+def test_free_lumps_on_springs_of_unlike_softness_have_the_digits_that_are_stated(seed: int) -> None:
+    """ω² were off by 6e-12 to 1e-6, 100 to 10,000 roundings: by those of a mode that is less soft, in a basis of both."""
+    assert stiff_soft.attacked("free lumps", seed) == "certified"
+
+
 def test_a_deferred_count_certifies_no_mode_that_may_be_rigid_motion() -> None:
     sub = fs.chain(3000)
     handle = ShiftInvert(sub.K, sub.M)

@@ -407,6 +407,16 @@ def test_forces_and_strains_are_those_of_the_pieces_one_by_one(seed: int, monkey
             assert strains(link, moves, piece, scale[:, 0]) is expected
 
 
+def test_the_two_forces_of_a_soft_spring_balance_each_other() -> None:
+    """Two pieces that move together but for 1e-12, with strains of 1e-8: the sum of the forces was a rounding of the motion."""
+    k = np.array([1e6, 1.0, 1e6])
+    K = np.diag(np.append(k, 0.0) + np.append(0.0, k)) - np.diag(k, 1) - np.diag(k, -1)
+    strain = 1e-8 * np.random.default_rng(0).uniform(-1, 1, (4, 20))
+    X = 0.7 + np.array([[0.0], [0.0], [1e-12], [1e-12]]) + strain
+    forces, sizes = elastic_forces(K, X, np.ones((4, 1)), np.array([0, 0, 1, 1]))
+    assert (np.abs(forces.sum(axis=0)) <= 4 * np.finfo(float).eps * sizes.max(axis=0)).all()
+
+
 def test_pieces_of_a_size_are_decomposed_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each call in Python takes a millisecond, and a chain of 12,000 masses has 6,000 pieces."""
     calls = []

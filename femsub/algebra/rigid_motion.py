@@ -480,7 +480,9 @@ def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, 
     across = sp.csr_array((entries.data[between], (entries.row[between], entries.col[between])), shape=K.shape)
     forces, sizes = inside @ moved, abs(inside) @ np.abs(moved)
     for part, rows, start in _in_blocks(across.indptr, X.shape[1] * max(Z.shape[1], 1)):
-        beyond = X[across.indices[part]] - np.einsum("er,erk->ek", Z[across.indices[part]], own[piece[rows]])
+        j = across.indices[part]
+        apart = own[piece[j]] - own[piece[rows]]  # the same both ways, so that the two forces of a spring balance each other
+        beyond = moved[j] + np.einsum("er,erk->ek", Z[j], apart)
         beyond *= across.data[part, None]
         forces[rows[start]] += np.add.reduceat(beyond, start)
         sizes[rows[start]] += np.add.reduceat(np.abs(beyond), start)

@@ -504,12 +504,11 @@ class ShiftInvert:
         V = X = elastic(self.deflate(X, basis))
         error = np.full(X.shape[1], np.inf)
         while True:
-            forces = elastic_forces(self.K, V, self.rigid, self._pieces)[0]
-            values, turn = np.linalg.eigh((V.T @ forces + forces.T @ V) / 2)
-            inside = np.linalg.norm(X.T @ (self.M @ (V @ turn)), axis=0) if beside is None else -values
+            values, V, forces, _ = self._ritz(V)
+            inside = np.linalg.norm(X.T @ (self.M @ V), axis=0) if beside is None else -values
             at = np.sort(np.argsort(-inside, kind="stable")[:X.shape[1]])
-            values, X = values[at], V @ turn[:, at]
-            residual = forces @ turn[:, at] - self.M @ X * values
+            values, X = values[at], V[:, at]
+            residual = forces[:, at] - self.M @ X * values
             more = step = self.deflate(self.factor.solve(residual), basis)
             # what steps would gain: each has |σ| too much stiffness
             before, error = error, np.abs(np.einsum("ij,ij->j", residual, step) / values) * (1 - self.sigma / np.abs(values))
@@ -524,10 +523,23 @@ class ShiftInvert:
             V = np.hstack([V, elastic(more[:, soft], V)])
         if error.max(initial=0.0) < SOFT:
             X = X - step  # stiff DOF, of which ω² knows nothing, have their digits by this
-        forces, size = elastic_forces(self.K, X, self.rigid, self._pieces)
+        values, X, forces, size = self._ritz(X)
         error = np.maximum(error, self.unit * np.einsum("ij,ij->j", np.abs(X), size) / np.abs(values))
         residual, size = forces - self.M @ X * values, abs(self.K) @ np.abs(X) + abs(self.M) @ np.abs(X) * np.abs(values)
         return values, X, error, np.linalg.norm(residual, axis=0) / np.linalg.norm(size, axis=0)
+
+    def _ritz(self, V: Array) -> tuple[Array, Array, Array, Array]:
+        """ω² (k,) of the modes (n, k) in the span of V, VᵀMV = I, where K Z = 0; the modes, their forces and what cancels there.
+
+        In a mixed basis the rounding of stiff modes is in the energy of soft ones. The first turn separates them, and the second
+        has the energy of each by itself.
+        """
+        for _ in range(2):
+            forces, size = elastic_forces(self.K, V, self.rigid, self._pieces)
+            turn = np.linalg.eigh((V.T @ forces + forces.T @ V) / 2)[1]
+            V = V @ turn
+        forces, size = forces @ turn, size @ np.abs(turn)
+        return np.einsum("ij,ij->j", V, forces) / np.einsum("ij,ij->j", V, self.M @ V), V, forces, size
 
     def release(self) -> None:
         """Drop the factor, which others may share. Everything that needs no solve still works without it."""
