@@ -22,7 +22,8 @@ run() { logged "${@:2}" || failed "$1"; }
 trap 'exit 130' INT TERM
 
 # One set-up at a time in this folder. What it started holds the lock too, so that after a kill
-# the next call waits for, say, an apt-get that is still at work.
+# the next call waits for, say, an apt-get that is still at work. Programs that import PETSc do not hold it (9>&-):
+# Open MPI starts a daemon for them, orted, which may outlive them.
 lock() {
     command -v flock >/dev/null || return 0
     exec 9<"$root"
@@ -35,7 +36,7 @@ solvers_numpy() {
     "$python" -I -c 'import contextlib, numpy
 with contextlib.suppress(ModuleNotFoundError): import dolfinx_solver
 from petsc4py import PETSc; from slepc4py import SLEPc
-print(numpy.__version__.split(".")[0])'
+print(numpy.__version__.split(".")[0])' 9>&-
 }
 
 # True if everything is there, as this pyproject.toml wants it: see install_femsub.
@@ -150,7 +151,7 @@ install_femsub() {
     # the commands in scripts/ import benchmarks/ as well, which is not installed
     echo "$root" >"$(echo "$venv"/lib/python3*/site-packages)/femsub-root.pth"
     run "petsc4py and slepc4py do not import in $venv" \
-        "$python" -c 'from femsub.algebra.petsc import versions; print(versions())'
+        "$python" -c 'from femsub.algebra.petsc import versions; print(versions())' 9>&-
     echo "$root" >"$state/root"
     local one # the extras whose packages are all in this one
     for one in $("$python" -I -c 'import sys, tomllib

@@ -257,6 +257,20 @@ def test_the_set_up_leaves_an_environment_of_another_folder_alone(tmp_path: Path
     assert (others / "pyvenv.cfg").exists() and (others / ".setup" / "root").exists() and (mine / ".venv").is_symlink()
 
 
+def test_programs_that_import_petsc_do_not_hold_the_lock_of_the_set_up(tmp_path: Path) -> None:
+    """Open MPI starts a daemon for them, which may outlive the set-up."""
+    (tmp_path / "scripts").mkdir()
+    for name in ("pyproject.toml", "scripts/setup-common.bash"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text("#!/bin/sh\n[ -e /proc/self/fd/9 ] && echo held || echo free\n")
+    python.chmod(0o755)
+    script = ". scripts/setup-common.bash dev; lock; solvers_numpy; run failed solvers_numpy; tail -n 1 $log; $python"
+    done = subprocess.run(["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["free", "free", "held"]
+
+
 def test_the_readmes_test_command_is_what_a_change_must_pass() -> None:
     command = "scripts/test"
     assert f"\n{command}\n" in (ROOT / "README.md").read_text(encoding="utf-8")
