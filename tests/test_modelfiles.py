@@ -57,10 +57,23 @@ def test_matlab_counts_from_1(tmp_path: Path, sub: fs.Substructure) -> None:
     assert [str(name[0]) for name in content["port_names"].ravel()] == ["pad", "belt"] and content["ports"].shape == (rom.size, 3)
 
 
+def test_a_model_of_a_folder_gets_the_name_it_is_given(tmp_path: Path, sub: fs.Substructure) -> None:
+    """The name was ignored."""
+    for model in (sub, fs.reduce(sub, fs.CraigBampton(2), ports=True)):
+        fs.write_matrices(tmp_path / "out", model)
+        found = fs.read_component(tmp_path / "out", name="another")
+        assert found.name == "another" and type(found) is type(model) and np.array_equal(found.interface, model.interface)
+        assert abs(found.K - model.K).max() == 0 and fs.read_component(tmp_path / "out").name == model.name
+        with pytest.raises(fs.InputError, match="name must have printable characters"):
+            fs.read_component(tmp_path / "out", name="a\nb")
+
+
 def test_what_was_written_and_then_damaged(tmp_path: Path, sub: fs.Substructure) -> None:
     fs.write_matrices(tmp_path / "out", sub, "mtx")
-    with pytest.raises(fs.InputError, match="it contains interface, ports and DOF map"):
-        fs.read_component(tmp_path / "out", interface=[0])
+    for beside, named in (({"interface": [0]}, "interface"), ({"dofs": "d.csv", "ports": {}}, "dofs and ports"),
+                          ({"D": "D.mtx"}, "D")):
+        with pytest.raises(fs.InputError, match=f"leave out {named}: it contains interface, ports and DOF map"):
+            fs.read_component(tmp_path / "out", **beside)  # type: ignore[arg-type]
     with pytest.raises(fs.InputError, match="K is missing: name its file"):
         fs.read_component(tmp_path)
     about = json.loads((tmp_path / "out" / "model.json").read_text())

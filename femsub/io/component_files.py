@@ -50,7 +50,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         For each port such a DOF, a sequence of them (w is 1 there), a mapping of DOF to weight, or the column(s) w as an
         array of floats, shape (n,) or (n, p).
     name : str, optional
-        Default: the name of K's file.
+        Default: the name of K's file, or the one in the folder of `write_matrices`.
     massless : bool
         Whether M may lack DOF of K, as Abaqus' files do for DOF without mass. Otherwise the file counts as cut short.
     drop_empty : bool
@@ -123,10 +123,13 @@ def _component(M: str | Path, K: str | Path | None, D: str | Path | None, dofs: 
     if K is None and path_of("M", M).suffix.lower() in (".full", ".sub"):
         K = M
     if K is None:
-        if any(one is not None for one in (D, dofs, ports)) or not bare:
-            raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, give it alone: it contains "
-                             "interface, ports and DOF map")
-        return read_model(path_of("M", M))
+        given = {"D": D is not None, "dofs": dofs is not None, "interface": not bare, "ports": ports is not None}
+        beside = [key for key, there in given.items() if there]
+        if beside:
+            raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, leave out "
+                             f"{' and '.join(beside)}: it contains interface, ports and DOF map")
+        part = read_model(path_of("M", M))
+        return part if name is None else part._with(name=name)
     named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
     paths = {key: Path(path) for key, path in named.items()}
     if _kind(paths["M"]) == "K" and _kind(paths["K"]) == "M":
