@@ -15,6 +15,7 @@ import pytest
 import femsub as fs
 from femsub.app import cli
 from femsub.app.report import table_csv
+from femsub.app.scene import built
 from femsub.checks import csv_cell, shown
 from femsub.errors import FemsubWarning, printable, unknown_name, warn
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
@@ -51,6 +52,16 @@ def test_a_name_may_have_spaces_of_any_script_and_a_file_any_name(tmp_path: Path
     plain = fs.write_mesh(tmp_path / "plain.vtu", fs.block((1.0, 1.0, 1.0), (1, 1, 1)))
     evil = plain.rename(tmp_path / f"{EVIL}\n.vtu")
     assert fs.read_mesh(evil).name == "pad\\x1b]0;owned\\x07\\x1b[31m\\x9b2J\\u202e\\n"
+
+
+def test_the_name_of_a_scene_is_a_name_and_a_part_of_a_file_name() -> None:
+    for name in ("disc\u00a0A", "\u30d6\u30ec\u30fc\u30ad\u3000A"):
+        assert built({"scene": "chain", "name": name})[0].name == name
+    for wrong, why in ((EVIL, "printable characters only"), ("two\nlines", "printable characters only"), ("a/b", "without /"),
+                       ("x" * 101, "at most 100 characters")):
+        with pytest.raises(fs.InputError, match=f"scene key 'name'.*{why}") as caught:
+            built({"scene": "chain", "name": wrong})
+        assert str(caught.value).isprintable()
 
 
 def test_no_message_holds_what_a_terminal_obeys() -> None:
@@ -115,6 +126,12 @@ def test_labels_of_dof_are_read_again_as_they_were(tmp_path: Path) -> None:
 def test_a_span_of_time_is_no_number(wrong: Callable[[object], object]) -> None:
     with pytest.raises(fs.InputTypeError, match=r"must be a (whole )?number, not .*timedelta64"):
         wrong(np.timedelta64(3))
+
+
+def test_a_set_of_the_interface_is_named_when_it_is_refused() -> None:
+    for given in ({"sets": {"left": {"a": [0]}}, "interface": [0]}, {"interface": {"left": "x"}}):
+        with pytest.raises(fs.InputTypeError, match="the interface set 'left' must be a list of whole numbers"):
+            fs.Substructure(np.eye(2), np.eye(2), **given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("label", ["=a", "'=a", "''=a", "'a", "'", "-x"])

@@ -18,7 +18,7 @@ from femsub import coupling, reduction, studies
 from femsub.algebra import Interruptible
 from femsub.app.keys import check_keys, key, keys_of, values_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
-from femsub.checks import choice, shown
+from femsub.checks import choice, shown, word
 from femsub.errors import FemsubError, InputError, unknown_name
 
 if TYPE_CHECKING:
@@ -349,10 +349,10 @@ def _build(table: Mapping[str, Any], folder: Path, source: Path | None = None, t
         values = values_of(scene_type, values)
     except InputError as error:
         raise InputError(f"{error}{taken}") from None
-    name = values.get("name", "")
-    if not name.isprintable() or len(name) > LONGEST_NAME or set(name) & set("/\\"):
+    name = word("scene key 'name'", values.get("name", ""))
+    if len(name) > LONGEST_NAME or set(name) & set("/\\"):
         raise InputError(f"scene key 'name': {shown(name)} cannot be part of a file's name. Take at most {LONGEST_NAME} "
-                         "printable characters without / and \\")
+                         "characters without / and \\")
     return scene_type(**{"name": Path(own).stem if own else kind, **values, "own": own, "folder": str(folder)}), run
 
 

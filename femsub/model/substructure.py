@@ -457,8 +457,8 @@ def _in_each_others_place(M: Matrix, K: Matrix) -> bool:
     return bool(stiff.any() and (stiff & (balanced(K) < 0.1)).any())
 
 
-def _interface(values: Iterable[int], size: int) -> Array:
-    raw = whole_numbers("interface", values)
+def _interface(values: Iterable[int], size: int, what: str = "interface") -> Array:
+    raw = whole_numbers(what, values)
     bad = raw[(raw < 0) | (raw >= size)]
     if bad.size:
         raise InputError(f"interface DOF {bad[0]} is out of range: the model has {size} DOF, counted from 0 to {size - 1}")
@@ -470,7 +470,7 @@ def _interface(values: Iterable[int], size: int) -> Array:
 
 def _named(sets: Mapping[str, Iterable[int]], size: int) -> tuple[list[int], dict[str, Array]]:
     """The interface of named sets of DOF, each DOF once, and where in it each set is."""
-    found = {name: _interface(rows, size) for name, rows in sets.items()}
+    found = {name: _interface(rows, size, f"the interface set {name!r}") for name, rows in sets.items()}
     flat = list(dict.fromkeys(int(row) for rows in found.values() for row in rows))
     place = {row: at for at, row in enumerate(flat)}
     return flat, {name: np.array([place[int(row)] for row in rows], dtype=np.intp) for name, rows in found.items()}
@@ -480,7 +480,8 @@ def checked_sets(sets: Mapping[str, Any] | None, count: int) -> dict[str, Array]
     """Named sets of an interface of `count` DOF, each DOF by its place in the interface."""
     found = {}
     for name, places in ({} if sets is None else mapping("sets", sets, "names and places in the interface")).items():
-        found[word("the name of an interface set", name)] = _interface(places, np.iinfo(np.intp).max)
+        what = f"the interface set {word('the name of an interface set', name)!r}"
+        found[name] = _interface(places, np.iinfo(np.intp).max, what)
         if found[name].max(initial=-1) >= count:
             raise InputError(f"the interface set {name!r} names place {found[name].max()}, but the interface has {count} DOF, "
                              "counted from 0: give the interface as a mapping, {'left': [0, 1]}")
