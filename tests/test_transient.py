@@ -386,7 +386,7 @@ def test_bad_types_and_models_say_what_to_do() -> None:
         run.port("bolt")
     with pytest.raises(fs.InputError, match="was not recorded"):
         fs.transient(several(), BELT, (0, 1)).velocity("end")
-    with pytest.raises(fs.InputError, match="unknown belt 'end'"):
+    with pytest.raises(fs.InputError, match="unknown port of a belt 'end'"):
         fs.transient(several(), BELT, (0, 1), ports=["end"]).friction("end")
 
 

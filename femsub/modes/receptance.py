@@ -151,8 +151,8 @@ class FrequencyResponse(Frozen):
         names = [tuple(items(what, given, "names")) for what, given in (("responses", responses), ("loads", loads))]
         shape = (len(omega), *map(len, names))
         if h.dtype.kind not in "iufc" or h.shape[-3:] != shape or h.ndim not in (3, 4) or not np.isfinite(h).all():
-            raise InputError(f"receptance must be finite numbers of shape {shape}, or of repeated measurements (ns, "
-                             f"{', '.join(map(str, shape))}), not {shown(h)}")
+            raise InputError(f"receptance must be finite numbers of shape {shape}, by the lengths of at, responses and loads, or "
+                             f"of repeated measurements (ns, {', '.join(map(str, shape))}), not {shown(h)}")
         for what, own in zip(("responses", "loads"), names, strict=True):
             if not all(isinstance(one, str) for one in own) or len(set(own)) < len(own):
                 raise InputError(f"{what} must be names, each of them once, not {shown(own)}")

@@ -148,7 +148,7 @@ class Transient:
     def belt(self, name: str) -> Belt:
         """The belt on a port."""
         belts = {belt.port: belt for belt in self.contact.belts}
-        return belts[choice("belt", name, belts)]
+        return belts[choice("port of a belt", name, belts)]
 
     def _recorded(self, histories: Mapping[str, Array], name: str) -> Array:
         if name not in histories:
