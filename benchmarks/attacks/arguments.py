@@ -13,6 +13,7 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Callable
+from contextlib import chdir
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -438,7 +439,8 @@ def attacked(kind: str, seed: int) -> str:
     name, argument, number = order[seed % len(order)]
     function, right = table[name]
     value = values(kind, right[argument])[number]
-    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
+    with (warnings.catch_warnings(), tempfile.TemporaryDirectory() as outer, tempfile.TemporaryDirectory(dir=outer) as folder,
+          chdir(folder)):  # what is written to a relative path, such as '../x', is deleted too
         warnings.simplefilter("ignore")
         inside = {"folder", "path"} & set(right)
         given = right | {argument: value}
