@@ -66,7 +66,8 @@ class Op2Writer:
         """Column by column, strings of entries that are not 0; kind 1, 2 real, 3, 4 complex, of single and double precision."""
         A = matrix.toarray() if sp.issparse(matrix) else np.asarray(matrix)
         size = (self.word if kind % 2 else 8) * (1 if kind < 3 else 2)
-        self.block(name, (101, A.shape[1], A.shape[0], 2, kind, 0, 0), 1)
+        form = 6 if A.shape[0] == A.shape[1] and (A == A.T).all() else 2
+        self.block(name, (101, A.shape[1], A.shape[0], form, kind, 0, 0), 1)
         for j, column in enumerate(A.T):
             starts = [i for i in np.flatnonzero(column) if i == 0 or not column[i - 1]]
             for i in starts:

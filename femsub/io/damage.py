@@ -9,17 +9,18 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.algebra import available
 from femsub.checks import Array
-from femsub.errors import InputError, NotEnoughMemoryError
+from femsub.errors import InputError, NotEnoughMemoryError, warn
 
 #: exceptions of NumPy, SciPy, h5py, pyyeti, meshio and Python's own readers, which trust the sizes in a file
 THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError, ImportError, LookupError, NameError, OSError,
@@ -86,14 +87,48 @@ def check_indices(matrix: Any) -> None:
         raise ValueError("its index pointers fall")
 
 
+def check_partners(path: Path, name: str, matrix: Any, single: bool) -> None:
+    """Warn of a matrix that its file calls symmetric, and whose two entries of a pair differ by more than rounding.
+
+    Half of the digits of the file's precision may differ, measured by √(a_ii a_jj), which no pair exceeds in a stiffness or mass.
+    """
+    if matrix.shape[0] != matrix.shape[1]:
+        raise InputError(f"{path} calls {name!r} symmetric, but it has {matrix.shape[0]} rows and {matrix.shape[1]} columns; it "
+                         "is damaged")
+    eps, A = np.finfo(np.float32 if single else float).eps, sp.coo_array(matrix)
+    gap, size = sp.coo_array(A - A.T), np.sqrt(np.abs(A.diagonal()))
+    allowed = np.sqrt(eps) * size[gap.row] * size[gap.col] + eps * np.abs(A.data).max(initial=0.0)
+    if len(wrong := np.flatnonzero(np.abs(gap.data) > allowed)):
+        row, column = sorted((int(gap.row[wrong[0]]), int(gap.col[wrong[0]])))
+        B = sp.csr_array(A)
+        warn(f"{path} calls {name!r} symmetric, but {len(wrong) // 2} of its pairs differ, first {B[row, column]:g} in row "
+             f"{row + 1} of column {column + 1} and {B[column, row]:g} in row {column + 1} of column {row + 1}: is it damaged?")
+
+
+def announced(lines: Sequence[str]) -> list[str]:
+    """Lines of a text file for Nastran, the first with their count and the sum of the others, which the format does not have."""
+    return [f"{lines[0]}, {len(lines)} lines, sum {_sum(line.encode() for line in lines[1:]):08x}", *lines[1:]]
+
+
+def _sum(lines: Iterable[bytes]) -> int:
+    """CRC-32 of lines, whatever their ends and the blanks before these, and empty ones: a transfer may change them."""
+    found = 0
+    for line in lines:
+        found = zlib.crc32(kept + b"\n", found) if (kept := line.rstrip()) else found
+    return found
+
+
 def check_lines(path: Path) -> bool:
-    """Refuse a text file of femsub whose first line announces another number of lines; whether it announces one."""
+    """Refuse a text file of femsub whose first line announces another number of lines or sum; whether it announces lines."""
     with open(path, "rb") as file:
-        said = re.fullmatch(rb"\$ .*, by femsub, (\d{1,15}) lines\s*", file.readline(1000))
-        count = 1 + sum(1 for line in file if line.strip()) if said else 0
-    if said and int(said[1]) != count:
-        raise InputError(f"{path} has {count} lines, but its first line says {int(said[1])}: it is cut short or damaged. Write "
-                         "it again; if you changed it, change that number")
+        said = re.fullmatch(rb"\$ .*, by femsub, (\d{1,15}) lines(?:, sum ([0-9a-f]{8}))?\s*", file.readline(1000))
+        lines = [line for line in file if line.strip()] if said else []
+    if said and int(said[1]) != 1 + len(lines):
+        raise InputError(f"{path} has {1 + len(lines)} lines, but its first line says {int(said[1])}: it is cut short or "
+                         "damaged. Write it again; if you changed it, change that number, and take ', sum ...' out of the line")
+    if said and said[2] and int(said[2], 16) != _sum(lines):
+        raise InputError(f"{path} has other lines than femsub wrote, by the sum in its first line: it is damaged. Write it again; "
+                         "if you changed it, take ', sum ...' out of the first line")
     return bool(said)
 
 

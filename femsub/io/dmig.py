@@ -105,7 +105,7 @@ def cards_of(path: Path) -> list[tuple[str, list[str]]]:
     own, cards = check_lines(path), entries_of(path)
     if own and (other := next((card for card, _ in cards if card not in WRITTEN), None)):
         raise InputError(f"{path} has a card {other!r:.20}, which femsub does not write: a name, or the * of a continuation, is "
-                         "damaged. Write it again; if you added the card, take the number of lines out of the first line")
+                         "damaged. Write it again; if you added the card, take ', ... lines, sum ...' out of line 1")
     return cards
 
 

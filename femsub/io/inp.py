@@ -103,7 +103,7 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
 
 
 def _collect(path: Path, found: Found) -> None:
-    for keyword, options, data in _blocks(path):
+    for keyword, options, data in _blocks(path, found.notes):
         if keyword == "SYSTEM" and data.strip():
             raise InputError(f"{path} has a *SYSTEM, which moves coordinates; write the nodes in the global system")
         if keyword in _SCOPES:
@@ -240,7 +240,7 @@ def _integer(what: str, options: Mapping[str, str], name: str) -> int:
 
 # ---- keywords, with the content of *INCLUDE and INPUT= inserted
 
-def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], str]]:
+def _blocks(path: Path, notes: list[str]) -> Iterator[tuple[str, dict[str, str], str]]:
     """The keywords of a file in their order, their options in capitals (values without quotes), and the lines below them.
 
     Raises
@@ -251,7 +251,10 @@ def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], str]]:
     """
     text = re.sub(r"^[ \t]*\*\*.*\n?", "", _whole(deck := Deck(path)), flags=re.MULTILINE)
     quoted: dict[str, str] = {}
-    for part in re.split(r"^[ \t]*\*", text, flags=re.MULTILINE)[1:]:
+    first, *parts = re.split(r"^[ \t]*\*", text, flags=re.MULTILINE)
+    if first.strip():
+        notes.append(f"{first.strip().splitlines()[0]!r:.40} stands before the first keyword, left out: is a line with * lost?")
+    for part in parts:
         head, _, data = part.partition("\n")
         if head.rstrip().endswith(","):
             lines = part.split("\n")
@@ -268,6 +271,10 @@ def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], str]]:
                                  "case. They would become one; rename one of them")
         if keyword in _MESH and "INPUT" in options:
             data = _input(deck, keyword, options["INPUT"]) + data
+        if keyword in ("NSET", "ELSET") and re.search(r"\n[ \t]*\n", f"\n{data.rstrip()}"):
+            notes.append(f"the data of *{keyword} have an empty line above or between them: is a line with a keyword lost?")
+        if keyword in ("NSET", "ELSET") and not data.strip() and "ELSET" not in {*options} - {keyword}:
+            notes.append(f"*{keyword} {options.get(keyword, '')} has no members: is a line lost?")
         yield keyword, options, data
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from femsub.checks import Array, choice, path_of
 from femsub.errors import InputError
 from femsub.io.damage import unreadable_refused
 from femsub.io.mesh_text import as_numbers, whole
-from femsub.io.universal import NUMBERS, DataSet, apart, data_sets, nodes_of, told
+from femsub.io.universal import NUMBERS, OF_MESHES, DataSet, apart, data_sets, nodes_of, told
 from femsub.modes import FrequencyResponse, ModeSet
 
 FUNCTION, HEAD = 58, 11  # the data set, and the lines before its numbers
@@ -84,6 +85,9 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
         raise InputError(f"{file}: a data set 58 has {len(short[0].lines)} lines, but its head alone has {HEAD}")
     types = whole(file, "the sixth line of a data set 58, which begins with the type of the function (is a line above it lost?),",
                   [one.lines[5][:5].strip() for one in functions])
+    for one in functions:
+        whole(file, "the sixth line of a data set 58, which has whole numbers in its columns 6 to 30,",
+              "".join(f"{one.lines[5][start:stop]} " for start, stop in ((5, 15), (15, 20), (20, 30))).split())
     found = [one for one, kind in zip(functions, types, strict=True) if kind == RESPONSE]
     if not found:
         raise InputError(f"{file} holds no frequency response function (data set 58 of function type {RESPONSE}); its data sets "
@@ -224,7 +228,11 @@ def read_modes(path: str | Path) -> ModeSet:
 
         return ModeSet.of(*read_rst(file))
     sets = list(data_sets(file))
-    found = [mode for mode in (_mode(file, one) for one in sets if one.kind in (OLD_SHAPES, SHAPES)) if mode is not None]
+    read = [(one, _mode(file, one) if one.kind in (OLD_SHAPES, SHAPES) else None) for one in sets]
+    found = [mode for _, mode in read if mode is not None]
+    left = Counter(one.kind for one, mode in read if mode is None and one.kind not in OF_MESHES)
+    notes = [f"data set {kind} left out{f' ({count} times)' * (count > 1)}: no modes, or of a kind that is not read"
+             for kind, count in left.items()]
     if not found:
         raise InputError(f"{file} holds no modes (data sets 55 and 2414 of normal or complex modes, motions of nodes); its "
                          f"data sets are {', '.join(map(str, sorted({one.kind for one in sets})))}")
@@ -243,8 +251,13 @@ def read_modes(path: str | Path) -> ModeSet:
     numbers, places = nodes_of(file, sets)
     at = dict(zip(numbers.tolist(), places, strict=True))
     points = np.repeat([at[node] for node in nodes], width, axis=0) if set(nodes) <= at.keys() else None
+    if points is None:
+        lost = next(node for node in nodes if node not in at)
+        notes.append(f"the file does not give the place of node {lost}, so that the modes have no places")
+    if fewer := sum(len(mode.values) < len(nodes) for mode in found):
+        notes.append(f"{fewer} mode{'s do' if fewer > 1 else ' does'} not list all nodes: motions of the others are taken as 0")
     return ModeSet.of(np.array([mode.eigenvalue for mode in found]), shapes if shapes.imag.any() else shapes.real,
-                      np.repeat(nodes, width), np.tile(np.arange(width), len(nodes)), points, told(sets))
+                      np.repeat(nodes, width), np.tile(np.arange(width), len(nodes)), points, [*told(sets), *notes])
 
 
 class _Mode(NamedTuple):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array
-from femsub.errors import InputError
+from femsub.errors import InputError, warn
 from femsub.io.damage import check_end
 from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, whole_numbers, without_copies
 from femsub.io.nastran_systems import NAMES, Systems
@@ -95,14 +95,19 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
     What stands before BEGIN BULK or behind ENDDATA is left out. BEGIN SUPER comes as a card of its own, with its number.
     """
     found: list[tuple[str, list[str]]] = []
-    for line in _text(path).split("\n"):
-        if line.isspace() or not line:
-            continue
+    lines = [line for line in _text(path).split("\n") if line and not line.isspace()]
+    for at, line in enumerate(lines):
         begin = re.match(r"\s*(BEGIN\s+(?:SUPER|BULK)|ENDDATA)\b\W*(\w*)", line, flags=re.IGNORECASE)
         if begin and begin[1].upper() == "ENDDATA":
+            if begin[2] or (lost := _lost(lines[at + 1:])):
+                warn(f"{path}: ENDDATA is followed by {begin[2] or lost!r:.40}, which is left out as in Nastran: if ENDDATA does "
+                     "not belong there, cards are lost")
             break
         if begin:
             name = begin[1].upper().replace("\t", " ")
+            if name.endswith("BULK") and (lost := _lost(lines[:at])):
+                warn(f"{path}: {lost!r:.40} stands before BEGIN BULK, and is left out as in Nastran: if BEGIN BULK does not "
+                     "belong there, cards are lost")
             found = [] if name.endswith("BULK") else [*found, ("BEGIN SUPER", [begin[2]])]
             continue
         head, data, _ = _fields(path, line)
@@ -119,6 +124,12 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
         raise InputError(f"{path} has a card {wrong!r:.20}, and no name of a card begins with a digit: a name or the * of a "
                          "continuation is damaged")
     return found
+
+
+def _lost(lines: list[str]) -> str:
+    """The first card among lines that are left out, or a continuation of one."""
+    return next((line.strip() for line in lines if re.match(r"\s*[*+]\s|\s*\w+\*?[\s,]", line)
+                 and line.replace(",", " ").split()[0].upper().rstrip("*+") in {*_KNOWN, ""}), "")
 
 
 def complete(path: Path, grid: list[str]) -> None:
@@ -154,7 +165,15 @@ def _bulk(path: Path) -> tuple[str, list[str]]:
     begins = [mark for i, mark in enumerate(begins) if i not in empty]  # BEGIN BULK may stand there twice
     if len(begins) > 1 or (begins and re.search(r"SUPER|AUXM", begins[0][1], flags=re.IGNORECASE)):
         raise InputError(f"{path} has several parts of bulk data (superelements): write one")
-    notes = [] if ends else ["the file has no ENDDATA: if it was cut short at the end of a line, cards are missing"]
+    after = text[stop:].partition("\n")[2]
+    if ends and (lost := _lost(after.split("\n"))):
+        notes = [f"{lost!r:.40} behind ENDDATA left out, as in Nastran: if ENDDATA does not belong there, cards are missing"]
+    else:
+        notes = []
+    notes += [] if ends else ["the file has no ENDDATA: if it was cut short at the end of a line, cards are missing"]
+    if begins and (lost := _lost(text[:begins[0].start()].split("\n"))):
+        notes.append(f"{lost!r:.40} before BEGIN BULK left out, as in Nastran: if BEGIN BULK does not belong there, cards are "
+                     "missing")
     return text[begins[0].end() if begins else 0:stop], notes
 
 

@@ -12,8 +12,8 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import TextMatrix
-from femsub.io.damage import Cursor, check_extent
-from femsub.io.dmig import FORMS, NUMBERED, Dmig, Entries, assembled
+from femsub.io.damage import Cursor, check_extent, check_partners
+from femsub.io.dmig import FORMS, NUMBERED, SYMMETRIC, Dmig, Entries, assembled
 
 DMIG = (114, 1, 120)  # words with which a record of DMIG entries begins
 #: and those of a superelement's other records: the card, and of how many words one is (0: all are one list)
@@ -44,6 +44,7 @@ def read_op2(path: Path) -> Op2:
     it passes over       all other tables: results, geometry of full models
     it refuses           records whose two lengths differ or that no key announces, entries outside their matrix,
                          columns that are not as many as announced, DMIG tables of 64 bit words, text
+    it warns             of a pair that differs in a matrix that its trailer calls symmetric (form 6)
     it cannot know       whether a number is wrong, or blocks at the end are gone: some programs leave out the mark
                          of the end
     ===================  =======================================================================================
@@ -193,6 +194,8 @@ class _Blocks:
         matrix = sp.csr_array(whole)
         if matrix.nnz < len(found):
             raise self._wrong(f"the matrix {name.upper()} lists an entry twice")
+        if trailer[3] == SYMMETRIC:
+            check_partners(self.path, name.upper(), matrix, kind % 2 == 1)
         return matrix
 
     def _table(self) -> Iterator[Array]:

@@ -14,7 +14,8 @@ import scipy.sparse as sp
 
 from femsub.checks import Matrix, package
 from femsub.errors import InputError
-from femsub.io.damage import Cursor, check_extent
+from femsub.io.damage import Cursor, check_extent, check_partners
+from femsub.io.dmig import SYMMETRIC
 
 _INTEGER = re.compile(rb" *-?\d+ *")
 BIG = 65536  # rows from which the sparse format is the one for big matrices
@@ -38,6 +39,7 @@ def read_op4(path: Path) -> dict[str, Matrix]:
     it reads             binary files (32 and 64 bit, either byte order) and text, dense, sparse and big sparse
     it refuses           records whose two lengths differ, strings of numbers that leave their record, column or
                          matrix, columns out of order, words of text that are no numbers, a name or an entry twice
+    it warns             of a pair that differs in a matrix that its head calls symmetric (form 6)
     it cannot know       whether a number is wrong, or the last matrices are gone: there is no table of contents
     ===================  =======================================================================================
 
@@ -63,9 +65,9 @@ def read_op4(path: Path) -> dict[str, Matrix]:
         # a premature end is only a warning there; a name that is no identifier is harmless
         warnings.filterwarnings("error", "Premature end-of-file")
         warnings.filterwarnings("ignore", "Output4 file has matrix name")
-        names, matrices, *_ = op4.load(str(path), into="list", sparse=None)
+        names, matrices, forms, kinds = op4.load(str(path), into="list", sparse=None)
     found: dict[str, Matrix] = {}
-    for name, matrix in zip(names, matrices, strict=True):
+    for name, matrix, form, kind in zip(names, matrices, forms, kinds, strict=True):
         if name in found:
             raise InputError(f"{path} holds two matrices called {name!r}. Give them different names")
         found[name] = matrix
@@ -73,6 +75,8 @@ def read_op4(path: Path) -> dict[str, Matrix]:
             found[name] = sp.csr_array(matrix)
             if found[name].nnz < matrix.nnz:
                 raise InputError(f"{path}: {name!r} lists an entry twice; it is damaged")
+        if form == SYMMETRIC:
+            check_partners(path, name, found[name], kind % 2 == 1)
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array
-from femsub.errors import InputError
+from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.damage import check_extent, check_room
 
@@ -60,6 +60,8 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
     if sizes or j.min() < 0 or (j > i).any() or i.max() >= size:
         raise InputError(f"{path} is damaged: an entry above the diagonal or outside of {size} rows, or two numbers of rows")
     check_extent(path, (size, size), len(table))
+    if re.search(rb"\n\s*?\n", found[3].rstrip()):
+        warn(f"{path} has an empty line among its entries, which Sierra/SD does not write: is an entry lost?")
     half: Any = sp.csr_array(sp.coo_array((table[:, 2], (i, j)), shape=(size, size)))
     if not np.isfinite(table[:, 2]).all():
         raise InputError(f"{path} has a number beyond all limits in row {int(i[~np.isfinite(table[:, 2])][0]) + 1}; it is "
@@ -67,6 +69,9 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
     if half.nnz < len(table):
         raise InputError(f"{path} lists an entry twice; it is damaged")
     matrix = sp.csr_array(half + sp.tril(half, -1).T)
+    if len(bare := np.flatnonzero((matrix.diagonal() == 0) & (abs(matrix).sum(axis=1) > 0))):
+        warn(f"{path} has no entry on the diagonal of {len(bare)} rows that have others, first {bare[0] + 1}: of a stiffness or "
+             "mass an entry is lost")
     labels = _labels(path, size)
     if labels is not None:
         order = np.lexsort((labels[:, 1], labels[:, 0]))

@@ -16,6 +16,7 @@ from femsub.checks import Array, choice, instance, path_of, whole_number, whole_
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import DIRECTIONS, write_dofs
 from femsub.io.atomic import Writer, write_whole
+from femsub.io.damage import announced
 from femsub.io.model_folder import write_op4, write_single
 from femsub.io.op4 import op4_module
 from femsub.model import DofMap, ReducedSubstructure, Substructure
@@ -338,8 +339,8 @@ def _nastran(model: Substructure, places: Places, name: str, rows: Array) -> dic
 
 
 def _write_counted(file: BinaryIO, lines: Sequence[str]) -> None:
-    """Write lines for Nastran; the first one says how many there are, which the format does not."""
-    _write_lines(file, [f"{lines[0]}, {len(lines)} lines", *lines[1:]])
+    """Write lines for Nastran; the first one says how many there are and what their sum is, which the format does not."""
+    _write_lines(file, announced(lines))
 
 
 def _write_lines(file: BinaryIO, lines: Sequence[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -207,9 +208,17 @@ class _Deck:
         for card, fields in self.of("DTI"):
             if fields[:2] == ["TUG1", "2"]:
                 for kind, grid, count, row in quadruples([word for word in fields[2:] if word and word != "ENDREC"]):
+                    if kind.isdecimal() and kind not in ("1", "2"):
+                        warn(f"{self.path}: {card} TUG1 has a point of the kind {kind:.20}, and 1 are grids, 2 scalar points: "
+                             "its motions are left out. Is it damaged?")
                     if kind == "1":
                         grid_, count_, row_ = (whole(self.path, f"{card} TUG1", text, 1) for text in (grid, count, row))
                         found.append((grid_, count_, row_))
+        rows = sorted((row, row + count) for _, count, row in found)
+        if any(count > 6 for _, count, _ in found) or len({grid for grid, *_ in found}) < len(found) or any(
+                stop > start for (_, stop), (start, _) in pairwise(rows)):
+            raise InputError(f"{self.path}: DTI TUG1 names a grid twice, more than six motions of a grid, or a row of MUG1 for "
+                             "two: it is damaged")
         return found
 
 

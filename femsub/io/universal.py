@@ -23,6 +23,7 @@ from femsub.io.mesh_text import as_numbers, once, rows_of, text_of, whole
 NODES, OLD_NODES, ELEMENTS, SYSTEMS, TRACES = 2411, 15, 2412, 18, 82
 GROUPS = (2435, 2452, 2467, 2477)
 HEADER, UNITS, EXPORT = 151, 164, 2420  # the last has systems that the nodes of 2411 do not need
+OF_MESHES = (NODES, OLD_NODES, ELEMENTS, SYSTEMS, TRACES, HEADER, UNITS, EXPORT, *GROUPS)
 BEAMS = (11, 21, 22, 23, 24)  # elements with a line more, of orientation and sections
 NODE, ELEMENT = 7, 8  # kinds of members of a group
 #: of the values of functions, by their type: what they are in binary, and how many numbers a value has
@@ -160,6 +161,9 @@ def data_sets(path: Path) -> Iterator[DataSet]:
     ends = [at for at, line in enumerate(lines) if line.strip() == "-1"]
     if len(ends) % 2 or not ends:
         raise InputError(f"{path} has a data set without its end, a line -1: it is cut short or damaged")
+    if stray := [at for at in range(ends[-1] + 1, len(lines)) if lines[at].strip(" \t\x1a\0")]:  # what fills up a file
+        raise InputError(f"{path}, line {stray[0] + 1}: {lines[stray[0]].strip()!r:.40} is in no data set: the line -1 above it "
+                         "ended the last one, and that of another is lost or damaged")
     for begin, end, before in zip(ends[::2], ends[1::2], [-1, *ends[1::2]], strict=False):
         if stray := [at for at in range(before + 1, begin) if lines[at].strip()]:
             raise InputError(f"{path}, line {stray[0] + 1}: {lines[stray[0]].strip()!r:.40} is in no data set: each begins and "
