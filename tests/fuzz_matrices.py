@@ -213,6 +213,10 @@ def subjects(folder: Path) -> list[Subject]:
     cards: dict[str, Any] = {"vocabulary": DMIG, "strict": frozenset({"word", "comma", "nul"}), "words": entries_of_dmig}
     fs.write_superelement(folder / "m", super_, "dmig", recover="all")
     made.append(Subject("dmig", folder / "m" / "arm.pch", reader, **cards))
+    old = folder / "foreign" / "arm.pch"  # as other programs write it, without a count and a sum of lines
+    old.parent.mkdir()
+    old.write_text(re.sub(", by femsub.*", "", (folder / "m" / "arm.pch").read_text(), count=1))
+    made.append(Subject("dmig-foreign", old, reader, units=lambda data: data.split(b"\n"), **cards))
     made.append(Subject("dmig-matrix", folder / "m" / "arm.pch", "fuzz_matrices:read_dmig", **cards))
     if any(subject.name == "op4" for subject in made):
         fs.write_superelement(folder / "n", super_, "nastran", recover="all")
@@ -223,7 +227,7 @@ def subjects(folder: Path) -> list[Subject]:
     made.append(Subject("op2", Op2Writer().matrix("K", K).matrix("M", K).write(folder / "o" / "K.op2"), "fuzz_matrices:read_op2",
                         header=400, **binary))
     made.append(Subject("op2-superelement", superelement_op2(folder / "o" / "arm.op2", super_), reader, header=400, **binary))
-    made.append(Subject("sierra", sierra_text(folder / "o", "arm", arm)[1], read))
+    made.append(Subject("sierra", sierra_text(folder / "o", "arm", arm)[1], read, units=lambda data: data.split(b"\n")))
     made.append(Subject("sierra-netcdf", sierra_netcdf(folder / "o" / "arm.nc", super_), reader, header=400, **binary))
     rom = fs.reduce(part, fs.CraigBampton(modes=5), ports=True)
     for form in ("mtx", "npz", "mat"):

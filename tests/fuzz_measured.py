@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ WORDS = (b"    -1\n", b"    55\n", b"  2414\n", b"    58\n", b"    15\n", b"    
 
 def read_modes(path: Path) -> Any:
     found = fs.read_modes(path)
+    for note in found.notes:
+        warnings.warn(note, stacklevel=1)
     points = np.zeros(0) if found.dofs.points is None else found.dofs.points
     return [found.eigenvalues, found.shapes, found.dofs.nodes, found.dofs.components, points]
 
@@ -54,7 +57,8 @@ def subjects(folder: Path) -> list[Subject]:
         path.write_bytes(content)
         made.append(Subject(name, path, reader, **how))
 
-    text = {"vocabulary": WORDS, "strict": frozenset({"word", "comma", "nul"}), "words": values_of_modes}
+    text = {"vocabulary": WORDS, "strict": frozenset({"word", "comma", "nul"}), "words": values_of_modes,
+            "units": lambda data: re.findall(rb"(?s) *-1\n.*?\n *-1\n", data) if data.count(b"    -1\n") % 2 == 0 else [data]}
     modes = "fuzz_measured:read_modes"
     add("uff-55", (BENCH + old_mode(10.0, 0.01, SHAPES[0]) + old_mode(12.0, 0.0, SHAPES[1])).encode(), modes, **text)
     six = np.concatenate([SHAPES[0] + 1j * SHAPES[1], SHAPES[1] - 1j * SHAPES[0]], axis=1)

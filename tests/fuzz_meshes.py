@@ -27,8 +27,11 @@ def read(path: Path) -> Any:
     mesh = fs.read_mesh(path / "m.node" if path.is_dir() else path)
     for note in mesh.repairs:
         warnings.warn(note, stacklevel=1)
-    return {"points": mesh.points, "cells": mesh.cells, "kind": mesh.kind, "numbers": mesh.numbers, "sets": dict(mesh.sets),
-            "groups": dict(mesh.groups)}
+    points, cells = np.argsort(mesh.numbers, kind="stable"), np.lexsort(mesh.numbers[mesh.cells].T)  # whatever their order is
+    at, of = np.argsort(points), np.argsort(cells)
+    return {"points": mesh.points[points], "cells": at[mesh.cells[cells]], "kind": mesh.kind, "numbers": mesh.numbers[points],
+            "sets": {name: np.sort(at[rows]) for name, rows in mesh.sets.items()},
+            "groups": {name: np.sort(of[rows]) for name, rows in mesh.groups.items()}}
 
 
 def abaqus(mesh: fs.Mesh) -> str:

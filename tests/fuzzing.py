@@ -3,9 +3,20 @@
 Right is a FemsubError, the content of the valid file, or the honest meaning of the damaged one. A finding is all else: another
 exception, a crash, a hang, memory without bounds, and content that the damaged file does not have.
 
-Other content is counted by whether a warning or a note said so. Where none did, it is `undetectable` if only numbers of the file
-became others (in a binary file: eight bytes at most), and only real values or a text's numbers of the content; all else is
-`silent`, counted by the kind of damage and listed: the file may hold what shows it.
+Other content is counted by whether a warning or a note said so. Where none did, it is `undetectable` by one of four rules:
+
+    (value)    the file is as long as before, and only real values of the content differ: without a checksum (formats that have
+               one are `strict`) nothing in a file says what a number was, neither one byte nor a block of zeros
+    (number)   only numbers of the text, or eight bytes of a binary file, became others, and the content has the same count of
+               everything: a number that names a node, a row or a group names another one
+    (fewer)    the file is a row of units that no count covers (`Subject.units`), and some of them are gone: what is left is the
+               whole file of less content
+
+Where a second reader finds the same meaning (`Subject.honest`), other content is `meant`. So it is with scenes: TOML has no end
+mark, and editors write no last line end, so that a scene that is cut is a scene with defaults; a run shows what it takes, and
+results.json has every key.
+
+All else is `silent`, counted by the kind of damage and listed: the file may hold what shows it.
 
 A module `fuzz_NAME.py` beside this one offers `subjects(folder) -> list[Subject]`: it writes valid files into the folder and
 tells how each is read. `scripts/fuzz-files` runs all of them at length, the tests a short seeded part:
@@ -75,6 +86,8 @@ class Subject:
         and simple. With it, any other content is a finding.
     words : callable, optional
         bytes to (start, stop) of the numbers in it that nonsense may replace; all by default.
+    units : callable, optional
+        Bytes to the units of which the format is a row: parts that neither a count nor another part covers.
     vocabulary : sequence of bytes
         Words of the format (keywords, options) that may stand in the place of others.
     header : int
@@ -88,6 +101,7 @@ class Subject:
     strict: frozenset[str] = frozenset({"cut", "word", "comma", "nul"})
     honest: Callable[[Path], Any] | None = None
     words: Callable[[bytes], list[tuple[int, int]]] | None = None
+    units: Callable[[bytes], list[bytes]] | None = None
     vocabulary: Sequence[bytes] = ()
     header: int = 200
     text_file: Callable[[str], bool] = lambda name: name.endswith((".mtx", ".csv", ".json", ".txt"))
@@ -162,6 +176,17 @@ def _feed(content: Any, update: Callable[[bytes], object], reals: bool) -> None:
     else:
         said = repr(content.item() if isinstance(content, np.generic) else content).encode()
         update(said if reals or isinstance(content, (int, np.integer)) else NUMBER.sub(b"1", said))
+
+
+def counts(content: Any) -> Any:
+    """How much there is of everything in it, as nested texts, whatever the numbers and names are."""
+    import scipy.sparse as sp
+
+    if isinstance(content, Mapping):
+        return ["mapping", *sorted(repr(counts(part)) for part in content.values())]
+    if isinstance(content, (list, tuple)):
+        return ["sequence", *(counts(part) for part in content)]
+    return [repr(getattr(content, "shape", type(content))), content.nnz if sp.issparse(content) else 0]
 
 
 # --- damage ------------------------------------------------------------------------------------------------------------------
@@ -419,7 +444,7 @@ def serve(questions: Connection, answers: Connection, memory: int) -> None:
                 warnings.simplefilter("always")
                 content = read(Path(path))
             answers.send(("content", f"{fingerprint(content)} {fingerprint(sorted({str(one.message) for one in said}))} "
-                                     f"{fingerprint(content, reals=False)}"))
+                                     f"{fingerprint(content, reals=False)} {fingerprint(counts(content))}"))
         except FemsubError as error:
             hungry = _memory_error(error)
             answers.send(("memory", f"refused only after a MemoryError: {hungry}") if hungry else ("refused", str(error)))
@@ -476,6 +501,18 @@ def only_numbers(valid: bytes, damaged: bytes) -> bool:
     return len(valid) == len(damaged) and places[-1] - places[0] < 8
 
 
+def undetectable(subject: Subject, valid: bytes, damaged: bytes, same_shape: bool, same_counts: bool) -> str:
+    """The rule by which nothing in the file shows the damage, or ''."""
+    text = subject.text if subject.path.is_file() else b"\0" not in valid
+    if same_shape and (only_numbers(valid, damaged) or (not text and len(valid) == len(damaged))):
+        return "value"
+    if same_counts and only_numbers(valid, damaged):
+        return "number"
+    if subject.units is not None and not Counter(filter(bytes.strip, subject.units(damaged))) - Counter(subject.units(valid)):
+        return "fewer"
+    return ""
+
+
 def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: Path, keep: Path,
             child: Child) -> Iterator[tuple[str, str]]:
     shutil.rmtree(place, ignore_errors=True)
@@ -499,8 +536,9 @@ def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: P
             verdict = "refused though meant"  # no finding: redundant lines, or a size that only looks wrong
         if ending == "content":
             verdict = "same" if answer.split()[0] == original.split()[0] else "other"
-            answer, said, shape = answer.split()
-            quiet, same_shape = said == original.split()[1], shape == original.split()[2]
+            answer, said, shape, count = answer.split()
+            quiet, same_shape, same_counts = (one == other for one, other in zip((said, shape, count), original.split()[1:],
+                                                                                 strict=True))
             if verdict == "other" and subject.honest is not None:
                 meaning = subject.honest(path)
                 verdict = "meant" if meaning is not None and fingerprint(meaning) == answer else "wrong content"
@@ -509,11 +547,11 @@ def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: P
                 verdict = "wrong content"
             if verdict == "other":
                 valid = (subject.path / mutant.file if mutant.file else subject.path).read_bytes()
-                verdict = ("other, with a word" if not quiet else
-                           "undetectable" if same_shape and mutant.data is not None and only_numbers(valid, mutant.data) else
+                rule = "" if mutant.data is None else undetectable(subject, valid, mutant.data, same_shape, same_counts)
+                verdict = ("other, with a word" if not quiet else f"undetectable ({rule})" if rule else
                            f"silent ({mutant.kind})")
-        if verdict.startswith("silent") or verdict in ("same", "meant", "refused", "refused though meant", "undetectable",
-                                                       "other, with a word"):
+        if verdict.startswith(("silent", "undetectable")) or verdict in ("same", "meant", "refused", "refused though meant",
+                                                                         "other, with a word"):
             yield verdict, f"{verdict}: {subject.name} {index} {mutant.file}: {mutant.what}" if "silent" in verdict else ""
         else:
             kept = keep / f"{subject.name}-{seed}-{index}{subject.path.suffix}"

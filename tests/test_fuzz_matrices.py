@@ -69,7 +69,7 @@ def test_the_harness_sorts_other_content(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("1.5 2\n")
     report = fuzz([Subject("plain", tmp_path / "a.txt", "test_fuzz_matrices:read_around", strict=frozenset())], count=60, seed=2,
                   folder=tmp_path / "damaged")
-    assert report.counts["plain"]["undetectable"] and report.counts["plain"]["same"] and report.silent
+    assert report.counts["plain"]["undetectable (value)"] and report.counts["plain"]["same"] and report.silent
     assert only_numbers(b"a 1.5 2", b"a 7 2") and not only_numbers(b"a 1.5", b"b 1.5") and not only_numbers(b"1 x", b"1 1 x")
     assert only_numbers(b"\0" * 9, b"\0" + b"\1" * 8) and not only_numbers(b"\0" * 9, b"\1" * 9)
 

@@ -127,8 +127,8 @@ def check_lines(path: Path) -> bool:
         raise InputError(f"{path} has {1 + len(lines)} lines, but its first line says {int(said[1])}: it is cut short or "
                          "damaged. Write it again; if you changed it, change that number, and take ', sum ...' out of the line")
     if said and said[2] and int(said[2], 16) != _sum(lines):
-        raise InputError(f"{path} has other lines than femsub wrote, by the sum in its first line: it is damaged. Write it again; "
-                         "if you changed it, take ', sum ...' out of the first line")
+        raise InputError(f"{path} has other lines than femsub wrote, by the sum in its first line: it is damaged. Write it "
+                         "again; if you changed it, take ', sum ...' out of the first line")
     return bool(said)
 
 
