@@ -158,3 +158,10 @@ def test_lost_keywords_of_sets_are_named(tmp_path: Path) -> None:
                           (text.replace("*HEADING\n", ""), "stands before the first keyword")):
         path.write_text(changed)
         assert any(said in note for note in fs.read_mesh(path).repairs), said
+
+
+@pytest.mark.parametrize("card", ["DTABLE", "AECOMPL", "MONSUM", "PARAM"])
+def test_other_cards_may_begin_with_the_name_of_a_matrix(card: str, arm: Any, tmp_path: Path) -> None:
+    path = punch(arm, tmp_path)
+    path.write_text(foreign(path.read_text()) + f"{card:8}KAAX    1.0\n")
+    assert fs.read_matrix(path, "KAAX").shape[0] == arm[1].size

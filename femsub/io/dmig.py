@@ -23,7 +23,9 @@ SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; th
 #: cards of `write_superelement`
 WRITTEN = {"ASET1", "BEGIN SUPER", "BSET1", "DMIG", "DTI", "EXTRN", "GRID", "QSET1", "SEBULK", "SECONCT", "SPOINT"}
 FORMS = (SQUARE, 2, SYMMETRIC, NUMBERED)
-OTHERS = ("PARAM", "DTI", "MDLPRM", "DOPTPRM", "AECOMP", "MONPNT1", "MONPNT2", "MONPNT3", "MONDSP1")  # begin with any name
+#: cards that begin with any name
+OTHERS = ("PARAM", "DTI", "DTABLE", "MDLPRM", "DOPTPRM", "AECOMP", "AECOMPL", "MONSUM",
+          "MONPNT1", "MONPNT2", "MONPNT3", "MONDSP1")
 _REAL = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)([EDed][+-]?\d++|[+-]\d++)?", re.ASCII)
 
 
