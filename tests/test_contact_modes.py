@@ -14,7 +14,7 @@ from femsub.algebra import memory, petsc
 from femsub.checks import Tally
 from femsub.coupling.contacts.friction_contact import FrictionContact
 from femsub.model import contacts_at
-from femsub.stability.question import CriticalValue, Question
+from femsub.stability.question import CriticalValue, LossQuestion
 from femsub.studies.losses import affine_over, first_loss
 
 BAND = (1e3, 1.2e5)
@@ -118,7 +118,7 @@ def test_the_first_loss_of_the_full_model_is_near_that_of_the_reduced_one() -> N
 def test_a_loss_at_a_place_not_known_is_no_critical_value(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where a growing mode comes into the band at its edge: the reason is told, not the begin of the interval."""
     def found(asked: object, contacts: object, parameter: str, between: tuple[float, float], *_: object) -> CriticalValue:
-        question = Question(asked, contacts, parameter, None, between, BAND)  # type: ignore[arg-type]
+        question = LossQuestion(asked, contacts, parameter, None, between, BAND)  # type: ignore[arg-type]
         return CriticalValue.of(question, [], [], Tally(0), method="followed", lost=[between[0]], open=[between])
 
     monkeypatch.setattr("femsub.studies.losses.first_value", found)

@@ -85,9 +85,9 @@ class Sliding:
     blocks: tuple[slice, ...]
 
     def __repr__(self) -> str:
-        told = [f", {type(one).__name__} on {', '.join((*one.ports, *getattr(one, 'sets', ())))}"
+        shown = [f", {type(one).__name__} on {', '.join((*one.ports, *getattr(one, 'sets', ())))}"
                 + (f" at {one.speed:g}" if isinstance(one, Belt) else "") for one in self.contacts]
-        return f"Sliding: {self.model.name!r} with {self.model.size} DOF{''.join(told)}"
+        return f"Sliding: {self.model.name!r} with {self.model.size} DOF{''.join(shown)}"
 
     def changed(self, contacts: Sequence[Any]) -> Sliding:
         """The model with other contacts on the same columns."""
@@ -117,7 +117,7 @@ class Sliding:
 
     @cached_property
     def by_speed(self) -> bool:
-        """Whether f depends on the speeds alone, which the tangents of all contacts tell."""
+        """Whether f depends on the speeds alone, by the tangents of all contacts."""
         none = np.zeros(self.columns)
         return all(one.tangents(none[rows], none[rows])[0] is None for rows, one in zip(self.blocks, self.moving, strict=True))
 

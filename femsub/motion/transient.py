@@ -221,7 +221,7 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     contact = sliding(model, contacts, "transient")
     t0, t1 = interval("time", time)
     choice("method", method, ("auto", "alpha", *METHODS))
-    tell = listener("progress", progress)
+    report = listener("progress", progress)
     if tol is not None and not 1e-13 <= finite_number("tol", tol) <= 1e-2:
         raise InputError(f"tol must lie between 1e-13 and 1e-2, not {tol!r}")
     choice("record", record, ("ports", "states"))
@@ -232,14 +232,14 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     first = contact.impulse(1e-3 if impulse is None else impulse) if start is None else contact.checked(start)
     flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns)
     parts = [(np.zeros((0, columns.shape[1])),) * 2]
-    told = clock.perf_counter()
+    reported = clock.perf_counter()
     with closing(flow), Interruptible() as course:
         for times, wanted in _stretches(t0, t1, grid, flow.stretch):
             q, v = flow.advance(times)
             parts.append((q[wanted], v[wanted]))
-            if clock.perf_counter() - told > TELL:
-                told = clock.perf_counter()
-                tell(f"t = {flow.t:.6g} of {t1:g}")
+            if clock.perf_counter() - reported > TELL:
+                reported = clock.perf_counter()
+                report(f"t = {flow.t:.6g} of {t1:g}")
     q, v = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
     work, loss, change, common, energy = flow.balance
     largest = max(abs(work), abs(loss), abs(change), FAINT * energy)

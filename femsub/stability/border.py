@@ -58,7 +58,7 @@ class Border:
         return replace(self, crossing=np.append(self.crossing, omega), shapes=np.hstack([self.shapes, shapes]))
 
 
-class Model:
+class ModalContact:
     """A dense pencil in modal form under a contact: its spectrum at any c."""
 
     def __init__(self, pencil: Pencil, W: Array) -> None:
@@ -182,11 +182,11 @@ class Model:
 def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
     """The border of a small model from all of its modes. Method 'auto' uses the scalar function for a contact of one column."""
     with one_thread(pencil.size <= FEW):
-        model = Model(pencil.dense(), W)
+        model = ModalContact(pencil.dense(), W)
         return _at_rest(model, band) or _first(model, band, method)
 
 
-def _first(model: Model, band: Band, method: str) -> Border:
+def _first(model: ModalContact, band: Band, method: str) -> Border:
     border = bracketed(model, band) if method == METHOD or model.W.shape[1] > 1 else _rooted(model, band)
     if not np.isfinite(border.c):
         return border
@@ -198,7 +198,7 @@ def _first(model: Model, band: Band, method: str) -> Border:
     return replace(border, beyond=int((beyond > 1e2 * model.noise).sum()))
 
 
-def _at_rest(model: Model, band: Band) -> Border | None:
+def _at_rest(model: ModalContact, band: Band) -> Border | None:
     """The cases that are decided at c = 0: an unstable model, or an undamped mode that moves the contact."""
     form = model.form
     values, q = model.spectrum(0.0, band)
@@ -217,7 +217,7 @@ def _at_rest(model: Model, band: Band) -> Border | None:
     return Border(0.0, values[order].imag, form.shapes @ q[:, order]) if len(free) else None
 
 
-def _rooted(model: Model, band: Band) -> Border:
+def _rooted(model: ModalContact, band: Band) -> Border:
     """The first root of the scalar function at which a pair begins to grow, or rigid motion that drifts before."""
     function = PortFunction.of(model.form, model.W[:, 0], model.decomposition(0.0))
     omega, c = function.crossings(*band)
@@ -246,7 +246,7 @@ def _rooted(model: Model, band: Band) -> Border:
     return Border()
 
 
-def _check_damping(model: Model, band: Band) -> None:
+def _check_damping(model: ModalContact, band: Band) -> None:
     """Refuse models in which rounding of a large dashpot exceeds the damping of a mode that moves the contact."""
     values, q = model.spectrum(0.0, band)
     lost, noise = model.lost(q), EPS * np.einsum("ij,ij->j", np.abs(q), np.abs(model.form.C) @ np.abs(q))
@@ -256,7 +256,7 @@ def _check_damping(model: Model, band: Band) -> None:
                                 "dashpot that is much larger. Fix the DOF of that dashpot, or leave it out")
 
 
-def bracketed(model: Model, band: Band) -> Border:
+def bracketed(model: ModalContact, band: Band) -> Border:
     """Steps down in c, half of the way to the next crossing predicted by dλ/dc, then bisection on Re λ.
 
     Which pair crosses, and whether it does so in the band, is known only at the crossing. Pairs that cross outside the band
@@ -294,7 +294,7 @@ def bracketed(model: Model, band: Band) -> Border:
     return Border(method=METHOD) if drift is None else drift
 
 
-def _at(model: Model, c: float, band: Band, wide: Band, contact: float) -> Border | None:
+def _at(model: ModalContact, c: float, band: Band, wide: Band, contact: float) -> Border | None:
     """The border at c if a pair on the axis there has its frequency in the band."""
     values, q = model.spectrum(c, wide)
     values, q = values[model.felt(q)], q[:, model.felt(q)]
@@ -313,7 +313,7 @@ def _at(model: Model, c: float, band: Band, wide: Band, contact: float) -> Borde
     return Border(c, omega, shapes / np.linalg.norm(shapes, axis=0), model.beside(c, float(omega[0])), METHOD)
 
 
-def _step(model: Model, stable: float, band: Band, furthest: float) -> float:
+def _step(model: ModalContact, stable: float, band: Band, furthest: float) -> float:
     ahead = _foretold(model, stable, band)
     if np.isinf(ahead):
         return 2 * stable if stable else 1e-3 * furthest * 1e-6
@@ -322,7 +322,7 @@ def _step(model: Model, stable: float, band: Band, furthest: float) -> float:
     return stable + 0.5 * (ahead - stable)
 
 
-def _foretold(model: Model, c: float, band: Band) -> float:
+def _foretold(model: ModalContact, c: float, band: Band) -> float:
     """The nearest c below at which, to first order, a pair in the band crosses; -inf if none does."""
     n, r = len(model.form.omega), model.form.rigid
     values, left, right = model.decomposition(c)

@@ -21,7 +21,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.errors import FemsubError
 from femsub.model import ReducedSubstructure
-from femsub.stability.border import Band, Border, Model
+from femsub.stability.border import Band, Border, ModalContact
 
 if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
@@ -31,7 +31,7 @@ LARGEST = 1000  # coordinates of a model
 SMALL, FEW = 5000, 300  # DOF of a component, and coordinates of the wider model, up to which all modes in the band are looked at
 MOST = 12  # modes that are looked at otherwise
 BESIDE = 1.1  # modes up to so much above the band are looked at
-MOVED = 0.03  # relative change of the border that is told
+MOVED = 0.03  # relative change of the border from which on it is reported
 
 
 def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Border,
@@ -42,7 +42,7 @@ def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Bor
     """
     if not np.isfinite(model.cutoff) or model.size > LARGEST or found.c == 0:
         return ""
-    form = Model(pencil.dense(), model.port(port).reshape(model.size, -1)).form
+    form = ModalContact(pencil.dense(), model.port(port).reshape(model.size, -1)).form
     omega, X = form.omega[form.rigid:], form.shapes[:, form.rigid:]
     order = np.argsort(omega)
     order = order[(omega[order] >= band[0] / BESIDE) & (omega[order] <= min(band[1] * BESIDE, 0.99 * model.cutoff))]
@@ -54,7 +54,7 @@ def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Bor
     try:
         wide = _wider(model, omega[chosen], X[:, chosen], port) if len(chosen) else None
         other = found if wide is None else border(wide)
-    except FemsubError:  # nothing is told of a border that is not found
+    except FemsubError:  # of a border that is not found nothing is known
         return ""
     if wide is None and np.isfinite(found.omega):
         mine = np.abs(omega - found.omega).argmin() if len(omega) else -1
@@ -69,11 +69,11 @@ def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Bor
                    omega, near)
 
 
-def _advice(told: str, omega: Array, near: Array) -> str:
+def _advice(finding: str, omega: Array, near: Array) -> str:
     if len(near):
-        told += (f". Frequencies are closer to each other than they are accurate ({omega[near[0]]:.7g} and "
+        finding += (f". Frequencies are closer to each other than they are accurate ({omega[near[0]]:.7g} and "
                  f"{omega[near[0] + 1]:.7g}), so modes may be mixed wrongly")
-    return told + ". Keep more modes, or put the DOF of dashpots and belts into the interface"
+    return finding + ". Keep more modes, or put the DOF of dashpots and belts into the interface"
 
 
 def _close(omega: Array, error: Array) -> Array:

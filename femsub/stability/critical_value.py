@@ -20,7 +20,7 @@ from femsub.stability.discs import Discs
 from femsub.stability.followed import Followed
 from femsub.stability.parameter import pencil_over
 from femsub.stability.port_root import PortRoot
-from femsub.stability.question import CriticalValue, Question, Solver
+from femsub.stability.question import CriticalValue, LossQuestion, Solver
 
 if TYPE_CHECKING:
     from femsub.model import Affine, Contact, Contacts
@@ -69,7 +69,7 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
     Notes
     -----
     An undamped model counts as stable while all its eigenvalues are on the axis. Two of its modes of one frequency, neither of
-    which acts on the other, cannot be told from a flutter that is narrower than the window; such intervals are in `open`.
+    which acts on the other, look like a flutter that is narrower than the window; such intervals are in `open`.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def _held(model: Substructure, contact: Contact) -> Contact | None:
 
 
 def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str, between: tuple[float, float],
-                band: tuple[float, float] | None) -> Question:
+                band: tuple[float, float] | None) -> LossQuestion:
     """The question, checked."""
     begin, end = _range(between)
     over = pencil_over(model, contacts, parameter)
@@ -186,7 +186,7 @@ def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str
     falls = end < begin
     if falls:
         over, begin, end = replace(over, sign=-1.0), 0.0 - begin, 0.0 - end
-    return Question(model, contacts, parameter, over, (begin, end), limits, band is not None, falls, floats)
+    return LossQuestion(model, contacts, parameter, over, (begin, end), limits, band is not None, falls, floats)
 
 
 def _floats(model: Substructure, contacts: Contacts, parameter: str, between: tuple[float, float], lowest: float) -> bool:
@@ -205,7 +205,7 @@ def _floats(model: Substructure, contacts: Contacts, parameter: str, between: tu
     return bool(left) and all(left)
 
 
-def _answer(question: Question, solvers: Iterable[Solver]) -> CriticalValue:
+def _answer(question: LossQuestion, solvers: Iterable[Solver]) -> CriticalValue:
     """What the first solver finds that can answer."""
     reasons = []
     for one in solvers:

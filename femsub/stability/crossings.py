@@ -1,7 +1,7 @@
-"""Which modes cross the imaginary axis in a narrow window: told from both of its sides, and only if they add up.
+"""Which modes cross the imaginary axis in a narrow window: found from both of its sides, and only if they add up.
 
 The eigenvalues at two values beside the window are matched by distance. Eigenvalues that move further than they lie apart form a
-group, within which none is told from another. A mode crosses if its group has growing eigenvalues on one side of the window only.
+group, within which none is distinguished. A mode crosses if its group has growing eigenvalues on one side of the window only.
 Those that pass 0 are counted apart, as the roots t of det(K + tK') = 0, which do not depend on the damping. A window is settled
 if the modes found make up the change of the number of growing eigenvalues (2 per pair, 1 per real λ), and as many of them pass 0
 as there are roots.
@@ -23,10 +23,10 @@ from femsub.modes import assigned
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
-    from femsub.stability.exclusion import Family, Spectrum
+    from femsub.stability.exclusion import Decomposition, Family
 
 WIDER = 8.0  # times: how the sides move away from a window until rounding hides nothing
-BESIDE = 1e-3  # of the range: how far beside a crossing the growth is told, if there is no other crossing nearer
+BESIDE = 1e-3  # of the range: how far beside a crossing the growth is given, if there is no other crossing nearer
 STEP = 1e-6  # of the range: half the step of the difference for K'
 TOGETHER = 2.0  # times its movement: distance up to which another eigenvalue may be the successor
 STRAIGHT = 0.05  # of the distance: how well two extrapolations to the axis must agree
@@ -89,7 +89,7 @@ def fed_by(pencil: Pencil, x: Array, omega: float) -> str:
 
 
 class _Match(NamedTuple):
-    """The successor of each eigenvalue, (m,), and the groups of those that are not told apart, by numbers on the left side."""
+    """The successor of each eigenvalue, (m,), and the groups of those that are not distinguished, by numbers on the left side."""
 
     to: Array
     group: Array
@@ -98,7 +98,7 @@ class _Match(NamedTuple):
         return np.flatnonzero(self.group == self.group[at])
 
 
-def _matched(left: Spectrum, right: Spectrum) -> _Match:
+def _matched(left: Decomposition, right: Decomposition) -> _Match:
     """Two neighbouring spectra by distance."""
     cost = np.abs(left.z[:, None] - right.z)
     to = assigned(cost)[1]
@@ -108,7 +108,7 @@ def _matched(left: Spectrum, right: Spectrum) -> _Match:
     return _Match(to, connected_components(apart <= TOGETHER * np.maximum.outer(moved, moved), directed=False)[1])
 
 
-def _bars(found: Spectrum) -> Array:
+def _bars(found: Decomposition) -> Array:
     return np.minimum(np.abs(found.noise.diagonal()), np.abs(found.z))
 
 
@@ -122,7 +122,7 @@ class _Change(NamedTuple):
 
 
 def _changes(family: Family, a: float, b: float) -> list[_Change] | None:
-    """The modes that cross between two values near each other; None if they are not told from others."""
+    """The modes that cross between two values near each other; None if they are not distinguished from others."""
     left, right = family.spectrum(a), family.spectrum(b)
     match = _matched(left, right)
     grows, grown = family.grown(a)[0], family.grown(b)[0][match.to]
@@ -140,9 +140,9 @@ def _changes(family: Family, a: float, b: float) -> list[_Change] | None:
         here, there = (grown, grows) if change > 0 else (grows, grown)
         z = after if change > 0 else left.z
         members = group[here[group]]
-        told = [_Change(int(i), int(match.to[i]), change > 0, float(z[i].imag)) for i in members if z[i].imag > 0]
-        if not there[group].any() and len(told) * (2 if own else 1) == abs(change):
-            (unclear if own else found).extend(told)
+        crossed = [_Change(int(i), int(match.to[i]), change > 0, float(z[i].imag)) for i in members if z[i].imag > 0]
+        if not there[group].any() and len(crossed) * (2 if own else 1) == abs(change):
+            (unclear if own else found).extend(crossed)
         elif not own:
             return None
         else:
@@ -201,7 +201,7 @@ def settled(family: Family, window: tuple[float, float], room: tuple[float, floa
     room : (float, float)
         Values below and above the window, up to which there is no other crossing.
     known : (int or None, int or None)
-        The numbers of growing eigenvalues there. Where it is None, rounding must leave none undecided, and the crossings are told
+        The numbers of growing eigenvalues there. Where it is None, rounding must leave none undecided, and the crossings are
         as wide as that needs.
     """
     for a, b in _sides(family, window, room):
@@ -213,16 +213,16 @@ def settled(family: Family, window: tuple[float, float], room: tuple[float, floa
             found = _changes(family, a, b)
             if found is not None and sum(weight([one.omega]) * (1 if one.begins else -1) for one in found) == \
                     counts[1] - counts[0]:
-                told = tuple(side if number is None else edge for side, edge, number in zip((a, b), window, known, strict=True))
-                return _told(family, found, (a, b), (told[0], min(told[1], family.between[1])), room)
+                ends = tuple(side if number is None else edge for side, edge, number in zip((a, b), window, known, strict=True))
+                return _crossings(family, found, (a, b), (ends[0], min(ends[1], family.between[1])), room)
     return None
 
 
 def extrapolated(family: Family, window: tuple[float, float], room: tuple[float, float]) -> Found | None:
-    """The losses or regains near a window beside which rounding leaves undecided what grows; None if they cannot be told.
+    """The losses or regains near a window beside which rounding leaves undecided what grows; None if they cannot be found.
 
     Re λ of a mode that certainly grows goes straight to 0, or (Re λ)² does where two modes coalesce. Two extrapolations of either
-    must agree. A real λ that passes 0 tells nothing of what the pair beyond does, unless there is no damping.
+    must agree. A real λ that passes 0 shows nothing of what the pair beyond does, unless there is no damping.
     """
     begins = int(family.grown(window[1])[0].sum()) > int(family.grown(window[0])[0].sum())
     for a, b in _sides(family, window, room):
@@ -238,14 +238,14 @@ def extrapolated(family: Family, window: tuple[float, float], room: tuple[float,
             several: list[Crossing] = []
             for one, (place, spread, omega) in zip(found, places, strict=True):
                 half, sides = spread + family.least, (window[0], b) if begins else (a, window[1])
-                told = _told(family, [one], sides, (place - half, place + half), room)[0 if begins else 1][0]
-                several.append(replace(told, omega=omega if told.omega else 0.0))
+                crossing = _crossings(family, [one], sides, (place - half, place + half), room)[0 if begins else 1][0]
+                several.append(replace(crossing, omega=omega if crossing.omega else 0.0))
             return (several, []) if begins else ([], several)
     return None
 
 
 def _to_axis(family: Family, points: list[float], at: int) -> tuple[float, float, float]:
-    """Where a growing mode meets the axis, how uncertain that is, and its ω there; NaN if it cannot be told."""
+    """Where a growing mode meets the axis, how uncertain that is, and its ω there; NaN if it cannot be found."""
     numbers, spectra = [at], [family.spectrum(p) for p in points]
     for one, two in pairwise(spectra):
         numbers.append(int(_matched(one, two).to[numbers[-1]]))
@@ -275,13 +275,13 @@ def _sides(family: Family, window: tuple[float, float], room: tuple[float, float
         step = min(WIDER * step, most)
 
 
-def _told(family: Family, found: list[_Change], sides: tuple[float, float], window: tuple[float, float],
+def _crossings(family: Family, found: list[_Change], sides: tuple[float, float], window: tuple[float, float],
           room: tuple[float, float]) -> Found:
     """Losses and regains with their figures."""
     (lo, hi), (a, b) = family.between, sides
     roots = _roots(family, a, b) if any(one.omega == 0 for one in found) else []
     far = max(room[0], window[0] - BESIDE * (hi - lo)), min(room[1], window[1] + BESIDE * (hi - lo))
-    told: Found = ([], [])
+    both: Found = ([], [])
     for one in found:
         p, at = (b, one.after) if one.begins else (a, one.before)
         value, shape = (window[0] + window[1]) / 2, family.shape(family.spectrum(p), at)
@@ -292,12 +292,12 @@ def _told(family: Family, found: list[_Change], sides: tuple[float, float], wind
             place, shape = roots.pop(int(np.argmax([abs(np.vdot(shape, x)) for _, x in roots])))
             value = min(max(place, window[0]), window[1])
         rates = _rate(family, a, far[0], one.before), _rate(family, b, far[1], one.after)
-        told[0 if one.begins else 1].append(Crossing(value, window[1] - window[0], one.omega, shape, kind, rates))
-    return told
+        both[0 if one.begins else 1].append(Crossing(value, window[1] - window[0], one.omega, shape, kind, rates))
+    return both
 
 
 def _rate(family: Family, near: float, far: float, at: int) -> float:
-    """Re λ of a mode further from the window, or nearer if it is not told from others there."""
+    """Re λ of a mode further from the window, or nearer if it is not distinguished from others there."""
     found = family.spectrum(near)
     for share in (1.0, 1 / WIDER, 1 / WIDER**2):
         p = near + share * (far - near)

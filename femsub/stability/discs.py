@@ -11,8 +11,8 @@ from femsub.checks import Tally
 from femsub.errors import InputError
 from femsub.model import in_band
 from femsub.stability.crossings import BESIDE, Found, change, extrapolated, settled
-from femsub.stability.exclusion import Family, Part
-from femsub.stability.question import CriticalValue, Question, fastest
+from femsub.stability.exclusion import Family, Interval
+from femsub.stability.question import CriticalValue, LossQuestion, fastest
 
 LARGEST = WIDE  # DOF of a model
 MOST = 6000  # intervals that are tested at most
@@ -24,18 +24,18 @@ class Discs:
     """A range is divided into intervals, in each of which discs around the eigenvalues show that none crosses the axis.
 
     What is left are windows of 1e-11 of the range around the crossings; the number of growing eigenvalues on both sides is known
-    from the intervals beside them. So no loss is stepped over, however short it is. The modes that cross in a window are told
+    from the intervals beside them. So no loss is stepped over, however short it is. The modes that cross in a window are found
     from both of its sides, and must make up the change of that number (`femsub.stability.crossings`).
     """
 
-    def unfit(self, question: Question) -> str:
+    def unfit(self, question: LossQuestion) -> str:
         if question.size > LARGEST:
             return f"discs take models of up to {LARGEST} DOF, but this one has {question.size}"
         if question.floats and question.band[0] > 0:
             return "discs take no model that floats. Hold it, or leave the solver open: then it is followed over the range"
         return "" if np.isfinite(question.between[1]) else "discs take a finite range"
 
-    def solve(self, question: Question) -> CriticalValue:
+    def solve(self, question: LossQuestion) -> CriticalValue:
         with one_thread(question.size <= FEW):
             family = Family(question.over, question.between)
             if question.floats or family.floating:
@@ -44,7 +44,7 @@ class Discs:
             return _collected(question, family, family.parts(MOST))
 
 
-def _collected(question: Question, family: Family, parts: Sequence[Part]) -> CriticalValue:
+def _collected(question: LossQuestion, family: Family, parts: Sequence[Interval]) -> CriticalValue:
     """The crossings in the intervals that are not excluded, in the band.
 
     Wide ones are open, and so are narrow ones in which the modes that cross do not make up the change of the number that grow, or
@@ -67,18 +67,18 @@ def _collected(question: Question, family: Family, parts: Sequence[Part]) -> Cri
         before = known if i and (known := parts[i - 1].growing) is not None else begin
         after = parts[i + 1].growing if i + 1 < len(parts) else None
         narrow = part.end - part.begin <= NARROW * family.least
-        told = settled(family, (part.begin, part.end), room, (before, after)) if narrow else None
-        if told is None or not (edge or any(told)):
+        crossed = settled(family, (part.begin, part.end), room, (before, after)) if narrow else None
+        if crossed is None or not (edge or any(crossed)):
             heights = np.abs(np.imag(part.touching))
             if len(heights) and not in_band(heights, limits).any():  # not listed, whatever it is
                 listed, last = listed + (0 if after is None else after - before), before
                 continue
             left.append((part.begin, part.end))
-            told, unknown = _seen(family, part, room, before, after)
+            crossed, unknown = _seen(family, part, room, before, after)
             lost += [] if unknown is None else [unknown]
         else:
-            listed, last = listed + change(*told), before + change(*told)
-        for several, new in zip(found, told, strict=True):
+            listed, last = listed + change(*crossed), before + change(*crossed)
+        for several, new in zip(found, crossed, strict=True):
             several.extend(one for one in sorted(new, key=lambda one: one.omega) if in_band(np.array([one.omega]), limits)[0])
     last = known if (known := parts[-1].growing) is not None else last
     z = family.spectrum(lo).z[family.grown(lo)[0]]
@@ -88,11 +88,12 @@ def _collected(question: Question, family: Family, parts: Sequence[Part]) -> Cri
                             solved=family.solved, fastest=fastest(z))
 
 
-def _seen(family: Family, part: Part, room: tuple[float, float], before: int, after: int | None) -> tuple[Found, float | None]:
+def _seen(family: Family, part: Interval, room: tuple[float, float], before: int, after: int | None
+          ) -> tuple[Found, float | None]:
     """What is certain of the crossings in an open interval, and from where on one is lost at an unknown place, if so.
 
     The places at which the number of those that certainly grow changes are found by bisection, one after the other. A crossing is
-    told only if it is settled there.
+    listed only if it is settled there.
     """
     after = int(family.grown(part.end)[0].sum()) if after is None else after
     found: Found = ([], [])
@@ -100,10 +101,10 @@ def _seen(family: Family, part: Part, room: tuple[float, float], before: int, af
     while before != after:
         a, b = family.narrowed(begin, part.end, before)
         near = max(room[0], a - reach), min(room[1], b + reach)
-        told = settled(family, (a, b), near, (None, None)) or extrapolated(family, (a, b), near)
-        if not told or not change(*told) or b <= begin or a < begin:
+        crossed = settled(family, (a, b), near, (None, None)) or extrapolated(family, (a, b), near)
+        if not crossed or not change(*crossed) or b <= begin or a < begin:
             return found, begin if after > before else None
-        for several, new in zip(found, told, strict=True):
+        for several, new in zip(found, crossed, strict=True):
             several.extend(new)
-        begin, before = b, before + change(*told)
+        begin, before = b, before + change(*crossed)
     return found, None

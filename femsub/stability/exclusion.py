@@ -44,12 +44,12 @@ TURN = 0.5  # largest turn of the vectors, as a row sum of h|X|
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
 MEMORY = 2e8  # bytes for decompositions that are kept
 SHARES = 0.5 ** (np.arange(1, 7) / 2)  # of an interval that is not excluded: shorter ones around its middle
-COARSE = 32  # intervals at first, if A is not affine: samples a whole range apart would tell little
+COARSE = 32  # intervals at first, if A is not affine: samples a whole range apart would show little
 ROUNDING = 4 * EPS  # of a value: half the least width of a window, which must not vanish between two neighbouring numbers
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
 
-class Spectrum(NamedTuple):
+class Decomposition(NamedTuple):
     """A(m) = V diag(z) V⁻¹; `noise` (m, m) bounds the rounding in V⁻¹AV."""
 
     z: Array
@@ -59,7 +59,7 @@ class Spectrum(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Part:
+class Interval:
     """An interval without a crossing (`growing` eigenvalues throughout), or not excluded, with the z that may touch the axis."""
 
     begin: float
@@ -71,9 +71,9 @@ class Part:
 class Family:
     """The state matrices A(p) of a pencil over a range of p.
 
-    The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine` tells whether A
-    is affine in p, as `over` declares. What samples are then off the chord joins the rounding `size`. `mirrored` tells whether
-    the spectrum is symmetric about the imaginary axis. `over` tells at which p the pencil must be looked at if it is not affine.
+    The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine`: A
+    is affine in p, as `over` declares. What samples are then off the chord joins the rounding `size`. `mirrored`: the
+    spectrum is symmetric about the imaginary axis. `over` knows at which p the pencil must be looked at if it is not affine.
     """
 
     def __init__(self, over: PencilOver, between: tuple[float, float]) -> None:
@@ -125,7 +125,7 @@ class Family:
         """A(p); of an affine family without the pencil."""
         return self.matrix(self.middle) + (p - self.middle) * self.slope if self.affine else self.matrix(p)
 
-    def _spectrum(self, p: float) -> Spectrum:
+    def _spectrum(self, p: float) -> Decomposition:
         A = self.at(p)
         self.solved += 1
         z, V = la.eig(A, check_finite=False)
@@ -135,14 +135,14 @@ class Family:
             inverse = np.full_like(V, np.inf)
         with np.errstate(all="ignore"):
             noise = np.abs(inverse @ (A @ V) - np.diag(z)) + 4 * EPS * (np.abs(inverse) @ (self.size @ np.abs(V)))
-        return Spectrum(z, V, inverse, np.where(np.isfinite(noise), noise, np.inf))
+        return Decomposition(z, V, inverse, np.where(np.isfinite(noise), noise, np.inf))
 
-    def shape(self, found: Spectrum, at: int) -> Array:
+    def shape(self, found: Decomposition, at: int) -> Array:
         """The shape of one eigenvalue in the model's coordinates, of unit length."""
         x: Array = self.shapes @ (found.V[:len(self.omega), at] / self.omega)
         return x / np.linalg.norm(x)
 
-    def tested(self, begin: float, end: float) -> list[Part]:
+    def tested(self, begin: float, end: float) -> list[Interval]:
         """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out.
 
         Where its discs are too large, the same decomposition excludes a shorter interval around the middle.
@@ -153,10 +153,10 @@ class Family:
         for share in SHARES:
             a, b = m - share * (m - begin), m + share * (end - m)
             if b - a > self.least and (len(inner := self._excluded(a, b, m)) > 1 or inner[0].growing is not None):
-                return [Part(begin, a, None), *inner, Part(b, end, None)]
+                return [Interval(begin, a, None), *inner, Interval(b, end, None)]
         return whole
 
-    def _excluded(self, begin: float, end: float, m: float | None = None) -> list[Part]:
+    def _excluded(self, begin: float, end: float, m: float | None = None) -> list[Interval]:
         """The interval by discs around the eigenvalues at m, its middle: as one part, or what remains cut out."""
         m, h = (begin + end) / 2 if m is None else m, (end - begin) / 2
         found = self.spectrum(m)
@@ -171,15 +171,15 @@ class Family:
                 towards = BETWEEN * np.abs(np.einsum("kii->ki", rest).real).max(axis=0)
             discs = _discs(found.z, h, found.inverse @ slope @ found.V, found.noise + curved, found.noise.diagonal() + towards)
         if discs is None:
-            return [Part(begin, end, None, tuple(found.z))]
+            return [Interval(begin, end, None, tuple(found.z))]
         touching, on_axis = _touching(discs, self.mirrored)
         growing = int(np.count_nonzero(found.z.real[~on_axis & ~touching] > 0))
         if not touching.any():
-            return [Part(begin, end, growing)]
+            return [Interval(begin, end, growing)]
         cut = self._cut(discs, touching, growing, begin, end)
-        return [Part(begin, end, None, tuple(found.z[touching]))] if cut is None else cut
+        return [Interval(begin, end, None, tuple(found.z[touching]))] if cut is None else cut
 
-    def _cut(self, discs: _Discs, touching: Array, growing: int, begin: float, end: float) -> list[Part] | None:
+    def _cut(self, discs: _Discs, touching: Array, growing: int, begin: float, end: float) -> list[Interval] | None:
         """The interval without the places where no clear disc reaches the axis; None if a disc is not clear or much would remain.
 
         The centre of a disc moves evenly, z_i + t b_i. So its eigenvalue crosses only where |Re(z_i + t b_i)| is below what else
@@ -202,7 +202,7 @@ class Family:
         for i, (lo, hi) in enumerate(pairwise(edges)):
             inner = growing + int(np.count_nonzero(rate + ((lo + hi) / 2 - middle) * speed > 0))
             if lo < hi:
-                result.append(Part(lo, hi, None, tuple(discs.z[touching])) if i % 2 else Part(lo, hi, inner))
+                result.append(Interval(lo, hi, None, tuple(discs.z[touching])) if i % 2 else Interval(lo, hi, inner))
         return result
 
     def grown(self, p: float) -> tuple[Array, bool]:
@@ -225,7 +225,7 @@ class Family:
             begin, end = (m, end) if int(self.grown(m)[0].sum()) == before else (begin, m)
         return begin, end
 
-    def parts(self, most: int) -> list[Part]:
+    def parts(self, most: int) -> list[Interval]:
         """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
         (lo, hi), least = self.between, self.least
         edges = sorted({lo, hi} if self.affine else {*np.linspace(lo, hi, COARSE + 1).tolist(), *self.kinks})
@@ -245,7 +245,7 @@ class Family:
                     m = (a + b) / 2
                     for begin, end in ((a, m), (m, b)):
                         heapq.heappush(waiting, (begin - end, begin, end))
-        done += [Part(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
+        done += [Interval(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
         return _joined(sorted(done, key=lambda part: part.begin))
 
 
@@ -293,16 +293,16 @@ def _rigid(pencil: Pencil) -> bool:
     return pencil.symmetric[0] and definite_form(pencil).rigid > 0
 
 
-def _joined(parts: list[Part]) -> list[Part]:
+def _joined(parts: list[Interval]) -> list[Interval]:
     """Neighbours that are not excluded, as one. Between two that are, with different numbers, is a crossing in a single point."""
-    result: list[Part] = []
+    result: list[Interval] = []
     for part in parts:
         last = result[-1] if result else None
         if last is not None and last.growing is None and part.growing is None:
-            result[-1] = Part(last.begin, part.end, None, (*last.touching, *part.touching))
+            result[-1] = Interval(last.begin, part.end, None, (*last.touching, *part.touching))
         else:
             if last is not None and None not in (last.growing, part.growing) and last.growing != part.growing:
-                result.append(Part(last.end, last.end, None))
+                result.append(Interval(last.end, last.end, None))
             result.append(part)
     return result
 

@@ -27,7 +27,7 @@ from femsub.stability.crossings import Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
 from femsub.stability.edges import factor_at, modes_at
 from femsub.stability.exclusion import union
-from femsub.stability.question import CriticalValue, Question, fastest
+from femsub.stability.question import CriticalValue, LossQuestion, fastest
 
 if TYPE_CHECKING:
     from femsub.algebra import ComplexFactor
@@ -60,16 +60,16 @@ class Followed:
     first: bool = False
     near: float = np.nan
 
-    def unfit(self, question: Question) -> str:
+    def unfit(self, question: LossQuestion) -> str:
         if not np.isfinite(question.between[1]):
             return "a model can be followed over a finite range"
         if not np.isfinite(question.band[1]):
             return f"a model of {question.size} DOF needs a band: give band=(lo, hi) in rad per unit of time"
         return ""
 
-    def solve(self, question: Question) -> CriticalValue:
+    def solve(self, question: LossQuestion) -> CriticalValue:
         (lo, hi), over, band = question.between, question.over, question.band
-        over.affine((lo, hi))  # a false declaration is told
+        over.affine((lo, hi))  # refuses a false declaration
         beyond = self.near + BEYOND * (hi - lo)
         places = [lo + share * (hi - lo) for share in SAMPLES[:-1]]
         if lo < beyond < hi:
@@ -120,7 +120,7 @@ class Followed:
                                 solved=len(samples), method="followed")
 
 
-def _passages(question: Question, ends: list[float], growing: Array) -> list[tuple[float, int]]:
+def _passages(question: LossQuestion, ends: list[float], growing: Array) -> list[tuple[float, int]]:
     """The values at which growing eigenvalues pass an edge of the band, and their number, which is negative if they leave it.
 
     They are looked for at the edges beside the axis, at the rates of those that are `growing` at these two. A real eigenvalue is
@@ -196,8 +196,8 @@ def _joined(V: Array, vectors: Array) -> Array:
     return V
 
 
-def _refined(question: Question, piece: _Piece) -> CriticalValue:
-    """The crossings in a part of the band, of the full pencil; `open` tells where a candidate could not be verified."""
+def _refined(question: LossQuestion, piece: _Piece) -> CriticalValue:
+    """The crossings in a part of the band, of the full pencil; `open` shows where a candidate could not be verified."""
     over, (lo, hi), V = question.over, question.between, piece.V
     unit = np.array([hi - lo, piece.band[1]])
     before = np.zeros((0, 2))
@@ -239,7 +239,7 @@ def _refined(question: Question, piece: _Piece) -> CriticalValue:
 def _verified(over: PencilOver, between: tuple[float, float], one: Crossing, x: Array) -> Crossing | None:
     """A crossing with its shape on the full pencil, and as wide as Newton's next step would move it; None if it does not hold.
 
-    Where two modes coalesce the small pencil tells the shape beside the crossing only; a solution mends it.
+    Where two modes coalesce the small pencil has the shape beside the crossing only; a solution mends it.
     """
     factor = factor_at(over(one.value), 1j * one.omega)
     if factor is not None and error_of(over, one, x) > GOOD:

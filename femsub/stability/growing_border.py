@@ -13,7 +13,7 @@ from femsub.errors import NotConvergedError
 from femsub.model import Pencil, contact_matrix, in_band
 from femsub.modes import PortFunction, ShiftInvert, independent, lowest_modes, modes_below, port_responses, units
 from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.stability.border import BESIDE, MARGIN, TOGETHER, Band, Border, Model, dense_border
+from femsub.stability.border import BESIDE, MARGIN, TOGETHER, Band, Border, ModalContact, dense_border
 
 STEPS = 60  # iterations for a response before a complex factor is used instead
 SETTLED, ROUNDED = 1e-12, 1e-9  # relative change of Z, and change relative to the response, at which the iteration stops
@@ -63,7 +63,7 @@ def _crossed_edges(basis: _Growing, band: Band) -> Array:
     if len(at_modes) == len(edges):
         return np.array(edges)
     with one_thread(len(basis.K) <= FEW):
-        model = Model(basis.pencil, basis.W)
+        model = ModalContact(basis.pencil, basis.W)
         functions = [PortFunction.of(model.form, w, model.decomposition(0.0)) for w in model.W.T]
         return np.array([edge for edge in edges if edge in at_modes or any(
             len(function.crossings((1 - BESIDE) * edge, (1 + BESIDE) * edge)[0]) for function in functions)])

@@ -1,7 +1,7 @@
 """Meetings of two branches of eigenvalues: crossing, veering, coalescence and splitting.
 
 Near a meeting of λ_a and λ_b their mean and (λ_a - λ_b)² are analytic in p, also at an exceptional point, where each of the two
-has a square root. So the turn of λ_a - λ_b in the complex plane from one side to the other tells the kind: half a turn at a
+has a square root. So the turn of λ_a - λ_b in the complex plane from one side to the other shows the kind: half a turn at a
 crossing, a quarter at a coalescence or splitting, none at a veering.
 
 That holds while no third mode meets one of the two nearby. A coalescence is therefore verified with the vectors at a computed
@@ -94,8 +94,8 @@ def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Arra
         return []
     p, values, bar, condition, inside = p[both], values[both], bar[both], condition[both], inside[both]
     gap = values[:, 0] - values[:, 1]
-    told = np.where(np.isfinite(bar), bar, 0.0)  # infinite at an exceptional point itself
-    size, doubt = np.abs(gap), told.max(axis=1) + DOUBLE * np.abs(values).max(axis=1)
+    known = np.where(np.isfinite(bar), bar, 0.0)  # infinite at an exceptional point itself
+    size, doubt = np.abs(gap), known.max(axis=1) + DOUBLE * np.abs(values).max(axis=1)
 
     def meeting(kind: str, value: float, i: int, k: int, least: float) -> Meeting:
         mean = np.interp(value, p, values.mean(axis=1))

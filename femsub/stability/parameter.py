@@ -55,7 +55,7 @@ class Share:
     """What depends on the parameter: a contact, or the factors of an `Affine`.
 
     `coefficients` gives the numbers that the pencil depends on, in blocks of one unit each. `affine` is what was declared.
-    `kinks` are the values at which they are not smooth. `few` tells whether the contact has few columns. `terms` gives W, C_D and
+    `kinks` are the values at which they are not smooth. `few`: the contact has few columns. `terms` gives W, C_D and
     C_K of a contact.
     """
 
@@ -112,7 +112,7 @@ class PencilOver:
                                                         for name, slope in zip("MDK", step, strict=True))))
 
     def port_damping(self, p: float, beside: float) -> tuple[Matrix, float] | None:
-        """W (n, k) and s if all that depends on the parameter is a term s p W Wᵀ in D, told at two values; else None."""
+        """W (n, k) and s if all that depends on the parameter is a term s p W Wᵀ in D, compared at two values; else None."""
         share = self.shares[0]
         if len(self.shares) > 1 or share.terms is None or not share.affine:
             return None
@@ -157,7 +157,7 @@ class PencilOver:
 
 
 class Sampled:
-    """The coefficients at many values of the parameter. They tell where an interval is looked at beside the usual places."""
+    """The coefficients at many values of the parameter. They show where an interval is looked at beside the usual places."""
 
     def __init__(self, shares: Sequence[Share], between: tuple[float, float], kinks: Sequence[float], sign: float) -> None:
         self.shares, self.end, self.sign = shares, between[1], sign

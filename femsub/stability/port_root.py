@@ -18,7 +18,7 @@ from femsub.stability.border import TOGETHER, Border, dense_border
 from femsub.stability.border_doubt import doubt
 from femsub.stability.crossings import Crossing, change, weight
 from femsub.stability.growing_border import sparse_border
-from femsub.stability.question import CriticalValue, Question, fastest
+from femsub.stability.question import CriticalValue, LossQuestion, fastest
 
 NEAR = 1.5  # times the end of the band: modes up to there act on its border
 SMALL = 150  # DOF up to which a sparse model is treated as dense
@@ -38,7 +38,7 @@ class PortRoot:
     def __init__(self, method: str = "auto") -> None:
         self.method = method
 
-    def unfit(self, question: Question) -> str:
+    def unfit(self, question: LossQuestion) -> str:
         if isinstance(question.model, Substructure):
             fed = port_fed(question)
             if fed is not None and fed.s < 0 and all(fed.pencil.symmetric[::2]):
@@ -47,7 +47,7 @@ class PortRoot:
                 "slope of a Belt, with other contacts that add to D only. See critical_value with a finite range, which takes "
                 "any")
 
-    def solve(self, question: Question) -> CriticalValue:
+    def solve(self, question: LossQuestion) -> CriticalValue:
         model, fed = question.model, port_fed(question)
         assert isinstance(model, Substructure) and fed is not None
         if self.method == "scalar" and fed.W.shape[1] > 1:
@@ -70,13 +70,13 @@ class PortRoot:
         return CriticalValue.of(question, losses, (), tally, growing=weight(found.unstable.imag), fastest=fastest(found.unstable),
                                 method=found.method)
 
-    def _border(self, question: Question, fed: Fed | None) -> Border:
+    def _border(self, question: LossQuestion, fed: Fed | None) -> Border:
         assert fed is not None
         if question.limited and (fed.pencil.size > SMALL if fed.pencil.is_sparse else is_narrow(fed.pencil, question.band[1])):
             return sparse_border(fed.pencil.sparse(), fed.W, question.band, self.method)
         return dense_border(fed.pencil, fed.W, question.band, self.method)
 
-    def _warn(self, question: Question, model: Substructure, pencil: Pencil, found: Border) -> None:
+    def _warn(self, question: LossQuestion, model: Substructure, pencil: Pencil, found: Border) -> None:
         top, sure = question.band[1], SHARE * model.cutoff
         if found.omega > sure or (np.isinf(found.c) and top > sure):
             what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
@@ -90,11 +90,11 @@ class PortRoot:
 
         ports = [name for contact in contacts_of(question.contacts) if hasattr(contact, question.parameter)
                  for name in contact.ports]
-        if len(ports) == 1 and (told := doubt(model, pencil, ports[0], question.band, found, again)):
-            warn(told, CutoffWarning)
+        if len(ports) == 1 and (finding := doubt(model, pencil, ports[0], question.band, found, again)):
+            warn(finding, CutoffWarning)
 
 
-def port_fed(question: Question) -> Fed | None:
+def port_fed(question: LossQuestion) -> Fed | None:
     """How the parameter feeds a port; None if it does anything else, or if its contact refuses the begin or a value beyond."""
     begin, end = question.between
     try:

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class LossQuestion:
     """A pencil over a range of a parameter, begin < end, and the band in which crossings count.
 
-    `limited` tells whether the band was asked for. A range that falls was turned: `over` takes the parameter with the other sign.
+    `limited`: the band was asked for. A range that falls was turned: `over` takes the parameter with the other sign.
     `floats`: the model is known to have rigid motion over the range, driven by friction or not.
     """
 
@@ -43,7 +43,7 @@ class Question:
         """That of the model, where it ends the band or is not known (NaN); inf where a band was asked for."""
         return np.inf if self.limited and not np.isnan(self.model.cutoff) else self.model.cutoff
 
-    def of(self, model: Substructure) -> Question:
+    def of(self, model: Substructure) -> LossQuestion:
         """The same question of another model."""
         return replace(self, model=model, over=replace(pencil_over(model, self.contacts, self.parameter), sign=self.over.sign))
 
@@ -51,10 +51,10 @@ class Question:
 class Solver(Protocol):
     """What answers a question."""
 
-    def unfit(self, question: Question) -> str:
+    def unfit(self, question: LossQuestion) -> str:
         """Why this solver cannot answer it; empty if it can."""
 
-    def solve(self, question: Question) -> CriticalValue:
+    def solve(self, question: LossQuestion) -> CriticalValue:
         """The answer."""
 
 
@@ -75,7 +75,7 @@ class CriticalValue:
         Where modes begin and cease to grow, in the order of the way. A loss at either end of the range belongs to it: at the
         begin the mode grows beyond it, at the end it would beyond. A regain at the end belongs to it as well. At the begin there
         is none, since nothing has grown in the range before. So losses less regains, a pair counting twice, are the growing
-        eigenvalues just beyond the end less those at the begin. The port's root tells the first loss only.
+        eigenvalues just beyond the end less those at the begin. The port's root finds the first loss only.
     searched : (begin, end)
         The range of the parameter.
     band : (lo, hi)
@@ -130,7 +130,7 @@ class CriticalValue:
     cutoff: float = np.inf
 
     @classmethod
-    def of(cls, question: Question, losses: Iterable[Crossing], regains: Iterable[Crossing], tally: Tally, *, method: str,
+    def of(cls, question: LossQuestion, losses: Iterable[Crossing], regains: Iterable[Crossing], tally: Tally, *, method: str,
            growing: int = 0, fastest: complex = complex(np.nan, np.nan), lost: Iterable[float] = (),
            open: Iterable[tuple[float, float]] = (), solved: int = 0) -> Self:
         """The answer to a question. `lost`: values beyond which stability is lost at a place that is not known."""
@@ -195,9 +195,9 @@ class CriticalValue:
         if not self.first:
             return f"CriticalValue: {self.parameter}: lost beyond {self.value:.9g}, at a place not known; {where}"
         one = self.first[0]
-        told = [one.kind + ("" if one.kind == "divergence" else f" at ω = {one.omega:.6g} rad/time"),
+        shown = [one.kind + ("" if one.kind == "divergence" else f" at ω = {one.omega:.6g} rad/time"),
                 *([f"{len(self.first) - 1} more cross with it"] if len(self.first) > 1 else [])]
-        return f"CriticalValue: {self.parameter} = {shown_value(one.value, one.width)} ({', '.join(told)}) of {where}"
+        return f"CriticalValue: {self.parameter} = {shown_value(one.value, one.width)} ({', '.join(shown)}) of {where}"
 
 
 def fastest(values: Array) -> complex:

@@ -29,7 +29,7 @@ from femsub.stability.meetings import Meeting, meetings_of
 
 if TYPE_CHECKING:
     from femsub.model import Affine, Contacts, Pencil, Substructure
-    from femsub.stability.question import Question
+    from femsub.stability.question import LossQuestion
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ FINEST_SPARSE = 1e-3  # the same of a sparse one, whose every step is a search
 DIFFERENCE = 1e-3  # of the range: step of the difference for λ'
 MOST = 3000  # eigenproblems beside those asked for
 AROUND = 0.1  # of the band's width: how far beyond its ends modes are followed, so that none is lost at an edge
-NEAR = 1e-3  # |Δλ| / |λ| up to which a defective mode, whose vectors tell nothing, is continued
+NEAR = 1e-3  # |Δλ| / |λ| up to which a defective mode, whose vectors say nothing, is continued
 STRAIGHT = 1e-2  # |cos| of the turn of λ_a - λ_b up to which a pair may have met exactly
 PLACES = np.linspace(0.0, 1.0, 9)  # in a step, where an approach is looked for
 
@@ -97,10 +97,10 @@ class Tracked:
 
     def __repr__(self) -> str:
         kinds = [meeting.kind for meeting in self.meetings]
-        told = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "no meetings"
+        shown = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "no meetings"
         grow = int(self.growing.any(axis=0).sum())
         return (f"Tracked: {self.eigenvalues.shape[1]} branches over {self.parameter} from {self.values[0]:g} to "
-                f"{self.values[-1]:g}, {len(self.values)} values computed, {int(self.asked.sum())} asked for; {told}; "
+                f"{self.values[-1]:g}, {len(self.values)} values computed, {int(self.asked.sum())} asked for; {shown}; "
                 f"{grow} {'branch grows' if grow == 1 else 'branches grow'} somewhere{until(self.cutoff)}")
 
 
@@ -195,7 +195,7 @@ class _Node(NamedTuple):
 class _Chain:
     """The nodes in ascending order of p, each with the numbers of the branches of its modes."""
 
-    def __init__(self, question: Question) -> None:
+    def __init__(self, question: LossQuestion) -> None:
         self.pencil_at, self.band, self.between, self.spent, self.branches = question.over, question.band, question.between, 0, 0
         self.finest = (FINEST if question.size <= WIDE else FINEST_SPARSE) * (self.between[1] - self.between[0])
         margin = AROUND * (self.band[1] - self.band[0])
@@ -342,7 +342,7 @@ def _meet(here: _Node, there: _Node, s: Array, to: Array, asked: Array) -> bool:
 
 
 def _continue_defective(here: _Node, there: _Node, to: Array, missed: Array) -> None:
-    """What has no successor takes the nearest eigenvalue that is left: at an exceptional point vectors tell nothing."""
+    """What has no successor takes the nearest eigenvalue that is left: at an exceptional point vectors say nothing."""
     rows, columns = np.flatnonzero(to < 0), np.flatnonzero(missed)
     if len(rows) and len(columns):
         distance = np.abs(here.values[rows, None] - there.values[columns])
@@ -352,7 +352,7 @@ def _continue_defective(here: _Node, there: _Node, to: Array, missed: Array) -> 
 
 
 def _order_alike(here: _Node, there: _Node, s: Array, to: Array) -> None:
-    """Where vectors do not tell two successors apart, (λ_a - λ_b)² does: taken as linear over the step, its root is continuous.
+    """Where vectors do not distinguish two successors, (λ_a - λ_b)² does: taken as linear over the step, its root is continuous.
 
     If it passes 0 within rounding, the higher frequency continues as the larger growth, and the reverse.
     """

@@ -1,6 +1,6 @@
 """Branches of limit cycles over a parameter of a contact, such as a belt's speed, with their special points.
 
-A branch begins at a Hopf point, where steady sliding loses its stability, or at a known cycle. The Floquet multipliers tell
+A branch begins at a Hopf point, where steady sliding loses its stability, or at a known cycle. The Floquet multipliers show
 which cycles are stable, and how stability changes. At a fold one multiplier passes +1, and the branch turns back. At a period
 doubling one passes -1. At a Neimark-Sacker point a pair leaves the unit circle, and quasi-periodic motion begins.
 
@@ -197,9 +197,9 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
         raise InputError("the belt is at rest and supplies no energy. Give it a speed")
     if isinstance(one, Belt) and parameter != "force" and one.force == 0:
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
-    with_parameter(one, parameter, value)  # told now if the law cannot
+    with_parameter(one, parameter, value)  # refuses a law that cannot
     flexibility = flexibility_of(contact, start)
-    tell = listener("progress", progress)
+    report = listener("progress", progress)
     hopf = shape = None
     walks = [(1.0, points)]
     if isinstance(start, LimitCycle):
@@ -219,7 +219,7 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
         first = path.at_value(orbit.with_harmonics(min(orbit.harmonics, harmonics)), value, value)
     else:
         hopf, first = begun(path, hopf, shape)
-    *back, ahead = (Tracer(path, sign, limits, stability).walk(first, most, tell) for sign, most in walks)
+    *back, ahead = (Tracer(path, sign, limits, stability).walk(first, most, report) for sign, most in walks)
     found = [*(point for walk in back for point in walk.points[:0:-1]), *ahead.points]
     special = [*(point for walk in back for point in walk.special[::-1]), *ahead.special]
     return Branch(parameter, np.array([point.place.value for point in found]), tuple(point.cycle for point in found),
@@ -258,7 +258,7 @@ class Tracer:
         self.special: list[SpecialPoint] = []
         self.ended = ""
 
-    def walk(self, first: Place, most: int, tell: Callable[[str], None]) -> Tracer:
+    def walk(self, first: Place, most: int, report: Callable[[str], None]) -> Tracer:
         """Walk from `first` on, until the end of the range, of the branch, or of the allowed number of points."""
         self.points.append(self.point(first))
         length = FIRST
@@ -268,7 +268,7 @@ class Tracer:
                 self.ended = f"{most} points"
                 break
             where = f"{self.path.parameter} = {last.place.value:.6g}"
-            tell(f"branch: {len(self.points)} cycles, {where}")
+            report(f"branch: {len(self.points)} cycles, {where}")
             try:
                 found, turns = self.path.step(last.place, self.direction * length)
                 if self.path.resized(last.place, found.orbit.harmonics).tangent @ found.tangent < TURN:

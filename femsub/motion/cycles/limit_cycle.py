@@ -149,7 +149,7 @@ class LimitCycle:
                    None: "stability not computed" if self.floquet is None else "stability undecided"}[self.is_stable]
         sticking = f"{100 * self.sticking:.3g} %"
         if np.isnan(self.sticking):
-            sticking = "not told (no belt)" if not self.contact.belts else \
+            sticking = "not defined (no belt)" if not self.contact.belts else \
                 f"unknown (the law on {self.contact.without_eps[0]!r} has no eps)"
         return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking {sticking}, {verdict}; "
                 f"{self.orbit.harmonics} harmonics, residual {self.residual:.0e}, left out {self.truncation:.0e}")

@@ -153,7 +153,7 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
                          "are allowed. Give the period in the model's unit of time")
     y = np.concatenate([start.displacement, start.velocity])
     flow = _Flow(contact, tol)
-    for turn in range(1, rounds + 1):  # noqa: B007 - told in the result
+    for turn in range(1, rounds + 1):  # noqa: B007 - a field of the result
         end, Phi = flow.run(y, period)
         slope = flow.rate(y)
         scale = float(np.linalg.norm(slope)) / (2 * np.pi / period)
