@@ -23,7 +23,7 @@ import numpy as np
 import femsub as fs
 from benchmarks.joined import strips
 from femsub.algebra.factor import release
-from femsub.algebra.threads import one_thread
+from femsub.algebra.processes.threads import one_thread
 from femsub.studies.tables import table
 
 SIZES = {"dof": (1_000, 4_000, 16_000, 64_000), "interface": (25, 50, 100, 200, 400), "parts": (2, 6, 20, 60, 200),

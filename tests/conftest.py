@@ -15,7 +15,8 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.algebra import memory, petsc
-from femsub.algebra.threads import libraries
+from femsub.algebra.processes import cache
+from femsub.algebra.processes.threads import libraries
 
 pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values as those in tests do
 
@@ -94,7 +95,8 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """machine(free, large): a machine with so many bytes free (a number, a function, or None: unknown), looked at from
     models of `large` DOF on."""
     def set_to(free: Any, large: int | None = None) -> None:
-        monkeypatch.setattr(memory, "available", free if callable(free) else lambda: free)
+        for module in (memory, cache):
+            monkeypatch.setattr(module, "available", free if callable(free) else lambda: free)
         if large is not None:
             monkeypatch.setattr(memory, "LARGE", large)
 

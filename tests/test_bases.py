@@ -11,8 +11,8 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice, rigid_motions
-from femsub.algebra import threads
 from femsub.algebra.petsc import Factor
+from femsub.algebra.processes import threads
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.reduction.basis import projected

@@ -12,8 +12,9 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub.algebra import cache, factorise, factors_made, folders, memory, shared_factor
+from femsub.algebra import factorise, factors_made, memory, shared_factor
 from femsub.algebra.petsc import Factor
+from femsub.algebra.processes import cache, folders
 from femsub.modes import ShiftInvert
 
 SIZE = (40, 30)
@@ -60,12 +61,12 @@ def test_a_factor_that_is_refused_leaves_no_file(place: Path, monkeypatch: pytes
 @pytest.mark.parametrize("kind", ["definite", "symmetric"])
 def test_a_full_disk_is_told_as_such_and_not_remembered(kind: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.algebra.petsc.goes_to_disk", lambda A, possible, kept: possible)
-    sub, told = lattice(*SIZE, held=True), Factor._told
-    monkeypatch.setattr(Factor, "_told", lambda self, number: -90 if number == 1 else told(self, number))
+    sub, told = lattice(*SIZE, held=True), Factor._infog
+    monkeypatch.setattr(Factor, "_infog", lambda self, number: -90 if number == 1 else told(self, number))
     with pytest.raises(fs.NotEnoughMemoryError, match="TMPDIR"):
         shared_factor(sub.K, kind)  # type: ignore[arg-type]
     assert not list(place.iterdir())
-    monkeypatch.setattr(Factor, "_told", told)
+    monkeypatch.setattr(Factor, "_infog", told)
     assert shared_factor(sub.K, kind).on_disk  # type: ignore[arg-type]
     cache.drop()
 
@@ -74,7 +75,7 @@ def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: 
     monkeypatch.setattr(memory, "MOST_FILL", 1e9)
     sub = lattice(*SIZE, held=True)
     cache.drop()
-    need = cache.FACTOR_BYTES * memory.factor_nonzeros(sub.K)
+    need = memory.FACTOR_BYTES * memory.factor_nonzeros(sub.K)
     for free, beside, on_disk in ((1.3, 0.0, False), (1.1, 0.0, True), (1.6, 0.5, True), (1.8, 0.5, False), (0.2, 0.0, False)):
         machine(free=free * need, large=100)
         with memory.kept_free(beside * need):
@@ -97,7 +98,7 @@ def test_a_reduction_that_would_not_fit_has_its_factor_on_disk(place: Path, mach
                    for on_disk in (False, True))
     whole, short, least = sum(parts.values()), 0.99 * (parts["factorisation"] + parts["columns"]), sum(less.values())
     assert least < short < whole  # the matrices are there before the factor
-    monkeypatch.setattr("femsub.algebra.factor._told", lambda handle: (kinds.append(handle.on_disk), handle)[1])
+    monkeypatch.setattr("femsub.algebra.factor._logged", lambda handle: (kinds.append(handle.on_disk), handle)[1])
     roms = []
     for free in (2 * whole, short):
         cache.drop()

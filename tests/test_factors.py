@@ -21,9 +21,10 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub.algebra import cache, memory
+from femsub.algebra import memory
 from femsub.algebra.factor import release, shared_factor
 from femsub.algebra.petsc import Factor
+from femsub.algebra.processes import cache
 from femsub.modes.normal_modes import _counted
 from femsub.modes.receptance import port_responses
 from femsub.modes.shift_invert import ShiftInvert
@@ -56,7 +57,7 @@ def plate(cells: tuple[int, int] = (14, 12)) -> fs.Substructure:
 @pytest.fixture
 def nothing_shared(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     cache.drop()
-    monkeypatch.setattr("femsub.algebra.cache._kept", Forgetful())
+    monkeypatch.setattr("femsub.algebra.processes.cache._kept", Forgetful())
     yield
 
 

@@ -15,7 +15,8 @@ import pytest
 import scipy.linalg as la
 
 import femsub as fs
-from femsub.algebra import Divided, divided, fork_pays, libraries, one_thread, shared_factor, shared_zeros
+from femsub.algebra import divided, fork_pays, libraries, one_thread, shared_factor, shared_zeros
+from femsub.algebra.processes.beside import Divided, columns_left, give_back_cores
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 COLUMNS = 100
@@ -50,8 +51,9 @@ def waited(work: Divided) -> None:
 
 def test_a_fork_finds_all_columns_while_this_process_does_something_else() -> None:
     solves, before = Solves(), children()
-    with divided(solves, COLUMNS, True) as work:
-        waited(work)
+    work = Divided(solves, COLUMNS, True, 32)
+    waited(work)
+    work.finish()
     assert solves.whole and (solves.by != os.getpid()).all()
     assert children() == before
 
@@ -59,15 +61,13 @@ def test_a_fork_finds_all_columns_while_this_process_does_something_else() -> No
 @pytest.mark.parametrize("beside", [True, False])
 def test_what_no_fork_has_begun_is_found_here(beside: bool) -> None:
     solves = Solves(lambda: time.sleep(0.3))
-    with divided(solves, COLUMNS, beside):
-        pass
+    assert divided(solves, COLUMNS, beside, lambda: "found") == "found"
     assert solves.whole and solves.by[0, -1] == os.getpid()
 
 
 @pytest.mark.parametrize("end", ["killed", "raises", "hangs"])
 def test_a_fork_that_does_not_answer_costs_no_column(end: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.forked.LEAST", 0.2)
-    monkeypatch.setattr("femsub.algebra.forked.PATIENCE", 0.0)
+    monkeypatch.setattr("femsub.algebra.processes.beside.LEAST", 0.2)
 
     def fail() -> None:
         if end == "raises":
@@ -77,18 +77,24 @@ def test_a_fork_that_does_not_answer_costs_no_column(end: str, monkeypatch: pyte
         time.sleep(1000)
 
     solves, before = Solves(fail), children()
-    with divided(solves, COLUMNS, True) as work:
-        time.sleep(0.2)
-        assert work.busy() is (end == "hangs")
+    work = Divided(solves, COLUMNS, True, 32)
+    time.sleep(0.2)
+    assert work.busy() is (end == "hangs")
+    work.finish()
     assert solves.whole and (solves.by == os.getpid()).all()
     assert children() == before
 
 
 def test_an_error_meanwhile_ends_the_fork_and_gives_the_threads_back() -> None:
     before, threads = children(), [one["num_threads"] for one in libraries().info()]
-    with pytest.raises(KeyError), divided(Solves(lambda: time.sleep(1000)), COLUMNS, True):
-        assert all(one["num_threads"] == 1 for one in libraries().info())
+
+    def fail() -> None:
+        assert all(one["num_threads"] == 1 for one in libraries().info()) and columns_left() == COLUMNS
         raise KeyError
+
+    with pytest.raises(KeyError):
+        divided(Solves(lambda: time.sleep(1000)), COLUMNS, True, fail)
+    assert columns_left() == 0
     assert children() == before
     assert [one["num_threads"] for one in libraries().info()] == threads
 
@@ -97,8 +103,28 @@ def test_an_error_of_the_solves_is_told() -> None:
     def refuse(part: slice) -> None:
         raise fs.SingularMatrixError("as if")
 
-    with pytest.raises(fs.SingularMatrixError, match="as if"), divided(refuse, COLUMNS, True):
-        pass
+    with pytest.raises(fs.SingularMatrixError, match="as if"):
+        divided(refuse, COLUMNS, True)
+
+
+def test_a_fork_that_has_ended_gives_its_core_back_meanwhile() -> None:
+    seen: list[list[int]] = []
+
+    def counts() -> list[int]:
+        return [one["num_threads"] for one in libraries().info()]
+
+    def look() -> None:
+        seen.append(counts())
+        until = time.monotonic() + 60
+        while counts() != before and time.monotonic() < until:
+            give_back_cores()
+            time.sleep(0.01)
+        seen.append(counts())
+
+    with libraries().limit(limits=2):
+        before = counts()
+        divided(Solves(), COLUMNS, True, look)
+        assert seen == [[1] * len(before), before]
 
 
 def test_one_thread_may_end_in_any_order() -> None:
@@ -114,14 +140,15 @@ def test_one_thread_may_end_in_any_order() -> None:
 
 
 def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.forked.WORTH", 0.0)
-    monkeypatch.setattr("femsub.algebra.forked.cores", lambda: 2)
+    monkeypatch.setattr("femsub.algebra.factor.WORTH", 0.0)
+    monkeypatch.setattr("femsub.algebra.processes.beside.cores", lambda: 2)
     asked, found = [], []
     begin = Divided.__init__
-    monkeypatch.setattr(Divided, "__init__", lambda self, solve, columns, beside, width: (
-        asked.append(beside), begin(self, solve, columns, beside, width), waited(self))[1])
-    for width in (8, 10_000):  # wider than all columns: no fork
-        monkeypatch.setattr("femsub.algebra.forked.WIDTH", width)
+    monkeypatch.setattr(Divided, "__init__", lambda self, solve, columns, forked, width: (
+        asked.append(forked), begin(self, solve, columns, forked, width), waited(self))[1])
+    for block in (16, 20_000):  # half of it wider than all columns: no fork
+        monkeypatch.setattr("femsub.algebra.factor.BLOCK", block)
+        monkeypatch.setattr("femsub.algebra.processes.beside.BLOCK", block)
         sub = fs.solid(fs.block((1.0, 0.5, 0.3), (8, 5, 4), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
         for method in (fs.CraigBampton(6), fs.CraigBampton(cutoff=2e4), fs.Herting(3), fs.Guyan(),
                        fs.CraigBampton(band=(0.0, 8e3), tol=1e-3)):
@@ -137,20 +164,21 @@ def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytes
 
 def test_a_fork_that_dies_within_a_block_leaves_the_constraint_modes_right(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its columns are written already, and it has not said so."""
-    monkeypatch.setattr("femsub.algebra.forked.WORTH", 0.0)
-    monkeypatch.setattr("femsub.algebra.forked.WIDTH", 8)
-    monkeypatch.setattr("femsub.algebra.forked.cores", lambda: 2)
+    monkeypatch.setattr("femsub.algebra.factor.WORTH", 0.0)
+    monkeypatch.setattr("femsub.algebra.factor.BLOCK", 16)
+    monkeypatch.setattr("femsub.algebra.processes.beside.BLOCK", 16)
+    monkeypatch.setattr("femsub.algebra.processes.beside.cores", lambda: 2)
     sub = fs.solid(fs.block((1.0, 0.5, 0.3), (8, 5, 4), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])
     right = fs.reduce(sub, fs.CraigBampton(3)).K
     owner, begin = os.getpid(), Divided.__init__
 
-    def dying(self: Divided, solve: Callable[[slice], None], columns: int, beside: bool, width: int | None) -> None:
+    def dying(self: Divided, solve: Callable[[slice], None], columns: int, forked: bool, width: int) -> None:
         def first(part: slice) -> None:
             solve(part)
             if os.getpid() != owner:
                 os._exit(0)
 
-        begin(self, first, columns, beside, width)
+        begin(self, first, columns, forked, width)
         waited(self)
 
     monkeypatch.setattr(Divided, "__init__", dying)
@@ -168,11 +196,11 @@ def test_modes_are_sought_beside_by_a_part_that_is_reduced_alone() -> None:
 
 
 def test_no_fork_where_it_would_not_be_safe_or_not_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.forked.cores", lambda: 2)
+    monkeypatch.setattr("femsub.algebra.processes.beside.cores", lambda: 2)
     sub = fs.solid(fs.block((1.0, 0.5, 0.3), (6, 4, 3), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0))
     factor = shared_factor(sub.K + 1e6 * sub.M, "definite")
     assert not fork_pays(factor, 1000)
-    monkeypatch.setattr("femsub.algebra.forked.WORTH", 0.0)
+    monkeypatch.setattr("femsub.algebra.factor.WORTH", 0.0)
     here, there = fork_pays(factor, 1000), []
     assert here is (factor.package == "cholmod")
     Thread(target=lambda: there.append(fork_pays(factor, 1000))).start()
@@ -185,7 +213,7 @@ def test_no_fork_where_it_would_not_be_safe_or_not_be_worth_it(monkeypatch: pyte
 
 def test_columns_that_are_left_are_told() -> None:
     """Their memory is not taken yet."""
-    work = Divided(lambda part: None, 10, beside=False, width=4)
+    work = Divided(lambda part: None, 10, forked=False, width=4)
     assert work.left == 10
     work.finish()
     assert work.left == 0

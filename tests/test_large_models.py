@@ -14,9 +14,11 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
-from femsub.algebra import memory, process_memory
+from femsub.algebra import memory
 from femsub.algebra.factor import factorise
 from femsub.algebra.petsc import Factor
+from femsub.algebra.processes import memory as process_memory
+from femsub.algebra.processes.system import libc
 from femsub.errors import InputError, MissedModesError, NotConvergedError, NotEnoughMemoryError
 from femsub.modes.block_lanczos import block_lanczos
 from femsub.modes.shift_invert import ShiftInvert
@@ -322,7 +324,7 @@ print(*told)
 """
 
 
-@pytest.mark.skipif(not hasattr(process_memory._libc(), "malloc_trim"), reason="malloc is not that of glibc")
+@pytest.mark.skipif(not hasattr(libc(), "malloc_trim"), reason="malloc is not that of glibc")
 def test_freed_arrays_are_kept_for_the_next_while_a_large_model_is_worked_on() -> None:
     """Within a call, an inner one included; they count as available, and go back at its end. Small models keep nothing."""
     run = subprocess.run([sys.executable, "-c", KEPT], capture_output=True, text=True, check=True)

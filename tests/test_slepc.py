@@ -198,7 +198,7 @@ def test_eigensolvers_do_not_grow_the_memory() -> None:
 
 @pytest.mark.parametrize("limit", [20_000, 10])
 def test_complex_factors_of_both_kinds_and_their_transposes(limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.factor.COMPLEX", limit)
+    monkeypatch.setattr("femsub.algebra.factor.LARGE", limit)
     sub = fs.chain(200, belt=2)
     gyroscopic = sp.coo_array((np.array([0.3, -0.3]), ([20, 21], [21, 20])), shape=(200, 200))
     P = sub.pencil.at(0.3j) + 1j * sp.csr_array(gyroscopic)

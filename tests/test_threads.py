@@ -26,7 +26,7 @@ CODE = """
 import scipy.linalg
 import femsub as fs
 from femsub.modes.quadratic import dense
-from femsub.algebra import threads
+from femsub.algebra.processes import threads
 
 def counts():
     return [one["num_threads"] for one in threads.libraries().info()]
@@ -50,7 +50,7 @@ with threads.one_thread(False):
 OVERLAPPING = """
 from concurrent.futures import ThreadPoolExecutor
 import scipy.linalg
-from femsub.algebra import threads
+from femsub.algebra.processes import threads
 
 def counts():
     return [one["num_threads"] for one in threads.libraries().info()]
@@ -83,7 +83,8 @@ import os
 import numpy as np
 import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
-from femsub.algebra import petsc, threads
+from femsub.algebra import petsc
+from femsub.algebra.processes import threads
 from femsub.errors import SingularMatrixError
 
 petsc.load()
@@ -120,8 +121,8 @@ def test_small_dense_work_takes_one_thread_and_gives_the_others_back(code: str) 
 
 @pytest.mark.parametrize("long", [0.0, 1e9])  # in two threads, and in one
 def test_a_product_with_a_complex_block_is_that_of_its_parts(long: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.threads.LONG", long)
-    monkeypatch.setattr("femsub.algebra.threads.threads", lambda: 2)
+    monkeypatch.setattr("femsub.algebra.processes.threads.LONG", long)
+    monkeypatch.setattr("femsub.algebra.processes.threads.threads", lambda: 2)
     rng = np.random.default_rng(1)
     A = sp.csr_array(sp.random_array((60, 60), density=0.4, rng=rng))
     X = np.asfortranarray(rng.standard_normal((60, 5)) + 1j * rng.standard_normal((60, 5)))
@@ -174,7 +175,7 @@ def test_one_thread_at_a_time_is_in_the_parser(readers: list[Callable[[], object
     monkeypatch.setattr(ast, "parse", entered)
     in_threads(readers, 4)
     assert entered.most == 1 and entered.calls >= 4 * len(readers)
-    monkeypatch.setattr("femsub.algebra.stored.parsing", nullcontext)
+    monkeypatch.setattr("femsub.algebra.processes.stored.parsing", nullcontext)
     in_threads(readers[:1], 16)
     assert entered.most > 1  # so the counter sees it
 

@@ -27,11 +27,13 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.joined import truss
-from femsub.algebra import folders, workers
 from femsub.algebra.factor import Factor
 from femsub.algebra.petsc import versions
-from femsub.algebra.threads import libraries, one_thread
-from femsub.algebra.waiting import is_stopped
+from femsub.algebra.processes import folders, parts as workers
+from femsub.algebra.processes.stored import load, store
+from femsub.algebra.processes.system import LAUNCHER, ONE
+from femsub.algebra.processes.threads import libraries, one_thread
+from femsub.algebra.processes.waiting import is_stopped
 from femsub.reduction import parts
 from femsub.reduction.method import Method
 
@@ -135,16 +137,16 @@ def test_any_executor_will_do_and_gets_no_matrix(threads: ThreadPoolExecutor) ->
 
 def surroundings() -> tuple[set[int], dict[str, str]]:
     """How many threads each BLAS of a process has, and variables that matter."""
-    told = {name: value for name, value in os.environ.items() if name in workers.ONE or name == "PMIX_RANK"}
+    told = {name: value for name, value in os.environ.items() if name in ONE or name == "PMIX_RANK"}
     return {one["num_threads"] for one in libraries().info()}, told
 
 
 def test_a_worker_has_one_thread_of_blas_and_is_no_child_of_mpiexec(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in (*workers.ONE, "PMIX_RANK"):
+    for name in (*ONE, "PMIX_RANK"):
         monkeypatch.setenv(name, "2")
     found = workers.side_by_side(surroundings, {"a": (), "b": ()}, 2)
-    assert list(found.values()) == [({1}, workers.ONE)] * 2
-    assert all(os.environ[name] == "2" for name in (*workers.ONE, "PMIX_RANK"))
+    assert list(found.values()) == [({1}, ONE)] * 2
+    assert all(os.environ[name] == "2" for name in (*ONE, "PMIX_RANK"))
 
 
 def test_a_worker_of_another_executor_has_one_thread_while_it_works(threads: ThreadPoolExecutor) -> None:
@@ -172,9 +174,9 @@ def test_an_executor_that_is_shut_down_is_told() -> None:
 def test_what_is_stored_comes_back_as_a_map_of_the_file(tmp_path: Path) -> None:
     part = system().parts["t1"]
     thing = {"part": part, "none": np.zeros((0, 3)), "column": np.asfortranarray(np.arange(6.0).reshape(3, 2)), "word": "x"}
-    workers.store(tmp_path / "file", thing)
+    store(tmp_path / "file", thing)
     before = {path: path.read_bytes() for path in (tmp_path / "file").iterdir()}
-    found = workers.load(tmp_path / "file")
+    found = load(tmp_path / "file")
     assert found["word"] == "x" and found["none"].shape == (0, 3) and found["column"].flags.f_contiguous
     np.testing.assert_array_equal(found["column"], thing["column"])
     assert (found["part"].K != part.K).nnz == 0 and not found["part"].K.data.flags.owndata
@@ -315,7 +317,7 @@ def stopped_processes(folder: Path) -> list[int]:
 @pytest.mark.parametrize("sent", [signal.SIGCONT, signal.SIGKILL])
 def test_a_worker_that_is_stopped_is_named_and_what_is_advised_works(sent: signal.Signals, tmp_path: Path,
                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.waiting.LEAST", 0.2)
+    monkeypatch.setattr("femsub.algebra.processes.waiting.LEAST", 0.2)
     said: list[str] = []
 
     class Advised(logging.Handler):
@@ -326,7 +328,7 @@ def test_a_worker_that_is_stopped_is_named_and_what_is_advised_works(sent: signa
             os.kill(int(command[1]), sent)
 
     late = continued(tmp_path)
-    log, handler = logging.getLogger("femsub.algebra.waiting"), Advised()
+    log, handler = logging.getLogger("femsub.algebra.processes.waiting"), Advised()
     log.addHandler(handler)
     try:
         tasks = {"a": (str(tmp_path), "self"), "b": (str(tmp_path), "")}
@@ -372,13 +374,13 @@ def test_a_folder_without_room_for_the_least_is_named(what: str, words: str, fol
 
 
 def test_a_bit_of_what_is_stored_that_turned_is_seen(tmp_path: Path) -> None:
-    written = workers.store(tmp_path / "one", {"A": np.arange(4.0), "b": 1.5})
+    written = store(tmp_path / "one", {"A": np.arange(4.0), "b": 1.5})
     content = bytearray((written / "pickle").read_bytes())
     for at in range(len(content)):
         content[at] ^= 1
         (written / "pickle").write_bytes(content)
         with pytest.raises(fs.InputError, match="one/pickle is damaged"):
-            workers.load(written)
+            load(written)
         content[at] ^= 1
 
 
@@ -543,7 +545,7 @@ def alive(pid: int) -> bool:
 
 
 def environment(folder: Path) -> dict[str, str]:
-    clean = {name: value for name, value in os.environ.items() if not name.startswith(workers.LAUNCHER)}
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER)}
     return {**clean, "TMPDIR": str(folder), "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
 
 
@@ -684,7 +686,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.algebra import factorise
 from femsub.algebra.petsc import versions
-from femsub.algebra.process_memory import available
+from femsub.algebra.processes.memory import available
 versions()
 side = fs.block((1.0, 1.0, 1.0), (12, 12, 12), "hexahedron")
 part = fs.solid(side, fs.Material(2e11, 0.3, 7850.0), interface=['left'])
@@ -775,9 +777,9 @@ def test_executors_of_others(tmp_path: Path, package: str, before: list[str], bo
 
 def test_what_is_stored_may_be_moved_and_what_was_one_array_stays_one(tmp_path: Path) -> None:
     one = np.arange(6.0)
-    workers.store(tmp_path / "there", {"a": one, "b": [one], "part": one[:2], "none": np.zeros(0)}).rename(tmp_path / "here")
-    found = workers.load(tmp_path / "here")
+    store(tmp_path / "there", {"a": one, "b": [one], "part": one[:2], "none": np.zeros(0)}).rename(tmp_path / "here")
+    found = load(tmp_path / "here")
     assert found["a"] is found["b"][0] and (found["a"] == one).all() and not len(found["none"])
     assert (found["part"] == one[:2]).all()
     found["a"][0] = 7.0  # a copy of the page, not of the file
-    assert workers.load(tmp_path / "here")["a"][0] == 0.0
+    assert load(tmp_path / "here")["a"][0] == 0.0

@@ -1,6 +1,5 @@
-from .beside import CountBeside as CountBeside, SignsBeside as SignsBeside, signs as signs
-from .cache import shared as shared
 from .constraints import Freed as Freed, freed as freed
+from .counted_beside import CountBeside as CountBeside, SignsBeside as SignsBeside, signs as signs
 from .elimination import (
     DEPENDENT as DEPENDENT,
     ROUNDING as ROUNDING,
@@ -19,7 +18,6 @@ from .elimination import (
     without_dust as without_dust,
 )
 from .factor import (
-    QUADRATIC as QUADRATIC,
     SMALL as SMALL,
     WIDE as WIDE,
     ComplexFactor as ComplexFactor,
@@ -30,17 +28,11 @@ from .factor import (
     factorise as factorise,
     factors_made as factors_made,
     forget_factor as forget_factor,
+    fork_pays as fork_pays,
     inertia as inertia,
     negative_eigenvalues as negative_eigenvalues,
     release as release,
     shared_factor as shared_factor,
-)
-from .folders import only_one as only_one
-from .forked import (
-    Divided as Divided,
-    divided as divided,
-    fork_pays as fork_pays,
-    shared_zeros as shared_zeros,
     solved as solved,
 )
 from .frozen import Frozen as Frozen
@@ -65,7 +57,6 @@ from .matrices import (
 )
 from .memory import (
     BLOCKS as BLOCKS,
-    LARGE as LARGE,
     check_columns as check_columns,
     check_memory as check_memory,
     check_room as check_room,
@@ -88,7 +79,36 @@ from .petsc import (
     quadratic_modes as quadratic_modes,
     symmetric_modes as symmetric_modes,
 )
-from .process_memory import available as available, most_memory as most_memory, reused_memory as reused_memory
+from .processes.beside import (
+    columns_left as columns_left,
+    completed as completed,
+    divided as divided,
+    give_back_cores as give_back_cores,
+    shared_zeros as shared_zeros,
+)
+from .processes.cache import shared as shared
+from .processes.folders import (
+    identity as identity,
+    lock as lock,
+    only_one as only_one,
+    opened as opened,
+)
+from .processes.limits import FEW as FEW, LARGE as LARGE, QUADRATIC as QUADRATIC, WORK as WORK
+from .processes.memory import available as available, most_memory as most_memory, reused_memory as reused_memory
+from .processes.parts import check_workers as check_workers, side_by_side as side_by_side
+from .processes.stored import (
+    DamagedFileError as DamagedFileError,
+    Files as Files,
+    files_of as files_of,
+    load as load,
+    store as store,
+)
+from .processes.system import own_processors as own_processors, processors as processors, variable as variable
+from .processes.threads import (
+    libraries as libraries,
+    one_thread as one_thread,
+    times as times,
+)
 from .rigid_motion import (
     SAME as SAME,
     Carried as Carried,
@@ -111,23 +131,5 @@ from .rigid_motion import (
     unresisted as unresisted,
     without as without,
 )
-from .stored import (
-    DamagedFileError as DamagedFileError,
-    Files as Files,
-    files_of as files_of,
-    load as load,
-    store as store,
-)
 from .subspace import orthonormal as orthonormal
-from .threads import (
-    FEW as FEW,
-    WORK as WORK,
-    libraries as libraries,
-    one_thread as one_thread,
-    times as times,
-)
 from .timing import Interruptible as Interruptible, phase as phase, timed as timed
-from .workers import (
-    check_workers as check_workers,
-    side_by_side as side_by_side,
-)

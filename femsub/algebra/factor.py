@@ -11,20 +11,20 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.cache import FACTOR_BYTES, drop, forget, shared
 from femsub.algebra.matrices import Difference, equilibration, same_pattern
 from femsub.algebra.ordering import leaves_first
 from femsub.algebra.petsc import Factor, Kind
+from femsub.algebra.processes.beside import divided, is_fork_safe, shared_zeros
+from femsub.algebra.processes.cache import drop, forget, shared
+from femsub.algebra.processes.limits import BLOCK, FACTOR_BYTES, LARGE
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
 
 log = logging.getLogger(__name__)
 
-COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
-# on the real form of twice the size
-QUADRATIC = 2000  # up to so many DOF all 2n eigenvalues of a quadratic problem are for LAPACK
 WIDE = 300  # up to so many DOF all eigenvalues of a dense quadratic problem are found where only a band is asked
 SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
+WORTH = 2e9  # nonzeros of the factor times columns from which the solves take much longer than a fork, some 20 ms
 
 
 class Handle(Protocol):
@@ -101,13 +101,13 @@ def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
     """
     A = Difference.of(A)
     if (small := _small(A)) is not None:
-        return _told(DenseFactor(small, kind))
+        return _logged(DenseFactor(small, kind))
     if kind == "definite" and A.diagonal().min() <= 0:
         raise SingularMatrixError("a matrix with a diagonal entry that is not positive is not positive definite")
-    return _told(Factor(A, kind))
+    return _logged(Factor(A, kind))
 
 
-def _told(handle: Handle) -> Handle:
+def _logged(handle: Handle) -> Handle:
     """The same factor, once the log knows of it: sparse ones are worth a line each, small ones are for the curious."""
     log.log(logging.DEBUG if isinstance(handle, DenseFactor) else logging.INFO, "%s factor of %d DOF by %s%s", handle.kind,
             handle.size, handle.package.upper(), ", on disk: memory is short" if handle.on_disk else "")
@@ -152,6 +152,29 @@ def factors_made() -> int:
 
 def _key(K: Matrix, kind: Kind, M: Matrix | None, sigma: float) -> tuple[tuple[Matrix, ...], tuple[str, str, float]]:
     return (K, M) if sigma and M is not None else (K,), ("factor", kind, sigma)
+
+
+def fork_pays(factor: Handle, columns: int) -> bool:
+    """Whether so many solves with this factor are worth a fork, and whether one is safe.
+
+    CHOLMOD solves without threads and without messages of its own.
+    """
+    if not isinstance(factor, Factor) or factor.package != "cholmod":
+        return False
+    return columns > BLOCK // 2 and factor.fill * factor.size * columns >= WORTH and is_fork_safe()
+
+
+def solved(factor: Handle, B: Array) -> Array:
+    """A⁻¹B, of which a fork finds half where that pays: a second thread of BLAS gains much less."""
+    if not fork_pays(factor, B.shape[1]):
+        return factor.solve(B)
+    X = shared_zeros(*B.shape)
+
+    def some(part: slice) -> None:
+        X[:, part] = factor.solve(B[:, part])
+
+    divided(some, B.shape[1], True)
+    return X
 
 
 class TreeFactor:
@@ -209,11 +232,11 @@ def counting(A: Matrix | Difference, keep: bool = True, awaited: Callable[[], fl
     if awaited is not None and (not sp.issparse(A.K) or A.shape[0] <= SMALL or A.K.nnz < 3 * A.shape[0]):
         A, awaited = A.at(awaited()), None
     if (small := _small(A)) is not None:
-        return _told(DenseFactor(small, "symmetric"))
+        return _logged(DenseFactor(small, "symmetric"))
     if A.K.nnz < 3 * A.shape[0] and (order := leaves_first(sparse := A.formed())) is not None:
-        with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS will tell
-            return _told(TreeFactor(sparse, order))
-    return _told(Factor(A, "symmetric", keep, probed=False, awaited=awaited))
+        with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS decides
+            return _logged(TreeFactor(sparse, order))
+    return _logged(Factor(A, "symmetric", keep, probed=False, awaited=awaited))
 
 
 def inertia(A: Matrix | Difference, awaited: Callable[[], float] | None = None) -> int:
@@ -282,7 +305,7 @@ class ComplexFactor:
     def __init__(self, A: Matrix) -> None:
         self.size = int(A.shape[0])
         self._lu: Any = None
-        if self.size <= COMPLEX and A.nnz <= 15 * COMPLEX:
+        if self.size <= LARGE and A.nnz <= 15 * LARGE:  # beyond it MUMPS is quicker
             from scipy.sparse.linalg import splu
 
             try:

@@ -12,11 +12,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra.frozen import frozen, is_sealed
-from femsub.algebra.threads import times
-from femsub.checks import Array, Matrix, refuse_masked
+from femsub.algebra.processes.threads import times
+from femsub.checks import EPS, Array, Matrix, refuse_masked
 from femsub.errors import InputError, InputTypeError
 
-ROUNDING = 1e-14  # of sqrt(|a_ii a_jj|): the rounding of two assemblies of the same element matrices in different order
+ROUNDING = 64 * EPS  # of sqrt(|a_ii a_jj|): the rounding of two assemblies of the same element matrices in different order
 LARGEST = 1e100  # limit of a matrix' largest entry; its reciprocal is the lower limit
 
 

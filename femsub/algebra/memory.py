@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 from collections.abc import Iterator
@@ -14,31 +13,23 @@ from zlib import crc32
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.cache import FACTOR_BYTES, give_up_until, kept_bytes
-from femsub.algebra.folders import in_memory
 from femsub.algebra.ordering import layers as distance_layers, neighbours, quotient
-from femsub.algebra.process_memory import available, left_of_limit
+from femsub.algebra.processes.cache import at_hand, kept_bytes
+from femsub.algebra.processes.folders import in_memory, is_writable
+from femsub.algebra.processes.limits import BASE, BLOCK, FACTOR_BYTES, FREELY, LARGE
+from femsub.algebra.processes.memory import available, left_of_limit
 from femsub.checks import Array, Matrix, temporary
 from femsub.errors import NotEnoughMemoryError
 
-MODEL = 1.7  # empirical correction, since METIS finds better separators; within a factor of 1.7 on 14 models
-COUNT_BYTES = 0.25 * FACTOR_BYTES  # bytes per nonzero of the factor of an inertia count, which is thrown away while it is made
-BASE = 2e8  # bytes that a process takes before its first task
-SPARE = 1.1  # times what a count is foretold to take, a fifth too much already, for a process that makes it beside the search
-COUNTED = 42  # bytes per nonzero of K that the count takes for matrices and their graph
-BLOCKS = 200  # columns of blocks in work while constraint modes are computed
+BLOCKS = 3 * BLOCK  # columns in work while constraint modes are computed: loads, solutions and products with K
 LOADED = 8e7  # bytes of the libraries that the first factorisation loads, and of their buffers
 LIBRARIES = "petsc4py.PETSc"
-SMALL_PART = 0.01  # share of the DOF up to which an interface that is held makes the factor no smaller
-BUFFERS = 3e8  # bytes that the BLAS libraries take for their own use when they are first called
-LARGE = 50_000  # DOF from which memory is checked
+BUFFERS = 3e8  # bytes of address space that the BLAS libraries take for their own use when they are first called
 MOST_FILL = 60  # nonzeros of a factor and its count for each one of A, rarely reached: where so many fit, none are estimated
-SAFE = 1.2  # times what a factor is foretold to take must be there, or a disk takes it: a process that takes too much is killed
+SAFE = 1.2  # times what a factor is foretold to take must be free: a process that takes too much is killed
 FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it goes to a disk, and while it is used there
 DISK_LEFT = 2e9  # bytes of the disk that others may need
-FREELY = 1e6  # bytes that are granted without a look at the available memory, which costs as much as a small model
-PATTERNS = 32  # whose estimates are kept
-_estimated: dict[tuple[int, int, int], float] = {}
+_estimated: dict[tuple[int, int, int], float] = {}  # by pattern, 200 bytes for each
 _beside: ContextVar[float] = ContextVar("femsub_beside_factor", default=0.0)  # bytes that a factor must leave
 
 
@@ -61,7 +52,7 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int,
     Raises
     ------
     NotEnoughMemoryError
-        It needs more than is available; the message tells both figures and a remedy.
+        It needs more than is available; the message has both figures and a remedy.
     """
     if not sp.issparse(K) or K.shape[0] < LARGE:
         return 0.0
@@ -84,8 +75,8 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int,
         "matrices": "a coarser mesh",
         "columns": "fewer interface DOF (a rigid or averaged interface)" if interface > modes else "fewer modes"}
     largest = max(advice, key=lambda part: parts[part])
-    told = ", ".join(f"{value / 1e9:.1f} for the {part}" for part, value in parts.items())
-    check_room(f"reducing {name!r}", sum(parts.values()), f"Use {advice[largest]}, or a larger machine{other}", f" ({told})")
+    detail = ", ".join(f"{value / 1e9:.1f} for the {part}" for part, value in parts.items())
+    check_room(f"reducing {name!r}", sum(parts.values()), f"Use {advice[largest]}, or a larger machine{other}", f" ({detail})")
     return beside
 
 
@@ -95,36 +86,27 @@ def check_columns(name: str, size: int, columns: int) -> None:
     Raises
     ------
     NotEnoughMemoryError
-        They need more than is available; the message tells both figures.
+        They need more than is available; the message has both figures.
     """
     if size >= LARGE:
         check_room(f"a larger search for modes of {name!r}", 8.0 * size * columns,
                    "Lower the band, raise the tolerance, or use a larger machine")
 
 
-def check_room(what: str, need: float, advice: str = "Make it smaller", told: str = "") -> None:
+def check_room(what: str, need: float, advice: str = "Make it smaller", detail: str = "") -> None:
     """Compare the bytes that something needs with what is available, before any array is made.
 
     Raises
     ------
     NotEnoughMemoryError
-        It needs more than is available; the message tells both figures, and `told` behind the first.
+        It needs more than is available; the message has both figures, and `detail` behind the first.
     """
     if need < FREELY:
         return
     free = at_hand(need)
     if free is not None and need > free:
-        raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB{told}, but only {free / 1e9:.0f} GB are available. "
+        raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB{detail}, but only {free / 1e9:.0f} GB are available. "
                                    f"{advice}")
-
-
-def at_hand(need: float) -> float | None:
-    """Bytes available, after shared factors have been freed as far as `need` requires."""
-    free = available()
-    if free is None or free >= need:
-        return free
-    give_up_until(lambda: (free := available()) is None or free >= need)
-    return available()
 
 
 @contextmanager
@@ -143,7 +125,7 @@ def disk() -> tuple[Path, float]:
     A folder in memory is of no use. Where neither is on a disk, there is no room.
     """
     for place in (temporary(), Path("/var/tmp")):
-        if place.is_dir() and os.access(place, os.W_OK | os.X_OK) and not in_memory(place):
+        if is_writable(place) and not in_memory(place):
             return place, shutil.disk_usage(place).free - DISK_LEFT
     return temporary(), 0.0
 
@@ -210,7 +192,8 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
     n, constraint = K.shape[0], 0 if held is None else len(held)
     static, size = max(columns - constraint, 0), columns + modes
     if nonzeros is None:
-        rows = np.setdiff1d(np.arange(n), held) if held is not None and constraint > SMALL_PART * n else None
+        # an interface of less than a hundredth of the DOF that is held makes the factor no smaller
+        rows = np.setdiff1d(np.arange(n), held) if held is not None and constraint > n / 100 else None
         nonzeros = factor_nonzeros(K if rows is None else K[rows][:, rows])
     small = 9 * 8.0 * size**2  # M, D, K of the model, and their decompositions
     whole = FACTOR_BYTES * nonzeros
@@ -230,14 +213,17 @@ def search_columns(modes: int) -> float:
     return (3.5 * modes + 100) * (modes > 0)
 
 
-def count_bytes(K: Matrix, nonzeros: float) -> float:
-    """Bytes of an inertia count of K - σM, of whose factor so many nonzeros are made."""
-    return COUNT_BYTES * nonzeros + COUNTED * K.nnz
+def count_bytes(K: Matrix, nonzeros: float, kept: bool = False) -> float:
+    """Bytes of an inertia count of K - σM, of whose factor so many nonzeros are made: a quarter of it unless it is kept.
+
+    Matrices and their graph take 42 bytes beside it for each nonzero of K.
+    """
+    return (1.0 if kept else 0.25) * FACTOR_BYTES * nonzeros + 42 * K.nnz
 
 
-def room_of_count(K: Matrix, nonzeros: float) -> float:
+def room_of_count(K: Matrix, nonzeros: float, kept: bool = False) -> float:
     """Bytes that must be free for a process that makes this count beside the search."""
-    return SPARE * count_bytes(K, nonzeros) + BASE
+    return SAFE * count_bytes(K, nonzeros, kept) + BASE
 
 
 def has_room_to_count(K: Matrix, nonzeros: float) -> bool:
@@ -251,7 +237,7 @@ def factor_nonzeros(A: Matrix) -> float:
 
     A breadth-first search from one end to the other divides the graph into layers; the smallest near the middle is the
     separator. This is repeated in the larger half only; the other half is assumed to be similar. With separators of s_l DOF
-    that touch b_l DOF of earlier ones, in parts of n_l DOF, nnz(L) ≈ Σ_l (n/n_l)(s_l²/2 + s_l b_l)/1.5.
+    that touch b_l DOF of earlier ones, in parts of n_l DOF, nnz(L) ≈ Σ_l (n/n_l)(s_l²/2 + s_l b_l)/1.7.
 
     Matrices of one pattern share the estimate.
 
@@ -261,51 +247,48 @@ def factor_nonzeros(A: Matrix) -> float:
     """
     A = sp.csr_array(A)
     pattern = A.shape[0], crc32(A.indptr), crc32(A.indices)
-    if pattern not in _estimated:
-        while len(_estimated) >= PATTERNS:
-            _estimated.pop(next(iter(_estimated)), None)
-        _estimated[pattern] = _nonzeros_by_dissection(A)
-    return _estimated[pattern]
-
-
-def _nonzeros_by_dissection(A: Matrix) -> float:
-    graph, weight = quotient(A)
+    if pattern in _estimated:
+        return _estimated[pattern]
     if A.nnz <= 3 * A.shape[0]:  # a tree: no fill
         return A.nnz / 2
+    graph, weight = quotient(A)
     count, total, whole = len(weight), 0.0, float(weight.sum())
     part, cut = np.arange(count), np.zeros(count, dtype=bool)
     while True:
         size = float(weight[part].sum())
         border = np.unique(neighbours(graph, part))
         touched = float(weight[border[cut[border]]].sum())
-        if len(part) <= 64:
-            return (total + whole / size * (size**2 / 2 + size * touched)) / MODEL
+        if len(part) <= 64:  # dense
+            break
+        # layers from the far end and back again
         inside = np.zeros(count, dtype=bool)
         inside[part] = True
         layers = distance_layers(graph, inside, part[:1])
-        for _ in range(2):  # from the far end and back again
+        for _ in range(2):
             layers = distance_layers(graph, inside, layers[-1])
         sizes = np.cumsum([weight[layer].sum() for layer in layers])
         if sizes[-1] < 0.9 * size:  # disconnected: continue with the larger piece
             reached = np.concatenate(layers)
             part = reached if sizes[-1] > size / 2 else np.setdiff1d(part, reached)
             continue
+        # the smallest separator near the middle: the nodes of a layer that touch the next one
         first = int(np.searchsorted(sizes, 0.4 * size))
         last = min(max(first + 1, int(np.searchsorted(sizes, 0.6 * size))), len(layers) - 1)
         if first >= last:  # too few layers: nearly a clique
-            return (total + whole / size * (size**2 / 2 + size * touched)) / MODEL
-        walls = [_wall(graph, layers[k], layers[k + 1], count) for k in range(first, last)]
+            break
+        walls = []
+        for k in range(first, last):
+            marked = np.zeros(count, dtype=bool)
+            marked[neighbours(graph, layers[k + 1])] = True
+            walls.append(layers[k][marked[layers[k]]])
         best = int(np.argmin([weight[wall].sum() for wall in walls]))
         separator = float(weight[walls[best]].sum())
         total += whole / size * (separator**2 / 2 + separator * touched)
+        # the larger half
         cut[walls[best]] = True
         k = first + best
         halves = np.concatenate([*layers[:k], np.setdiff1d(layers[k], walls[best])]), np.concatenate(layers[k + 1:])
         part = max(halves, key=len)
-
-
-def _wall(graph: Matrix, layer: Array, following: Array, count: int) -> Array:
-    """The nodes of a layer that touch the next layer."""
-    marked = np.zeros(count, dtype=bool)
-    marked[neighbours(graph, following)] = True
-    return layer[marked[layer]]
+    total += whole / size * (size**2 / 2 + size * touched)
+    _estimated[pattern] = total / 1.7  # METIS finds better separators by about as much: within a factor of 1.7 for 14 models
+    return _estimated[pattern]

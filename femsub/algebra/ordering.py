@@ -7,12 +7,6 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 
-FLAT = 300_000  # DOF up to which minimum fill is faster for surfaces
-SURFACE = 13  # mean number of neighbours of a node, itself included: 9 on a surface, 15 and more in a solid
-SLENDER = 20  # nonzeros per row up to which the bandwidth is looked at
-BAND = 24  # largest bandwidth of a slender model (a chain, a beam): 3 for a beam in the plane
-TREES = 50  # largest number of trees in a forest: each is traversed separately
-
 
 def quotient(A: Matrix) -> tuple[Matrix, Array]:
     """The graph whose nodes are runs of rows with the same pattern (the DOF of a mesh node), and their sizes."""
@@ -57,29 +51,35 @@ def good_order(A: Matrix) -> str | None:
     filled = np.diff(A.indptr) > 0
     ends = A.indices[A.indptr[:-1][filled]], A.indices[A.indptr[1:][filled] - 1]
     nodes = 1 + int(np.count_nonzero(np.diff(ends[0]) | np.diff(ends[1])))  # DOF of a node: same first, last column
-    return "amf" if n <= FLAT and A.nnz / n * nodes / n < SURFACE else None
+    # A node on a surface has 9 neighbours, itself included, and in a solid 15 and more. Beyond 300,000 DOF PORD is faster anyway.
+    return "amf" if n <= 300_000 and A.nnz / n * nodes / n < 13 else None
 
 
 def leaves_first(A: Matrix) -> Array | None:
-    """An elimination order (n,) without fill, leaves first, if the graph of A is a forest of few trees; else None."""
+    """An elimination order (n,) without fill, leaves first, if the graph of A is a forest; else None."""
     n = A.shape[0]
     edges = (A.nnz - int(np.count_nonzero(A.diagonal()))) // 2
-    if not 0 < n - edges <= TREES:
+    if edges >= n:
         return None
     pieces, label = sp.csgraph.connected_components(A, directed=False)
     if pieces != n - edges:  # there is a cycle
         return None
-    roots = np.unique(label, return_index=True)[1]
-    return np.concatenate([sp.csgraph.breadth_first_order(A, root, return_predecessors=False) for root in roots])[::-1]
+    # from the roots on, which are the neighbours of one more node
+    roots = sp.csr_array((np.ones(pieces), (np.unique(label, return_index=True)[1], np.zeros(pieces, dtype=int))), shape=(n, 1))
+    whole = sp.block_array([[A, roots], [roots.T, None]], format="csr")
+    return sp.csgraph.breadth_first_order(whole, n, return_predecessors=False)[:0:-1]
 
 
-def slender(A: Matrix) -> bool:
-    """Whether A has a narrow band in reverse Cuthill-McKee order: chains, beams, shafts with few branches."""
+def slender(A: Matrix, band: int = 24) -> bool:
+    """Whether A has a narrow band in reverse Cuthill-McKee order: chains, beams, shafts with few branches.
+
+    `band` is the largest bandwidth. It is 3 for a beam in the plane and 11 for one in space; two branches double it.
+    """
     A, n = sp.csr_array(A), A.shape[0]
-    if A.nnz > SLENDER * n:
+    if A.nnz > (2 * band + 1) * n:
         return False
     place = np.argsort(sp.csgraph.reverse_cuthill_mckee(A, symmetric_mode=True))
-    return bool(np.abs(place[A.indices] - np.repeat(place, np.diff(A.indptr))).max(initial=0) <= BAND)
+    return bool(np.abs(place[A.indices] - np.repeat(place, np.diff(A.indptr))).max(initial=0) <= band)
 
 
 def smooth_shape(A: Matrix) -> Array:

@@ -10,8 +10,6 @@ from femsub.algebra.ordering import quotient
 from femsub.algebra.petsc import scotch_parts
 from femsub.checks import Array, Matrix
 
-ROUNDS = 10  # of moving pieces of a part that has several: a piece may join another that moves in its turn
-
 
 def partition(graph: Matrix, count: int) -> Array:
     """The part, 0 to count - 1, of each node of a symmetric graph (n, n), shape (n,), by SCOTCH or by bisection.
@@ -44,10 +42,13 @@ def bisected(graph: Matrix, count: int) -> Array:
 
 
 def in_one_piece(graph: Matrix, part: Array) -> Array:
-    """The parts, with each piece but a part's largest given to the neighbour it has most edges with."""
+    """The parts, with each piece but a part's largest given to the neighbour it has most edges with.
+
+    A piece may join another that moves in its turn. So this is repeated as long as fewer pieces are loose than before.
+    """
     edges = sp.coo_array(graph)
-    part = part.copy()
-    for _ in range(ROUNDS):
+    part, fewest = part.copy(), len(part) + 1
+    while True:
         inside = part[edges.row] == part[edges.col]
         count, piece = connected_components(sp.csr_array((np.ones(inside.sum()), (edges.row[inside], edges.col[inside])),
                                                          shape=graph.shape), directed=False)
@@ -58,8 +59,9 @@ def in_one_piece(graph: Matrix, part: Array) -> Array:
         outside = sp.csr_array((np.ones((~inside).sum()), (piece[edges.row[~inside]], part[edges.col[~inside]])),
                                shape=(count, len(largest)))
         loose = np.setdiff1d(np.flatnonzero(outside.sum(axis=1)), largest)
-        if not len(loose):
+        if not 0 < len(loose) < fewest:
             break
+        fewest = len(loose)
         owner[loose] = outside[loose].toarray().argmax(axis=1)
         part = owner[piece]
     return part

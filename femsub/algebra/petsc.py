@@ -11,8 +11,6 @@ MUMPS reports no error for a singular matrix. So each of its factors is tested w
 from __future__ import annotations
 
 import atexit
-import ctypes
-import os
 import sys
 import weakref
 from collections.abc import Callable, Sequence
@@ -27,13 +25,15 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.cache import FACTOR_BYTES, drop
-from femsub.algebra.folders import task_folder
 from femsub.algebra.matrices import Difference, equilibrated
 from femsub.algebra.memory import BUFFERED, disk, goes_to_disk
 from femsub.algebra.ordering import good_order, slender
-from femsub.algebra.process_memory import give_back_freed_memory
-from femsub.algebra.threads import no_openmp
+from femsub.algebra.processes.cache import drop
+from femsub.algebra.processes.folders import task_folder
+from femsub.algebra.processes.limits import BLOCK, FACTOR_BYTES
+from femsub.algebra.processes.memory import give_back_freed_memory
+from femsub.algebra.processes.system import functions_of, set_unless_given
+from femsub.algebra.processes.threads import no_openmp
 from femsub.checks import EPS, Array, Matrix, installed_by, set_up_by
 from femsub.errors import (
     BreakdownError,
@@ -47,11 +47,9 @@ from femsub.errors import (
 Kind = Literal["definite", "symmetric", "general"]
 CHOLMOD = True  # use it if PETSc has it; tests and scripts/factors.py set False
 MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules a setMumpsIcntl(7)
-SINGULAR = (-6, -10)  # errors of MUMPS that tell of the matrix; others tell of the machine
+SINGULAR = (-6, -10)  # errors of MUMPS that are the matrix'; others are the machine's
 ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
 WHEEL = "dolfinx_solver"  # to be imported before the petsc4py of the same folder
-MOST_INFO = 64  # numbers in PETSc's MatFactorInfo, which has 11; MUMPS reads none of them
-BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
 
 
 def installation() -> str:
@@ -71,11 +69,12 @@ def load_wheel() -> None:
 
 @cache
 def load() -> tuple[Any, Any]:
-    # Debian's PETSc is linked to OpenMPI, which would start a helper process for each Python process.
-    os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
-    # All such processes share one folder in /tmp, and the first to end takes it from those that start: MPI_Init aborts.
-    os.environ.setdefault("OMPI_MCA_orte_create_session_dirs", "0")
-    os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")  # more threads give other parts at each call
+    set_unless_given({
+        # Debian's PETSc is linked to OpenMPI, which would start a helper process for each Python process.
+        "OMPI_MCA_ess_singleton_isolated": "1",
+        # All such processes share one folder in /tmp, and the first to end takes it from those that start: MPI_Init aborts.
+        "OMPI_MCA_orte_create_session_dirs": "0",
+        "SCOTCH_PTHREAD_NUMBER": "1"})  # more threads give other parts at each call
     # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT, and list at exit what went unused.
     options_of_petsc = ["femsub", "-no_signal_handler", "-options_left", "no"]
     try:
@@ -152,10 +151,10 @@ def scotch_parts(graph: Matrix, count: int) -> Array | None:
     PETSc, _ = load()
     if not has("ptscotch"):
         return None
-    try:  # SCOTCH goes on with the random numbers of the call before; the name is searched in all that petsc4py is linked to
-        ctypes.CDLL(PETSc.__file__).SCOTCH_randomReset()
-    except AttributeError:
+    scotch = functions_of(PETSc.__file__, {"SCOTCH_randomReset": 0})
+    if scotch is None:
         return None
+    scotch[0]()  # it would go on with the random numbers of the call before
     with ExitStack() as stack:
         adjacency = _until(stack, _matrix(sp.csr_array(graph, dtype=float)).convert("mpiadj"))
         partitioning = _until(stack, PETSc.MatPartitioning().create(comm=PETSc.COMM_SELF))
@@ -217,7 +216,7 @@ class Factor:
         mat = _matrix(A if awaited is None else A.pattern(), "general" if self.package == "petsc" else kind)
         try:
             mat = self._set_up(mat, ROOM[0], None if awaited is None else lambda: _matrix(A.at(awaited()), kind))
-            if self._told(1) in (-8, -9):  # delayed pivots took more than that
+            if self._infog(1) in (-8, -9):  # delayed pivots took more than that
                 self._held.close()
                 self._set_up(mat, ROOM[1])
         except PETSc.Error as error:
@@ -229,14 +228,14 @@ class Factor:
         Factor.packages.add(self.package)
         self._check_disk()
         if kind == "definite" and self.package != "cholmod":
-            code, negative, null = self._told(1), self._told(12), self._told(28)
+            code, negative, null = self._infog(1), self._infog(12), self._infog(28)
             if self.package == "petsc":
                 negative, null = self._factor.getInertia()[:2]
             if code < 0 or negative or null:
                 raise self._refused(f"error {code}, {negative} negative and {null} null pivots")
         if scaling is not None:
             self._probe(A, *scaling)
-        elif null := self._told(28):
+        elif null := self._infog(28):
             raise self._refused(f"{null} null pivots")
 
     def _set_up(self, mat: Any, room: int, values: Callable[[], Any] | None = None) -> Any:
@@ -280,13 +279,16 @@ class Factor:
 
         Where that has fewer nonzeros, the order is not for it.
         """
-        PETSc, info, F = load()[0], (ctypes.c_double * MOST_INFO)(), ctypes.c_void_p(self._factor.handle)
-        symbolic, numeric = _two_steps()
-        code = symbolic(F, ctypes.c_void_p(pattern.handle), None, info) if symbolic else 0
+        PETSc, F = load()[0], self._factor.handle
+        info = np.zeros(64)  # PETSc's MatFactorInfo has 11 numbers, of which MUMPS reads none
+        steps = _two_steps()
+        code = steps[0](F, pattern.handle, None, info.ctypes.data) if steps else 0
         mat = values()
-        fit = symbolic is not None and mat.getInfo()["nz_used"] == pattern.getInfo()["nz_used"]
+        fit = steps is not None and mat.getInfo()["nz_used"] == pattern.getInfo()["nz_used"]
         pattern.destroy()
-        if code or (fit and (code := numeric(F, ctypes.c_void_p(mat.handle), info))):
+        if steps and fit and not code:
+            code = steps[1](F, mat.handle, info.ctypes.data)
+        if code:
             raise PETSc.Error(code)
         if not fit:
             self._held.close()
@@ -302,27 +304,27 @@ class Factor:
         SingularMatrixError
             The factorisation broke down.
         """
-        numeric = _two_steps()[1]
-        if self.package != "cholmod" or numeric is None:
+        steps = _two_steps()
+        if self.package != "cholmod" or steps is None:
             return False
         Factor.made += 1
         mat = _matrix(A, self.kind)
         try:
             with no_openmp():
-                code = numeric(ctypes.c_void_p(self._factor.handle), ctypes.c_void_p(mat.handle), (ctypes.c_double * MOST_INFO)())
+                code = steps[1](self._factor.handle, mat.handle, np.zeros(64).ctypes.data)
         finally:
             mat.destroy()
         if code:
             raise self._refused(f"PETSc's error {code}")
         return True
 
-    def _told(self, number: int) -> int:
+    def _infog(self, number: int) -> int:
         """MUMPS' INFOG(number): 1 is an error, 12 counts negative pivots, 28 null ones. CHOLMOD raises instead."""
         return int(self._factor.getMumpsInfog(number)) if self.package == "mumps" else 0
 
     def _check_disk(self) -> None:
         """A disk that is full is no property of the matrix."""
-        if self.on_disk and (code := self._told(1)) < 0 and code not in SINGULAR:
+        if self.on_disk and (code := self._infog(1)) < 0 and code not in SINGULAR:
             self.close()
             raise NotEnoughMemoryError(f"the factor of {self.size} DOF does not fit into memory, and MUMPS could not keep it in "
                                        f"{disk()[0]} either (its error {code}). Name a folder with more room by TMPDIR")
@@ -341,7 +343,7 @@ class Factor:
         self.columns = 0
         length, given = float(np.linalg.norm(x)), float(np.linalg.norm(b))
         growth = size * length / given
-        null = self._told(28)
+        null = self._infog(28)
         wrong = float(np.linalg.norm(rows * (A @ (columns * x)) - b)) > 1e-6 * (size * length + given)
         if null or wrong or not growth < 0.1 / EPS:
             self.close()
@@ -353,7 +355,7 @@ class Factor:
         """The number of negative eigenvalues of a symmetric A (Sylvester's law of inertia)."""
         if self.kind != "symmetric":
             raise InputError("the inertia is counted by a symmetric factorisation")
-        return self._told(12)
+        return self._infog(12)
 
     @property
     def fill(self) -> float:
@@ -438,16 +440,12 @@ class Transposed:
 
 
 @cache
-def _two_steps() -> tuple[Any, Any]:
+def _two_steps() -> list[Callable[..., int]] | None:
     """PETSc's functions for the two steps of a factorisation, which petsc4py does not call.
 
-    The names are searched in all that petsc4py is linked to. Where they are hidden, nothing is done before the second step.
+    Where they are hidden, nothing is done before the second step.
     """
-    try:
-        library = ctypes.CDLL(load()[0].__file__)
-        return library.MatCholeskyFactorSymbolic, library.MatCholeskyFactorNumeric
-    except (AttributeError, OSError):
-        return None, None
+    return functions_of(load()[0].__file__, {"MatCholeskyFactorSymbolic": 4, "MatCholeskyFactorNumeric": 3})
 
 
 def _lend(ksp: Any, st: Any, stack: ExitStack) -> None:

@@ -18,9 +18,9 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from femsub.algebra.cache import shared
 from femsub.algebra.elimination import largest
 from femsub.algebra.matrices import block_diagonal, is_symmetric, same
+from femsub.algebra.processes.cache import shared
 from femsub.checks import Array, Matrix
 
 if TYPE_CHECKING:

@@ -6,14 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from femsub.checks import Array
-
-INSIDE = 1e-9  # relative length below which a column's remainder outside V is rounding
-NEARLY = 2.0  # condition of the Gram matrix up to which its digits are kept, and a second pass changes nothing
-DEPENDENT = 1e-14  # eigenvalues of the Gram matrix below this share of the largest one are dropped
+from femsub.checks import EPS, Array
 
 
-def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | None = None) -> tuple[Array, Array]:
+def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | None = None, inside: float = 1e-9
+                ) -> tuple[Array, Array]:
     """Q (n, k) with [V Q]ᵀA[V Q] = I and span [V Q] = span [V columns], and AQ.
 
     Block Gram-Schmidt in two passes. Columns are scaled to unit length before each pass, so that their units do not matter.
@@ -27,6 +24,9 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
         x (n, l) to Ax, with a symmetric positive semidefinite A.
     V : ndarray, shape (n, m), optional
         VᵀAV = I; m may be 0.
+    inside : float
+        Relative length below which a column's remainder outside V is rounding. By default it is well above that of V's own
+        deviation from VᵀAV = I, so that a column keeps seven digits at least.
 
     References
     ----------
@@ -37,14 +37,15 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
         if V is not None and V.shape[1]:
             x, image, length = _longer(x, image, 0.0)
             x = x / length - V @ ((V.T @ image) / length)
-            image, least = product(x), 0.0 if last else INSIDE
+            image, least = product(x), 0.0 if last else inside
         x, image, length = _longer(x, image, least)
         if not x.shape[1]:
             break
         gram = x.T @ image / np.outer(length, length)
         values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-        good = values > DEPENDENT * values[-1]
-        last |= (V is None or not V.shape[1]) and values[-1] < NEARLY * values[0]
+        good = values > 64 * EPS * values[-1]  # below lies the rounding of the products
+        # up to a condition of 2 no digit of the Gram matrix is lost, and a second pass changes nothing
+        last |= (V is None or not V.shape[1]) and values[-1] < 2 * values[0]
         change = vectors[:, good] / np.sqrt(values[good]) / length[:, None]
         x = x @ change
         if last:

@@ -19,6 +19,8 @@ import scipy.sparse as sp
 from femsub.algebra import (
     SMALL,
     Difference,
+    columns_left,
+    give_back_cores,
     inertia,
     kept_free,
     massless_apart,
@@ -337,13 +339,11 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
     from femsub.algebra import CountBeside
 
     if handle.beside is None:
-        columns = search_columns(count) + (0 if handle.solves is None else handle.solves.left)
-        handle.beside = CountBeside.started(handle.K, handle.M, nonzeros, columns)
+        handle.beside = CountBeside.started(handle.K, handle.M, nonzeros, search_columns(count) + columns_left())
     beside = handle.beside
 
     def seen(values: Array, error: Array) -> int:
-        if handle.solves is not None:
-            handle.solves.busy()
+        give_back_cores()
         limit = _limit(values, count)[0]
         # The residual bounds the error of ω². So does its square over the distance to the modes beyond, about `apart`.
         apart = max(values[-1] / values[count - 1] - 1, EPS) if count else EPS
@@ -493,8 +493,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
         except SingularMatrixError as error:
             last: FemsubError = error
             continue
-        if handle.solves is not None:
-            handle.solves.busy()
+        give_back_cores()
         if below > most:
             raise NotConvergedError(f"{below} undamped modes lie below ω = {reach:.6g}, and the limit is {most:.0f}")
         count = below - handle.rigid.shape[1]

@@ -45,7 +45,7 @@ from femsub.errors import ConditionWarning, SingularMatrixError, warn
 from femsub.modes.rounding import rounding_of
 
 if TYPE_CHECKING:
-    from femsub.algebra import CountBeside, Divided
+    from femsub.algebra import CountBeside
     from femsub.model import Substructure
 
 SOFT = EPS**0.5  # half of all digits: a spring, or the energy of a mode, is soft below this share of the stiffness around it
@@ -89,7 +89,6 @@ class ShiftInvert:
         self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
         self.blurred = False  # whether K as it is holds few digits of the lowest elastic mode
         self.beside = self._prepared(seeks) if seeks else None  # counts the modes while they are sought
-        self.solves: Divided | None = None  # finds static shapes with the same factor meanwhile
         motion = motion_of(carried) if isinstance(rows, slice) else None
         self._given = None if motion is None else motion.shapes
         key = (self.K, self.M), ("shift and rigid-body modes", motion is None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -86,14 +87,13 @@ class CraigBampton(Method):
         sub, b = part.sub, part.sub.interface
         if handle.floating and len(b):
             raise _not_held(sub, handle.rigid.shape[1])
-        beside = fork_pays(handle.factor, len(b))
-        C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes), beside)
+        forked = fork_pays(handle.factor, len(b))
+        C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes), forked)
         C[b, np.arange(len(b))] = 1.0
-        condensed = zeros(len(b), len(b), 0, beside)
-        with divided(_constraint_modes(handle, sub, C, condensed), len(b), beside) as handle.solves:
-            # a method that finds modes in its own way does so afterwards, and a system decides for all its parts
-            sought = self.sought(handle) if part.alone and type(self).kept is Method.kept else None
-        handle.solves = None
+        condensed = zeros(len(b), len(b), 0, forked)
+        # a method that finds modes in its own way does so afterwards, and a system decides for all its parts
+        search = partial(self.sought, handle) if part.alone and type(self).kept is Method.kept else None
+        sought = divided(_constraint_modes(handle, sub, C, condensed), len(b), forked, search)
         with handle.sharing:
             condensed, rigid = condensed_stiffness(sub, condensed, C)
         return Statics(part, handle, C, condensed, extra[part.rows], "static port", rigid, sought)

@@ -86,8 +86,7 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
 
     count = len(first) - 1
     blocks = 2 * -(-count // (2 * PAIRS))  # as many for the fork as for this process
-    with divided(some, count, True, -(-count // blocks)):
-        pass
+    divided(some, count, True, width=-(-count // blocks))
     return (values, X) if np.isfinite(values).all() else None
 
 

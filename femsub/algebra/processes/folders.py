@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 from collections.abc import Iterator
@@ -12,7 +13,6 @@ from tempfile import TemporaryDirectory
 from femsub.errors import InputError, no_room_error
 
 MEMORY = Path("/dev/shm")  # a folder in memory; on a disk, files would be written to it as well
-ROOM = 10  # times what is sent must be free there, since results come back as well
 ALIVE = "alive"  # a file that is locked as long as a run lives
 
 
@@ -23,14 +23,12 @@ def task_folder(place: Path) -> Iterator[str]:
     Nobody tidies up if all processes are killed at once. So the run locks a file there as long as it lives, and removes the
     user's own folders whose file is not locked any more.
     """
-    from fcntl import LOCK_EX, LOCK_NB, flock
-
     for left in place.glob(f"femsub-*/{ALIVE}"):
         with suppress(OSError):
             if left.parent.is_symlink() or left.is_symlink() or left.parent.stat().st_uid != os.getuid():
                 continue
             with left.open("ab") as other:
-                flock(other, LOCK_EX | LOCK_NB)
+                lock(other.fileno())
                 shutil.rmtree(left.parent)
     with ExitStack() as stack:
         try:
@@ -39,7 +37,7 @@ def task_folder(place: Path) -> Iterator[str]:
         except OSError as error:
             raise no_room_error(place, "the files of one call", 0.0, error.strerror or error) from None
         with suppress(OSError):  # a file system without locks: nobody else can lock it either
-            flock(file, LOCK_EX)
+            fcntl.flock(file, fcntl.LOCK_EX)
             os.rename(file.name, Path(folder, ALIVE))
         yield folder
 
@@ -47,15 +45,13 @@ def task_folder(place: Path) -> Iterator[str]:
 @contextmanager
 def only_one(folder: Path) -> Iterator[None]:
     """Hold a folder, in which one run at a time may write; an InputError if another one does, or if none may."""
-    from fcntl import LOCK_EX, LOCK_NB, flock
-
     with ExitStack() as stack:
         try:
             file = stack.enter_context((folder / ALIVE).open("ab"))
         except OSError as error:
             raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
         try:
-            flock(file, LOCK_EX | LOCK_NB)
+            lock(file.fileno())
         except BlockingIOError:
             raise InputError(f"another run works in {folder}. Wait until it has ended, or name another folder") from None
         except OSError:  # a file system without locks
@@ -63,14 +59,53 @@ def only_one(folder: Path) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def opened(folder: Path, linked: bool = True) -> Iterator[int]:
+    """The number of an open folder, by which it can be locked; `linked`: also that of one that a link leads to.
+
+    Raises
+    ------
+    OSError
+        There is no such folder.
+    """
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | (0 if linked else os.O_NOFOLLOW))
+    try:
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def identity(handle: int) -> tuple[int, int]:
+    """Device and number of an open folder, the same by whatever name it was opened."""
+    found = os.fstat(handle)
+    return found.st_dev, found.st_ino
+
+
+def lock(handle: int) -> None:
+    """Lock an open file or folder until it is closed, as the system does when this process ends. Other machines do not see it.
+
+    Raises
+    ------
+    BlockingIOError
+        Another process, or another opening of it, has locked it.
+    OSError
+        The file system has no locks.
+    """
+    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
 def has_room(sent: int) -> bool:
-    """Whether the folder in memory will do; a TMPDIR overrules it."""
-    return not os.environ.get("TMPDIR") and MEMORY.is_dir() and os.access(MEMORY, os.W_OK | os.X_OK) and \
-        shutil.disk_usage(MEMORY).free > ROOM * sent
+    """Whether the folder in memory will do for so many bytes and results of ten times the size; a TMPDIR overrules it."""
+    return not os.environ.get("TMPDIR") and is_writable(MEMORY) and shutil.disk_usage(MEMORY).free > 10 * sent
+
+
+def is_writable(place: Path) -> bool:
+    """Whether files can be made in a folder."""
+    return place.is_dir() and os.access(place, os.W_OK | os.X_OK)
 
 
 def in_memory(place: Path) -> bool:
-    """Whether a folder is in memory itself (tmpfs), by what the system tells of its mounts."""
+    """Whether a folder is in memory itself (tmpfs), by the system's list of mounts."""
     with suppress(OSError):
         mounts = [line.split() for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines()]
         above = [(len(where), number, kind) for number, (_, where, kind, *_) in enumerate(mounts)

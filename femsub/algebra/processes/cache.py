@@ -8,7 +8,6 @@ release it; nobody closes a shared factor.
 from __future__ import annotations
 
 import atexit
-import os
 import weakref
 from collections.abc import Callable, Hashable
 from contextlib import suppress
@@ -16,21 +15,17 @@ from functools import partial
 from threading import RLock
 from typing import Any, TypeVar
 
-from femsub.algebra.process_memory import available
+from femsub.algebra.processes.limits import FREELY
+from femsub.algebra.processes.memory import available
+from femsub.algebra.processes.system import held_during_forks, variable
 from femsub.checks import Matrix
 from femsub.errors import InputError
 
 T = TypeVar("T")
 Key = tuple[tuple[int, ...], Hashable]
 VARIABLE = "FEMSUB_FACTOR_BYTES"  # environment variable: upper limit of the cache in bytes
-SHARE = 0.25  # of the available memory: the limit if the variable is not set
-FREELY = 1e8  # bytes that are cached without a look at the available memory
-FACTOR_BYTES = 8 * 1.6  # bytes per nonzero of a factor
 
-
-_lock = RLock()  # reentrant: the garbage collector may run inside and take it again
-if hasattr(os, "register_at_fork"):  # a forked child would wait forever for a thread of its parent
-    os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release)
+_lock = held_during_forks(RLock())  # reentrant: the garbage collector may run inside and take it again
 _kept: dict[Key, tuple[Any, int]] = {}  # cached objects and their bytes; what was used last comes last
 _owners: dict[int, weakref.ref[Any]] = {}
 
@@ -46,7 +41,21 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
         if key in _kept and all(_owners[id(owner)]() is owner for owner in owners):
             found: T = _kept.setdefault(key, _kept.pop(key))[0]
             return found
-    limit = _limit()
+    limit = None
+    if given := variable(VARIABLE):
+        with suppress(ValueError):
+            limit = float(given)
+        if limit is None or not limit >= 0:
+            raise InputError(f"the environment variable {VARIABLE} must be a number of bytes, such as 2e9, or 0 to keep no "
+                             f"factor, but is {given!r}")
+
+    def within() -> bool:
+        kept = kept_bytes()
+        if limit is not None:
+            return kept <= limit
+        free = available() if kept > FREELY else None
+        return free is None or kept <= (free + kept) / 4  # a model and its results need the other three quarters
+
     made = make()
     with _lock:
         _kept[key] = made, int(size(made))
@@ -54,7 +63,7 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
             if id(owner) not in _owners or _owners[id(owner)]() is not owner:
                 _owners[id(owner)] = weakref.ref(owner, partial(_gone, id(owner)))
         if size(made):
-            give_up_until(partial(_within, limit))
+            give_up_until(within)
     return made
 
 
@@ -63,22 +72,13 @@ def kept_bytes() -> int:
     return sum(size for _, size in list(_kept.values()))  # the garbage collector may drop some meanwhile
 
 
-def _limit() -> float | None:
-    if not (told := os.environ.get(VARIABLE)):
-        return None
-    with suppress(ValueError):
-        if (limit := float(told)) >= 0:
-            return limit
-    raise InputError(f"the environment variable {VARIABLE} must be a number of bytes, such as 2e9, or 0 to keep no factor, but "
-                     f"is {told!r}")
-
-
-def _within(limit: float | None) -> bool:
-    kept = kept_bytes()
-    if limit is not None:
-        return kept <= limit
-    free = available() if kept > FREELY else None
-    return free is None or kept <= SHARE * (free + kept)
+def at_hand(need: float) -> float | None:
+    """Bytes available, after cached objects have been dropped as far as `need` requires; None if unknown."""
+    free = available()
+    if free is None or free >= need:
+        return free
+    give_up_until(lambda: (free := available()) is None or free >= need)
+    return available()
 
 
 def give_up_until(enough: Callable[[], bool]) -> None:

@@ -9,13 +9,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from femsub.algebra.processes.limits import LEAST, LOOK
+
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
 log = logging.getLogger(__name__)
-
-LEAST = 10.0  # seconds until a process that does not answer is looked at
-LOOK = 0.002  # seconds between two looks at a process
 
 
 def is_stopped(pid: int) -> bool:

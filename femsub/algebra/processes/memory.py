@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 from threading import RLock
 
+from femsub.algebra.processes.limits import LARGE
+from femsub.algebra.processes.system import libc
+
 OPTIONS = -3, -1, -4  # of mallopt: M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, M_MMAP_MAX
 GIVEN_BACK, KEPT_INSIDE = (1 << 25, 1 << 26, 1 << 16), (1 << 30, (1 << 31) - 1, 1 << 16)  # larger blocks go back to the system
-WORTH = 20_000  # DOF from which kept memory is faster
 
 
 def give_back_freed_memory() -> None:
@@ -20,10 +19,9 @@ def give_back_freed_memory() -> None:
 
     Loading OpenMPI disables mmap in malloc, so freed memory is not returned. This restores the default.
     """
-    libc = _libc()
-    if hasattr(libc, "mallopt"):
+    if hasattr(libc(), "mallopt"):
         for option, value in zip(OPTIONS, KEPT_INSIDE if _Reuse.depth else GIVEN_BACK, strict=True):
-            libc.mallopt(option, value)
+            libc().mallopt(option, value)
 
 
 class _Reuse:
@@ -39,7 +37,7 @@ def reused_memory(size: int) -> Iterator[None]:
     Blocks of a large model would else come from the system each time. It clears their pages, which took a sixth of the time of
     200 modes of 288,000 DOF. Small models gain nothing.
     """
-    if size < WORTH:
+    if size < LARGE:
         yield
         return
     with _Reuse.lock:
@@ -57,14 +55,8 @@ def reused_memory(size: int) -> Iterator[None]:
 
 def _trim() -> None:
     """Gives the pages of freed arrays back to the system."""
-    libc = _libc()
-    if hasattr(libc, "malloc_trim"):
-        libc.malloc_trim(0)
-
-
-@cache
-def _libc() -> ctypes.CDLL:
-    return ctypes.CDLL(None)
+    if hasattr(libc(), "malloc_trim"):
+        libc().malloc_trim(0)
 
 
 def available() -> float | None:
@@ -118,10 +110,10 @@ def left_of_groups(mounted: Path = Path("/sys/fs/cgroup"), own: Path = Path("/pr
 def left_of_limit() -> float | None:
     """Bytes left of this process' own limit of address space or data (`ulimit -v`, `ulimit -d`); None without a limit."""
     try:
-        from resource import RLIM_INFINITY, RLIMIT_AS, RLIMIT_DATA, getrlimit
+        from resource import RLIM_INFINITY, RLIMIT_AS, RLIMIT_DATA, getpagesize, getrlimit
 
         pages = [int(word) for word in Path("/proc/self/statm").read_text(encoding="ascii").split()]
     except (ImportError, OSError, ValueError):
         return None
     limits = ((getrlimit(RLIMIT_AS)[0], pages[0]), (getrlimit(RLIMIT_DATA)[0], pages[5]))
-    return min((limit - used * os.sysconf("SC_PAGE_SIZE") for limit, used in limits if limit != RLIM_INFINITY), default=None)
+    return min((limit - used * getpagesize() for limit, used in limits if limit != RLIM_INFINITY), default=None)

@@ -22,13 +22,15 @@ from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
-from femsub.algebra.folders import MEMORY, has_room, task_folder
-from femsub.algebra.memory import BASE, at_hand
 from femsub.algebra.petsc import versions
-from femsub.algebra.process_memory import available
-from femsub.algebra.stored import bytes_of, load, store
-from femsub.algebra.threads import BRINGING, one_thread
-from femsub.algebra.waiting import LOOK, first_done, is_stopped
+from femsub.algebra.processes.cache import at_hand
+from femsub.algebra.processes.folders import MEMORY, has_room, task_folder
+from femsub.algebra.processes.limits import BASE, LOOK
+from femsub.algebra.processes.memory import available
+from femsub.algebra.processes.stored import bytes_of, load, store
+from femsub.algebra.processes.system import environment_of_workers
+from femsub.algebra.processes.threads import BRINGING, one_thread
+from femsub.algebra.processes.waiting import first_done, is_stopped
 from femsub.checks import shown, temporary, whole_number
 from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, WorkerError, no_room_error, warn
 
@@ -37,9 +39,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-MOST = 1024  # processes of one call
-ONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # environment of a worker
-LAUNCHER = ("OMPI_", "PMIX_", "PMI_")  # variables of mpiexec, by which MPI would take a worker for the process that started it
 PROCESS = "process"  # a file in a task's folder: the number of the process that has it, and its machine
 # A shell with this script reads until the process that started it dies. It ends all processes of its own group but itself,
 # removes the folder $0, and kills what has outlived SIGTERM. A line that it reads is an order to kill at once.
@@ -57,7 +56,7 @@ def check_workers(workers: Any, executor: Any) -> None:
         Both are given, `workers` is no whole number from 1 on, or `executor` is none.
     """
     if workers is not None:
-        whole_number("workers", workers, least=1, most=MOST)
+        whole_number("workers", workers, least=1, most=1024)  # more is a typing error: no machine has so many cores
         if executor is not None:
             raise InputError("workers and executor exclude each other: an executor brings its own processes. Leave one out")
     if hasattr(executor, "get_executor"):
@@ -151,7 +150,7 @@ def _results(tasks: Mapping[str, tuple[Any, ...]], folder: Path, what: str, advi
     running: dict[Future[None], tuple[str, Executor, Path]] = {}
     done: dict[str, Any] = {}
     lost: dict[str, Exception] = {}
-    told: list[Warning] = []
+    warned: list[Warning] = []
     stopped: set[int] = set()
     try:
         while waiting or running:
@@ -179,14 +178,14 @@ def _results(tasks: Mapping[str, tuple[Any, ...]], folder: Path, what: str, advi
                         raise  # as it would be without workers
                     lost[name] = error
                 else:
-                    told += warnings_of_task
+                    warned += warnings_of_task
                     log.info("%s %r is done, %d of %d: %r", what, name, len(done), len(tasks), done[name])
                 shutil.rmtree(path)
                 free += next_lane
     finally:
         for future in running:
             future.cancel()
-    for warning in told:
+    for warning in warned:
         warn(warning)
     if not lost:
         return done
@@ -263,21 +262,6 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
         shell.communicate()
 
 
-@contextmanager
-def environment_of_workers() -> Iterator[None]:
-    """The environment that workers start in."""
-    before = dict(os.environ)
-    for name in [name for name in before if name.startswith(LAUNCHER)]:
-        del os.environ[name]
-    os.environ.update(ONE)
-    try:
-        yield
-    finally:
-        for name in ONE:
-            del os.environ[name]
-        os.environ.update(before)
-
-
 def _run(path: str, name: str) -> None:
     """One task, in a worker: the result, and the warnings to be repeated, are stored beside it."""
     with suppress(OSError):  # a full disk: then nobody sees that this process is stopped
@@ -295,10 +279,10 @@ def _run(path: str, name: str) -> None:
         if (free := available()) is not None and free < BASE / 4:
             raise MemoryError(f"{free / 1e6:.0f} MB are left, with which a BLAS may wait for ever")
         try:
-            with one_thread(True), warnings.catch_warnings(record=True) as told:
+            with one_thread(True), warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 result = call(*arguments)
-            store(_result(Path(path)), (result, [one.message for one in told if issubclass(one.category, FORWARDED)]))
+            store(_result(Path(path)), (result, [one.message for one in caught if issubclass(one.category, FORWARDED)]))
         except Exception as error:
             error.add_note(f"in the worker of the {name}")
             raise

@@ -6,26 +6,20 @@ two cores LAPACK's eigensolver then takes 100 ms for 100 DOF, and 1 ms with one 
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from ctypes import CDLL
 from functools import cache
 from threading import RLock
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 
-from femsub.checks import Array, Matrix, Parser
+from femsub.algebra.processes.system import held_during_forks, own_processors
+from femsub.checks import Array, Matrix
 
-# DOF up to which a dense quadratic eigenproblem gets one thread. A second one gains little; beside other work it costs much: on a
-# busy machine of two cores 500 DOF took 35 s with two threads and 2 s with one
-FEW = 1500
-WORK = 1e8  # multiplications below which one thread is faster, or loses less than 0.1 s
-FULL = 10  # nonzeros per row up to which the copies cost more than a second thread gains, as in a chain
 LONG = 2e7  # multiplications of a product with a sparse matrix from which it is divided among threads
 BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  # modules that load a BLAS
 
@@ -33,15 +27,10 @@ BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  #
 class _Limited:
     """How many calls hold BLAS to one thread now, and how many threads it had before the first; the same of OpenMP."""
 
-    depth, before, lock = 0, 1, RLock()
+    depth, before, lock = 0, 1, held_during_forks(RLock())
     held: ClassVar[list[tuple[ThreadpoolController, list[int]]]] = []
     loops = 0
-    levels: ClassVar[list[tuple[CDLL, int]]] = []
-
-
-if hasattr(os, "register_at_fork"):  # a forked child would wait forever for a thread of its parent
-    os.register_at_fork(before=_Limited.lock.acquire, after_in_parent=_Limited.lock.release, after_in_child=_Limited.lock.release)
-    os.register_at_fork(after_in_child=Parser.renew)
+    levels: ClassVar[list[tuple[Any, int]]] = []
 
 
 @contextmanager
@@ -110,7 +99,7 @@ def no_openmp() -> Iterator[None]:
 
 
 @cache
-def _openmp(_key: int) -> list[CDLL]:
+def _openmp(_key: int) -> list[Any]:
     """OpenMP's libraries; none where a BLAS is built on OpenMP, or may be."""
     layers = {getattr(library, "threading_layer", "") for library in libraries().lib_controllers}
     apart = layers == {"pthreads"}
@@ -119,7 +108,7 @@ def _openmp(_key: int) -> list[CDLL]:
 
 def cores() -> int:
     """How many cores this process may use: as many as its BLAS does where no `one_thread` holds it."""
-    return min(_Limited.before if _Limited.depth else threads(), len(os.sched_getaffinity(0)))
+    return min(_Limited.before if _Limited.depth else threads(), own_processors())
 
 
 def libraries() -> ThreadpoolController:
@@ -151,7 +140,8 @@ def times(A: Matrix, X: Array) -> Array:
         return np.asarray(A @ X)
     if sp.issparse(A) and np.iscomplexobj(X) and not np.iscomplexobj(A.data):
         return times(A, np.ascontiguousarray(X).view(float)).view(complex)
-    if not sp.issparse(A) or A.format != "csr" or A.nnz < max(LONG / max(X.shape[1], 1), FULL * A.shape[0]) \
+    # with ten nonzeros per row, as in a chain, the copies cost more than a second thread gains
+    if not sp.issparse(A) or A.format != "csr" or A.nnz < max(LONG / max(X.shape[1], 1), 10 * A.shape[0]) \
             or (count := threads()) == 1:
         return np.asarray(A @ X)
     from concurrent.futures import ThreadPoolExecutor

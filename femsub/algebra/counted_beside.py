@@ -1,0 +1,96 @@
+"""An inertia count, or a test of definiteness, by a process on the second core, while this process goes on.
+
+It needs a factorisation that nothing else uses. So it can be made while the modes that it proves something of are still sought.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import scipy.sparse as sp
+
+from femsub.algebra.factor import are_definite, inertia
+from femsub.algebra.matrices import Difference
+from femsub.algebra.memory import MOST_FILL, room_of_count
+from femsub.algebra.processes.beside import Process
+from femsub.algebra.processes.limits import BASE, FACTOR_BYTES
+from femsub.checks import Matrix
+from femsub.errors import NotEnoughMemoryError
+
+if TYPE_CHECKING:
+    from femsub.algebra.factor import Handle
+
+WORTH = 2e7  # nonzeros of the factor from which a count takes much longer than the half second in which a process starts
+
+
+class CountBeside(Process):
+    """The inertia of K - σM by a process that waits for σ (`ask`); `answer` is the number of negative eigenvalues, or None."""
+
+    def __init__(self, K: Matrix, M: Matrix) -> None:
+        super().__init__(count, (K, M))
+
+    @classmethod
+    def started(cls, K: Matrix, M: Matrix, nonzeros: float, columns: float) -> CountBeside | None:
+        """The process, if a core and the memory are free for it and a factor of so many nonzeros is worth it; else None.
+
+        This process will need so many columns of n numbers meanwhile.
+        """
+        if nonzeros >= WORTH and cls.has_room(room_of_count(K, nonzeros) + 8.0 * K.shape[0] * columns):
+            with suppress(OSError, NotEnoughMemoryError):
+                return cls(K, M)
+        return None
+
+    @classmethod
+    def early(cls, K: Matrix, M: Matrix, columns: float) -> CountBeside | None:
+        """As `started`, before this process has its factor: it may be any that K is likely to have."""
+        # most matrices of 20 nonzeros per row, as of solids and plates, have four or more nonzeros of the factor for each
+        if not sp.issparse(K) or K.nnz < max(WORTH / 4, 20 * K.shape[0]):
+            return None
+        if cls.has_room(MOST_FILL * FACTOR_BYTES * K.nnz + BASE + 8.0 * K.shape[0] * columns):
+            with suppress(OSError, NotEnoughMemoryError):
+                return cls(K, M)
+        return None
+
+
+class SignsBeside(Process):
+    """Whether dA - D and dA + D are positive definite, by a process that begins at once; `answer` is both, or None."""
+
+    def __init__(self, A: Matrix, D: Matrix, d: float) -> None:
+        super().__init__(both_signs, (A, D))
+        self.ask(d)
+
+    @classmethod
+    def started(cls, A: Difference, D: Matrix, d: float, factor: Handle, columns: float) -> SignsBeside | None:
+        """The process, if it is worth it and there is room for it and a factor like the one given of A; else None.
+
+        This process will need so many columns of n numbers meanwhile.
+        """
+        if not sp.issparse(A.K) or factor.bytes < FACTOR_BYTES * WORTH or factor.on_disk:
+            return None
+        if cls.has_room(room_of_count(A.K, factor.bytes / FACTOR_BYTES, kept=True) + 8.0 * factor.size * columns):
+            with suppress(OSError, NotEnoughMemoryError):
+                return cls(A.formed(), D, d)
+        return None
+
+    def answer(self) -> tuple[bool, bool] | None:
+        """Of dA - D and dA + D, once; None if the process could not find it. This waits for the process, which ends."""
+        found = super().answer()
+        return None if found is None else (bool(found[0]), bool(found[1]))
+
+
+def signs(A: Matrix, D: Matrix, d: float) -> tuple[bool, bool]:
+    """Whether dA - D and dA + D are positive definite, by Cholesky factors that are not kept."""
+    minus, plus = are_definite(sp.csr_array(d * A + sign * D) for sign in (-1, 1))
+    return minus, plus
+
+
+def count(K: Matrix, M: Matrix, sigma: Callable[[], float]) -> int:
+    """What the process of `CountBeside` finds: it has the order of elimination before σ is known."""
+    return inertia(Difference(K, M), sigma)
+
+
+def both_signs(A: Matrix, D: Matrix, d: Callable[[], float]) -> tuple[bool, bool]:
+    """What the process of `SignsBeside` finds."""
+    return signs(A, D, d())

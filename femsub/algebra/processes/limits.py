@@ -1,0 +1,19 @@
+"""Sizes from which it pays to ask for memory, a process or a thread, and how much each of them takes.
+
+They were measured on two cores. A limit that is off by a factor of two costs seconds, never digits.
+"""
+
+from __future__ import annotations
+
+LARGE = 20_000  # DOF from which memory is checked and kept for reuse, and MUMPS takes complex matrices from SuperLU
+FREELY = 1e6  # bytes that are granted without a look at the available memory, which takes 0.1 ms, as long as a small model
+BASE = 2e8  # bytes that a process takes before its first task: Python, NumPy, SciPy and PETSc
+BLOCK = 64  # right-hand sides solved at once: more gain little, and cost 16 n bytes each
+FACTOR_BYTES = 8 * 1.6  # bytes per nonzero of a factor, with its indices and its share of the fronts
+QUADRATIC = 2000  # DOF up to which all 2n eigenvalues of a quadratic problem are for LAPACK: some 60 s
+# DOF up to which a dense eigenproblem gets one thread. A second one gains little; beside other work it costs much: on two busy
+# cores 500 DOF took 35 s with two threads and 2 s with one
+FEW = QUADRATIC
+WORK = 1e8  # multiplications below which BLAS gets one thread: a second one gains less than 0.1 s, and costs it beside other work
+LEAST = 10.0  # seconds until a process that does not answer is looked at; half of the largest factors take longer
+LOOK = 0.002  # seconds between two looks at a process: a look takes a hundredth of that
