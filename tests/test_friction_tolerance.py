@@ -14,6 +14,7 @@ import scipy.linalg as la
 import femsub as fs
 from benchmarks.random_brakes import TOL, Brake, errors, judged, random_brake
 from femsub.model.bands import within
+from femsub.modes.quadratic.energy_basis import Coupling
 from femsub.reduction.estimates import found_modes, friction
 from femsub.reduction.estimates.found_modes import FoundModes
 from femsub.reduction.estimates.friction import Larger
@@ -87,7 +88,7 @@ def test_a_tolerance_keeps_fewer_modes_the_wider_it_is() -> None:
 
 @pytest.mark.parametrize("above", [1.6, 2.0])
 def test_the_circles_hold_the_eigenvalues_of_the_full_system(above: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Larger, "_answers", lambda self, U, *rest: U[:, :0])  # a poor model, with wide circles
+    monkeypatch.setattr(Larger, "_answers", lambda self, *rest: self.space.V[:, :0])  # a poor model, with wide circles
     for seed in (EASY, FLUTTER, 3):
         found, one = larger(seed, above), brake(seed)
         inside = np.flatnonzero(within(found.values, one.band) & (found.values.imag >= 0) & np.isfinite(found.radii))
@@ -114,12 +115,11 @@ def test_the_constant_bounds_what_the_larger_model_leaves_out() -> None:
 def test_the_coupling_is_the_dual_norm_of_the_residual() -> None:
     found, one = larger(EASY, 1.5), brake(EASY)
     pencil, A = one.system.linearised(one.contacts).dense(), found.product(np.eye(one.system.size))
-    small = found.small
-    at = int(np.argmin(np.abs(small.values - 0.7j * one.band[1])))
-    value = small.values[at]
-    right, left = small.lengths(value)
-    residual = pencil.at(value) @ (found.U @ small.X[:, at])
-    other = pencil.at(value).T @ (found.U @ small.Y[:, at].conj())
+    at = int(np.argmin(np.abs(found.values - 0.7j * one.band[1])))
+    value = found.values[at]
+    right, left = found.coupling.lengths(value)
+    residual = pencil.at(value) @ (found.U @ found.coupling.x[:, at])
+    other = pencil.at(value).T @ (found.U @ found.coupling.z[:, at].conj())
     for length, force in ((right[at], residual), (left[at], other)):
         assert length == pytest.approx(np.sqrt((force.conj() @ la.solve(A, force)).real), rel=1e-4)
 
@@ -241,10 +241,10 @@ def test_rigid_motion_is_neither_counted_twice_nor_refused(drag: float) -> None:
 
 def test_the_shift_is_part_of_the_coupling() -> None:
     found = of_sliding(Rub(mu=0.0))
-    found.pencil, sigma = sliding(damped=False).pencil, found.handle.sigma
-    bare = found._coupling(found.pencil.D * 0.0, found.N * 0.0)
-    assert found.loose == 1 and sigma < 0
-    np.testing.assert_allclose(bare[:, 2], sigma * bare[:, 0], atol=1e-12 * abs(sigma) * np.abs(bare[:, 0]).max())
+    sigma, mass = found.handle.sigma, found.space.terms[0]
+    assert found.loose == 1 and sigma < 0 and mass.weights == (sigma, 0.0, 1.0)
+    V, K = found.space.V, found.space.pencil.K
+    np.testing.assert_allclose(K, V.T @ found.pencil.K @ V, atol=1e-12 * np.abs(K).max())
 
 
 def test_a_motion_so_slow_that_it_may_be_rigid_is_called_neither() -> None:
@@ -260,18 +260,20 @@ def test_motion_without_mass_is_refused() -> None:
 
 
 def test_a_sum_that_is_not_the_inverse_excludes_nothing() -> None:
-    small = larger(EASY, 1.5).small
-    value = 0.9j * float(np.abs(small.values).min())
-    limit = 1.01 * float(np.linalg.norm(_couplings(small.right, value) @ la.solve(small.pencil.at(value),
-                                                                                  _couplings(small.left, value).T)))
-    assert small.expands and small.excludes(value, limit)
-    wrong = friction.Projection(fs.Pencil(np.diag([1.0, 0.0]), None, np.diag([1.0, 1e-3])), np.ones((1, 3, 2)),
-                                         np.ones((1, 3, 2)), 1.0)
-    assert not wrong.expands and not wrong.excludes(2.0, 100.0)  # its second DOF, without mass, is in no eigenvector
-
-
-def _couplings(T: np.ndarray, value: complex) -> np.ndarray:
-    return value**2 * T[:, 0] + value * T[:, 1] + T[:, 2]
+    found = larger(EASY, 1.5)
+    small, pencil = found.coupling, found.small
+    value = 0.9j * float(np.abs(found.values).min())
+    V, A = found.space.V, found.product(np.eye(len(found.U)))
+    outside = np.eye(len(V)) - V @ (V.T @ A)
+    full = brake(EASY).system.linearised(brake(EASY).contacts).dense().at(value)
+    root = la.sqrtm(la.inv(A)).real
+    P = la.solve(pencil.at(value), np.eye(len(pencil.M)))
+    limit = 1.01 * float(la.norm(root @ outside.T @ full @ V @ P @ V.T @ full @ outside @ root, 2))
+    assert small.wrong < 1e-6 and not small.excludes(value, 0.9 * limit / 1.01)
+    generous = 1.01 * float(np.sqrt(len(pencil.M))) * limit
+    assert small.excludes(value, generous)
+    lame = Coupling(found.space, small.shift, small.nu, 0.5 * small.x, small.z, small.unit)
+    assert lame.wrong > 0.1 and not lame.excludes(value, generous, thorough=False) and lame.excludes(value, generous)
 
 
 def test_the_model_that_is_made_is_judged_and_not_a_richer_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -339,7 +339,7 @@ def test_bounds_of_damping_are_those_of_this_process(share: float, end: str, mon
         monkeypatch.setattr("femsub.algebra.counted_beside.WORTH", worth)
         with libraries().limit(limits=2):
             projection = Projection(damped(share), Contour(sides=(-6e3, 6e3, 6e3)))
-        found.append((projection.least, projection.size))
+        found.append((projection.coercivity(6e3, 6e3), projection.size))
     assert found[0] == pytest.approx(found[1], rel=1e-9) and found[0][0] > 0
     if len(os.sched_getaffinity(0)) > 1:
         assert answers == [None if end == "is killed" else (share == 0, True)]

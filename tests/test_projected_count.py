@@ -18,7 +18,8 @@ from benchmarks.lattices import lattice
 from femsub.algebra import factors_made, fork_pays
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes.quadratic import dense, projected_pairs, sparse
-from femsub.modes.quadratic.projected_count import Count, Coupling, Projection
+from femsub.modes.quadratic.energy_basis import Coupling
+from femsub.modes.quadratic.projected_count import Count, Projection
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Contour
 
@@ -194,7 +195,7 @@ def test_a_fork_corrects_half_of_the_pairs(end: str, monkeypatch: pytest.MonkeyP
         values, X = pairs[0][order], pairs[1][:, order]
         assert twice.backward_error(values, X).max() < 1e-14
         assert left_vectors(projection.counted, twice, values, X) is not None  # each is clearly that of its eigenvalue
-        found.append((projection.gram, values))
+        found.append((projection.lost, values))
         with monkeypatch.context() as hasty:  # some have not converged then, and none is given
             hasty.setattr(projected_pairs, "SWEEPS", 1)
             assert right_pairs(projection.counted, twice) is None
@@ -219,13 +220,13 @@ def test_a_strong_dashpot_and_a_fast_rotor() -> None:
 
 def test_the_sum_over_eigenpairs_is_the_inverse() -> None:
     projection = Projection(random_pencil(7), Contour(1.0))
-    small = Coupling(projection, lambda _: Contour(1.0))
+    small = Coupling.of(projection, 1.0)
     assert small.wrong < 1e-8
     s = 0.3 + 0.8j
     inverse = (small.x * (small.nu / (1 - (s - small.shift) * small.nu))) @ small.z.conj().T
     P = np.eye(projection.size) + sum(
         complex(part.weight(np.array([s]))[0]) * (projection.V.T @ projection.image(i, np.eye(projection.size)))
-        for i, part in enumerate(projection.parts))
+        for i, part in enumerate(projection.terms))
     assert la.norm(inverse @ P - np.eye(projection.size)) < 1e-8
 
 
@@ -235,12 +236,13 @@ def test_modes_need_no_solve_for_their_inertia(seed: int) -> None:
     projection = Projection(random_pencil(seed), Contour(1.0))
     image = projection.image(0, np.eye(projection.size))
     exact = image.T @ projection.solve(image)
-    assert projection.size and la.norm(projection.gram[0, :, 0] - exact) < 1e-9 * la.norm(exact)
+    known = projection.inside[0].T @ projection.inside[0] + projection.lost[0, :, 0]
+    assert projection.size and la.norm(known - exact) < 1e-9 * la.norm(exact)
 
 
 @pytest.mark.parametrize(("seed", "size"), [(7, 1.0), (3, 1.0), (10, 1.0), (10, 1e-80), (10, 1e80)])
 def test_images_that_grow_are_those_of_all_columns(seed: int, size: float) -> None:
-    """A contact acts on few rows, of which alone its images are kept. Single precision has its range in any units."""
+    """A contact acts on few rows, of which alone its images are made. They are right in any units."""
     pencil = random_pencil(seed)
     pencil = fs.Pencil(*(size * part for part in (pencil.M, pencil.D, pencil.K)))
     projection, rng = Projection(pencil, Contour(1.0)), np.random.default_rng(seed)
@@ -248,13 +250,14 @@ def test_images_that_grow_are_those_of_all_columns(seed: int, size: float) -> No
     assert projection.add(rng.standard_normal((n, 3))) and projection.size == m + 3
     x = rng.standard_normal((m + 3, 2)) + 1j * rng.standard_normal((m + 3, 2))
     few, exact = 0, []
-    for i, part in enumerate(projection.parts):
+    for i, part in enumerate(projection.terms):
         few += not isinstance(part.rows, slice)
         exact.append(part.matrix @ projection.V)
         assert la.norm(projection.image(i, x) - exact[i] @ x) <= 1e-12 * la.norm(exact[i] @ x)
         assert la.norm(projection.inside[i] - projection.V.T @ exact[i]) <= 1e-12 * la.norm(exact[i]) * la.norm(projection.V)
     gram = np.einsum("ain,bnj->aibj", np.array([one.T for one in exact]), np.array([projection.solve(one) for one in exact]))
-    assert la.norm(projection.gram - gram.reshape(projection.gram.shape)) <= 1e-9 * la.norm(gram)
+    inner = np.einsum("aij,bik->ajbk", projection.inside, projection.inside)
+    assert la.norm(projection.lost + inner - gram.reshape(projection.lost.shape)) <= 1e-9 * la.norm(gram)
     assert few or seed != 10
     s = np.array([0.3 + 0.8j, -0.1 + 0.5j])
     for adjoint in (False, True):  # Pᴴ of a real pencil is Pᵀ at the conjugates
@@ -262,8 +265,7 @@ def test_images_that_grow_are_those_of_all_columns(seed: int, size: float) -> No
         image = np.column_stack([(P.T if adjoint else P) @ (projection.V @ x[:, k]) for k, P in enumerate(map(pencil.at, at))])
         whole = projection.solve(image.real) + 1j * projection.solve(image.imag)
         outside = whole - projection.V @ (projection.V.T @ image)
-        found, unit = projection.residuals(s, x, adjoint)
-        found = unit * found.astype(float)
+        found = projection.residuals(s, x, adjoint)
         assert la.norm(found[:, ::2] + 1j * found[:, 1::2] - outside) <= 1e-5 * la.norm(outside)
 
 
@@ -284,7 +286,7 @@ def test_a_proved_count_and_solved_pairs_cost_nothing_more(monkeypatch: pytest.M
     far = Coupling._far
     with monkeypatch.context() as large:  # pairs far from the contour have the largest share, and more directions would lower it
         large.setattr(Coupling, "_far", lambda *given: (0.6, far(*given)[1]))
-        margin, more = projection.counted.margin()
+        margin, more = projection.counted.margin(contour, projection.coercivity(hi, hi))
     assert 0.6 <= margin < 0.9 and not more and not columns
     found = right_pairs(projection.counted, pencil)
     assert found is not None and pencil.backward_error(*found).max() < 4e-15

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import divided, fork_pays, shared_zeros, times
+from femsub.algebra import Handle, divided, fork_pays, shared_zeros, times
 from femsub.checks import EPS, Array, Matrix
 from femsub.modes.quadratic.bars import CLUSTER
 from femsub.modes.quadratic.multiplicity import clusters, match
+from femsub.modes.quadratic.projected_count import Projection
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
-    from femsub.modes.quadratic.projected_count import Coupling
+    from femsub.modes.quadratic.energy_basis import Coupling
 
 NEAR = 1e-3  # relative distance below which eigenvalues are corrected together
 STILL = 1e-6  # |λ|, relative to the contour, below which it may be rigid motion, which a search from a shift sets to 0
@@ -27,7 +28,7 @@ SWEEPS = 30
 PAIRS, USUAL_SWEEPS = 16, 5  # that a process corrects together at most where a fork corrects others; how often each is at least
 MIXED = 1e-2  # largest share of another mode in a left vector
 
-Acting = tuple[int, Any, float, Array, Array]  # see `_acting`
+Acting = tuple[tuple[float, float, float], Any, float, Array, Array]  # see `_acting`
 
 
 def right_pairs(small: Coupling, pencil: Pencil) -> tuple[Array, Array] | None:
@@ -67,8 +68,8 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
 
     Those that are not near each other do not depend on each other, so a fork corrects half of them where that pays.
     """
-    factor, acting = small.whole.factor, _acting(small, left)
-    rough = small.whole.V.astype(np.float32)  # of a change some digits are enough
+    factor, acting = _factor(small), _acting(small, left)
+    rough = small.basis.V.astype(np.float32)  # of a change some digits are enough
     if not fork_pays(factor, 2 * USUAL_SWEEPS * len(at)):
         return _together(small, matrices, norms, at, left, rough, acting)
     label = np.arange(len(at))
@@ -99,8 +100,7 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     after the first change. Outside V, A⁻¹(A - P) is small, as the bound of the count shows. Eigenvalues near each other are
     corrected as one, with a matrix S instead of λ: MXS² + DXS + KX = 0.
     """
-    whole = small.whole
-    V, mu = whole.V, whole.mu
+    V, factor = small.basis.V, _factor(small)
     M, D, K = matrices
     finite = np.flatnonzero(small.nu)
     x, z = (part[:, finite] for part in ((small.z, small.x) if left else (small.x, small.z)))
@@ -108,7 +108,7 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     at = np.searchsorted(finite, at)
     values = each[at]
     real = values.imag == 0
-    if (np.abs(values) < STILL * whole.outer.size).any() or (~real & (np.abs(values.imag) < NEAR * np.abs(values))).any():
+    if (np.abs(values) < STILL * small.unit).any() or (~real & (np.abs(values.imag) < NEAR * np.abs(values))).any():
         return None
     S, X = np.diag(values), _complex(V @ _real(x[:, at]))
     label, among = np.arange(len(at)), clusters(values, NEAR)
@@ -138,13 +138,13 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
             if not len(here):
                 break
             R /= (unit := float(np.abs(R).max()))  # within the range of single precision
-            step, rho = whole.factor.solve(_real(R)), _complex(rough.T @ _single(R))
+            step, rho = factor.solve(_real(R)), _complex(rough.T @ _single(R))
             del R
-        else:  # VᵀR is 0, and the images of V are solved for already
-            step, unit = whole.residuals(values.conj() if left else values, x[:, at], left)
+        else:  # VᵀR is 0, and P - A acts alone outside V
+            step, unit = small.basis.residuals(values.conj() if left else values, x[:, at], left), 1.0
             rho = np.zeros((V.shape[1], len(at)), dtype=complex)
             error = falls = np.ones(len(at))
-        inside = z.conj().T @ _left_inside(acting, rho, step, T, mu, groups)
+        inside = z.conj().T @ _left_inside(acting, rho, step, T, groups)
         change, of_S = _change_inside(inside, T, each, at[here], groups)
         S[np.ix_(here, here)] += unit * of_S
         moved = _complex(rough @ _single(rho + x @ change) - step) * unit
@@ -196,14 +196,15 @@ class _Errors:
         return (self._last <= SOLVED) | (lowest & (self._last < ROUNDED))
 
 
-def _left_inside(acting: list[Acting], rho: Array, step: Array, T: Array, mu: float, groups: list[Array]) -> Array:
+def _left_inside(acting: list[Acting], rho: Array, step: Array, T: Array, groups: list[Array]) -> Array:
     """VᵀR (m, k) after X has changed by Vρ - step; `rho` is VᵀR before. VᵀA times this change is 0: the other parts of P act."""
     short, left = step.astype(np.float32), rho.copy()
-    for power, rows, sign, image, inner in acting:
-        share = changed = _complex(inner @ _real(rho) - sign * (image.T @ short[rows]))
-        for _ in range(power):
-            share = _times(share, T, groups)
-        left += share - mu * changed if power == 2 else share
+    for (constant, linear, square), rows, sign, image, inner in acting:
+        changed = _complex(inner @ _real(rho) - sign * (image.T @ short[rows]))
+        share = changed * square
+        for weight in (linear, constant):
+            share = (_times(share, T, groups) if share.any() else share) + weight * changed
+        left += share
     return left
 
 
@@ -228,15 +229,15 @@ def _change_inside(inside: Array, T: Array, each: Array, own: Array, groups: lis
 
 
 def _acting(small: Coupling, left: bool) -> list[Acting]:
-    """Of each part of P the power of λ, its rows, a sign, these rows of B, and ±BᵀV; ±Bᵀ is Vᵀ times it, transposed if `left`."""
-    whole, found = small.whole, []
-    for part, blocks, inner in zip(whole.parts, whole.images, whole.inside, strict=True):
-        sign = 1.0 if left else part.sign  # the image is the part times V
-        power = 2 if part is whole.parts[0] else int(part.linear)
-        image = np.empty((len(blocks[0]), whole.size), dtype=np.float32)
-        np.concatenate(blocks, axis=1, out=image, casting="same_kind")
-        found.append((power, part.rows, sign, image, sign * inner.T))
-    return found
+    """Of each term T of P its weights, its rows, a sign, these rows of TV, and ±TᵀV; ±Tᵀ is Vᵀ times it, transposed if `left`."""
+    basis = small.basis
+    return [(term.weights, term.rows, sign := 1.0 if left else term.sign, term.image(basis.V).astype(np.float32), sign * inner.T)
+            for term, inner in zip(basis.terms, basis.inside, strict=True)]
+
+
+def _factor(small: Coupling) -> Handle:
+    assert isinstance(small.basis, Projection)
+    return small.basis.factor
 
 
 def _lengths(A: Array) -> Array:

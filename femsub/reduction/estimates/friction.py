@@ -1,25 +1,14 @@
 """How far the complex modes of contact modes are from those of the full system with friction, and that none is missing.
 
-The model is compared with a larger one, and the larger one with the full system. Let A = K₀ - σM be the matrix whose factor is
-at hand, K₀ the symmetric stiffness in contact at μ = 0. In the larger space U, UᵀAU = I, and its A-orthogonal complement L, the
-full pencil P(λ) = λ²M + λD + K has the blocks
+The model is compared with a larger one, and the larger one with the full system by the theorem of
+`femsub.modes.quadratic.energy_basis`. A = K₀ - σM is the matrix whose factor is at hand, K₀ the symmetric stiffness in contact at
+μ = 0. All modes below √θ are in U, the space of the larger model. So outside U, for |Re λ|, |Im λ| ≤ ω,
 
-    [P_U  P_UL]
-    [P_LU  P_L],    Re zᴴP_L(λ)z ≥ c zᴴAz,    c = 1 - (ω² - σ)/(θ - σ) - s - ω(γ + δ)   for |Re λ|, |Im λ| ≤ ω,
+    c = 1 - (ω² - σ)/(θ - σ) - s - ω(γ + δ).
 
-since all modes below √θ are in U. s, γ and δ are the largest values, against A in L, of the symmetric part of K₀ - K, and of the
-skew and the symmetric part of D. Where c > 0, λ is an eigenvalue of the full system only if P_U - P_UL P_L⁻¹ P_LU is singular. So
-
-    g(λ) = ‖P_LU P_U⁻¹ P_UL‖ < c        (norms of A in L)
-
-excludes it. If that holds all around a region, the full system has as many eigenvalues in it as the larger model (Rouché). P_LU
-and P_UL follow from one solve with A for each column of MU, DU and KU, and of their transposes: the dual norms of all residuals.
-
-These inequalities are proved. Their constants are not: s, γ and δ come from Lanczos, which approaches them from below, and g is
-sampled. The count is therefore 'confirmed', not 'certified'.
-
-References: A. T. Patera, G. Rozza, Reduced Basis Approximation and A Posteriori Error Estimation (2007), ch. 4 (coercivity
-constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 339 (left vectors).
+s, γ and δ are the largest values, against A outside U, of the symmetric part of K₀ - K, and of the skew and the symmetric part of
+D. They come from Lanczos, which approaches them from below, and the coupling is sampled on curves about the band and on circles
+about its eigenvalues. The count is therefore 'confirmed', not 'certified'.
 """
 
 from __future__ import annotations
@@ -39,7 +28,8 @@ from femsub.errors import InputError, NotConvergedError
 from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
 from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, solve, units
 from femsub.modes.quadratic.bars import bars
-from femsub.reduction.basis import COLUMNS, Kept
+from femsub.modes.quadratic.energy_basis import Coupling, EnergyBasis, Term
+from femsub.reduction.basis import Kept
 from femsub.reduction.estimates.found_modes import FoundModes, compressed
 from femsub.reduction.estimates.nested import MARGIN, compared
 from femsub.reduction.estimates.search import Best, Goal, Space
@@ -56,51 +46,9 @@ SURE = 0.7  # g stays below this share of c at the points where it is sampled
 CIRCLE = np.exp(2j * np.pi * (np.arange(8) + 0.5) / 8)  # the points on a circle about an eigenvalue
 SMALLEST = 1e-10  # of |λ|: its smallest radius
 FINE = 1e-6  # of |λ|: a radius so small is not improved
-EXPANDS = 1e-3  # largest entry of P_U times the sum for its inverse, less I
 CHOICES = ((0,), (0, 1), (0, 2), (0, 1, 2))  # of the loads K₁, K₁ᵀ and D₁: the responses that are tried
 STEP = 1.1  # from one number of modes to the next that is tried
 LANCZOS = 40  # steps
-NOTHING = 1e-15  # share of the squared residuals below which a direction is rounding
-
-
-class Projection:
-    """P_U where UᵀAU = I, its eigenvectors, and g(λ).
-
-    `right` (k, 3, R) holds T₀, T₁, T₂ with ‖P_LU(λ)x‖ = ‖(λ²T₀ + λT₁ + T₂)x‖; `left` the same of P_ULᵀ.
-    """
-
-    def __init__(self, pencil: Pencil, right: Array, left: Array, hi: float) -> None:
-        self.pencil, self.right, self.left = pencil, right, left
-        self.values, self.X, self.Y = solve(pencil)
-        slope = np.einsum("ij,ij->j", self.Y.conj(), (pencil.M @ self.X) * (2 * self.values) + pencil.D @ self.X)
-        self.slope, at = np.abs(slope), hi * (1 + 1j)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = (self.X / ((at - self.values) * slope)) @ self.Y.conj().T
-        self.expands = bool(np.abs(pencil.at(at) @ inverse - np.eye(pencil.size)).max(initial=0.0) < EXPANDS)
-        self.grams = [np.einsum("kaj,kbj->jab", image.conj(), image) for image in (right @ self.X, left @ self.Y.conj())]
-
-    def lengths(self, value: complex) -> tuple[Array, Array]:
-        """‖P_LU x_j‖ and ‖y_jᴴP_UL‖ at λ, of all eigenvectors."""
-        powers = np.array([value**2, value, 1.0])
-        right, left = (np.sqrt(np.maximum((gram @ powers @ powers.conj()).real, 0.0)) for gram in self.grams)
-        return right, left
-
-    def excludes(self, value: complex, limit: float, thorough: bool = True) -> bool:
-        """Whether g(λ) < limit.
-
-        By P_U⁻¹ = Σ x_j y_jᴴ / ((λ - λ_j) y_jᴴP'x_j) and the triangle's inequality, which takes no solution. Where that is too
-        much, since eigenvalues meet, by the Frobenius norm, if it is to be `thorough`. So, too, where the sum is not the inverse:
-        of a double eigenvalue whose left and right vectors do not belong together.
-        """
-        if self.expands:
-            right, left = self.lengths(value)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                if (right * left / (np.abs(value - self.values) * self.slope)).sum() < limit:
-                    return True
-        if not thorough:
-            return False
-        right, left = (value**2 * T[:, 0] + value * T[:, 1] + T[:, 2] for T in (self.right, self.left))
-        return bool(np.linalg.norm(right @ np.linalg.solve(self.pencil.at(value), left.T)) < limit)
 
 
 class Larger:
@@ -127,15 +75,27 @@ class Larger:
         modes, forces = shapes / self.size, np.hstack([_forces(load, shapes[:, :self.answered]) for load in matrices])
         self.loads = shapes.T @ np.hstack([forces, search.loads])
         rest = self._without_rounding(np.hstack([handle.elastic_solve(forces, shapes), search.rest]))
-        U = np.hstack([modes, orthonormal(rest, self.product, modes)[0]])
-        values, X, Y = solve(self._projected(U))
+        sigma = handle.sigma
+        halves_of = [(pencil.D, (0.0, 1.0, 0.0)), (self.N, (1.0, 0.0, 0.0))]
+        terms = [Term(pencil.M, (sigma, 0.0, 1.0), 1.0, (0.0, 1 / (self.top**2 - sigma)), rounding=RIGID)]
+        terms += [Term((part + sign * part.T) * 0.5, weights, sign, sampled=True, rounding=RIGID)
+                  for part, weights in halves_of for sign in (1.0, -1.0)]
+        terms = [term for term in terms if term.matrix is pencil.M or abs(term.matrix).max()]
+        self.space = EnergyBasis(self.product, handle.factor.solve, terms, len(modes), deflate=self._without_rigid)
+        self.space.add(modes[:, self.loose:], modes=True, unit=True)
+        self.space.add(orthonormal(rest, self.product, modes)[0], unit=True)
+        values, X, Y = solve(self.space.pencil)
         keep = within(values, (0.0, ROOM * hi)) & upper(values)
-        self.U = np.hstack([U, orthonormal(self._answers(U, values[keep], X[:, keep], Y[:, keep]), self.product, U)[0]])
+        answers = self._answers(values[keep], X[:, keep], Y[:, keep])
+        held = np.hstack([modes[:, :self.loose], self.space.V])
+        self.space.add(orthonormal(answers, self.product, held)[0], unit=True)
+        self.U = np.hstack([modes[:, :self.loose], self.space.V])
         self.rest = self.U.T @ self.product(rest)
-        right = self._coupling(pencil.D, self.N)
-        left = right if self.symmetric else self._coupling(pencil.D.T, self.N.T)
-        self.small = Projection(self._projected(self.U), right, left, hi)
-        self.values = self.small.values
+        self.small = self.space.pencil
+        self.values, self.X, self.Y = solve(self.small)
+        slope = np.einsum("ij,ij->j", self.Y.conj(), (self.small.M @ self.X) * (2 * self.values) + self.small.D @ self.X)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.coupling = Coupling(self.space, -hi, 1 / (self.values + hi), self.X, -self.Y / slope.conj(), hi)
 
     def product(self, x: Array) -> Array:
         """Ax. K times rigid motion is 0: its rounding would exceed -σM."""
@@ -166,15 +126,9 @@ class Larger:
         whole = energy + np.einsum("ij,ij->j", held, held / self.found.eigenvalues[self.rigid:, None])
         return np.where(energy > DEPENDENT * whole, rest, 0.0)
 
-    def _projected(self, U: Array) -> Pencil:
-        U = U[:, self.loose:]
-        M, D, N = (U.T @ _forces(part, U) for part in (self.pencil.M, self.pencil.D, self.N))
-        M = (M + M.T) / 2
-        return Pencil(M, (D + D.T) / 2 if self.pencil.symmetric[1] else D, np.eye(len(M)) + self.handle.sigma * M + N)
-
-    def _answers(self, U: Array, values: Array, X: Array, Y: Array) -> Array:
+    def _answers(self, values: Array, X: Array, Y: Array) -> Array:
         """A⁻¹ times the residuals of right and left eigenvectors, real and imaginary parts."""
-        V = U[:, self.loose:]
+        V = self.space.V
         sides = [self.pencil.residual(values, V @ X)]
         if not self.symmetric:
             sides.append(self.pencil.transposed().residual(values.conj(), V @ Y))
@@ -197,36 +151,15 @@ class Larger:
             x = x - self.U @ (self.U.T @ self.product(x))
         return x
 
-    def _coupling(self, D: Matrix, N: Matrix) -> Array:
-        """T (k, 3, R) with TᵀT the Gram matrix of MU, DU and NU + σMU in L, in the norm of A⁻¹."""
-        U, V, parts = self.U, self.U[:, self.loose:], (self.pencil.M, D, N)
-        R, modes = V.shape[1], len(self.found.eigenvalues) - self.loose
-        gram = np.zeros((3 * R, 3 * R))
-        for at, part in enumerate(parts):
-            for start in range(0, R, COLUMNS):
-                load = _forces(part, V[:, start:start + COLUMNS])
-                if load.any():
-                    load = self._without_rigid(load)
-                    answer = self.handle.factor.solve(load) - U @ (U.T @ load)  # UᵀA A⁻¹ = Uᵀ
-                    columns = slice(at * R + start, at * R + start + load.shape[1])
-                    gram[:, columns] = np.vstack([V.T @ (other.T @ answer) for other in parts])
-        gram[:modes] = gram[:, :modes] = 0.0  # MΦ is a multiple of AΦ, and 0 in L
-        scale = np.repeat([self.hi**2, self.hi, 1.0], R)
-        share, turn = np.linalg.eigh(scale[:, None] * (gram + gram.T) / 2 * scale)
-        keep = share > NOTHING * max(float(share[-1]), 0.0)
-        T = ((np.sqrt(share[keep]) * turn[:, keep]).T / scale).reshape(-1, 3, R)
-        T[:, 2] += self.handle.sigma * T[:, 0]  # of K₀U in L only σMU is left
-        return T
-
     @cached_property
     def coercivity(self) -> float:
         """c up to BEYOND times the band."""
-        omega, sigma = BEYOND * self.hi, self.handle.sigma
-        N, D = self.N, self.pencil.D
-        skew = np.sqrt(self._ends((D - D.T) * 0.5, True)[1])
-        damping = max(np.abs(self._ends((D + D.T) * 0.5)))
-        modes = 0.0 if np.isinf(self.top) else (omega**2 - sigma) / (self.top**2 - sigma)
-        return float(1 - modes - MARGIN * (self._ends((N + N.T) * -0.5)[1] + omega * (skew + damping)))
+        for at, term in enumerate(self.space.terms):
+            if term.sampled and (term.sign > 0 or term.weights[1]):
+                low, high = self._ends(term.matrix, term.sign < 0)
+                size = MARGIN * float(np.sqrt(high) if term.sign < 0 else max(-low, high))
+                self.space.terms[at] = replace(term, range=(-size, size) if term.weights[1] else (MARGIN * low, np.inf))
+        return self.space.coercivity(BEYOND * self.hi, BEYOND * self.hi)
 
     def _ends(self, B: Matrix, skew: bool = False) -> tuple[float, float]:
         """The smallest and largest xᴴBx / xᴴAx over L of a symmetric B, or 0; of a skew one those of BᵀA⁻¹B. By Lanczos."""
@@ -266,7 +199,7 @@ class Larger:
         length, done = abs(end - begin), 0.0
         while True:
             at = begin + (end - begin) * min(done / length, 1.0)
-            if not self.small.excludes(at, SURE * self.coercivity):
+            if not self.coupling.excludes(at, SURE * self.coercivity):
                 return False
             if done >= length:
                 return True
@@ -278,16 +211,16 @@ class Larger:
 
         So for each of this model there is one of the full system that is not farther away. Infinite where there is no circle.
         """
-        found, small, limit = np.full(len(self.values), np.inf), self.small, SURE * self.coercivity
+        found, limit = np.full(len(self.values), np.inf), SURE * self.coercivity
         near = np.flatnonzero(within(self.values, (0.0, ROOM * self.hi)) & upper(self.values))
         if self.coercivity <= LEAST or not len(near):
             return found
-        bar = bars(small.pencil, self.values[near], small.X[:, near], small.Y[:, near], self.values).error_bar
+        bar = bars(self.small, self.values[near], self.X[:, near], self.Y[:, near], self.values).error_bar
         for k, rounding in zip(near, bar, strict=True):
             value = self.values[k]
-            right, left = small.lengths(value)
-            first = right[k] * left[k] / (limit * small.slope[k]) if small.slope[k] else np.inf
-            start = float(max(first, SMALLEST * abs(value), 4 * rounding))
+            right, left = self.coupling.lengths(value)
+            first = right[k] * left[k] / limit
+            start = float(max(first if np.isfinite(first) else np.inf, SMALLEST * abs(value), 4 * rounding))
             for thorough in (False, True):
                 if found[k] > FINE * abs(value):
                     found[k] = min(found[k], self._circle(value, start, thorough))
@@ -296,7 +229,7 @@ class Larger:
     def _circle(self, value: complex, radius: float, thorough: bool) -> float:
         """A radius with g < c on the circle, at least the one given; inf if it would reach too far."""
         while radius < min(abs(value), (BEYOND - ROOM) * self.hi):
-            if all(self.small.excludes(value + radius * turn, SURE * self.coercivity, thorough) for turn in CIRCLE):
+            if all(self.coupling.excludes(value + radius * turn, SURE * self.coercivity, thorough) for turn in CIRCLE):
                 return radius
             radius *= 2
         return float(np.inf)
@@ -335,7 +268,7 @@ class Larger:
 
     def estimate(self, count: int, T: Array, goal: Goal) -> Estimate:
         """The estimate of the model with so many elastic modes and the basis T."""
-        pencil, T, band = self.small.pencil, T[self.loose:, self.loose:], goal.band
+        pencil, T, band = self.small, T[self.loose:, self.loose:], goal.band
         least = STILL * band[1] if self.rigid else 0.0
         small = Pencil(*(T.T @ (part @ T) for part in (pencil.M, pencil.D, pencil.K))) if T.shape[1] else None
         found = np.zeros(0, dtype=complex) if small is None else solve(small)[0]

@@ -1,0 +1,492 @@
+"""A basis that is orthonormal in an energy, and a proof of what a quadratic pencil has outside it.
+
+Let A (n, n) be symmetric positive definite, V (n, m) with VᵀAV = I, and
+
+    P(s) = A + Σ_i w_i(s) T_i,     w_i(s) = c_0 + c_1 s + c_2 s²,
+
+each T_i symmetric or skew. U is the span of V, and L its complement: VᵀAx = 0. P has the blocks P_U, P_UL, P_LU and P_L. Norms on
+L are those of A and A⁻¹. If for all s in a region and all x in L
+
+    Re xᴴP(s)x ≥ c xᴴAx,   c > 0,                                       (`EnergyBasis.coercivity`)
+
+then ‖P_L⁻¹‖ ≤ 1/c, and P(s) is singular only if P_U - P_UL P_L⁻¹ P_LU is. So
+
+    ‖P_LU P_U⁻¹ P_UL‖ < c                                               (`Coupling.margin`, `Coupling.excludes`)
+
+excludes s. If that holds on a closed curve in the region, P has as many eigenvalues inside as P_U = VᵀPV: none crosses the curve
+while the coupling grows from 0 to its value (Rouché), and L alone has none. On a circle about an eigenvalue of P_U this gives an
+eigenvalue of P that is not farther away. c follows from a range of xᴴT_ix / xᴴAx in L for each term. Where all ranges are proved,
+so are the count and the circle; where some are sampled, c is called so (`EnergyBasis.sampled`).
+
+With P_U⁻¹ = Σ_k x_k z_kᴴ / (λ_k - s), the norm is at most Σ_k ‖P_LU x_k‖ ‖z_kᴴP_UL‖ / |λ_k - s|. Lengths of images in L
+follow from the Gram matrix of all A⁻¹T_iV outside V, which is small.
+
+References: A. T. Patera, G. Rozza, Reduced Basis Approximation and A Posteriori Error Estimation (2007), ch. 4 (coercivity
+constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 339 (left vectors).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.algebra import FEW, one_thread, orthonormal, times
+from femsub.checks import EPS, Array, Matrix
+from femsub.model import Pencil
+from femsub.modes.normal_modes import ACCEPTED
+from femsub.modes.quadratic.region import Contour
+
+SAFE = 0.9  # required margin on a contour; the theorem needs 1
+AWAY = 1.3  # σ in units of the largest |λ|: P_U is regular there, as it need not be at 0
+FAR = 0.1  # |s - λ| / |λ - σ| on all of the contour above which an eigenvalue is far from it
+RIGHT = 1e-6  # largest error of the sum over eigenpairs, as the inverse of P_U
+WIDER = 40  # residuals of each kind that enrich the basis at a time
+PIECES = 20_000  # of a contour at most
+BATCH = 512  # of these are looked at together
+
+
+@dataclass(frozen=True)
+class Term:
+    """T with its weight in P(s), and the range of xᴴTx / xᴴAx outside the basis; of a skew T that of its imaginary part."""
+
+    matrix: Matrix
+    weights: tuple[float, float, float]  #: c_0, c_1, c_2 of c_0 + c_1 s + c_2 s²
+    sign: float = 1.0  #: Tᵀ = sign T
+    range: tuple[float, float] = (-np.inf, np.inf)
+    sampled: bool = False  #: whether the range is an estimate
+    rounding: float = 0.0  #: images with smaller lengths, relative to |T||x|, are rounding and set to 0
+
+    @cached_property
+    def rows(self) -> Array | slice:
+        """The rows that are not 0, where they are few, as those of a contact."""
+        found = np.flatnonzero(np.diff(self.matrix.indptr)) if hasattr(self.matrix, "indptr") else slice(None)
+        return found if not isinstance(found, slice) and 3 * len(found) < self.matrix.shape[0] else slice(None)
+
+    @cached_property
+    def acting(self) -> Matrix:
+        """These rows of the matrix."""
+        return self.matrix if isinstance(self.rows, slice) else self.matrix[self.rows]
+
+    def image(self, x: Array) -> Array:
+        """Tx in these rows."""
+        found = times(self.acting, x)
+        if self.rounding:
+            least = self.rounding * np.linalg.norm(abs(self.acting) @ abs(x), axis=0)
+            found[:, np.linalg.norm(found, axis=0) <= least] = 0.0
+        return found
+
+    def weight(self, s: Array) -> Array:
+        """w(s)."""
+        constant, linear, square = self.weights
+        return constant + s * (linear + s * square)
+
+    def change(self, s: Array, reach: Array) -> Array:
+        """A bound of |w(s') - w(s)| for all |s' - s| ≤ reach."""
+        _, linear, square = self.weights
+        return reach * (np.abs(linear + 2 * square * s) + abs(square) * reach)
+
+    def largest(self, size: float) -> float:
+        """A bound of |w(s)| for all |s| ≤ size."""
+        return float(np.abs(self.weights) @ [1.0, size, size**2])
+
+    def least(self, side: float, top: float) -> float:
+        """A lower bound of Re w(s) xᴴTx / xᴴAx outside the basis, for |Re s| ≤ side and |Im s| ≤ top."""
+        constant, linear, square = self.weights
+        if self.sign > 0:
+            real = (constant - abs(linear) * side - max(square * top**2, -square * side**2),
+                    constant + abs(linear) * side + max(square * side**2, -square * top**2))
+        else:  # xᴴTx is imaginary
+            real = (-abs(linear) * top - 2 * abs(square) * side * top, abs(linear) * top + 2 * abs(square) * side * top)
+        return min(w * share if w else 0.0 for w in real for share in self.range)
+
+
+class EnergyBasis:
+    """V with VᵀAV = I, VᵀT_iV, and the products of what the terms' images have outside V; see the module's text.
+
+    Parameters
+    ----------
+    product, solve : callable
+        X (n, k) to AX and to A⁻¹X.
+    terms : sequence of Term
+    size : int
+        n.
+    deflate : callable, optional
+        Loads B without a part whose A⁻¹B is known to lie in V, and would be so large that rounding of it is not small.
+    kept : bool
+        Whether A⁻¹T_iV outside V is kept in single precision. Then `residuals` need no solve.
+    columns : int
+        Right-hand sides that are solved for together: enough for two processes to share them, and few beside V.
+
+    Attributes
+    ----------
+    V : ndarray, shape (n, m)
+    energy : ndarray, shape (m, m)
+        VᵀAV: the unit matrix but for rounding.
+    inside : ndarray, shape (p, m, m)
+        VᵀT_iV.
+    """
+
+    def __init__(self, product: Callable[[Array], Array], solve: Callable[[Array], Array], terms: Sequence[Term], size: int,
+                 deflate: Callable[[Array], Array] | None = None, kept: bool = False, columns: int = 512) -> None:
+        self.deflate, self.kept = deflate, kept
+        self._outside: list[tuple[int, slice, float, Array]] = []  # of a term: the columns of V, a unit, A⁻¹T times these by it
+        self._seen = np.zeros(0, dtype=int)  # columns that V had when these were made: outside of those
+        self.product, self.solve, self.terms, self.columns = product, solve, list(terms), columns
+        p = len(self.terms)
+        self.V, self.energy, self.inside = np.zeros((size, 0)), np.zeros((0, 0)), np.zeros((p, 0, 0))
+        self._lost, self._whole = np.zeros((p, 0, p, 0)), np.zeros((p, 0))
+        self._known = np.zeros((p, 0), dtype=bool)  # images that lie in V: MΦ of modes, AΦ = MΦ(Ω² + μ)
+
+    @property
+    def size(self) -> int:
+        """m."""
+        return int(self.V.shape[1])
+
+    def add(self, new: Array, *, modes: bool = False, unit: bool = False) -> bool:
+        """Append directions (n, k), made orthonormal, and return whether there were any.
+
+        With `modes` they span eigenvectors of A and the first term's matrix; with `unit` they are orthonormal.
+        """
+        m = self.size
+        new, Anew = (new, self.product(new)) if unit else orthonormal(np.array(new, order="C"), self.product, self.V)
+        k = new.shape[1]
+        if not k:
+            return False
+        beside = self.V.T @ Anew
+        self.energy = np.block([[self.energy, beside], [beside.T, new.T @ Anew]])
+        self.V = np.hstack([self.V, new]) if m else new
+        inside = np.zeros((len(self.terms), m + k, m + k))
+        inside[:, :m, :m] = self.inside
+        for own, term in zip(inside, self.terms, strict=True):
+            own[:, m:] = self.V[term.rows].T @ term.image(new)
+            own[m:, m:] = (own[m:, m:] + term.sign * own[m:, m:].T) / 2
+            own[m:, :m] = term.sign * own[:m, m:].T
+        self.inside = inside
+        known = np.zeros((len(self.terms), k), dtype=bool)
+        known[:1] = modes
+        self._known = np.hstack([self._known, known])
+        return True
+
+    @property
+    def lost(self) -> Array:
+        """Products of what A⁻¹T_iv_a and A⁻¹T_jv_b have outside V, in the norm of A, shape (p, m, p, m).
+
+        Taken before V is subtracted, differences of squares would lose digits.
+        """
+        p, m, old = len(self.terms), self.size, self._lost.shape[1]
+        if old == m:
+            return self._lost
+        lost = np.zeros((p, m, p, m))
+        grown = self.inside[:, old:, :old]
+        lost[:, :old, :, :old] = self._lost - np.einsum("aij,bik->ajbk", grown, grown, optimize=True)
+        inside = np.einsum("aij,aij->aj", self.inside, self.inside)  # of the squares of all images
+        inside[:, :old] = self._whole
+        step = max(1, self.columns // max(p, 1))
+        for start in range(old, m, step):
+            at = slice(start, min(start + step, m))
+            k, sought = at.stop - start, [i for i in range(p) if not self._known[i, at].all()]
+            B = np.zeros((len(self.V), k * len(sought)))
+            for turn, i in enumerate(sought):
+                B[self.terms[i].rows, turn * k:(turn + 1) * k] = self.terms[i].image(self.V[:, at])
+            within = [self.inside[j][:, at] for j in sought]
+            if self.deflate is not None:
+                B = self.deflate(B)
+                within = np.split(self.V.T @ B, max(len(sought), 1), axis=1)
+            answers = np.split(self.solve(B), len(sought), axis=1) if sought else []
+            del B
+            for j, answer, known in zip(sought, answers, within, strict=False):
+                answer = answer - self.V @ known
+                inside[j, at] = np.einsum("ij,ij->j", known, known)
+                if self.kept and answer.any():
+                    unit = float(max(answer.max(), -answer.min()))  # within the range of single precision
+                    self._outside.append((j, at, unit, np.divide(answer, unit, out=np.empty(answer.shape, dtype=np.float32),
+                                                                 casting="same_kind")))
+                for i, term in enumerate(self.terms):
+                    lost[i, :, j, at] = term.sign * (self.V[term.rows].T @ times(term.acting, answer))
+        for i in range(p):
+            for j in range(p):
+                lost[i, old:, j, :old] = lost[j, :old, i, old:].T
+        new = lost[:, old:, :, old:]
+        lost[:, old:, :, old:] = (new + new.transpose(2, 3, 0, 1)) / 2
+        where = np.nonzero(self._known)
+        lost[where] = 0.0
+        lost[(slice(None), slice(None), *where)] = 0.0
+        inside[:, old:] += np.maximum(np.einsum("aiai->ai", lost[:, old:, :, old:]), 0.0)
+        self._lost, self._whole, self._seen = lost, inside, np.append(self._seen, np.full(m - old, m))
+        return lost
+
+    @property
+    def noise(self) -> Array:
+        """What rounding, or the residuals of modes, may add to the squares on the diagonal of `lost`, (p, m); `lost` first."""
+        return np.where(self._known, ACCEPTED**2, 16 * EPS) * self._whole
+
+    def coercivity(self, side: float, top: float) -> float:
+        """c with Re xᴴP(s)x ≥ c xᴴAx for all x outside V, |Re s| ≤ side and |Im s| ≤ top."""
+        return 1 + sum(term.least(side, top) for term in self.terms)
+
+    @property
+    def sampled(self) -> bool:
+        """Whether a term's range, and so c, is an estimate."""
+        return any(term.sampled for term in self.terms)
+
+    @property
+    def matrices(self) -> Array:
+        """K, D and M of VᵀP(s)V = K + sD + s²M, shape (3, m, m)."""
+        found = np.einsum("ik,iab->kab", np.reshape([term.weights for term in self.terms], (-1, 3)), self.inside)
+        found[0] += self.energy
+        return found
+
+    @property
+    def pencil(self) -> Pencil:
+        """VᵀP(s)V, with I in place of VᵀAV."""
+        K, D, M = self.matrices
+        return Pencil(M, D, K - self.energy + np.eye(self.size))
+
+    def image(self, i: int, x: Array) -> Array:
+        """T_iVx, (n, k)."""
+        found = np.zeros((len(self.V), x.shape[1]), dtype=x.dtype)
+        found[self.terms[i].rows] = self.terms[i].image(self.V @ x)
+        return found
+
+    def forces(self, s: Array, x: Array, adjoint: bool = False) -> Array:
+        """(P(s) - A)Vx column by column, or of Pᴴ: real and imaginary parts by turns, (n, 2k)."""
+        moved = self.V @ np.ascontiguousarray(x).view(float)
+        found = np.zeros((len(moved), x.shape[1]), dtype=complex)
+        for term in self.terms:
+            weight = term.weight(s)
+            found[term.rows] += term.image(moved).view(complex) * (term.sign * weight.conj() if adjoint else weight)
+        return found.view(float)
+
+    def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
+        """A⁻¹P(s)Vx outside V column by column, or of Pᴴ: real and imaginary parts by turns, (n, 2k)."""
+        if not self.kept:
+            loads = self.forces(s, x, adjoint)
+            return np.asarray(self.solve(loads) - self.V @ (self.V.T @ loads))
+        weights = [term.weight(s) for term in self.terms]
+        weighted = [np.ascontiguousarray(x * (term.sign * weight.conj() if adjoint else weight)).view(float)
+                    for term, weight in zip(self.terms, weights, strict=True)]
+        assert self.lost.size and self._seen.size == self.size
+        unit = max((size * float(np.abs(weighted[i][at]).max()) for i, at, size, _ in self._outside), default=0.0) or 1.0
+        total = np.zeros((len(self.V), 2 * x.shape[1]), dtype=np.float32)
+        for i, at, size, block in self._outside:
+            total += block @ (weighted[i][at] * (size / unit)).astype(np.float32)
+        later = np.arange(self.size)[:, None] >= self._seen  # columns of V that have come since
+        within = sum(np.where(later, own, 0.0) @ given for own, given in zip(self.inside, weighted, strict=True))
+        return np.asarray(unit * total.astype(float) - self.V @ within)
+
+
+class Coupling:
+    """The eigenpairs of P_U = VᵀP(s)V and their coupling with what lies outside V; see `energy_basis`.
+
+    P_U⁻¹ = Σ x_k z_kᴴ ν_k / (1 - tν_k) with ν = 1/(λ - σ) and t = s - σ, which has room for infinite λ: ν = 0.
+
+    Parameters
+    ----------
+    basis : EnergyBasis
+    shift : float
+        σ, real.
+    nu : ndarray, shape (2m,)
+    x, z : ndarray, shape (m, 2m)
+    unit : float
+        The size of the region.
+    """
+
+    def __init__(self, basis: EnergyBasis, shift: float, nu: Array, x: Array, z: Array, unit: float) -> None:
+        self.basis, self.shift, self.nu, self.x, self.z, self.unit = basis, shift, nu, x, z, unit
+        self.lost, self.noise = basis.lost, basis.noise
+        self.contour = Contour(unit)  #: in which eigenvalues are counted
+
+    @classmethod
+    def of(cls, basis: EnergyBasis, unit: float) -> Coupling:
+        """By LAPACK on the companion form of P_U shifted to 1.3 times the largest |λ|, in coordinates in which A + |s|²M is I.
+
+        There rigid motion does not swamp the rest.
+        """
+        m = basis.size
+        K, D, M = basis.matrices
+        one, T = np.eye(m), la.inv(la.cholesky(np.eye(m) + unit**2 * (M + M.T) / 2))
+        K, D, M = T.T @ K @ T, T.T @ D @ T, T.T @ M @ T
+        shift = AWAY * unit
+        P, slope = K + shift * D + shift**2 * M, D + 2 * shift * M
+        companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * M]))], [one, np.zeros((m, m))]])
+        with one_thread(m < FEW):
+            nu, right = la.eig(companion, check_finite=False)
+            right = right.astype(complex)  # LAPACK's are real where all λ are
+            left = np.linalg.inv(right)[:, :m].conj().T  # LAPACK's own do not belong together where λ is multiple
+        x, z = right[m:], np.linalg.solve(P.T, left) * unit
+        even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
+        x, z = x * even, z / even
+        found = cls(basis, shift, nu / unit, T @ x, T @ z, unit)
+        found.wrong = _wrong((K, D, M), x, z, found)
+        return found
+
+    @cached_property
+    def wrong(self) -> float:
+        """The largest entry of P_U times the sum for its inverse, less I, at some s: LAPACK's own rounding."""
+        return _wrong(tuple(self.basis.matrices), self.x, self.z, self)
+
+    @cached_property
+    def each(self) -> Array:
+        """All λ in the order of their vectors; infinite ones are so or NaN."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.shift + 1 / self.nu
+
+    @cached_property
+    def values(self) -> Array:
+        """The finite λ."""
+        return self.each[self.nu != 0]
+
+    @cached_property
+    def _all(self) -> tuple[Array, Array]:
+        return self._products(self.x), self._products(self.z)
+
+    def lengths(self, s: complex) -> tuple[Array, Array]:
+        """‖P_LU x_k‖ and ‖z_kᴴP_UL‖ at s, of all eigenvectors, (2m,) each."""
+        right, left = self._lengths(np.array([s]), np.zeros((1, 1)), self._all)
+        return right[0], left[0]
+
+    def excludes(self, s: complex, limit: float, thorough: bool = True) -> bool:
+        """Whether ‖P_LU P_U⁻¹ P_UL‖ < limit at s: then it is no eigenvalue, where the limit is at most c.
+
+        By the sum over eigenpairs and the triangle's inequality, which takes no solution. Where that is too much, since
+        eigenvalues meet, by the Frobenius norm, if it is to be `thorough`. So, too, where the sum is not the inverse: of a double
+        eigenvalue whose left and right vectors do not belong together.
+        """
+        if self.wrong < RIGHT and self._shares(np.array([s]), np.zeros(1), slice(None), self._all).sum() < limit:
+            return True
+        if not thorough:
+            return False
+        lost, terms = self.lost, self.basis.terms
+        w = np.array([complex(term.weight(np.array([s]))[0]) for term in terms])
+        back = w.conj() * [term.sign for term in terms]
+        right, left = (np.einsum("a,aibj,b->ij", own.conj(), lost, own, optimize=True)
+                       + np.diag((np.abs(own) ** 2) @ self.noise) for own in (w, back))
+        inverse = np.linalg.inv(np.tensordot([1.0, s, s * s], self.basis.matrices, 1))
+        return bool(np.einsum("ij,ji->", inverse.conj().T @ right, inverse @ left).real < limit**2)
+
+    def margin(self, contour: Contour, c: float) -> tuple[float, list[Array]]:
+        """‖P_LU P_U⁻¹ P_UL‖ / c, bounded on pieces that cover the contour; and directions that lower it if it is not safe.
+
+        Eigenpairs far from the contour count together, by the norms of their images. Each near one counts by its residual.
+        """
+        s, reach = _discs(contour, *_pieces(BATCH))
+        near = (self._apart(s, slice(None)) - reach[:, None] * np.abs(self.nu)).min(axis=0)
+        far, wide = self._far(contour, c, np.flatnonzero(near > FAR), near[near > FAR])
+        at = np.flatnonzero(near <= FAR)
+        products = self._products(self.x[:, at]), self._products(self.z[:, at])
+        room, worst, seen = SAFE - min(far, SAFE / 2), 0.0, 0
+        most, where = np.zeros(len(at)), np.zeros(len(at), dtype=complex)
+        start, stop = _pieces(128)
+        while len(start):
+            s, reach = _discs(contour, start, stop)
+            total, seen = self._shares(s, reach, at, products).sum(axis=1) / c, seen + len(s)
+            good = total < room
+            worst = max(worst, float(total[good].max(initial=0.0)))
+            start, stop, s = start[~good], stop[~good], s[~good]
+            here = self._shares(s, np.zeros(len(s)), at, products) / c
+            # where the middle itself is not excluded, or pieces are as small as rounding, halving does not help
+            stuck = (here.sum(axis=1) >= room) | (stop - start < 1e6 * EPS) | (seen > PIECES)
+            if stuck.any():
+                worst, first = np.inf, here[stuck].argmax(axis=0)
+                high = here[stuck].max(axis=0)
+                where, most = np.where(high > most, s[stuck][first], where), np.maximum(high, most)
+            middle = (start + stop)[~stuck] / 2
+            start, stop = np.append(start[~stuck], middle), np.append(middle, stop[~stuck])
+        if far + worst < SAFE:
+            return far + worst, []
+        both = 1 + any(term.sign < 0 for term in self.basis.terms)
+        new = [self.basis.solve(self.basis.image(i, x)) for i, x in wide[:both]] if far > SAFE / 2 else []
+        order = np.argsort(-most)[:int(np.count_nonzero(most > 0.2 * SAFE / max(1, len(at))))]
+        order = order[self.nu[at[order]].imag <= 0][:WIDER]  # of a pair one is enough
+        if len(order):
+            s = where[order]
+            new += [self.basis.residuals(s, x[:, at[order]], bool(i)) for i, x in enumerate((self.x, self.z)[:both])]
+        return far + worst, new
+
+    def _far(self, contour: Contour, c: float, at: Array, near: Array) -> tuple[float, list[tuple[int, Array]]]:
+        """The share of the eigenpairs `at`, |1 - tν| ≥ near on the contour; for P_LU and P_UL the term with most, and directions.
+
+        Σ |weight| ‖image of X‖ bounds ‖P_LU X‖. Conjugates have the same weights, so real and imaginary parts stand for them.
+        """
+        scale, bound, found = np.sqrt(np.abs(self.nu[at]) / near), 1 / c, []
+        if not len(at):
+            return 0.0, []
+        for x in (self.x[:, at] * scale, self.z[:, at] * scale):
+            real = np.where(self.nu[at].imag >= 0, x.real, x.imag) * np.where(self.nu[at].imag, np.sqrt(2), 1.0)
+            lengths, directions = [], []
+            for i, term in enumerate(self.basis.terms):
+                gram = real.T @ (self.lost[i, :, i] @ real)
+                values, vectors = la.eigh(gram, subset_by_index=[max(0, len(at) - WIDER), len(at) - 1], check_finite=False)
+                rounding = float(self.noise[i] @ (real**2).sum(axis=1))
+                lengths.append(term.largest(contour.size) * np.sqrt(max(float(values[-1]), 0.0) + rounding))
+                directions.append(real @ vectors[:, values > 0.04 * values[-1]])
+            bound *= sum(lengths)
+            found.append((int(np.argmax(lengths)), directions[int(np.argmax(lengths))]))
+        return bound, found
+
+    def _products(self, x: Array) -> Array:
+        """Products of the terms' images of each x (m, k) outside V, shape (k, p, p)."""
+        images = np.einsum("aibj,jk->aibk", self.lost, x, optimize=True)
+        products = np.einsum("ik,aibk->kab", x.conj(), images, optimize=True)
+        diagonal = np.arange(len(self.basis.terms))
+        products[:, diagonal, diagonal] += np.einsum("am,mk->ka", self.noise, np.abs(x) ** 2)
+        return products
+
+    def _lengths(self, s: Array, reach: Array, products: tuple[Array, Array]) -> list[Array]:
+        """Bounds of ‖P_LU x_k‖ and ‖z_kᴴP_UL‖ for |s' - s| ≤ reach (l, 1), of x and z with these products, (l, k)."""
+        terms, found = self.basis.terms, []
+        weights = np.stack([term.weight(s) for term in terms], axis=1)
+        signs = np.array([term.sign for term in terms])
+        for own, w in zip(products, (weights, signs * weights.conj()), strict=True):
+            square = np.einsum("sa,kab,sb->sk", w.conj(), own, w, optimize=True).real
+            lengths = np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0))
+            change = sum(term.change(s[:, None], reach) * length for term, length in zip(terms, lengths, strict=True))
+            found.append(np.sqrt(np.maximum(square, 0.0)) + change)
+        return found
+
+    def _apart(self, s: Array, at: Array | slice) -> Array:
+        """|s - λ| / |λ - σ| of these eigenpairs, shape (len(s), k); 1 of infinite λ."""
+        nu = self.nu[at]
+        with np.errstate(invalid="ignore"):
+            return np.where(nu != 0, np.abs(s[:, None] - self.each[at]) * np.abs(nu), 1.0)
+
+    def _shares(self, s: Array, reach: Array, at: Array | slice, products: tuple[Array, Array]) -> Array:
+        """Bounds of ‖P_LU x_k‖ |ν_k/(1 - tν_k)| ‖z_kᴴP_UL‖ of these pairs for |s' - s| ≤ reach, shape (len(s), k)."""
+        size = np.abs(self.nu[at])
+        found = np.empty((len(s), len(size)))
+        for first in range(0, len(s), BATCH):
+            rows = slice(first, first + BATCH)
+            here, far = s[rows], reach[rows, None]
+            near = self._apart(here, at) - far * size
+            right, left = self._lengths(here, far, products)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = size / np.where(near > 0, near, np.nan) * right * left
+            found[rows] = np.where(np.isfinite(share), share, np.inf)
+        return found
+
+
+def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> float:
+    """See `Coupling.wrong`; the matrices K, D, M and the vectors in any coordinates."""
+    K, D, M = matrices
+    found = 0.0
+    for s in small.unit * np.exp(1j * np.linspace(0.1, 3.0, 5)):  # five points of the upper half plane, of the region's size
+        with np.errstate(all="ignore"):
+            inverse = (x * (small.nu / (1 - (s - small.shift) * small.nu))) @ z.conj().T
+            found = np.fmax(found, np.abs(inverse @ (K + s * D + s**2 * M) - np.eye(len(K))).max(initial=0.0))
+            found = found if np.isfinite(inverse).all() else np.inf
+    return float(found)
+
+
+def _pieces(number: int) -> tuple[Array, Array]:
+    ends = np.linspace(0.0, 1.0, number + 1)
+    return ends[:-1], ends[1:]
+
+
+def _discs(contour: Contour, start: Array, stop: Array) -> tuple[Array, Array]:
+    """Middles and radii of discs that cover pieces of the contour."""
+    s = contour.at((start + stop) / 2)
+    return s, np.maximum(np.abs(contour.at(start) - s), np.abs(contour.at(stop) - s))
