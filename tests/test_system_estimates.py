@@ -296,7 +296,9 @@ def test_the_parts_solve_what_the_whole_would() -> None:
         X = by.solve(B)
         size = abs(one.K) @ abs(X)
         assert (np.abs(by.product(X) - B) <= 1e-9 * size.max(axis=0)).all()
-        np.testing.assert_allclose(by.added(X, np.eye(3)), X.T @ (by.product(X) - one.K @ X), rtol=1e-6, atol=1e-9 * np.abs(
+        (mass, *own) = by.terms(one.M)  # P(0) - A: the small matrix that is added to K, less
+        added = -sum(part.weights[0] * (X.T @ (part.matrix @ X)) for part in (mass, *own))
+        np.testing.assert_allclose(added, X.T @ (by.product(X) - one.K @ X), rtol=1e-6, atol=1e-9 * np.abs(
             X.T @ (one.K @ X)).max())
 
 

@@ -34,7 +34,7 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import FEW, one_thread, orthonormal, times
+from femsub.algebra import FEW, halves, one_thread, orthonormal, times
 from femsub.checks import EPS, Array, Matrix
 from femsub.model import Pencil
 from femsub.modes.normal_modes import ACCEPTED
@@ -102,6 +102,12 @@ class Term:
         else:  # xᴴTx is imaginary
             real = (-abs(linear) * top - 2 * abs(square) * side * top, abs(linear) * top + 2 * abs(square) * side * top)
         return min(w * share if w else 0.0 for w in real for share in self.range)
+
+
+def terms_of(matrix: Matrix, weights: tuple[float, float, float], *, sampled: bool = False, rounding: float = 0.0) -> list[Term]:
+    """The symmetric and the skew half of a matrix, as far as they are not 0."""
+    return [Term(half, weights, sign, sampled=sampled, rounding=rounding)
+            for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True) if abs(half).max()]
 
 
 class EnergyBasis:

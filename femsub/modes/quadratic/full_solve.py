@@ -12,6 +12,7 @@ from femsub.algebra import DenseFactor, Difference
 from femsub.checks import Array, Matrix
 from femsub.coupling import System, linked, rows_of_parts, sprung
 from femsub.errors import SingularMatrixError
+from femsub.modes.quadratic.energy_basis import Term
 from femsub.modes.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
@@ -40,9 +41,9 @@ class ByWhole:
     def solve(self, B: Array) -> Array:
         return self._handle.factor.solve(B)
 
-    def added(self, V: Array, M: Array) -> Array:
-        """VᵀSV, where M is VᵀMV."""
-        return -self._handle.sigma * M
+    def terms(self, M: Matrix) -> list[Term]:
+        """s²M - S, what is in P(s) beside A, damping and contacts."""
+        return [Term(M, (self._handle.sigma, 0.0, 1.0))]
 
 
 class ByParts:
@@ -96,8 +97,9 @@ class ByParts:
             found[place] += static @ (reach @ found[self._b])
         return found
 
-    def added(self, V: Array, M: Array) -> Array:
-        return (self._soft[:, None] * V[self._b]).T @ V[self._b]
+    def terms(self, M: Matrix) -> list[Term]:
+        soft = sp.csr_array((self._soft, (self._b, self._b)), shape=M.shape)
+        return [Term(M, (0.0, 0.0, 1.0)), Term(soft, (-1.0, 0.0, 0.0))]
 
 
 def solve_of(full: Substructure, rom: Any, K: Matrix) -> ByWhole | ByParts:

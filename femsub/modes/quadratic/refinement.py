@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from femsub.algebra import orthonormal
 from femsub.checks import Array, Matrix, items, positive_number, whole_number
 from femsub.coupling import System
 from femsub.errors import (
@@ -24,6 +23,7 @@ from femsub.errors import (
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, fields_of
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars
+from femsub.modes.quadratic.energy_basis import EnergyBasis, terms_of
 from femsub.modes.quadratic.full_solve import ByParts, ByWhole, solve_of
 from femsub.modes.quadratic.multiplicity import assigned, pair_costs
 
@@ -165,7 +165,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     down = values.imag < 0
     values, X = np.where(down, values.conj(), values), np.where(down, X.conj(), X)
     still = modes.rigid[rows]
-    space.append(V)
+    space.add(V)
     q = space.coordinates(X)
     start, first, twin = q, values, np.full(len(rows), -1)
     error = np.where(still, 0.0, np.inf)
@@ -187,7 +187,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
             error[active], z = np.maximum(error[active], other), np.hstack([z, more])
         if error.max(initial=0.0) <= tol:
             break
-        if step == steps or not space.append(z):
+        if step == steps or not space.add(z):
             worst = int(error.argmax())
             raise NotConvergedError(
                 f"the mode that started at λ = {modes.eigenvalues[rows[worst]]:.6g} is at {values[worst]:.6g} after {step} "
@@ -243,53 +243,30 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
     return Refined(result, chosen, modes.eigenvalues[chosen], moved, share[at], merged, lost, *effort, whole)
 
 
-class _Space:
-    """V with VᵀAV = I, and the pencil projected on it."""
+class _Space(EnergyBasis):
+    """The basis that grows by corrections, orthonormal in A of `by`, and the pencil's terms on it."""
 
     def __init__(self, pencil: Pencil, K: Matrix, by: ByWhole | ByParts) -> None:
         self.full, self.by, self.solves = pencil, by, 0
-        self.V = np.zeros((pencil.size, 0))
-        self.M, self.D = np.zeros((0, 0)), np.zeros((0, 0))
-        self.contact = None if pencil.K is K else pencil.K - K
-
-    @property
-    def pencil(self) -> Pencil:
-        added = self.by.added(self.V, self.M)
-        own = np.eye(len(self.M)) - (added + added.T) / 2
-        return Pencil(self.M, self.D, own if self.contact is None else own + self.V.T @ (self.contact @ self.V))
+        self.mirrored = pencil if all(pencil.symmetric) else pencil.transposed()
+        terms = [*by.terms(pencil.M), *terms_of(pencil.D, (0.0, 1.0, 0.0))]
+        if pencil.K is not K:
+            terms += terms_of(pencil.K - K, (1.0, 0.0, 0.0))
+        super().__init__(by.product, by.solve, terms, pencil.size)
 
     def coordinates(self, X: Array) -> Array:
-        return self.V.T @ (self.by.product(X.real) + 1j * self.by.product(X.imag))
-
-    def append(self, new: Array) -> bool:
-        """Append the directions outside V, made orthonormal; False if there are none."""
-        new, old = orthonormal(new, self.by.product, self.V)[0], self.V.shape[1]
-        if not new.shape[1]:
-            return False
-        Mnew, Dnew = self.full.M @ new, self.full.D @ new
-        Dleft = Dnew if self.full.symmetric[1] else self.full.D.T @ new
-        self.V = np.hstack([self.V, new])
-        M, D = self.V.T @ Mnew, self.V.T @ Dnew
-        own = (M[old:] + M[old:].T) / 2
-        damping = (D[old:] + D[old:].T) / 2 if self.full.symmetric[1] else D[old:]
-        self.M = np.block([[self.M, M[:old]], [M[:old].T, own]])
-        self.D = np.block([[self.D, D[:old]], [(self.V[:, :old].T @ Dleft).T, damping]])
-        return True
+        return self.V.T @ (self.product(X.real) + 1j * self.product(X.imag))
 
     def corrections(self, values: Array, q: Array, least: float, left: bool = False) -> tuple[Array, Array]:
         """sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) per column of x = Vq; real and imaginary parts of A⁻¹r, for x of unit energy, above `least`."""
         # With the phase that makes them as real as possible, half of the corrections are negligible and left out.
         q = q * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", q, q))) / np.linalg.norm(q, axis=0)
-        k = q.shape[1]
-        parts = self.V @ np.hstack([q.real, q.imag])
-        D, K = (part.T if left else part for part in (self.full.D, self.full.K))
-        Mx, Dx, Kx = (x[:, :k] + 1j * x[:, k:] for x in (part @ parts for part in (self.full.M, D, K)))
-        r = Mx * values**2 + Dx * values + Kx
+        r = (self.mirrored if left else self.full).residual(values, self.V @ q)
         forces = np.hstack([r.real, r.imag])
-        z = self.by.solve(forces)
-        self.solves += 2 * k
+        z = self.solve(forces)
+        self.solves += forces.shape[1]
         square = np.maximum(np.einsum("ij,ij->j", z, forces), 0.0)
-        return np.sqrt(square[:k] + square[k:]), z[:, np.sqrt(square) > least]
+        return np.sqrt(square.reshape(2, -1).sum(axis=0)), z[:, np.sqrt(square) > least]
 
 
 def _shares(start: Array, q: Array, values: Array, moved: Array, own: Array) -> Array:

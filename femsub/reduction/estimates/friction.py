@@ -28,7 +28,7 @@ from femsub.errors import InputError, NotConvergedError
 from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
 from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, solve, units
 from femsub.modes.quadratic.bars import bars
-from femsub.modes.quadratic.energy_basis import Coupling, EnergyBasis, Term
+from femsub.modes.quadratic.energy_basis import Coupling, EnergyBasis, Term, terms_of
 from femsub.reduction.basis import Kept
 from femsub.reduction.estimates.found_modes import FoundModes, compressed
 from femsub.reduction.estimates.nested import MARGIN, compared
@@ -76,11 +76,9 @@ class Larger:
         self.loads = shapes.T @ np.hstack([forces, search.loads])
         rest = self._without_rounding(np.hstack([handle.elastic_solve(forces, shapes), search.rest]))
         sigma = handle.sigma
-        halves_of = [(pencil.D, (0.0, 1.0, 0.0)), (self.N, (1.0, 0.0, 0.0))]
-        terms = [Term(pencil.M, (sigma, 0.0, 1.0), 1.0, (0.0, 1 / (self.top**2 - sigma)), rounding=RIGID)]
-        terms += [Term((part + sign * part.T) * 0.5, weights, sign, sampled=True, rounding=RIGID)
-                  for part, weights in halves_of for sign in (1.0, -1.0)]
-        terms = [term for term in terms if term.matrix is pencil.M or abs(term.matrix).max()]
+        terms = [Term(pencil.M, (sigma, 0.0, 1.0), 1.0, (0.0, 1 / (self.top**2 - sigma)), rounding=RIGID),
+                 *terms_of(pencil.D, (0.0, 1.0, 0.0), sampled=True, rounding=RIGID),
+                 *terms_of(self.N, (1.0, 0.0, 0.0), sampled=True, rounding=RIGID)]
         self.space = EnergyBasis(self.product, handle.factor.solve, terms, len(modes), deflate=self._without_rigid)
         self.space.add(modes[:, self.loose:], modes=True, unit=True)
         self.space.add(orthonormal(rest, self.product, modes)[0], unit=True)
