@@ -17,7 +17,7 @@ from benchmarks.lattices import lattice, membrane
 from femsub.algebra.petsc import has_cholmod
 from femsub.checks import Tally
 from femsub.modes import match
-from femsub.modes.quadratic import cost, dense, newton
+from femsub.modes.quadratic import correction, cost, dense, newton
 from femsub.modes.quadratic.complex_modes import with_bars
 from femsub.modes.quadratic.region import Region
 from femsub.modes.quadratic.search import Found
@@ -555,8 +555,8 @@ def test_newton_steps_merge_no_two_eigenvalues() -> None:
 def test_newton_steps_end_where_only_rounding_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     """K of a beam of 400 elements changes λ by some 1e-8 from rounding to rounding, so that no step is ever as small as EPS."""
     sub = fs.beam(1.0, 400, E=2.1e11, I=1e-9, rho=7850.0, A=1e-4, supports={"left": "clamped"})
-    modes, made, factor = fs.complex_modes(sub, count=4), [], newton.ComplexFactor
-    monkeypatch.setattr(newton, "ComplexFactor", lambda A: (made.append(1), factor(A))[1])
+    modes, made, factor = fs.complex_modes(sub, count=4), [], correction.ComplexFactor
+    monkeypatch.setattr(correction, "ComplexFactor", lambda A: (made.append(1), factor(A))[1])
     for k in range(2):
         made.clear()
         value = modes.eigenvalues[k] * (1 + 1e-5)

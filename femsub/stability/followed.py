@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.checks import NOT_CHECKED, Array, Matrix, Tally
+from femsub.checks import NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, warn
 from femsub.model import in_band
 from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.modes.quadratic.correction import corrected, slope
 from femsub.stability.crossings import Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
 from femsub.stability.edges import factor_at, modes_at
@@ -311,9 +312,7 @@ def _step(over: PencilOver, between: tuple[float, float], at: _At, factor: Compl
     """Better vectors x and y of the full pencil, and Newton's step with them, which ends within the range."""
     pencil, lam = over(at.value), at.lam
     for _ in range(2):  # the first left vector is a guess
-        x = factor.solve(_slope(pencil.M, pencil.D, lam, x))
-        y = factor.solve(_slope(pencil.M.T, pencil.D.T, lam, y.conj()), transposed=True).conj()
-        x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+        x, y = corrected(pencil, lam, x, y, factor)
     return _corrected(over, between, at, x, y)
 
 
@@ -323,7 +322,7 @@ def _corrected(over: PencilOver, between: tuple[float, float], at: _At, x: Array
     aside = DIFFERENCE * (between[1] - between[0])
     aside = aside if at.value + aside <= between[1] else -aside
     rest, other = (one.residual(np.array([lam]), x[:, None])[:, 0] for one in (pencil, over(at.value + aside)))
-    error, change, turning = y.conj() @ rest, (y.conj() @ (other - rest)) / aside, y.conj() @ _slope(pencil.M, pencil.D, lam, x)
+    error, change, turning = y.conj() @ rest, (y.conj() @ (other - rest)) / aside, y.conj() @ slope(pencil, lam, x)
     with np.errstate(all="ignore"):
         rate = complex(-change / turning)
     if not at.along:
@@ -335,11 +334,6 @@ def _corrected(over: PencilOver, between: tuple[float, float], at: _At, x: Array
         turn, move = np.linalg.lstsq(system, -np.array([error.real, error.imag]), rcond=None)[0] if known else np.full(2, np.nan)
     value = min(max(at.value + float(move), between[0]), between[1])
     return _Met(at._replace(value=value, lam=at.lam + at.along * float(turn)), np.stack([x, y], axis=1), rate, abs(float(move)))
-
-
-def _slope(M: Matrix, D: Matrix, lam: complex, x: Array) -> Array:
-    """P'(λ)x; Mx for a real eigenvalue 0."""
-    return 2 * lam * (M @ x) + D @ x if lam else M @ x
 
 
 def _growing(modes: ComplexModes, band: tuple[float, float]) -> Array:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from femsub.algebra import equilibration, scaled, times
 from femsub.checks import EPS, Array
+from femsub.modes.quadratic.correction import corrected, solver_near
 from femsub.modes.quadratic.dense import carries
 from femsub.modes.quadratic.multiplicity import clusters
 
@@ -100,17 +100,12 @@ def _by_better_left(pencil: Pencil, values: Array, Y: Array, residual: Array, sl
     better = np.zeros(len(values))
     poor = np.flatnonzero(np.isfinite(bar) & (bar > POOR * np.abs(values)) & (values != 0))
     for k in poor[:int(WORK / pencil.size**3)]:
-        P = pencil.at(complex(values[k])).conj().T
-        rows, columns = equilibration(P)
-        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):  # λ is exact
-            y = columns * np.linalg.solve(scaled(P, rows, columns), rows * left_slope(pencil, values[k], Y[:, k]))
-            better[k] = 2 * np.abs(y) @ residual[:, k] / abs(y.conj() @ slope[:, k])
+        solver = solver_near(pencil, values[k])
+        if solver is not None:
+            y = corrected(pencil, values[k], Y[:, k].conj(), Y[:, k], solver)[1]
+            with np.errstate(all="ignore"):  # λ is exact
+                better[k] = 2 * np.abs(y) @ residual[:, k] / abs(y.conj() @ slope[:, k])
     return np.where(np.isfinite(better), better, 0.0)
-
-
-def left_slope(pencil: Pencil, value: complex, y: Array) -> Array:
-    """P'(λ)ᴴy."""
-    return 2 * np.conj(value) * (pencil.M.T @ y) + pencil.D.T @ y
 
 
 def _gaps(values: Array, found: Array) -> Array:

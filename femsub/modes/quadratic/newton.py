@@ -1,9 +1,7 @@
 """Newton's method for single eigenpairs of a quadratic pencil, where the eigensolver left an error that is no rounding.
 
 A search is accurate beside the norms of M, D and K. That is worth little where a dashpot is many orders larger than all else.
-The residual shows it entry by entry, and two-sided Newton steps mend it:
-
-    x ← P(λ)⁻¹P'(λ)x,   y ← P(λ)⁻ᴴP'(λ)ᴴy,   λ ← λ - yᴴP(λ)x / yᴴP'(λ)x.
+The residual shows it entry by entry, and two-sided Newton steps mend it (`correction`).
 """
 
 from __future__ import annotations
@@ -12,10 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.algebra import ComplexFactor
 from femsub.checks import EPS, Array
-from femsub.errors import SingularMatrixError
-from femsub.modes.quadratic.bars import bars, left_slope
+from femsub.modes.quadratic.bars import bars
+from femsub.modes.quadratic.correction import corrected, left_slope, slope, solver_near, step
 from femsub.modes.quadratic.multiplicity import PARALLEL
 
 if TYPE_CHECKING:
@@ -29,7 +26,6 @@ LAST = 1e-10  # |Δλ| / |λ| of a last step: the next would be its square over 
 NEAR = 1e-6  # |Δλ| / |λ| of two pairs that may have become one
 AROUND = 1e-2  # |Δλ| / |λ|, beside the error bar, of mended pairs whose shapes a new one must not take up,
 APART = 3  # in so many first steps: these shapes are taken out of it
-BESIDE = 1e-10  # a shift so far off λ, relatively, where P(λ) itself is singular
 
 
 class Mended(NamedTuple):
@@ -85,27 +81,24 @@ def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Ar
     for turn in range(STEPS):
         if turn < apart:
             x, y = _without(pencil, x, y, others)
-        solver = _solver(pencil, value)
+        solver = solver_near(pencil, value)
         if solver is None:
             return None
-        x, y = solver.solve(_slope(pencil, value, x)), solver.solve(left_slope(pencil, value, y).conj(), transposed=True).conj()
+        x, y = corrected(pencil, value, x, y, solver)
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             return None
-        x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
         if turn < apart:
             x, y = _without(pencil, x, y, others)
-        residual = pencil.residual(np.array([value]), x[:, None])[:, 0]
-        with np.errstate(all="ignore"):
-            step = (y.conj() @ residual) / (y.conj() @ _slope(pencil, value, x))
-        value = value - (step.real if real else step)
+        off = step(pencil, value, x, y)
+        value = value - (off.real if real else off)
         if not np.isfinite(value):
             return None
         settled = _is_settled(pencil, value, x, y)
         # this step is rounding, or the next one would be, or none will be smaller
-        last = abs(step) <= 4 * EPS * abs(value) or (settled and (abs(step) <= LAST * abs(value) or abs(step) > before / 2))
+        last = abs(off) <= 4 * EPS * abs(value) or (settled and (abs(off) <= LAST * abs(value) or abs(off) > before / 2))
         if turn >= apart and last:
             break
-        before = abs(step)
+        before = abs(off)
     return (value, x, y) if settled else None
 
 
@@ -116,26 +109,11 @@ def _is_settled(pencil: Pencil, value: complex, x: Array, y: Array) -> bool:
     return bool(np.abs(y) @ np.abs(residual) <= FLOOR * (np.abs(y) @ rounding))
 
 
-def _solver(pencil: Pencil, value: complex) -> ComplexFactor | None:
-    """P(λ)⁻¹, or that of a λ beside it; None if both are singular to working precision, as beside rigid motion."""
-    for beside in (0.0, BESIDE):
-        try:
-            return ComplexFactor(pencil.at(complex(value * (1 + beside))))
-        except SingularMatrixError:
-            continue
-    return None
-
-
-def _slope(pencil: Pencil, value: complex, x: Array) -> Array:
-    """P'(λ)x."""
-    return 2 * value * (pencil.M @ x) + pencil.D @ x
-
-
 def _without(pencil: Pencil, x: Array, y: Array, others: tuple[Array, Array, Array]) -> tuple[Array, Array]:
     """x and y with yᵢᴴP'(λᵢ)x = 0 and yᴴP'(λᵢ)xᵢ = 0 for the eigenpairs (λᵢ, xᵢ, yᵢ) near them, and of unit length."""
     for value, right, left in zip(others[0], others[1].T, others[2].T, strict=True):
-        slope, back = _slope(pencil, value, right), left_slope(pencil, value, left)
-        whole = left.conj() @ slope
-        x, y = x - right * ((back.conj() @ x) / whole), y - left * (y.conj() @ slope / whole).conj()
+        own, back = slope(pencil, value, right), left_slope(pencil, value, left)
+        whole = left.conj() @ own
+        x, y = x - right * ((back.conj() @ x) / whole), y - left * (y.conj() @ own / whole).conj()
         x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
     return x, y
