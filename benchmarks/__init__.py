@@ -1,1 +1,1 @@
-"""What the commands in scripts/ and their tests share: models with known answers, measurements, references. Not installed."""
+"""Attacks, measurements, and what makes the pictures and tables of the docs: `python -m benchmarks` lists them. Not installed."""

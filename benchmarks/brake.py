@@ -1,11 +1,9 @@
-"""A large brake: its reduction, 100 values of mu of the reduced model, and the full model at one, with seconds and memory.
+"""A large brake: seconds and memory of its reduction, of 100 values of mu, and of the full model at one.
 
-    python -m benchmarks.brake [--size METRES ...] [--model parts|whole|full ...] [--mu N] [--out FILE]
-                               [--keep FOLDER]
+    python -m benchmarks brake [--size METRES ...] [--model parts|full ...] [--mu N] [--out FILE]
 
 parts  Each part is reduced by itself, in a process of its own, to its real modes on a contact with the ground and its
        responses to smooth tractions there. The joined parts are reduced to contact modes. No process holds more than one part.
-whole  The full brake is reduced to contact modes.
 full   The full brake is solved at mu = 0.5.
 
 Each measurement runs in a process of its own, so that the memory told is its own. Elements of 0.025 m make 7,458 DOF, of
@@ -18,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import pickle
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,7 +28,6 @@ import numpy as np
 
 import femsub as fs
 from benchmarks.processes import fresh, machine, peak_mb
-from benchmarks.sealed import opened_bytes, sealed_bytes
 from femsub.app.scenes.brake import PADS, Brake, BrakeScene
 from femsub.io.atomic import write_whole
 from femsub.model.affine import Affine
@@ -43,8 +39,6 @@ MU = 0.5  # at which models are compared
 OWN = 60  # real modes of each part
 MODES = 100  # real modes of the brake
 DEGREE = 6  # of the tractions on a patch
-MODELS = ("parts", "whole", "full")
-FILE = Path(__file__).parent / "data" / "brake.json"
 
 Row = dict[str, Any]
 
@@ -140,34 +134,15 @@ def joined(size: float, parts: dict[str, fs.ReducedSubstructure], points: int) -
     return swept(row | {"size": small.size, "contact_nodes": contact_nodes(made)}, made, small, [rubbing], points)
 
 
-def by_parts(size: float, points: int, folder: Path | None = None) -> Row:
-    """The row of the model whose parts are reduced one by one; parts that are in the folder are not made again."""
-    found = {}
-    for name in ("disc", *PADS):
-        path = None if folder is None else folder / f"{name}-{size:g}.pickle"
-        kept = None if path is None else opened_bytes(path)
-        found[name] = fresh(part, size, name) if kept is None else pickle.loads(kept)
-        if path is not None:
-            write_whole(path.parent, {path.name: partial(_write, sealed_bytes(pickle.dumps(found[name])))})
-            print(f"{name}: {found[name][1]}", flush=True)
+def by_parts(size: float, points: int) -> Row:
+    """The row of the model whose parts are reduced one by one."""
+    found = {name: fresh(part, size, name) for name in ("disc", *PADS)}
     last = fresh(joined, size, {name: model for name, (model, _) in found.items()}, points)
     rows = {name: row for name, (_, row) in found.items()}
     total = {f"{what}_{unit}": sum(row[f"{what}_{unit}"] for row in rows.values()) for what in ("build", "reduce")
              for unit in ("s", "cpu_s")}
     return last | total | {"dof": sum(row["dof"] for row in rows.values()), "parts": rows, "join_peak_mb": last["peak_mb"],
                            "peak_mb": max(row["peak_mb"] for row in (*rows.values(), last))}
-
-
-def whole(size: float, points: int) -> Row:
-    """The row of contact modes of the full brake."""
-    row: Row = {}
-    with timed(row, "build"):
-        made = brake(size)
-        dof = made.system.size
-    with timed(row, "reduce"):
-        small = fs.reduce(made.system, made.contact_modes(MODES))
-    return swept(row | {"dof": dof, "size": small.size, "contact_nodes": contact_nodes(made)}, made, small, made.contacts(0.0),
-                 points)
 
 
 def full(size: float, _: int) -> Row:
@@ -212,15 +187,13 @@ def _write(text: bytes, file: BinaryIO) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="A large brake, reduced and full.")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=float, nargs="+", default=[0.0085], metavar="METRES", help="of elements; default 0.0085")
-    parser.add_argument("--model", choices=MODELS, nargs="+", default=["parts"], help="default parts")
+    parser.add_argument("--model", choices=("parts", "full"), nargs="+", default=["parts"], help="default parts")
     parser.add_argument("--mu", type=int, default=100, metavar="N", help="values of mu; default 100")
-    parser.add_argument("--out", type=Path, default=FILE, metavar="FILE", help="a JSON file; default benchmarks/data/brake.json")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="for reduced parts: a run that was stopped goes on from them")
+    parser.add_argument("--out", type=Path, default=Path("out/brake.json"), metavar="FILE", help="default out/brake.json")
     given = parser.parse_args()
-    measures: dict[str, Callable[[float, int], Row]] = {"parts": partial(by_parts, folder=given.keep),
-                                                        "whole": partial(fresh, whole), "full": partial(fresh, full)}
+    measures: dict[str, Callable[[float, int], Row]] = {"parts": by_parts, "full": partial(fresh, full)}
     host = fresh(machine)
     for size in given.size:
         for model in given.model:

@@ -1,4 +1,4 @@
-"""What scripts/bench.py measures: one function for each measurement, to be called in a process of its own.
+"""What `python -m benchmarks bases` measures: one function for each measurement, to be called in a process of its own.
 
 Each loads its packages, solves a tiny problem, and only then starts the clock. None of it is used by femsub.
 """
@@ -9,7 +9,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,13 +27,10 @@ BEYOND = 3.0  # times the highest wanted frequency: how far multilevel substruct
 DUST = 1e-14  # share of a contact's largest stiffness below which an entry is rounding
 PIECE = 4000  # DOF of such a part, about
 ROWS = 500  # of the constraint modes that are compared
-SLOPES = 100  # of the sweep
 REFERENCE, FREQUENCIES = "femsub", "AMLS alone"  # what others are compared with, and what finds no shapes
-COUNT = "certificate"  # the phase in which `reduce` makes sure that no mode is missing, which nobody else does
 Solve: TypeAlias = Callable[[np.ndarray], np.ndarray]
 Factorise: TypeAlias = Callable[[Any], AbstractContextManager[Solve]]
 Lowest: TypeAlias = Callable[[Any, Any, int, Solve], tuple[np.ndarray, np.ndarray]]
-GROWTH = 1e-3  # the largest relative error of a growth rate that a reduced model may have to be chosen
 
 
 class Laps:
@@ -185,79 +181,6 @@ def _disc_dof(size: float) -> int:
     meshes = brake_meshes(size)
     return 3 * (sum(len(mesh.points) for mesh in meshes.values()) - len(meshes["disc"].nodes("hub")))
 
-
-# assembly ------------------------------------------------------------------------------------------------------------
-
-def assembly(method: str, kind: str, counts: tuple[int, ...], folder: Path | None) -> Row:
-    """K and M of a block by femsub or scikit-fem. With a folder, femsub leaves them there and scikit-fem compares."""
-    import scipy.sparse as sp
-
-    make = {"femsub": femsub_matrices, "scikit-fem": skfem_matrices}[method]
-    laps, tiny, mesh = Laps(), fs.block((1, 1, 1), (2, 1, 1), kind), fs.block((1.0, 0.5, 0.25), counts, kind)
-    make(tiny, laps)
-    K, M, basis = make(mesh, laps)
-    row = laps.row() | {"dof": K.shape[0], "nonzeros": K.nnz}
-    if folder is None:
-        return row
-    for name, matrix in (("K", K), ("M", M)) if basis is None else ():
-        sp.save_npz(folder / f"{kind}-{name}.npz", matrix, compressed=False)
-    if basis is None or not (folder / f"{kind}-M.npz").exists():
-        return row
-    at = femsub_dof(basis, mesh.points)
-    return row | {"error": max(entry_error(sp.load_npz(folder / f"{kind}-{name}.npz")[at][:, at], matrix)
-                               for name, matrix in (("K", K), ("M", M)))}
-
-
-def femsub_matrices(mesh: fs.Mesh, laps: Laps) -> tuple[Any, Any, None]:
-    from femsub.components.solid_assembly import stiffness_and_mass
-
-    laps.begin()
-    K, M = stiffness_and_mass(mesh, [(fs.Material(*STEEL), np.arange(len(mesh.cells)))])
-    laps("K and M")
-    return K, M, None
-
-
-def skfem_matrices(mesh: fs.Mesh, laps: Laps) -> tuple[Any, Any, Any]:
-    import skfem
-    from skfem.helpers import dot
-    from skfem.models.elasticity import linear_elasticity
-
-    from femsub.components.solid_assembly import exact_degree
-    from femsub.components.solid_elements import quadrature, reference
-
-    used, corners = np.unique(mesh.cells[:, :8], return_inverse=True)
-    theirs, ours = skfem.ElementHex1().doflocs, reference(mesh.kind).nodes[:8]
-    order = np.abs(theirs[:, None] - ours).max(axis=2).argmin(axis=1)  # of the corners, by their place
-    grid = skfem.MeshHex(mesh.points[used].T.copy(), corners.reshape(-1, 8)[:, order].T.copy())
-    X, w = quadrature(mesh.kind, int(exact_degree(mesh, np.arange(len(mesh.cells))).max()))
-    element = {"hexahedron20": skfem.ElementHexS2, "hexahedron27": skfem.ElementHex2}[mesh.kind]()
-    material = fs.Material(*STEEL)
-    laps.begin()
-    basis = skfem.Basis(grid, skfem.ElementVector(element), quadrature=(np.ascontiguousarray(X.T), w))
-    laps("basis")
-    K = linear_elasticity(*material.lame).assemble(basis)
-    laps("K")
-    M = skfem.BilinearForm(lambda u, v, _: material.rho * dot(u, v)).assemble(basis)
-    laps("M")
-    return K, M, basis
-
-
-def femsub_dof(basis: Any, points: np.ndarray) -> np.ndarray:
-    """The DOF 3 i + a of femsub for each of scikit-fem's, by its place and direction."""
-    from scipy.spatial import cKDTree
-
-    direction = np.empty(basis.N, dtype=int)
-    direction[basis.element_dofs] = (np.arange(len(basis.element_dofs)) % 3)[:, None]
-    return 3 * cKDTree(points).query(basis.doflocs.T)[1] + direction
-
-
-def entry_error(A: Any, B: Any) -> float:
-    """max |a_ij - b_ij| / sqrt(b_ii b_jj), which no unit and no large entry elsewhere can hide."""
-    size, difference = np.sqrt(B.diagonal()), abs(A - B).tocoo()
-    return float((difference.data / (size[difference.row] * size[difference.col])).max(initial=0.0))
-
-
-# bases ---------------------------------------------------------------------------------------------------------------
 
 def bases(method: str, component: str, size: Any, nodes: int, modes: int, highest: float, folder: Path | None) -> Row:
     """One way to the HCB basis. With a folder, femsub leaves its result there and the others compare theirs with it.
@@ -479,74 +402,3 @@ METHODS: dict[str, Callable[..., tuple[Any, ...]]] = {
     "PRIMME": partial(factored_bases, factorise=fastest, lowest=primme),
     "PRIMME, CHOLMOD": partial(factored_bases, factorise=cholmod, lowest=primme)}
 NAMES = (*METHODS, FREQUENCIES)  # of all that `bases` takes
-
-
-# CEA -----------------------------------------------------------------------------------------------------------------
-
-def pad(counts: tuple[int, ...]) -> fs.Substructure:
-    """0.2 x 0.1 x 0.04 m, held at x = 0, joined at the corners of x = 0.2 (12 DOF), a belt across a patch on the top."""
-    mesh = fs.block((0.2, 0.1, 0.04), counts, "hexahedron20")
-    mesh = mesh.with_sets(
-        joint=lambda x: (x[:, 0] == 0.2) & np.isin(x[:, 1], (0.0, 0.1)) & np.isin(x[:, 2], (0.0, 0.04)),
-        patch=lambda x: (x[:, 2] == 0.04) & (np.abs(x[:, 0] - 0.1) < 0.0501) & (x[:, 1] > 0.0249))
-    return fs.solid(mesh, fs.Material(*STEEL), supports=["left"], interface=["joint"], rayleigh=(5.0, 1e-7),
-                    ports={"belt": ("patch", (0.8, 0.6, 0.0))}, name="pad")
-
-
-def setting(counts: tuple[int, ...], modes: int) -> Row:
-    """The band, which holds so many modes, and the slopes: from 0 to half more than the critical one."""
-    sub = pad(counts)
-    omega = fs.normal_modes(sub, count=modes + 1).frequencies
-    band = (0.0, float(omega[-2:].mean()))
-    rom = fs.reduce(sub, fs.CraigChang(modes=2 * modes), ports=True)
-    critical = float(fs.critical_slope(rom, band=band))
-    return {"dof": sub.size, "interface": len(sub.interface), "band": band, "critical_slope": critical,
-            "slopes": np.linspace(0.0, 1.5 * critical, SLOPES)}
-
-
-def full_cea(counts: tuple[int, ...], slopes: np.ndarray, band: tuple[float, float]) -> Row:
-    """The PEP at each slope; its eigenvalues without the shapes."""
-    laps, spectra = Laps(), []
-    fs.complex_modes(pad((4, 4, 1)), fs.Belt(slope=-1.0), count=4)
-    sub = pad(counts)
-    laps.begin()
-    for slope in slopes:
-        modes = fs.complex_modes(sub, fs.Belt(slope=float(slope)), band=band, evidence=False)
-        laps(f"slope {slope:.4g}")
-        spectra.append(replace(modes, shapes=np.zeros((0, len(modes)))))
-    return laps.row() | {"spectra": spectra}
-
-
-def reductions(counts: tuple[int, ...], kept: tuple[int, ...], slopes: np.ndarray, spectra: list[fs.ComplexModes]) -> Row:
-    """HCB and CC with more and more modes against the full spectra; the smallest within GROWTH, ready for the sweep."""
-    from femsub.algebra.factor import release
-    from femsub.modes.quadratic.matching import spectrum_errors
-
-    sub, models = pad(counts), {}
-    tried: list[Row] = []
-    for method in (fs.CraigBampton, fs.CraigChang):
-        for modes in kept:
-            release(sub)  # each reduction by itself
-            start = time.perf_counter()
-            rom = fs.reduce(sub, method(modes=modes), ports=True)
-            seconds = time.perf_counter() - start
-            errors = [spectrum_errors(full, fs.complex_modes(rom, fs.Belt(slope=float(slope))))
-                      for slope, full in zip(slopes, spectra, strict=True)]
-            growth = max(np.inf if found.missing or np.isnan(found.growth) else found.growth for found in errors)
-            tried.append({"method": method.__name__, "modes": modes, "size": rom.size, "growth_error": growth,
-                          "reduction_seconds": seconds})
-            if growth <= GROWTH:
-                models[len(tried) - 1] = (rom.M, rom.K, rom.D, rom.port("belt"))
-                break
-    best = min(models, key=lambda at: tried[at]["size"], default=None)
-    return {"tried": tried} if best is None else {"tried": tried, "chosen": tried[best], "model": models[best]}
-
-
-def reduced_cea(model: tuple[np.ndarray, ...], slopes: np.ndarray, band: tuple[float, float]) -> Row:
-    M, K, D, w = model
-    laps, rom = Laps(), fs.Substructure(M, K, D, ports={"belt": w})
-    fs.sweep(rom, fs.Belt(slope=0.0), "slope", slopes[:2], band=band)
-    laps.begin()
-    fs.sweep(rom, fs.Belt(slope=0.0), "slope", slopes, band=band)
-    laps("sweep")
-    return laps.row()

@@ -1,192 +1,131 @@
-"""Components on which estimates are checked against full solutions: chains, beams, plates, solids, held and floating.
+"""The gallery: runs scenes as they are, and makes docs/gallery/index.md of their pictures and run times.
 
-Each is small enough for all of its eigenvalues to be had by LAPACK. tests/test_tolerance.py takes the quick ones,
-scripts/effectivity.py takes all.
+    python -m benchmarks gallery                    the page alone, from the runs that were kept
+    python -m benchmarks gallery --run beam plate   runs these first; `--run all`: every scene, one after the other
+
+A run is one process of one thread. docs/gallery/runs.json keeps its processor time, which other work on the machine does not
+change much, the commit, and the numbers that its picture shows; docs/pictures/gallery/ has the picture. Three scenes need
+files of their own: those in meshes/.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-import scipy.sparse as sp
+from benchmarks.pictures import commit, shown
+from femsub.app.scene import SCENES
 
-import femsub as fs
-from benchmarks.lattices import lattice, membrane
-from femsub.model.bands import moving, upper
-from femsub.reduction.basis import Partition, Statics
-
-STEEL: dict[str, Any] = {"E": 2.1e11, "rho": 7850.0}
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, RUNS, PICTURES = ROOT / "docs/gallery/index.md", ROOT / "docs/gallery/runs.json", ROOT / "docs/pictures/gallery"
+WIDTH = 1000  # pixels of a picture, at most
 
 
 @dataclass(frozen=True)
-class Problem:
-    """A component, the belts on it, and a band that ends in the gap behind the mode number `wanted`."""
+class Shown:
+    """What the gallery shows of a scene: a figure of its run, what is to be seen there, and what the scene teaches."""
 
-    name: str
-    make: Callable[[], fs.Substructure]
-    wanted: int = 8
-    slope: float | None = None  # of the belt; None: the model's own damping
-    ports: bool = False
-    quick: bool = False
-    hcb: bool = True  # the interface holds the component
-
-    @cached_property
-    def sub(self) -> fs.Substructure:
-        return self.make()
-
-    @property
-    def belt(self) -> fs.Belt | None:
-        return None if self.slope is None else fs.Belt(slope=self.slope)
-
-    @property
-    def kinds(self) -> list[type]:
-        return [fs.CraigBampton, fs.CraigChang] if self.hcb else [fs.CraigChang]
-
-    @cached_property
-    def omega(self) -> np.ndarray:
-        """All elastic frequencies of the full model."""
-        modes = fs.normal_modes(self.sub, band=(0.0, self.band[1]))
-        return modes.frequencies[modes.rigid:]
-
-    @cached_property
-    def band(self) -> tuple[float, float]:
-        modes = fs.normal_modes(self.sub, count=self.wanted + 3)
-        elastic = modes.frequencies[modes.rigid:]
-        gap = self.wanted - 1 + int(np.argmax(elastic[self.wanted:] / elastic[self.wanted - 1:-1]))
-        return 0.0, float(np.sqrt(elastic[gap] * elastic[gap + 1]))
-
-    @cached_property
-    def eigenvalues(self) -> np.ndarray:
-        """All λ of the full model with Im λ ≥ 0, without rigid-body modes, by |λ|; none where it is not damped."""
-        pencil = self.sub.linearised(self.belt)
-        return positive(pencil) if pencil.norms[1] > 0 else np.zeros(0, dtype=complex)
+    figure: str
+    alt: str
+    teaches: str
+    page: str  #: of the guide
+    text: str = ""  #: of the scene file, where the scene has no defaults to run with
 
 
-def positive(pencil: fs.Pencil) -> np.ndarray:
-    """All λ with Im λ ≥ 0 of a pencil in ascending |λ|, those left out that are 0 for rigid motion, or 0 by rounding."""
-    found = fs.complex_modes(pencil.dense())
-    values = found.eigenvalues[~found.rigid & upper(found.eigenvalues) & moving(found.eigenvalues, found.error_bar)]
-    return values[np.argsort(np.abs(values), kind="stable")]
+#: docs/gallery/scenes.toml, in the order of the page.
+GALLERY = {name: Shown(**one) for name, one in tomllib.loads(
+    (ROOT / "docs/gallery/scenes.toml").read_text(encoding="utf-8")).items()}
 
 
-def uneven(n: int, spread: float, **options: object) -> fs.Substructure:
-    """A chain whose masses and springs are scattered by e^{±spread}."""
-    rng = np.random.default_rng(n)
-    masses, springs = np.exp(spread * rng.uniform(-1, 1, (2, n)))
-    return fs.chain(n, masses=masses, springs=springs, **options)  # type: ignore[arg-type]
+def scene_file(scene: str, folder: Path) -> str:
+    """What `femsub run` takes: the scene's name, or a file that is written here with what it needs."""
+    text = GALLERY[scene].text
+    if not text:
+        return scene
+    path = folder / f"{scene}.toml"
+    path.write_text(f'scene = "{scene}"\n{text.format(meshes=ROOT / "meshes")}', encoding="utf-8")
+    return str(path)
 
 
-def stiff() -> fs.Substructure:
-    """Springs of 1 and 1e6 by turns of five."""
-    springs = np.where(np.arange(60) // 5 % 2 == 0, 1.0, 1e6)
-    return fs.chain(60, belt=7, springs=springs, interface=(1, 30))
+def run(scene: str, out: Path) -> dict[str, Any]:
+    """Runs a scene, and gives its processor time [s], its memory [MB], the commit, and what its figure shows."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "femsub", "run", scene_file(scene, Path(folder)), "--quiet", "--out", str(out)]
+        process = subprocess.Popen(command, env=os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)})
+        _, status, used = os.wait4(process.pid, 0)
+    if status:
+        sys.exit(f"gallery: {scene} failed")
+    results = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    return told(used) | {"commit": commit(), "shows": shown(results, GALLERY[scene].figure)}
 
 
-def turning(sub: fs.Substructure, share: float) -> fs.Substructure:
-    """The same with a gyroscopic part and one that is neither symmetric nor skew in D, in each DOF's own units."""
-    rng = np.random.default_rng(5)
-    A = sp.random_array(sub.K.shape, density=1.5 / sub.size, rng=rng, format="csr")
-    unit = sp.diags_array((sub.K.diagonal() * sub.M.diagonal()) ** 0.25)
-    return sub.with_damping(sub.D + share * (unit @ (A - A.T + 0.3 * abs(A)) @ unit))
+def told(used: resource.struct_rusage) -> dict[str, Any]:
+    return {"seconds": float(f"{used.ru_utime + used.ru_stime:.2g}"), "megabytes": 10 * round(used.ru_maxrss / 1e4)}
 
 
-def beam(free: bool = False, **options: object) -> fs.Substructure:
-    nodes = np.linspace(0, 1.0, 41)
-    supports, joints = ({}, ["left", "right"]) if free else ({"left": "clamped"}, ["right"])
-    return fs.beam(1.0, 40, **STEEL, I=1e-4**2 / 12, A=1e-4, supports=supports, interface=joints, ports={"belt": nodes[14]},
-                   **options)  # type: ignore[arg-type]
+def picture(scene: str, out: Path) -> None:
+    """A figure of a run, small enough for a page."""
+    from PIL import Image
+
+    with Image.open(out / f"{GALLERY[scene].figure}.png") as drawn:
+        image = drawn.convert("RGB")
+    if image.width > WIDTH:
+        image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    small = image.quantize(256, Image.Quantize.MEDIANCUT, kmeans=3, dither=Image.Dither.NONE)
+    small.save(PICTURES / f"{scene}.png", optimize=True)
 
 
-def plate(cells: int = 8, edge: bool = True, triangles: bool = False) -> fs.Substructure:
-    """A square, simply supported all round (repeated frequencies), or floating."""
-    mesh = fs.rectangle((0.5, 0.5), (cells, cells), "triangle" if triangles else "quad")
-
-    def node(x: int, y: int) -> int:
-        return x * (cells + 1) + y
-
-    corners = [node(0, 0), node(cells, 0), node(cells, cells)]
-    joint = [node(cells // 2, cells // 4), node(cells // 4, cells // 2)] if edge else corners
-    mesh = mesh.with_sets(joint=np.array(joint))
-    return fs.plate(mesh, **STEEL, nu=0.3, thickness=2e-3, supports={"edge": "simply supported"} if edge else {},
-                    interface=["joint"], ports={"belt": tuple(mesh.points[node(cells // 2, cells // 2 - 1)])},
-                    rayleigh=(3.0, 2e-6))
-
-
-def block(held: bool) -> fs.Substructure:
-    mesh = fs.block((0.2, 0.06, 0.04), (8, 3, 2), "hexahedron")
-    tips = mesh.nodes("right")
-    mesh = mesh.with_sets(joint=tips[[0, 3, -1]], pad=np.setdiff1d(mesh.nodes("top"), mesh.nodes("left"))[5:8])
-    return fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), supports=["left"] if held else [], interface=["joint"],
-                    ports={"belt": ("pad", "x")}, rayleigh=(20.0, 1e-8))
+def page(runs: dict[str, Any]) -> str:
+    """The gallery's page."""
+    lines = ["# Gallery", "",
+             "Every scene as it stands, without a key changed. `scripts/femsub run NAME --out out` repeats a run, and",
+             "`scripts/femsub new NAME > my.toml` begins a file of your own with its keys.",
+             "Times are processor time of one thread. `matrices`, `own-parts` and `superelements` need files of your own.",
+             "Here they take those in `meshes`.", "",
+             "[The paper's figures](paper.md) stand on a page of their own, beside ours.", "",
+             "| scene | what it does | run time |", "|---|---|---|",
+             *(f"| [{scene}](#{scene}) | {line} | {seconds(runs[scene])} |" for scene, (_, line) in SCENES.items())]
+    for scene, (_, line) in SCENES.items():
+        shown = GALLERY[scene]
+        lines += ["", f"## {scene}", "", f"{line[0].upper()}{line[1:]}.", "",
+                  f"![{shown.alt}](../pictures/gallery/{scene}.png)", "", shown.teaches, "",
+                  f"`scripts/femsub new {scene} > my.toml` · {seconds(runs[scene])} · {runs[scene]['megabytes']} MB · "
+                  f"[guide](../guide/{shown.page}.md)"]
+    return "\n".join(lines) + "\n"
 
 
-def disc(held: bool, joints: int = 3) -> fs.Substructure:
-    """A ring of bricks: frequencies come in pairs."""
-    mesh = fs.annulus(0.03, 0.1, 0.01, (2, 24, 1), "hexahedron")
-    rim = np.intersect1d(mesh.nodes("outer"), mesh.nodes("top"))
-    rim = rim[np.argsort(np.arctan2(*mesh.points[rim, 1::-1].T))]
-    mesh = mesh.with_sets(joint=rim[::len(rim) // joints][:joints], pad=rim[3:5])
-    return fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), supports=["inner"] if held else [], interface=["joint"],
-                    ports={"belt": ("pad", "y")}, rayleigh=(50.0, 1e-8))
+def seconds(found: dict[str, Any]) -> str:
+    """'8.2 s', '3 min'."""
+    return f"{found['seconds']:.2g} s" if found["seconds"] < 100 else f"{found['seconds'] / 60:.2g} min"
 
 
-def named(sub: fs.Substructure, interface: list[int], belt: int) -> fs.Substructure:
-    return fs.Substructure(sub.M, sub.K, sub.D, interface, {"belt": np.eye(sub.size)[belt]}, sub.name)
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Makes the gallery of scenes.")
+    parser.add_argument("--run", nargs="+", default=[], metavar="SCENE", choices=["all", *SCENES], help="scenes to run first")
+    parser.add_argument("--work", type=Path, help="keep the runs' folders there")
+    options = parser.parse_args()
+    runs = json.loads(RUNS.read_text(encoding="utf-8")) if RUNS.exists() else {}
+    with tempfile.TemporaryDirectory() as folder:
+        for scene in SCENES if "all" in options.run else options.run:
+            out = (options.work or Path(folder)) / scene
+            runs[scene] = run(scene, out)
+            picture(scene, out)
+            print(scene, seconds(runs[scene]), flush=True)
+            kept = {name: runs[name] for name in SCENES if name in runs}
+            lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(one, ensure_ascii=False)}" for name, one in kept.items())
+            RUNS.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8")
+    PAGE.write_text(page(runs), encoding="utf-8")
 
 
-GALLERY = (
-    Problem("chain 10", lambda: fs.chain(10, belt=2), 4, -0.2677, quick=True),
-    Problem("chain 10, stable", lambda: fs.chain(10, belt=2, interface=(1, 2)), 3, -0.01, quick=True),
-    Problem("chain 10, own damping", lambda: fs.chain(10, belt=2, damping=1.5), 4, quick=True),
-    Problem("chain 50, belt m25", lambda: fs.chain(50, belt=25, interface=(1, 50)), 8, -0.05),
-    Problem("chain 50, ports", lambda: fs.chain(50, belt=25, interface=(1, 50)), 8, -0.05, ports=True, quick=True),
-    Problem("chain 150, belt m2", lambda: fs.chain(150, belt=2), 12, -0.2677),
-    Problem("chain 300, belt m150", lambda: fs.chain(300, belt=150, interface=(1, 100, 300)), 10, -0.02),
-    Problem("chain 300, undamped", lambda: fs.chain(300, belt=4, damping=0.0, interface=(100, 200)), 10),
-    Problem("chain 60, floating", lambda: fs.chain(60, belt=4, interface=(1, 60), fixed=False), 6, -0.05, quick=True),
-    Problem("uneven chain 120", lambda: uneven(120, 1.0, belt=5, interface=(1, 60)), 10, -0.05),
-    Problem("very uneven chain 80", lambda: uneven(80, 4.0, belt=5, interface=(1, 40)), 8, -0.02),
-    Problem("stiff chain", stiff, 6, -0.05, quick=True),
-    Problem("chain 40, strongly damped", lambda: fs.damped(fs.chain(40, belt=3), dashpots={19: 1.0, 30: 5.0}), 8, quick=True),
-    Problem("chain 60, Rayleigh", lambda: fs.damped(fs.chain(60, belt=3, interface=(1, 30)), rayleigh=(1e-3, 0.05)), 8),
-    Problem("chain 60, unsymmetric D", lambda: turning(fs.chain(60, belt=3, interface=(1, 30)), 0.02), 8, -0.05, quick=True),
-    Problem("lattice, floating", lambda: lattice(9, 8), 8, -0.1),
-    Problem("lattice, held", lambda: lattice(9, 8, held=True), 8, -0.1, quick=True),
-    Problem("lattice, unsymmetric D", lambda: turning(lattice(9, 8, held=True), 0.01), 8),
-    Problem("membrane", lambda: fs.damped(named(membrane(14), [20, 100], 50), dashpots={77: 0.3}), 8, -0.2),
-    Problem("beam", beam, 5, -3.0, quick=True),
-    Problem("beam, Rayleigh", lambda: beam(rayleigh=(2.0, 1e-6)), 5, -1.0),
-    Problem("beam on springs, dashpot", lambda: fs.damped(beam(foundation=1e4), dashpots={33: 2.0}), 5),
-    Problem("beam, floating", lambda: beam(True), 5, -1.0, quick=True),
-    Problem("square plate", plate, 8, -2.0),
-    Problem("square plate, ports", plate, 8, -20.0, ports=True),
-    Problem("square plate, triangles", lambda: plate(7, triangles=True), 7, -2.0),
-    Problem("square plate, unsymmetric D", lambda: turning(plate(7), 0.01), 6, -2.0),
-    Problem("square plate, floating", lambda: plate(7, edge=False), 8, -2.0),
-    Problem("block", lambda: block(True), 6, -100.0),
-    Problem("block, floating", lambda: block(False), 6, -50.0),
-    Problem("disc", lambda: disc(True), 8, -200.0),
-    Problem("disc, ports", lambda: disc(True), 8, -1000.0, ports=True),
-    Problem("disc, floating", lambda: disc(False), 8, -50.0),
-    Problem("disc, floating, one joint", lambda: disc(False, 1), 8, -50.0, hcb=False),
-    Problem("block, dashpots", lambda: fs.damped(block(True), dashpots={100: 300.0, 200: 1000.0}), 6),
-)
-
-
-@cache
-def quick() -> tuple[Problem, ...]:
-    return tuple(problem for problem in GALLERY if problem.quick)
-
-
-def without_port(problem: Problem) -> Problem:
-    return replace(problem, ports=False)
-
-
-def statics(kind: Any, sub: fs.Substructure, extra: np.ndarray) -> Statics:
-    """What a method works out of a component before it looks for modes."""
-    part = Partition.of(sub, kind.held)
-    return kind(0).statics(part, part.factored(), extra)
+if __name__ == "__main__":
+    main()

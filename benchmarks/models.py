@@ -1,4 +1,4 @@
-"""Components of about a wanted number of DOF, for scaling and certificates, and what their frequencies must be.
+"""Components of about a wanted number of DOF, for `scaling`, and what their frequencies must be.
 
 The chain has unit masses and springs and a dashpot; the others are of steel, in m, kg and s, without damping. Their belt
 takes so little (damping ratios of about 1e-6) that it moves no frequency by more than 1e-12.
@@ -86,13 +86,6 @@ def solid(n: int) -> fs.Substructure:
     return fs.solid(mesh, fs.Material(STEEL["E"], NU, STEEL["rho"]), interface=["joint"], ports={"belt": ("right", "y")})
 
 
-def reference(kind: str, n: int) -> dict[str, Any]:
-    """The belt's slope, and the lowest frequencies: of the continuum for beam and plate, of the full model for the solid."""
-    if kind == "chain":
-        return {"slope": half_slope(n), "lowest": None}
-    return {"slope": KINDS[kind].slope, "lowest": lowest(kind, n)}
-
-
 def lowest(kind: str, n: int) -> np.ndarray | None:
     """The exact ω of the beam, k⁴ EI/ρA = ω² with cos kL cosh kL = -1, and of the plate; None where there are none."""
     count = KINDS[kind].compared
@@ -105,17 +98,16 @@ def lowest(kind: str, n: int) -> np.ndarray | None:
         waves = [np.arange(1, 20) / side for side in SIDES]
         bending = STEEL["E"] * THICKNESS**2 / (12 * (1 - NU**2) * STEEL["rho"])
         return np.sort(np.pi**2 * np.add.outer(waves[0] ** 2, waves[1] ** 2).ravel() * bending**0.5)[:count]
-    if n >= REFERENCE:
+    if kind == "chain" or n >= REFERENCE:  # the chain's are known in closed form for any size
         return None
     modes = fs.normal_modes(build(kind, n), count=count)
     return modes.frequencies[modes.rigid:]
 
 
-def half_slope(n: int) -> float:
-    """Half of the largest slope at which one of the chain's 20 lowest pairs loses its stability."""
-    if n <= 10_000:
-        band = (0.0, float(fs.chain_frequencies(n, min(20, n))[-1]))
-        return fs.critical_slope(chain(n), band=band).value / 2
-    # First order in the damping: mode j moves m_k by sin(kθ_j), θ_j = (2j - 1)π/(2n + 1), and decays while
-    # d1 sin²θ_j + c sin²2θ_j > 0, that is c > -d1/(4 cos²θ_j). At n = 10⁴ the exact value agrees to 6e-11.
-    return -DAMPING / (4 * np.cos(np.pi / (2 * n + 1)) ** 2) / 2
+def slope(kind: str, n: int) -> float:
+    """The belt's slope; of the chain about half of the one at which a mode loses its stability.
+
+    First order in the damping: mode j moves m_k by sin(kθ_j), θ_j = (2j - 1)π/(2n + 1), and decays while
+    d1 sin²θ_j + c sin²2θ_j > 0, that is c > -d1/(4 cos²θ_j). At n = 10⁴ the exact value agrees to 6e-11.
+    """
+    return -DAMPING / (4 * np.cos(np.pi / (2 * n + 1)) ** 2) / 2 if kind == "chain" else KINDS[kind].slope

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """The picture of a run's page: its verdict, and the least stable mode, as Chromium shows them.
 
-    python -m benchmarks.page_picture [--out DIR]
+    python -m benchmarks page-picture [--out DIR]
 
 It runs the scene solid with its page, and needs playwright and Chromium.
 """

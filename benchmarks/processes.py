@@ -9,21 +9,17 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing import get_context
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
-from unittest.mock import patch
 
 import femsub as fs
-from benchmarks import models
 from femsub.app import report
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 LEFT_MB = 500.0  # below so much free memory of the machine a measurement is stopped, before the system stops something else
 WATCHED = 0.25  # seconds between two looks at a measurement,
 SELDOM = 10  # and of its memory after so many times what the last look took: all pages of a large process are counted
@@ -39,35 +35,13 @@ def peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
 
 
-@contextmanager
-def taken_mb() -> Iterator[list[float]]:
-    """The largest memory that was taken from the machine during a block, in 10⁶ bytes, in a list of one; Linux.
-
-    What several processes share counts once, which a sum of their peaks does not do. Other programs count as well.
-    """
-    def watch() -> None:
-        while not done.wait(0.2):
-            found[0] = max(found[0], before - available_mb())
-
-    before, done, found = available_mb(), Event(), [0.0]
-    thread = Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield found
-    finally:
-        done.set()
-        thread.join()
-
-
-def warm_up(kind: str = "chain") -> None:
+def warm_up() -> None:
     """Loads everything, below and above the size from which the sparse solvers are taken."""
     # The belt at m2 is outside the interface {m1} on purpose, as in the paper; the scene chain shows what that costs.
     warnings.simplefilter("ignore", fs.PortWarning)
     for size in (20, 200):
         fs.complex_modes(fs.reduce(fs.chain(size, belt=2), fs.CraigBampton(modes=3)), count=2)
         fs.complex_modes(fs.chain(size, belt=2), count=2)
-    if kind != "chain":
-        fs.reduce(models.build(kind, models.KINDS[kind].sizes[0]), fs.CraigBampton(modes=3), ports=True)
 
 
 def machine() -> Row:
@@ -83,11 +57,10 @@ def machine() -> Row:
                                "blas_threads": threads}
 
 
-def fresh(task: Callable[..., Any], *args: Any, cores: int | None = None) -> Any:
-    """task(*args) in a process of its own, with so many threads of BLAS. It is started by this one, which therefore must
-    stay small: on Linux the peak of a child begins at the size of its parent."""
-    threads = {} if cores is None else dict.fromkeys(THREADS, str(cores))
-    with patch.dict(os.environ, threads), ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
+def fresh(task: Callable[..., Any], *args: Any) -> Any:
+    """task(*args) in a process of its own. It is started by this one, which therefore must stay small: on Linux the peak of a
+    child begins at the size of its parent."""
+    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
         return pool.submit(task, *args).result()
 
 

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
-"""The README's picture: a brake's unstable mode on its deformed mesh, beside the errors of reduced models over their run time.
+"""The README's picture: a brake's unstable mode, beside the errors of reduced models over their run time.
 
-    python -m benchmarks.readme_picture --brake DIR [--out DIR]
+    python -m benchmarks readme-picture --brake DIR [--out DIR]
 
 DIR holds a run of the scene brake. The mode is computed anew, by the full model in a narrow band around it.
 """

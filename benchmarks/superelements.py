@@ -1,6 +1,6 @@
-"""Superelements of Nastran and Sierra/SD in public test data, joined or solved by femsub, against these programs' own runs.
+"""Superelements of Nastran and Sierra/SD in public test data, against these programs' own runs.
 
-    python benchmarks/superelements.py PYYETI PYNASTRAN SDYNPY
+    python -m benchmarks superelements PYYETI PYNASTRAN SDYNPY
 
 with clones of github.com/twmacro/pyyeti (read at commit 034fb7b), github.com/SteveDoyle2/pyNastran (v1.4) and
 github.com/sandialabs/sdynpy (acac752), which are not part of this repository. It needs
@@ -9,8 +9,8 @@ pyyeti and pyNastran installed. Prints one line per case.
 
 from __future__ import annotations
 
+import argparse
 import struct
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -127,7 +127,12 @@ def bushes(folder: Path) -> tuple[Any, Any]:
     return ours.transpose(2, 1, 0), theirs
 
 
-def main(pyyeti: Path, pynastran: Path, sdynpy: Path) -> None:
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for clone in ("pyyeti", "pynastran", "sdynpy"):
+        parser.add_argument(clone, type=Path, metavar=clone.upper())
+    asked = parser.parse_args()
+    pyyeti, pynastran, sdynpy = asked.pyyeti, asked.pynastran, asked.sdynpy
     cases = {"NX Nastran 9, two parts joined": joined(pyyeti / "pyyeti/tests/nas2cam_extseout")}
     for run in ("msc2017", "msc2017_b", "nx2021"):
         cases[f"{run}, one part free"] = free(pyyeti / "pyyeti/tests/nas2cam_extseout", run)
@@ -143,6 +148,4 @@ def main(pyyeti: Path, pynastran: Path, sdynpy: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 4:
-        sys.exit(__doc__)
-    main(*map(Path, sys.argv[1:]))
+    main()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,10 +13,29 @@ import numpy as np
 
 from benchmarks.comparisons import FREQUENCIES, REFERENCE
 from benchmarks.processes import Row
-from benchmarks.sealed import opened, sealed
 
 FILE = "measured.jsonl"
 LOST = 1e-2  # relative: a mode of which no frequency is nearer than that is missed
+
+SEAL = "sha256"  # of all else in a line: one that was cut or changed is measured anew
+
+
+def sealed(record: dict[str, Any]) -> str:
+    """A line of JSON with the hash of all else in it."""
+    return json.dumps(record | {SEAL: hashlib.sha256(json.dumps(record).encode()).hexdigest()})
+
+
+def opened(line: str | bytes, path: Path) -> dict[str, Any] | None:
+    """The record of such a line; None if it was cut or changed, which is printed."""
+    try:
+        record: dict[str, Any] = json.loads(line)
+        known = record.pop(SEAL, None)
+    except (ValueError, AttributeError):
+        record, known = {}, None
+    if known == hashlib.sha256(json.dumps(record).encode()).hexdigest():
+        return record
+    print(f"{path}: a line is damaged, or was written without its hash, and is made anew: {line[:80]!r}", file=sys.stderr)
+    return None
 
 
 class Case(NamedTuple):

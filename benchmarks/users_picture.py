@@ -1,10 +1,9 @@
-#!/usr/bin/env python3
-"""What users have today, over femsub: the measurements of scripts/bench.py as data, as pictures, and in the pages.
+"""What users have today, over femsub: measurements of `bases` as data, as pictures, and in the pages.
 
-    python -m benchmarks.users_picture --take DIR       # benchmarks/data/users.json, and what the pages tell of it
-    python -m benchmarks.users_picture --out DIR        # the pictures
+    python -m benchmarks users-picture --take DIR       # benchmarks/data/users.json, and what the pages tell of it
+    python -m benchmarks users-picture --out DIR        # the pictures
 
-DIR of --take is the folder of a run of scripts/bench.py with the part bases.
+DIR of --take is the folder of a run of `python -m benchmarks bases`.
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ LANE = 0.15  # inches: of a method in a figure
 
 
 def taken(told: dict[str, Any]) -> dict[str, Any]:
-    """Of the bench.json of a run what is kept: the machine, and the rows of bases."""
-    rows = [{key: row.get(key) for key in KEPT} for row in told["rows"] if row["part"] == "bases"]
+    """Of the bases.json of a run what is kept: the machine, and the rows of bases."""
+    rows = [{key: row.get(key) for key in KEPT} for row in told["rows"]]
     host = {key: told["machine"].get(key) for key in ("cpu", "cores", "OMP_NUM_THREADS", "commit")}
     return {"machine": host, "rows": [{key: float(f"{value:.4g}") if isinstance(value, float) else value
                                        for key, value in row.items()} for row in rows]}
@@ -154,11 +153,11 @@ def between(text: str) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--take", type=Path, metavar="DIR", help="of a run of scripts/bench.py")
+    parser.add_argument("--take", type=Path, metavar="DIR", help="of a run of bases")
     parser.add_argument("--out", type=Path, metavar="DIR", help="for the pictures")
     asked = parser.parse_args()
     if asked.take:
-        told = taken(json.loads((asked.take / "bench.json").read_text(encoding="utf-8")))
+        told = taken(json.loads((asked.take / "bases.json").read_text(encoding="utf-8")))
         lines = ",\n".join(f"  {json.dumps(row, ensure_ascii=False)}" for row in told["rows"])
         DATA.write_text(f'{{"machine": {json.dumps(told["machine"])},\n "rows": [\n{lines}]}}\n', encoding="utf-8")
         for page, make in PAGES.items():

@@ -348,7 +348,7 @@ def test_an_unsymmetric_mass_is_no_obstacle() -> None:
     ("heavy damping", 2), ("heavy damping", 17), ("undamped", 3), ("belt", 3), ("real pairs", 3),
     ("close crossings", 4), ("close crossings", 17), ("ends", 4), ("doubles", 1), ("units", 3), ("units", 14)])
 def test_random_models_agree_with_exact_counts_and_closed_forms(kind: str, seed: int) -> None:
-    """A few of `scripts/attack.py critical_values`; most of these were wrong in commit 2d6a286."""
+    """A few of `python -m benchmarks attack critical_values`; most of these were wrong in commit 2d6a286."""
     told = attack.attacked(kind, seed)
     assert told in ("certified", "not checked"), told
 
@@ -507,7 +507,7 @@ def test_what_has_no_answer_is_refused() -> None:
 
 
 def test_kinked_laws_at_random_against_counts() -> None:
-    """Three seeds of benchmarks/attacks/kinks.py; `scripts/attack.py kinks` runs thousands."""
+    """Three seeds of benchmarks/attacks/kinks.py; `python -m benchmarks attack kinks` runs thousands."""
     found = [kinks.attacked(kind, 0) for kind in ("declared", "declared falsely", "stiffness")]
     assert found == ["certified", "refused", "confirmed"]
 

@@ -1,4 +1,4 @@
-"""The quick ones of scripts/extreme.py: each right within its stated bound, or refused with the reason that is known."""
+"""The quick ones of `python -m benchmarks extreme`: right within a stated bound, or refused with the known reason."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from benchmarks.extreme.spectra import copies, damped, edge, listed, mixed
 from benchmarks.extreme.table import CASES
 from benchmarks.extreme.verdict import evaluate
 
-SCRIPTS = Path(__file__).parent.parent / "scripts"
+ROOT = Path(__file__).parent.parent
 
 #: Of the quick ones, those that take longest; a case like each of them remains.
 LONGEST = {"critical damping, 25 models", "alpha, tiny blows", "study beyond the border, half of them",
@@ -128,9 +128,9 @@ def test_what_is_wrong_is_called_wrong(worse: dict, reason: str, monkeypatch: py
 
 @pytest.mark.slow
 def test_script(tmp_path: Path) -> None:
-    command = [sys.executable, str(SCRIPTS / "extreme.py"), "--cases", "just restraining", "a negative spring", "triple",
+    command = [sys.executable, "-m", "benchmarks", "extreme", "--cases", "just restraining", "a negative spring", "triple",
                "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "3 cases in" in done.stdout and "2 right within their bounds, 1 refused with the reason, 0 wrong" in done.stdout
     assert {path.name for path in tmp_path.iterdir()} == {"extreme.csv", "extreme.json", "extreme.png"}

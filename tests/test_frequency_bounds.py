@@ -175,7 +175,7 @@ def test_modes_that_share_stiffness_with_the_interface_have_no_bound() -> None:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", attack.KINDS)
 def test_attacks_find_nothing(kind: str, seed: int) -> None:
-    """A few seeds of benchmarks/attacks/frequency_bounds.py; `scripts/attack.py frequency_bounds` runs thousands."""
+    """A few seeds of benchmarks/attacks/frequency_bounds.py; `python -m benchmarks attack frequency_bounds` runs thousands."""
     assert not attack.attacked(kind, seed).startswith(("wrong", "refused"))
 
 

@@ -10,9 +10,9 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.linalg as la
+from randombrakes import TOL, Brake, errors, judged, random_brake
 
 import femsub as fs
-from benchmarks.random_brakes import TOL, Brake, errors, judged, random_brake
 from femsub.model.bands import within
 from femsub.modes.quadratic.energy_basis import Coupling
 from femsub.reduction.estimates import found_modes, friction

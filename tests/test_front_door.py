@@ -158,7 +158,7 @@ def test_every_argument_is_in_the_table(working: dict[str, tuple[Callable[..., A
     ("bsr", [sp.bsr_array(np.eye(2))]),
     ("0-d", np.array(1.0)), ("objects", np.array(None))])
 def test_odd_matrices_are_refused_by_name(kind: str, value: Any) -> None:
-    """A mask was lost; the others were errors of Python's own. scripts/attack.py arguments has more."""
+    """A mask was lost; the others were errors of Python's own. `python -m benchmarks attack arguments` has more."""
     for name in "MK":
         with pytest.raises(fs.FemsubError, match=f"^{name} "):
             fs.Pencil(**{"M": np.eye(2), "D": None, "K": np.eye(2)} | {name: value})

@@ -13,14 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rails import ARGUMENTS, STEEL, cells_of, piece, rail
 
 import femsub as fs
-from benchmarks.cluster import simulated
-from benchmarks.rail import ARGUMENTS, STEEL, cells_of, piece, rail
 from femsub.io.pieces import Piece
 from femsub.reduction import levels as levels_module
 from femsub.reduction.component import reduced
-from femsub.reduction.levels import Task
 
 BAR = {"material": STEEL, "supports": ["left"], "ports": {"belt": ("patch", "x")}, "rayleigh": (0.0, 1e-7)}
 
@@ -400,22 +398,6 @@ def test_pieces_refuse_what_the_mesh_lacks(tmp_path: Path) -> None:
             fs.cut_to_files(tmp_path, mesh, fs.solid, **({"into": 2, "material": STEEL} | arguments))
     with pytest.raises(fs.InputTypeError, match="build must be the function"):
         fs.cut_to_files(tmp_path, mesh, STEEL, into=2)  # type: ignore[arg-type]
-
-
-def task(seconds: float, *below: str, size: float = 0.0) -> Task:
-    return Task("", 0, below, (), {}, 0, 0, 0, 0.0, seconds=seconds, bytes=size)
-
-
-def test_a_cluster_is_simulated_as_one_counts_by_hand() -> None:
-    """Four parts of 4, 3, 2 and 1 s, joined two and two for 1 s, and these for 2 s."""
-    tasks = {"a": task(4.0), "b": task(3.0), "c": task(2.0, size=1e9), "d": task(1.0, size=1e9), "ab": task(1.0, "a", "b"),
-             "cd": task(1.0, "c", "d"), "all": task(2.0, "ab", "cd")}
-    assert simulated(tasks, 1, latency=0.0).seconds == 14.0 and simulated(tasks, 1).sent == 0.0
-    assert simulated(tasks, 4, network=np.inf, latency=0.0).seconds == 7.0  # a, ab, all
-    two = simulated(tasks, 2, network=np.inf, latency=0.0)
-    assert two.seconds == 8.0 and two.busy == 14 / 16  # a d, b c; then ab and cd side by side at 5, and all
-    assert simulated(tasks, 4, network=1e9, latency=0.5).seconds == 7.0 + 2 * 0.5  # b's result to a's worker, cd's to that of ab
-    assert simulated(tasks, 4).sent == 1e9  # of c and d, one was where both were joined
 
 
 def test_a_port_is_in_one_piece_and_an_open_set_may_lie_across_pieces(tmp_path: Path) -> None:

@@ -1,19 +1,19 @@
-"""The tables in docs/methods are what scripts/method_pictures.py measures, and every method has its page and picture."""
+"""The tables in docs/methods are what `benchmarks/method_pictures.py` measures, and every method has its page and picture."""
 
 from __future__ import annotations
 
 import re
-import runpy
+import sys
 from pathlib import Path
 
 import pytest
 
 import femsub as fs
+from benchmarks import method_pictures
 from femsub.reduction.reduce import METHODS
 
 ROOT = Path(__file__).parent.parent
 PAGES = ROOT / "docs" / "methods"
-SCRIPT = runpy.run_path(str(ROOT / "scripts" / "method_pictures.py"))
 HEAD = re.compile(r"\| (k / k₀[^|]*|μ) \|(.+)\|\n\|[-|]+\|\n((?:\|.+\|\n)+)")
 NOISE = 2e-10  # of ω: rounding in the full model
 ROWS = ["0.01", "1", "10", "100", "1e4", "held"]
@@ -27,12 +27,12 @@ def measured(head: str, column: str, row: str) -> float:
     """The error that belongs into a cell: of a method on springs, or of contact modes over μ."""
     if head == "μ":
         modes, plain = re.fullmatch(r"ContactModes\((\d+)(, friction=False)?\)", column).groups()  # type: ignore[union-attr]
-        return float(SCRIPT["flutter_error"](int(modes), not plain, float(row)))
+        return float(method_pictures.flutter_error(int(modes), not plain, float(row)))
     method = eval(f"fs.{column}", {"fs": fs})
     ratio, count = float(row.replace("held", "inf")), 1 if "1 frequency" in head else 5
     if isinstance(method, fs.InterfaceModes):
-        return float(SCRIPT["error"](fs.CraigBampton(6), ratio, count, method))
-    return float(SCRIPT["error"](method, ratio, count))
+        return float(method_pictures.error(fs.CraigBampton(6), ratio, count, method))
+    return float(method_pictures.error(method, ratio, count))
 
 
 def shown(value: float) -> str:
@@ -65,7 +65,7 @@ def test_tables_are_what_the_methods_do(page: str, head: str, columns: str, rows
 
 def test_every_method_has_its_page_and_its_picture() -> None:
     told = {page.stem: page.read_text(encoding="utf-8") for page in PAGES.glob("*.md")}
-    pages = SCRIPT["models"]()
+    pages = method_pictures.FIGURES
     assert {page for page, *_ in TABLES} == {"index", *pages}
     for page in pages:
         assert f"../pictures/methods/{page}.png" in told[page] and f"({page}.md)" in told["index"]
@@ -74,7 +74,8 @@ def test_every_method_has_its_page_and_its_picture() -> None:
         assert f"`{key}`" in told["index"]
 
 
-def test_the_pictures_are_drawn_from_the_bases(tmp_path: Path) -> None:
-    SCRIPT["main"](["--out", str(tmp_path)])
+def test_the_pictures_are_drawn_from_the_bases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["method-pictures", "--out", str(tmp_path)])
+    method_pictures.main()
     assert {file.name for file in tmp_path.glob("*.png")} == {file.name for file in (ROOT / "docs/pictures/methods").iterdir()}
     assert all(5_000 < file.stat().st_size < 150_000 for file in tmp_path.glob("*.png"))

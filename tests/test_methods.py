@@ -377,9 +377,9 @@ def test_joined_frequencies_bound_from_above_and_never_rise(name: str, key: str)
 def test_rubin_and_dual_craig_bampton_beat_macneal_and_craig_bampton_at_equal_size(tmp_path: Path) -> None:
     """With 8 coordinates a part, which are enough for the 8 frequencies compared; docs/methods/choice.md tells of fewer."""
     keys = ("craig-bampton", "macneal", "dual-craig-bampton", "rubin")
-    command = [sys.executable, str(Path(__file__).parent.parent / "scripts" / "compare_methods.py"), "--methods", *keys,
-               "--coordinates", "8", "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "benchmarks", "compare-methods", "--methods", *keys, "--coordinates", "8",
+               "--out", str(tmp_path)]
+    done = subprocess.run(command, cwd=Path(__file__).parent.parent, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "methods.png").stat().st_size > 10_000
     with open(tmp_path / "methods.csv", encoding="utf-8") as file:

@@ -27,7 +27,7 @@ from femsub.checks import EXTRAS, installed_by
 from femsub.errors import MissingPackageError
 
 ROOT = Path(__file__).parent.parent
-SOURCES = sorted((ROOT / "femsub").rglob("*.py")) + sorted((ROOT / "scripts").glob("*.py"))
+SOURCES = [path for folder in ("femsub", "scripts", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
 
 
 def test_one_place_makes_the_command() -> None:

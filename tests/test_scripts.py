@@ -1,4 +1,4 @@
-"""The scripts that are not part of the package, on their smallest case."""
+"""The scripts and benchmarks, which are not part of the package, on their smallest cases."""
 
 from __future__ import annotations
 
@@ -18,23 +18,47 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.__main__ import COMMANDS
 from benchmarks.comparisons import NAMES
 from benchmarks.processes import StoppedError, together_mb, watched
-from benchmarks.sealed import opened_bytes, sealed_bytes
 from benchmarks.users import LOST, Case, Journal, compared
-from femsub.algebra import petsc
 
 ROOT = Path(__file__).parent.parent
 
 
+def run(*args: object) -> subprocess.CompletedProcess[str]:
+    """A command of benchmarks/."""
+    return subprocess.run([sys.executable, "-m", "benchmarks", *map(str, args)], cwd=ROOT, capture_output=True, text=True,
+                          check=False)
+
+
+@pytest.mark.parametrize("name", ["", "--help", "no-such-command"])
+def test_the_commands_are_listed(name: str) -> None:
+    done = run(*[name] if name else [])
+    assert done.returncode == (2 if name == "no-such-command" else 0)
+    listed = re.findall(r"^  ([a-z-]+)  +\S", done.stdout + done.stderr, re.MULTILINE)
+    assert listed == sorted(COMMANDS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_each_command_has_help(name: str) -> None:
+    done = run(name, "--help")
+    assert done.returncode == 0 and done.stdout.startswith(f"usage: python -m benchmarks {name}"), done.stdout + done.stderr
+
+
+def test_an_attack_runs_and_names_its_kinds() -> None:
+    done = run("attack", "order", "--cases", "3")
+    assert done.returncode == 0 and "order: 3 cases, 0 wrong" in done.stdout, done.stdout + done.stderr
+    done = run("attack", "order", "--kind", "none")
+    assert done.returncode == 2 and "order has " in done.stderr
+
+
 def scaling(folder: Path, *args: str) -> dict[str, Any]:
-    command = [sys.executable, str(ROOT / "scripts" / "scaling.py"), *args,
-               "--repeats", "1", "--cores", "1", "--out", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = run("scaling", *args, "--out", folder)
     assert done.returncode == 0, done.stdout + done.stderr
     assert {path.name for path in folder.iterdir()} == {"scaling.csv", "scaling.json", "scaling.png", "numbers.json"}
     report = json.loads((folder / "scaling.json").read_text())
-    assert set(report["machine"]["1"]["blas_threads"].values()) <= {1}
     assert all(row["seconds"] > 0 and row["peak_mb"] > 0 for row in report["rows"])
     return report
 
@@ -59,57 +83,39 @@ def test_scaling_of_finite_elements(tmp_path: Path) -> None:
     assert 0 < rows["solid", 990]["error"] < 1e-11  # CC keeps these very modes
 
 
-def bench(folder: Path, *args: str) -> dict[str, Any]:
-    command = [sys.executable, str(ROOT / "scripts" / "bench.py"), "--quick", "--repeats", "1", "--out", str(folder), *args]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+def bench(folder: Path, *args: str) -> list[dict[str, Any]]:
+    done = run("bases", "--quick", "--repeats", 1, "--out", folder, *args)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert {path.name for path in folder.iterdir()} == {"bench.csv", "bench.json", "measured.jsonl", "reference"}
-    report: dict[str, Any] = json.loads((folder / "bench.json").read_text())
+    assert {path.name for path in folder.iterdir()} == {"bases.csv", "bases.json", "measured.jsonl", "reference"}
+    report: dict[str, Any] = json.loads((folder / "bases.json").read_text())
     assert not report["failed"]
-    return report
+    rows: list[dict[str, Any]] = report["rows"]
+    return rows
 
 
 OTHERS = "SciPy", "SLEPc, CHOLMOD", "SLEPc, MUMPS"  # what is compared with wherever femsub runs
 
 
 @pytest.fixture(scope="module")
-def benched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """The folder and the report of all parts, of the slab against the others alone."""
-    folder = tmp_path_factory.mktemp("bench")
-    return folder, bench(folder, "--only", *OTHERS)
-
-
-@pytest.fixture(scope="module")
-def bases(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, list[Any]]]:
-    """The folder and the rows of a component's bases by every method; what `benched` has measured is not measured again."""
+def bases(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, list[Any]]]:
+    """The folder and the rows of a component's bases by every method."""
     @cache
     def found(component: str) -> tuple[Path, list[Any]]:
         folder = tmp_path_factory.mktemp(component)
-        if component == "slab" and petsc.has_cholmod():
-            shutil.copytree(request.getfixturevalue("benched")[0], folder, dirs_exist_ok=True)
-        return folder, bench(folder, "--parts", "bases", "--component", component)["rows"]
+        return folder, bench(folder, "--component", component)
 
     return found
 
 
 @pytest.mark.slow
 @pytest.mark.cholmod
-def test_bench(benched: tuple[Path, dict[str, Any]]) -> None:
-    _, report = benched
-    rows = {(row["part"], row["method"]): row for row in report["rows"]}
-    assert {method for part, method in rows if part == "assembly"} == {"femsub", "scikit-fem"}
-    assert {method for part, method in rows if part == "bases"} == {"femsub", *OTHERS}
-    assert len([method for part, method in rows if part == "cea"]) == 2
-    for row in rows.values():
-        assert row["seconds"] > 0 and row["times"] > 0 and row["peak_mb"] > 0
-    assert 0 < rows["assembly", "scikit-fem"]["error"] < 1e-12
+def test_bases_agree_with_those_of_others(bases: Callable[[str], tuple[Path, list[Any]]]) -> None:
+    rows = {row["method"]: row for row in bases("slab")[1]}
+    assert {"femsub", *OTHERS} <= set(rows)
+    assert all(row["seconds"] > 0 and row["times"] > 0 and row["peak_mb"] > 0 for row in rows.values())
     for method in OTHERS:
-        assert all(0 < rows["bases", method][f"error_{part}"] < 1e-8 for part in ("values", "constraint", "M", "K"))
-        assert rows["bases", method]["residual"] < 1e-10
-    assert report["details"]["cea"]["chosen"]["growth_error"] < 1e-3
-    agreements = [check for check in report["checks"] if not check["timed"]]
-    assert len(agreements) == 8 and all(check["met"] for check in agreements)
-    assert all(check["met"] is None for check in report["checks"] if check["timed"])  # such sizes say nothing of times
+        assert all(0 < rows[method][f"error_{part}"] < 1e-8 for part in ("values", "constraint", "M", "K"))
+        assert rows[method]["residual"] < 1e-10
 
 
 @pytest.mark.slow
@@ -130,7 +136,7 @@ def test_bases_of_all_methods_agree_and_a_bench_goes_on_where_it_stopped(
     lines = [line for line in journal.read_text().splitlines() if line]
     assert len(lines) == len(rows)
     journal.write_text("\n".join([*lines[:-1], lines[-1][:40]]))  # killed while it wrote the last line
-    again = {row["method"]: row for row in bench(tmp_path, "--parts", "bases", "--component", component)["rows"]}
+    again = {row["method"]: row for row in bench(tmp_path, "--component", component)}
     method = json.loads(lines[-1])["method"]
     assert {name for name, row in rows.items() if row["seconds"] != again[name]["seconds"]} == {method}
 
@@ -171,9 +177,8 @@ def test_missed_modes_are_counted() -> None:
 
 
 def report(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(ROOT / "scripts" / "report.py"), "--quick", "--work", str(folder / "work"),
-               "--data", str(folder / "data"), "--pictures", str(folder / "pictures"), *args]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    return run("report", "--quick", "--work", folder / "work", "--data", folder / "data", "--pictures", folder / "pictures",
+               *args)
 
 
 @pytest.mark.slow
@@ -187,56 +192,29 @@ def test_a_report_goes_on_where_it_stopped(bases: Callable[[str], tuple[Path, li
     # what was run and stopped half-way has no done.json: it is begun anew, and what had ended is left alone
     kept = (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns
     # ... but the step finds its own files, and measures nothing twice
-    half = tmp_path / "work" / "bench"
+    half = tmp_path / "work" / "bases"
     shutil.copytree(bases("slab")[0], half)
     journal = (half / "measured.jsonl").read_text()
     (half / "printed.txt").write_text("half a table")
     second = report(tmp_path)
     assert second.returncode == 0, second.stdout + second.stderr
-    assert "chain: done before" in second.stdout and "bench: done\n" in second.stdout
+    assert "chain: done before" in second.stdout and "bases: done\n" in second.stdout
     assert (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns == kept
-    text = (tmp_path / "data" / "bench.txt").read_text()
+    text = (tmp_path / "data" / "bases.txt").read_text()
     assert "SLEPc, MUMPS" in text and "half a table" not in text
     assert (half / "measured.jsonl").read_text() == journal
 
 
-@pytest.mark.slow
-def test_certificates_cost_less_than_what_they_certify(tmp_path: Path) -> None:
-    command = [sys.executable, str(ROOT / "scripts" / "certificates.py"), "--models", "chain 10", "solid 3,000", "--repeats", "1",
-               "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert {path.name for path in tmp_path.iterdir()} == {"certificates.csv", "certificates.json"}
-    rows = {row["model"]: row for row in json.loads((tmp_path / "certificates.json").read_text())["rows"]}
-    assert all(row["evidence"] in ("certified", "confirmed") and 0 < row["ratio"] < 1 for row in rows.values())
-    assert rows["chain 10"]["inertia"] == 0 < rows["solid 3,000"]["inertia"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "options", "printed"), [
-    ("effectivity", ["--only", "chain 10, stable", "--out", "{out}"], "8 reductions to a tolerance: 0 miss it"),
-    ("system_effectivity", ["--systems", "3", "--out", "{out}"], "missed in 0"),
-    ("random_brakes", ["--brakes", "2", "--from", "2", "--out", "{out}"], "of these missed: 0"),
-    ("cycle_cost", ["--modes", "8", "--repeats", "1", "--harmonics", "30"], "chain"),
-    ("integrators", ["--time", "1", "--numbers", "10"], "LSODA"),
-    ("factors", ["--models", "beam", "--repeats", "1"], "petsc"),
-    ("clusters", ["--models", "4"], "{'right': 4}")])
-def test_others_on_their_smallest_case(name: str, options: list[str], printed: str, tmp_path: Path) -> None:
-    command = [sys.executable, str(ROOT / "scripts" / f"{name}.py"), *(option.format(out=tmp_path) for option in options)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and printed.lower() in done.stdout.lower(), done.stdout + done.stderr
-
-
 def test_what_a_change_must_pass_runs_without_the_variables_of_a_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    run, told = tmp_path / ".ci" / "run", tmp_path / "told"
-    for path in (run, *(tmp_path / name for name in ("scripts/test", "scripts/setup", "scripts/docs", ".venv/bin/python"))):
+    script, told = tmp_path / ".ci" / "run", tmp_path / "told"
+    for path in (script, *(tmp_path / name for name in ("scripts/test", "scripts/setup", "scripts/docs", ".venv/bin/python"))):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f"#!/usr/bin/env bash\nenv >>{told}\n")
         path.chmod(0o755)
-    run.write_bytes((ROOT / ".ci" / "run").read_bytes())
+    script.write_bytes((ROOT / ".ci" / "run").read_bytes())
     for name in ("PYTHONDONTWRITEBYTECODE", "OPENBLAS_CORETYPE", "PIP_FIND_LINKS"):
         monkeypatch.setenv(name, "1")
-    subprocess.run([str(run)], capture_output=True, check=True)
+    subprocess.run([str(script)], capture_output=True, check=True)
     own = {"PWD", "SHLVL", "_"}  # of bash itself
     given = {line for line in told.read_text().splitlines() if line.partition("=")[0] not in own}
     assert {line.partition("=")[0] for line in given if line != "OPENBLAS_CORETYPE=Prescott"} == {"PATH", "HOME", "LANG"}
@@ -286,27 +264,3 @@ def test_all_tests_run_in_two_processes_and_named_ones_as_asked(given: list[str]
     done = subprocess.run([str(ROOT / "scripts" / "test"), *given], env={**os.environ, "FEMSUB_PYTHON": str(python)},
                           capture_output=True, text=True, check=True)
     assert done.stdout.split() == passed.split()
-
-
-@pytest.mark.slow
-def test_workers() -> None:
-    command = [sys.executable, str(ROOT / "scripts" / "workers.py"), "--parts", "2", "--cells", "8", "--modes", "4",
-               "--repeats", "1"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "equal to the last digit" in done.stdout, done.stdout + done.stderr
-    assert "asked" not in done.stdout
-
-
-def test_a_part_that_was_kept_and_damaged_is_made_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "part"
-    assert opened_bytes(path) is None
-    content = bytearray(sealed_bytes(b"a part"))
-    for at in range(len(content)):
-        path.write_bytes(content)
-        assert opened_bytes(path) == b"a part"
-        content[at] ^= 4
-        path.write_bytes(content)
-        assert opened_bytes(path) is None and "is damaged" in capsys.readouterr().err
-        content[at] ^= 4
-    path.write_bytes(b"")
-    assert opened_bytes(path) is None

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 import femsub as fs
+from benchmarks import gallery
 from femsub.app.keys import keys_of
 from femsub.app.scene import SCENES, load, scene_of
 
@@ -70,13 +71,12 @@ def test_the_reference_has_every_key_of_a_scene(scene: str) -> None:
 
 # the gallery
 
-gallery = loaded(DOCS.parent / "scripts" / "gallery.py")
 RAN: dict[str, Any] = json.loads(gallery.RUNS.read_text(encoding="utf-8"))
 
 
 def test_the_gallery_shows_every_scene() -> None:
     assert list(SCENES) == list(RAN) and set(gallery.GALLERY) == set(SCENES)
-    assert gallery.PAGE.read_text(encoding="utf-8") == gallery.page(RAN), "scripts/gallery.py"
+    assert gallery.PAGE.read_text(encoding="utf-8") == gallery.page(RAN), "python -m benchmarks gallery"
     assert set(SCENES) == set(re.findall(r"\]\(\.\./pictures/gallery/([\w-]+)\.png\)", gallery.page(RAN)))
 
 

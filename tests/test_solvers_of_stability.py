@@ -15,7 +15,7 @@ from femsub.stability.critical_value import first_value
 
 @pytest.mark.parametrize("kind", solvers.KINDS)
 def test_all_solvers_agree_on_random_models(kind: str) -> None:
-    """Two seeds of benchmarks/attacks/solvers.py; `scripts/attack.py solvers` runs thousands."""
+    """Two seeds of benchmarks/attacks/solvers.py; `python -m benchmarks attack solvers` runs thousands."""
     found = [solvers.attacked(kind, seed) for seed in (0, 4)]
     assert set(found) <= {"agree", "none"} and "agree" in found
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from randomsystems import Case, random_system
+from systemerrors import fewest, moving, of_lambda, of_omega
 from test_coupling import cut
 
 import femsub as fs
-from benchmarks.random_systems import Case, random_system
-from benchmarks.system_errors import fewest, moving, of_lambda, of_omega
 from femsub.algebra import factor
 from femsub.model.estimate import Estimate
 from femsub.modes.normal_modes import all_modes

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from reducedproblems import GALLERY, Problem, positive, quick, statics
 
 import femsub as fs
-from benchmarks.gallery import GALLERY, Problem, positive, quick, statics
 from benchmarks.lattices import lattice
 from femsub.algebra.factor import inertia
 from femsub.algebra.petsc import Factor

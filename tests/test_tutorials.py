@@ -4,29 +4,16 @@ from __future__ import annotations
 
 import re
 import sys
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 import femsub as fs
+from benchmarks import paper_figures, tutorial_figures
 
 ROOT = Path(__file__).parent.parent
 TUTORIALS = ROOT / "docs" / "tutorials"
-
-
-def script(name: str) -> ModuleType:
-    """A script as a module."""
-    spec = spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    found = module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
-
-
-paper_figures, tutorial_figures = script("paper_figures"), script("tutorial_figures")
 
 
 def test_the_page_on_a_disc_shows_the_geometry_of_its_mesh() -> None:
@@ -59,7 +46,7 @@ def test_each_picture_is_drawn_by_the_script_and_shown_on_a_page(figures: dict[s
 
 @pytest.mark.parametrize("name", ["figure-2", "figure-4"])
 def test_the_script_draws(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["paper_figures.py", name, "--out", str(tmp_path / "new")])
+    monkeypatch.setattr(sys, "argv", ["paper-figures", name, "--out", str(tmp_path / "new")])
     paper_figures.main()
     assert [path.name for path in tmp_path.rglob("*.png")] == [f"{name}.png"]
     assert (tmp_path / "new" / f"{name}.png").read_bytes().startswith(b"\x89PNG")

@@ -1,1 +1,1 @@
-"""The stiff and extreme cases of scripts/extreme.py: models, references in many digits, and the verdict on each case."""
+"""The stiff and extreme cases of `python -m benchmarks extreme`: models, references, verdicts."""

@@ -45,7 +45,7 @@ from femsub.errors import (
 )
 
 Kind = Literal["definite", "symmetric", "general"]
-CHOLMOD = True  # use it if PETSc has it; tests and scripts/factors.py set False
+CHOLMOD = True  # use it if PETSc has it; tests set False
 MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules a setMumpsIcntl(7)
 SINGULAR = (-6, -10)  # errors of MUMPS that are the matrix'; others are the machine's
 ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be

@@ -1,7 +1,7 @@
 """Block Lanczos with thick restart: many right-hand sides at once where single solves are bound by memory traffic.
 
 Krylov-Schur (SLEPc) solves for one right-hand side at a time, and reads the whole factor each time. On bulky solids a
-column in a block of 10 costs a quarter of that, while 1.6 times as many columns are needed: see `scripts/bench.py`.
+column in a block of 10 costs a quarter of that, while 1.6 times as many columns are needed: see `python -m benchmarks bases`.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ ALIKE = 0.9  # smallest MAC of the two shapes for a match
 DENSE_POINTS, SPARSE_POINTS = 400, 40  # frequencies at which compliances are compared; each needs a solve
 SMALL = 150  # DOF up to which DENSE_POINTS are used
 FAIR = 0.1  # error of growth rates or compliance up to which the verdict is favourable
-MANY = 0.3  # reduced chains that lack a larger share never reached the full model's motion (scripts/attractors.py)
+MANY = 0.3  # reduced chains that lack a larger share never reached the full model's motion (docs/guide/motion.md)
 CRITERIA = ("missing_share", "spurious_share", "growth_error", "frequency_error", "growth_distance", "projection_loss",
             "compliance_static", "compliance_max", "compliance_mean")
 

@@ -179,7 +179,7 @@ def spectrograms(tracks: Sequence[Track], length: float) -> Result:
 def quality(tracks: Sequence[Track], belt: Belt) -> Result:
     """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
 
-    One trajectory of each: where motions coexist it may have ended in another of them, see scripts/attractors.py.
+    One trajectory of each: where motions coexist it may have ended in another of them, see docs/guide/motion.md.
     """
     known = [item for item in tracks if item.spectrum is not None and len(item.spectrum.peaks)]
     if not known or known[0].kind != "full":

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Reduction methods at equal size on joined parts: errors of the lowest frequencies against the unreduced system.
 
-    python scripts/compare_methods.py [--methods KEY ...] [--coordinates N ...] [--count K] [--out DIR]
+    python -m benchmarks compare-methods [--methods KEY ...] [--coordinates N ...] [--count K] [--out DIR]
 
 The problems are those of benchmarks/joined.py: chains, trusses, beams and membranes in two to four parts. Each part keeps N
 coordinates besides its interface DOF: modes, and where the modes are free ones the rigid-body modes of a floating part too. With

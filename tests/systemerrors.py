@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from randomsystems import Case, compositions
 
 import femsub as fs
-from benchmarks.random_systems import Case, compositions
 from femsub.model.bands import upper, within
 from femsub.modes import match
 from femsub.reduction.estimates.joined import JoinedSpace, held_statics

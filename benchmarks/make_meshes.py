@@ -1,7 +1,8 @@
-#!/usr/bin/env python3
-"""Makes the meshes in meshes/. Lengths are in m; each comes out the same whenever it is made (Gmsh: with the same version).
+"""Makes the meshes in meshes/.
 
-    .venv/bin/python scripts/make-meshes.py [--out DIR] [--size METRES] [NAME ...]
+Lengths are in m; each comes out the same whenever it is made (Gmsh: with the same version).
+
+    python -m benchmarks make-meshes [--out DIR] [--size METRES] [NAME ...]
 
 ============================  =============  =================================================================
 file                          cells          sets of nodes
@@ -201,7 +202,7 @@ def main() -> int:
         "brake-disc.vtu": lambda path: fs.write_mesh(path, brake_disc(arguments.size)),
         "brake-inboard.vtu": lambda path: fs.write_mesh(path, brake_pad("brake-inboard", -1, arguments.size)),
         "brake-outboard.vtu": lambda path: fs.write_mesh(path, brake_pad("brake-outboard", 1, arguments.size))}
-    parser = argparse.ArgumentParser(description="Makes the meshes in meshes/.")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(made)}; all by default")
     parser.add_argument("--out", default=Path(__file__).resolve().parent.parent / "meshes", type=Path)
     parser.add_argument("--size", default=0.025, type=float, metavar="METRES", help="of the brake's elements; default 0.025")

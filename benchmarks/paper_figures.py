@@ -1,14 +1,13 @@
 """Draws the conference paper's figures 2 to 5 from femsub, for docs/gallery/paper.md and docs/tutorials/paper.md.
 
-    python scripts/paper_figures.py [--out out/paper] [figure-2 figure-3 figure-4 figure-5]
+    python -m benchmarks paper-figures [--out out/paper] [figure-2 figure-3 figure-4 figure-5]
 
-`scripts/report.py paper` puts them into docs/pictures.
+`python -m benchmarks report paper` puts them into docs/pictures.
 Figure 5 follows three models in time and takes some ten seconds; the others take less than one each.
 """
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from benchmarks.pictures import save
+from benchmarks.pictures import draw_all
 from femsub.app.figure_style import new_figure
 from femsub.studies import look
 
@@ -141,16 +140,7 @@ FIGURES: dict[str, Callable[[], Any]] = {"figure-2": figure_2, "figure-3": figur
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", metavar="FIGURE", help=f"of {', '.join(FIGURES)}; all by default")
-    parser.add_argument("--out", type=Path, default=ROOT / "out" / "paper")
-    arguments = parser.parse_args()
-    if strange := set(arguments.names) - set(FIGURES):
-        parser.error(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(FIGURES)}")
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    for name in arguments.names or FIGURES:
-        save(arguments.out / f"{name}.png", FIGURES[name])
-        print(arguments.out / f"{name}.png")
+    draw_all(FIGURES, "paper", __doc__)
 
 
 if __name__ == "__main__":

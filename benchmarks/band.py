@@ -1,6 +1,6 @@
 """How many times as long complex modes of a brake take as so many real ones.
 
-    python -m benchmarks.complex_cost [--size METRES] [--hard] [--count N] [--rounds N]
+    python -m benchmarks band [--size METRES] [--hard] [--count N] [--rounds N]
 
 N real modes of the brake without friction are sought first, then all complex modes in a band that holds N/2 pairs, then those N
 nearest to 0. All are counted. Last come the N nearest without a count, by PEP. Elements of 0.033 m make 5,934 DOF, of 0.0085

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """All pictures and tables of the docs: data and figures of scenes, benchmarks, scaling and extreme cases, and of the pages.
 
-    python scripts/report.py [NAME ...] [--list] [--work DIR] [--data DIR] [--pictures DIR] [--fresh] [--quick]
+    python -m benchmarks report [NAME ...] [--list] [--work DIR] [--data DIR] [--pictures DIR] [--fresh] [--quick]
 
 Each step is a command of its own, run in a process of its own, one after the other; --list shows their names. What it prints is
 kept in WORK/NAME/printed.txt, its results beside it. A step that has ended well is not run again: a report that stopped goes on
@@ -33,45 +32,35 @@ from femsub.app.scene import SCENES
 from femsub.io.atomic import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
-SCRIPTS = ROOT / "scripts"
 SHOWN = "data.json"  # of the pictures
 
 
 @dataclass(frozen=True)
 class Step:
-    """One command: {out} in it stands for the step's folder, {work} for that of all steps."""
+    """One command: {out} in it stands for the step's folder, {work} for that of all steps, {tiny} for the smallest scene."""
 
     name: str
     title: str
     says: str
-    command: tuple[str, ...]
-    quick: tuple[str, ...] = ()  #: the same at sizes that show that all works; a step without is left out then
+    command: str  #: of `python -m benchmarks`, or `femsub run ...`
+    quick: str = ""  #: the same at sizes that show that all works; a step without is left out then
     figures: tuple[str, ...] = ()  #: of the files that it leaves
     folder: str = ""  #: of the pictures, for a step that leaves many, all of which are taken
     table: bool = True  #: whether what it prints is kept
 
-
-# For small dense models: the threads of NumPy's, SciPy's and PETSc's own BLAS wait for each other's core, for up to ten times
-# as long as the work takes.
-ONE_THREAD = ("env", "OMP_NUM_THREADS=1")
+    def words(self, quick: bool, **places: Path) -> list[str]:
+        """The command line. For the small dense models of scenes the BLAS of NumPy, SciPy and PETSc get one thread each: they
+        would wait for each other's core up to ten times as long as the work takes.
+        """
+        words = [word.format(**places) for word in (self.quick if quick else self.command).split()]
+        if words[0] == "femsub":
+            return ["env", "OMP_NUM_THREADS=1", str(ROOT / "scripts" / "femsub"), *words[1:], "--out", str(places["out"])]
+        return [sys.executable, "-m", "benchmarks", *words]
 
 
 def scene(name: str, title: str, says: str, *figures: str, quick: str = "") -> Step:
-    def run(what: str) -> tuple[str, ...]:
-        return (*ONE_THREAD, str(SCRIPTS / "femsub"), "run", "-v", what, "--out", "{out}")
-    small = run(quick) if quick else ()
-    return Step(Path(name).stem, title, says, run(name), small, tuple(f"{figure}.png" for figure in figures))
-
-
-def module(name: str, title: str, says: str, *options: str, step: str = "") -> Step:
-    return Step(step or name, title, says, (sys.executable, "-m", f"benchmarks.{name}", *options))
-
-
-def script(name: str, title: str, says: str, *options: str, figures: tuple[str, ...] = (), quick: tuple[str, ...] = (),
-           step: str = "", writes: bool = True, before: tuple[str, ...] = (), folder: str = "", table: bool = True) -> Step:
-    run, out = (*before, sys.executable, str(SCRIPTS / f"{name}.py")), ("--out", "{out}") if writes else ()
-    return Step(step or name, title, says, (*run, *options, *out), (*run, *quick, *out) if quick else (), figures,
-                folder, table)
+    return Step(Path(name).stem, title, says, f"femsub run -v {name}", quick and f"femsub run -v {quick}",
+                tuple(f"{figure}.png" for figure in figures))
 
 
 STEPS = (
@@ -80,57 +69,35 @@ STEPS = (
     scene("beam", "Beam", "A steel beam on a belt, 400 DOF.", "error-time"),
     scene("plate", "Plate", "A thin plate, 3,200 DOF.", "error-time"),
     scene("solid", "Solid", "A brake's disc, 7,920 DOF.", "error-time"),
-    scene("scripts/long-chain.toml", "A chain of 100,000 masses", "Beyond its border of stability.",
-          "error-time"),
+    scene("scripts/long-chain.toml", "A chain of 100,000 masses", "Beyond its border of stability.", "error-time"),
     scene("scripts/disc-transient.toml", "A disc in time", "10,800 DOF: what a simulated period costs, full and reduced.",
           "error-time"),
-    Step("report", "The page of a run", "Its verdict, and the least stable mode.",
-         (*ONE_THREAD, sys.executable, "-m", "benchmarks.page_picture", "--out", "{out}"), (), ("report.png",), table=False),
-    script("bench", "Assembly, bases, sweeps", "Ratios against scikit-fem, SciPy, plain SLEPc and full PEPs, each in one run.",
-           "--defaults", "--repeats", "1", quick=("--quick", "--repeats", "1", "--parts", "bases")),
-    script("bench", "Bases of a bulky solid", "Quadratic hexahedra, where factors are dense.", "--parts", "bases", "--component",
-           "bulk", "--defaults", "--repeats", "1", step="bench-bulk"),
-    Step("users", "What users have today", "Time and memory over femsub's, from benchmarks/data/users.json.",
-         (sys.executable, "-m", "benchmarks.users_picture", "--out", "{out}"), (), ("users.png", "readme.png"), table=False),
-    script("scaling", "Size: the chain", "Seconds, memory and error from 10 masses to a million.", "--components", "chain",
-           "--cores", "2", step="scaling-chain", figures=("scaling.png",)),
-    script("scaling", "Size: finite elements", "The same for a beam, a plate to 300,000 DOF and a solid to a million.",
-           "--components", "beam", "plate", "solid", "--cores", "2", "--repeats", "1", figures=("scaling.png",)),
-    script("extreme", "Stiff and extreme cases", "Each right within the bound that is stated for it, or refused with the reason.",
-           figures=("extreme.png",)),
-    script("effectivity", "Modes chosen to a tolerance", "The estimate against the true error over a gallery.",
-           figures=("effectivity.png",)),
-    script("certificates", "What certificates cost", "Seconds of the proof over seconds of the solution."),
-    script("integrators", "Integrators", "Error against run time of integrators, at n = 10, 100 and 1000.", writes=False),
-    script("cycle_cost", "Cost of a limit cycle", "Harmonic balance of finite-element ROMs against that of the chain.",
-           "--repeats", "3", writes=False, before=ONE_THREAD),
-    script("attractors", "Attractors", "Where seeded starts end, full and reduced.", figures=("attractors.png",)),
     scene("brake", "A brake", "Disc and two pads with friction between them: full and reduced.", "flutter", "error-time"),
     Step("brake-mode-and-error", "The README's picture", "A brake's unstable mode, and errors of reduced models; after brake.",
-         (sys.executable, "-m", "benchmarks.readme_picture", "--brake", "{work}/brake", "--out", "{out}"), (),
-         ("brake-mode-and-error.png",), table=False),
-    script("brake_convergence", "A brake over three meshes", "Frequency, growth and critical friction over element length.",
-           step="brake-convergence", figures=("brake-convergence.png",)),
-    module("brake", "A large brake", "Seconds and memory for 100 values of the friction.", step="brake-size"),
-    script("attack", "Critical values", "Against exact counts, closed forms and dense scans, on 700 random models.",
-           "critical_values", "--cases", "700", writes=False, step="critical-values"),
-    script("random_brakes", "Friction to a tolerance", "Random small brakes against dense solutions of their full models.",
-           "--brakes", "200", step="random-brakes"),
-    script("system_effectivity", "Systems of parts to a tolerance", "The estimate against the true error over random systems.",
-           step="system-effectivity"),
-    script("compare_methods", "Reduction methods", "At equal size, on joined parts.", figures=("methods.png",), step="methods",
-           table=False),
-    script("method_pictures", "What each method keeps", "The shapes of its basis, for the pages of the methods.",
-           step="method-pictures", folder="methods", table=False),
-    script("paper_figures", "The paper's figures", "2 to 5, from femsub.", step="paper", folder="paper", table=False),
-    script("tutorial_figures", "The tutorials' pictures", "Each from the model of its page.", step="tutorials",
-           folder="tutorials", table=False),
-    *(Step(f"gallery-{name}", f"The gallery: {name}", line, (sys.executable, str(SCRIPTS / "gallery.py"), "--run", name),
-           table=False) for name, (_, line) in SCENES.items()),
-    script("workers", "Parts side by side", "One process against two.", writes=False),
-    script("levels", "Four million DOF, level by level", "In parts on disk, by two workers; and what clusters would take.",
-           "--dask", quick=("--dof", "5e3", "--parts", "3", "--section", "3", "2"), figures=("levels.png",), before=ONE_THREAD),
-    module("assembly", "A million DOF in parts", "As one part, part by part, and by two processes."),
+         "readme-picture --brake {work}/brake --out {out}", "", ("brake-mode-and-error.png",), table=False),
+    Step("report", "The page of a run", "Its verdict, and the least stable mode.", "page-picture --out {out}", "",
+         ("report.png",), table=False),
+    Step("bases", "Bases of a slab", "Ratios against SciPy and plain SLEPc, each in one run.",
+         "bases --defaults --repeats 1 --out {out}", "bases --quick --repeats 1 --out {out}"),
+    Step("bases-bulk", "Bases of a bulky solid", "Quadratic hexahedra, where factors are dense.",
+         "bases --component bulk --defaults --repeats 1 --out {out}"),
+    Step("users", "What users have today", "Time and memory over femsub's, from benchmarks/data/users.json.",
+         "users-picture --out {out}", "", ("users.png", "readme.png"), table=False),
+    Step("scaling-chain", "Size: the chain", "Seconds, memory and error from 10 masses to a million.",
+         "scaling --components chain --repeats 5 --out {out}", "", ("scaling.png",)),
+    Step("scaling", "Size: finite elements", "The same for a beam, a plate to 300,000 DOF and a solid to a million.",
+         "scaling --components beam plate solid --out {out}", "", ("scaling.png",)),
+    Step("extreme", "Stiff and extreme cases", "Each right within the bound that is stated for it, or refused with the reason.",
+         "extreme --out {out}", "", ("extreme.png",)),
+    Step("methods", "Reduction methods", "At equal size, on joined parts.", "compare-methods --out {out}", "", ("methods.png",),
+         table=False),
+    Step("method-pictures", "What each method keeps", "The shapes of its basis, for the pages of the methods.",
+         "method-pictures --out {out}", folder="methods", table=False),
+    Step("paper", "The paper's figures", "2 to 5, from femsub.", "paper-figures --out {out}", folder="paper", table=False),
+    Step("tutorials", "The tutorials' pictures", "Each from the model of its page.", "tutorial-figures --out {out}",
+         folder="tutorials", table=False),
+    *(Step(f"gallery-{name}", f"The gallery: {name}", line, f"gallery --run {name}", table=False)
+      for name, (_, line) in SCENES.items()),
 )
 
 
@@ -141,8 +108,7 @@ class Stopped(Exception):
 def run(step: Step, folder: Path, quick: bool) -> None:
     """Runs a step and notes that it ended well. What it left when it was stopped stays: some scripts go on from there."""
     folder.mkdir(parents=True, exist_ok=True)
-    places = {"out": folder, "work": folder.parent, "tiny": SCRIPTS / "tiny-chain.toml"}
-    command = [part.format(**places) for part in (step.quick if quick else step.command)]
+    command = step.words(quick, out=folder, work=folder.parent, tiny=ROOT / "scripts" / "tiny-chain.toml")
     report.progress(f"{step.name}: {shlex.join(command)}")
     start = time.perf_counter()
     with open(folder / "printed.txt", "wb") as printed:

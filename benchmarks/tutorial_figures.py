@@ -1,13 +1,12 @@
 """Draws the pictures of docs/tutorials/. Each is made of the same model as its page.
 
-    python scripts/tutorial_figures.py [--out out/tutorials] [disc ...]
+    python -m benchmarks tutorial-figures [--out out/tutorials] [disc ...]
 
-`scripts/report.py tutorials` puts them into docs/pictures.
+`python -m benchmarks report tutorials` puts them into docs/pictures.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from benchmarks.pictures import save
+from benchmarks.pictures import draw_all
 from femsub.app.figure_style import new_figure
 from femsub.app.figures import shapes_figure
 from femsub.studies import look
@@ -35,10 +34,12 @@ def disc() -> Any:
     full = fs.solid(mesh, steel, supports=["inner"], interface=["guides"], ports={"belt": ("pad", "y")}, rayleigh=(5.0, 1e-7))
     belt = fs.Belt(force=8000.0, slope=-0.5)
     fields, titles = [], []
-    for name, model in (("full", full), ("Craig-Chang", fs.reduce(full, fs.CraigChang(modes=12), ports=True))):
+    reduced = fs.reduce(full, fs.CraigChang(modes=12), ports=True)
+    assert full.dofs is not None
+    for name, model in (("full", full), ("Craig-Chang", reduced)):
         found = fs.complex_modes(model, belt, band=(0.0, 2.2e4))
         worst = found.eigenvalues.real.argmax()
-        shape = found.shapes[:, worst] if model is full else model.expand(found.shapes[:, worst])
+        shape = found.shapes[:, worst] if model is full else reduced.expand(found.shapes[:, worst])
         shape = shape * np.exp(-1j * np.angle(shape[np.abs(shape).argmax()]))  # the largest displacement is real
         field = fs.displacements(mesh, full.dofs, shape.real)
         fields.append(field / np.linalg.norm(field, axis=1).max())
@@ -140,6 +141,7 @@ def beyond_the_border() -> Any:
         axis.plot(found.values[turn:], found.rms[turn:], label=f"{look(kind).label}, {model.size} DOF: stable cycle", **style)
         axis.plot(found.values[:turn + 1], found.rms[:turn + 1], ls="--", label="unstable cycle", **style)
         if kind != "full":
+            assert found.hopf is not None
             hopf, fold = found.hopf.value, found.special[0]
     axis.plot([hopf, 0.75], [0, 0], color="black", lw=1.5, label="steady sliding, stable")
     axis.plot([0.4, hopf], [0, 0], color="black", lw=1.5, ls="--", label="steady sliding, unstable")
@@ -148,7 +150,7 @@ def beyond_the_border() -> Any:
         levels, last = [], None
         for speed in order:
             here = replace(belt, speed=float(speed))
-            begin = {"impulse": 1.0} if last is None else {"start": last}
+            begin: dict[str, Any] = {"impulse": 1.0} if last is None else {"start": last}
             run = fs.transient(full, here, time=(0.0, 40000.0), record_from=39000.0, **begin)
             last = run.final
             levels.append(fs.rms(run.t, run.velocity("belt")))
@@ -165,7 +167,8 @@ def beyond_the_border() -> Any:
 def flutter() -> Any:
     """A block on an inclined arm: its modes over μ, and growth rates over the arm's angle and μ."""
     steel, mesh = fs.Material(E=2.1e11, nu=0.3, rho=7850.0), fs.block((0.06, 0.02, 0.02), (3, 1, 1))
-    rubbing = fs.FrictionContact("pad.bottom", "ground", {"pad": mesh}, stiffness=3e10, mu=0.4, direction=(1, 0, 0))
+    rubbing = fs.FrictionContact("pad.bottom", "ground", {"pad": mesh}, stiffness=3e10, mu=0.4,
+                                 direction=np.array([1.0, 0.0, 0.0]))
 
     def on_arm(degrees: float) -> fs.System:
         angle = np.radians(degrees)
@@ -224,16 +227,7 @@ FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices, "su
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", metavar="FIGURE", help=f"of {', '.join(FIGURES)}; all by default")
-    parser.add_argument("--out", type=Path, default=ROOT / "out" / "tutorials")
-    arguments = parser.parse_args()
-    if strange := set(arguments.names) - set(FIGURES):
-        parser.error(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(FIGURES)}")
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    for name in arguments.names or FIGURES:
-        save(arguments.out / f"{name}.png", FIGURES[name])
-        print(arguments.out / f"{name}.png")
+    draw_all(FIGURES, "tutorials", __doc__)
 
 
 if __name__ == "__main__":

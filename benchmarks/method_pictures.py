@@ -1,36 +1,35 @@
-#!/usr/bin/env python3
 """What each reduction method keeps: the shapes of its basis, drawn for one beam, and its errors on that beam.
 
-    python scripts/method_pictures.py [--out DIR]
+    python -m benchmarks method-pictures [--out DIR]
 
 The beam is of steel, 1 m long, free, and touched at three points (at nine for interface modes). Each column of the basis V is a
 curve, scaled to the same height. Dots are the points, squares the further masters. Curves without mass are dashed. The pages in
 docs/methods show the pictures and tables of the errors; tests/test_method_pages.py compares the tables with what `error` and
-`flutter_error` find. `scripts/report.py method-pictures` puts the pictures into docs.
+`flutter_error` find. `python -m benchmarks report method-pictures` puts the pictures into docs.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
+from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
-from benchmarks.pictures import save
+from benchmarks.pictures import draw_all
 from femsub.app.figure_style import new_figure
 from femsub.checks import Array
 
-OUT = Path(__file__).parent.parent / "out" / "method-pictures"
 STIFFNESS = 48 * 2.1e11 * 1e-8  # k₀ = 48 EI/L³, that of the beam on two supports against a force in the middle
 THREE = {"left": [0], "middle": [32], "right": [80]}
 NINE = {str(number): [10 * number] for number in range(9)}
 COLOURS = {"rigid": "#7a7a7a", "free": "#0067a5", "fixed-interface": "#0067a5", "real": "#0067a5", "interface mode": "#1b7837"}
 STATIC = "#c44e00"
+METHODS: dict[str, tuple[Any, ...]] = {  # on the pages of these names
+    "guyan": (fs.Guyan(2),), "craig-bampton": (fs.CraigBampton(4), fs.Hurty(0)), "craig-chang": (fs.CraigChang(3),),
+    "macneal": (fs.MacNeal(3),), "rubin": (fs.Rubin(3),), "herting": (fs.Herting(3),),
+    "dual-craig-bampton": (fs.DualCraigBampton(3),)}
 NAMES = {"constraint": "constraint modes", "fixed-interface": "fixed-interface modes", "rigid": "rigid-body modes",
          "free": "free modes", "residual attachment": "residual attachment modes", "interface": "interface displacements",
          "interface force": "interface forces", "free and inertia relief": "interior shapes", "real": "real modes",
@@ -86,15 +85,14 @@ def flutter_error(modes: int, friction: bool, mu: float, count: int = 5) -> floa
     return float((np.abs(found[:, None] - true).min(axis=0) / np.abs(true)).max())
 
 
-def models() -> dict[str, list[fs.ReducedSubstructure]]:
-    """What is drawn on each page."""
-    beam, on_feet = part(), fs.reduce(part(feet=True), fs.ContactModes(4, contacts=Feet()))
-    many = fs.reduce(part(NINE), fs.CraigBampton(0))
-    made = {"guyan": [fs.Guyan(2)], "craig-bampton": [fs.CraigBampton(4), fs.Hurty(0)], "craig-chang": [fs.CraigChang(3)],
-            "macneal": [fs.MacNeal(3)], "rubin": [fs.Rubin(3)], "herting": [fs.Herting(3)],
-            "dual-craig-bampton": [fs.DualCraigBampton(3)]}
-    found = {page: [fs.reduce(beam, method) for method in methods] for page, methods in made.items()}
-    return found | {"contact-modes": [on_feet], "interface-modes": [many, fs.reduce(many, fs.InterfaceModes(3))]}
+def models(page: str) -> list[fs.ReducedSubstructure]:
+    """What is drawn on a page."""
+    if page == "contact-modes":
+        return [fs.reduce(part(feet=True), fs.ContactModes(4, contacts=Feet()))]
+    if page == "interface-modes":
+        many = fs.reduce(part(NINE), fs.CraigBampton(0))
+        return [many, fs.reduce(many, fs.InterfaceModes(3))]
+    return [fs.reduce(part(), method) for method in METHODS[page]]
 
 
 def kinds(model: fs.ReducedSubstructure) -> tuple[str, ...]:
@@ -103,8 +101,10 @@ def kinds(model: fs.ReducedSubstructure) -> tuple[str, ...]:
     return model.kinds[:len(model.kinds) - masters] + ("master",) * masters
 
 
-def figure(shown: Sequence[fs.ReducedSubstructure], points: Sequence[int]) -> Any:
-    """A panel for each kind of columns of each model."""
+def figure(page: str) -> Any:
+    """A panel for each kind of columns of each model of a page."""
+    shown = models(page)
+    points = [dofs[0] // 2 for dofs in (NINE if page == "interface-modes" else THREE).values()]
     panels = [(model, kind) for model in shown for kind in dict.fromkeys(kinds(model))]
     most = max(kinds(model).count(kind) for model, kind in panels)
     drawn = new_figure(8.0, 0.75 + 0.36 * most)
@@ -127,15 +127,11 @@ def figure(shown: Sequence[fs.ReducedSubstructure], points: Sequence[int]) -> An
     return drawn
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=OUT)
-    out = parser.parse_args(arguments).out
-    out.mkdir(parents=True, exist_ok=True)
-    for page, shown in models().items():
-        points = [dofs[0] // 2 for dofs in (NINE if page == "interface-modes" else THREE).values()]
-        save(out / f"{page}.png", lambda shown=shown, points=points: figure(shown, points))  # type: ignore[misc]
-        print(out / f"{page}.png")
+FIGURES = {page: partial(figure, page) for page in (*METHODS, "contact-modes", "interface-modes")}
+
+
+def main() -> None:
+    draw_all(FIGURES, "method-pictures", __doc__)
 
 
 if __name__ == "__main__":

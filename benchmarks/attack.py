@@ -1,5 +1,6 @@
-#!/usr/bin/env python3
-"""Random attacks on numbers: `scripts/attack.py SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1]`.
+"""Random attacks on numbers, each case beside a reference of its own.
+
+    python -m benchmarks attack SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1]
 
 SUBJECT is a module of benchmarks/attacks. Each case is compared with a reference of its own. The counts are
 printed by kind and outcome. Exit status 1 if a case was wrong.

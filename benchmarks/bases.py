@@ -1,0 +1,152 @@
+"""Craig-Bampton bases of solid components against SciPy, plain SLEPc and PRIMME: ratios of seconds and memory.
+
+    python -m benchmarks bases [--component slab bulk disc] [--dof N ...] [--modes N ...] [--only METHOD ...]
+                               [--defaults] [--limit SECONDS] [--repeats N] [--out DIR] [--quick]
+
+All constraint modes and 40 fixed-interface modes, with the reduced M and K. `reduce` finds and certifies them. What users have
+today is compared with it:
+- SciPy's `eigsh(sigma=0)` with MKL's Pardiso (the extra `pardiso`), and with SuperLU and its options for symmetric
+  matrices. --defaults adds SuperLU with the options that `splu` has by itself.
+- SLEPc as it comes, with CHOLMOD and MUMPS: one factor in Krylov-Schur and in a KSP that solves column by column.
+- PRIMME (the extra `primme`) with the factor of Pardiso, or of SuperLU without it, as its preconditioner, and with
+  that of CHOLMOD.
+- Automated multilevel substructuring alone (AMLS): parts to 3 times the highest frequency, no refinement, no count.
+Only `reduce` counts the modes by a second factorisation, and the count is in its time. The error is the largest of ω against
+femsub's certified frequencies. A mode is missed if no frequency lies within 1 % of it.
+
+What is compared is measured in one run, in alternating order, each time in a process of its own, so that the peak of its
+resident memory is its own. Ratios are medians over the repeats, with the least and the most. Written are bases.csv and
+bases.json. Each measurement is a line of DIR/measured.jsonl. The same call goes on where it was stopped, and prints what the
+folder has of other cases as well. A measurement that takes longer than --limit, or more memory than there is, is marked so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import statistics
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+import femsub as fs
+from benchmarks import comparisons as tasks
+from benchmarks.processes import Row, StoppedError, fresh, machine, watched
+from benchmarks.users import Case, Journal, compared
+from femsub.algebra.petsc import has_cholmod
+from femsub.app import report
+from femsub.app.scene import Result
+from femsub.studies.tables import Table, table
+
+SIZES: dict[bool, Row] = {  # by --quick: bricks or element length, nodes of the interface, modes
+    False: {"slab": (90, 58, 6), "bulk": (40, 20, 10), "disc": 0.0085, "interface": 84, "modes": 40},
+    True: {"slab": (8, 6, 2), "bulk": (4, 3, 2), "disc": 0.04, "interface": 6, "modes": 6}}
+PACKAGES = {"SciPy, MKL Pardiso": "pypardiso", "PRIMME": "primme", "PRIMME, CHOLMOD": "primme"}  # that methods need
+COLUMNS = {"case": "", "method": "", "dof": ",d", "seconds": ".3g", "seconds_least": ".3g", "seconds_most": ".3g", "times": ".3g",
+           "times_least": ".3g", "times_most": ".3g", "peak_mb": ".0f", "base_mb": ".0f", "error": ".0e", "missed": "d",
+           "residual": ".0e", "factorisations": "d", "ended": ""}
+
+
+def measured(case: Case, method: str, turn: int, journal: Journal, limit: float) -> str:
+    """Measures a basis, unless the journal has it or the method was stopped before; gives what failed."""
+    if (case, method, turn) in journal.known or journal.ended(case, method):
+        return ""
+    values = journal.reference(case)[1]
+    if method == tasks.FREQUENCIES and not len(values):
+        return f"{method}: no other method has found the highest frequency that is wanted"
+    report.progress(f"{case.component}, {case.modes} modes: {method}, run {turn + 1}")
+    folder = journal.path.parent / "reference" / case.folder
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        row = watched(tasks.bases, method, *case, float(values[-1]) if len(values) else 0.0, folder if turn == 0 else None,
+                      limit=limit)
+    except (StoppedError, MemoryError) as error:
+        row = {"ended": str(error) or "not enough memory"}
+    except (fs.FemsubError, ImportError, RuntimeError) as error:
+        return f"{case.component}, {method}: {type(error).__name__}: {error}"[:400]
+    journal.add(case, method, turn, row)
+    return ""
+
+
+def rows_of(case: Case, journal: Journal) -> list[Row]:
+    """A row for each method: medians, spread, memory, and how many times longer than femsub it takes, round by round."""
+    runs, found = journal.runs(case, tasks.NAMES), []
+    columns = max((run["interface"] for several in runs.values() for run in several if run), default=0)
+    reference, certified = journal.reference(case)
+    for name, several in runs.items():
+        done = [run for run in several if run]
+        row: Row = {"component": case.component, "interface": columns, "modes": case.modes, "method": name,
+                    "case": f"{case.component}, {columns} + {case.modes}", "dof": journal.dof(case), "runs": len(done),
+                    "reference": reference, "ended": journal.ended(case, name) or None, "phases": {}}
+        if done:
+            row |= spread("seconds", [run["seconds"] for run in done])
+            ratios = [run["seconds"] / ours["seconds"] for run, ours in zip(several, runs[tasks.REFERENCE], strict=True)
+                      if run and ours]  # of one round, so that a slow spell of the machine hits both of its sides
+            row |= spread("times", ratios) if ratios else {}
+            row |= {key: statistics.median(run[key] for run in done) for key in ("peak_mb", "base_mb")}
+            row["phases"] = {key: statistics.median(run["phases"][key] for run in done) for key in done[0]["phases"]}
+            row |= {key: value for key, value in done[0].items() if key in ("residual", "factorisations")
+                    or key.startswith("error")}
+            row["error"], row["missed"] = compared(certified, np.sqrt(done[0]["values"]))
+        found.append(row)
+    return found
+
+
+def spread(name: str, values: list[float]) -> Row:
+    return {name: statistics.median(values), f"{name}_least": min(values), f"{name}_most": max(values)}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--component", nargs="+", choices=list(tasks.COMPONENTS), default=["slab"],
+                        help=f"{', '.join(f'{key} = {text}' for key, text in tasks.COMPONENTS.items())} (default slab)")
+    parser.add_argument("--dof", type=int, nargs="+", help="of the components, about (default some 110,000; disc 50,000)")
+    parser.add_argument("--defaults", action="store_true", help="SciPy's own choice of ordering, too (slow)")
+    parser.add_argument("--modes", type=int, nargs="+", help="fixed-interface modes (default 40)")
+    parser.add_argument("--limit", type=float, default=1200.0, metavar="SECONDS",
+                        help="most seconds of one measurement, the component's assembly included (default 1200)")
+    parser.add_argument("--only", nargs="+", choices=tasks.NAMES, help="femsub and these alone")
+    parser.add_argument("--repeats", type=int, default=3, metavar="N", help="runs of each measurement (default 3)")
+    parser.add_argument("--out", type=Path, default=Path("out/bases"), metavar="DIR", help="output folder (default out/bases)")
+    parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that all works, times mean nothing")
+    asked = parser.parse_args()
+    if asked.repeats < 1:
+        parser.error("--repeats must be at least 1")
+    try:
+        report.check_folder(str(asked.out))  # to know it now and not at the end
+    except fs.InputError as error:
+        parser.error(str(error))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that measures stays behind
+    # Debian's PETSc starts OpenMPI, see femsub/algebra/petsc.py; here slepc4py is loaded without it.
+    os.environ |= {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
+    computer, sizes, journal = fresh(machine), SIZES[asked.quick], Journal(asked.out)
+    cases = [Case(name, size, sizes["interface"], modes) for name in asked.component
+             for size in ([sizes[name]] if asked.dof is None else
+                          [fresh(tasks.size_for, name, sizes[name], dof) for dof in asked.dof])
+             for modes in asked.modes or [sizes["modes"]]]
+    left_out = {name for name, package in PACKAGES.items() if find_spec(package) is None}
+    left_out |= set() if asked.defaults else {"SciPy, defaults"}
+    left_out |= set() if fresh(has_cholmod) else {name for name in tasks.NAMES if name.endswith("CHOLMOD")}
+    methods = [name for name in tasks.NAMES if name not in left_out
+               and (asked.only is None or name in (tasks.REFERENCE, *asked.only))]
+    failed = [fault for case in cases for turn in range(asked.repeats) for name in methods[::1 if turn % 2 == 0 else -1]
+              if (fault := measured(case, name, turn, journal, asked.limit))]
+    report.progress_done()
+    rows = [row for case in journal.cases for row in rows_of(case, journal)]
+    text = table([key.replace("_", " ") for key in COLUMNS], [[row.get(key) for key in COLUMNS] for row in rows],
+                 list(COLUMNS.values()))
+    phases = table(["phases", "medians"], [[f"{row['method']}, {row['case']}", ", ".join(
+        f"{key} {value:.3g} s" for key, value in row["phases"].items())] for row in rows], ["", ""])
+    flat = [{key: value for key, value in row.items() if key != "phases"} for row in rows]
+    data = {"machine": computer, "quick": asked.quick, "repeats": asked.repeats, "rows": rows, "failed": failed}
+    result = Result(data, [text, phases, Table("bases", flat)])
+    print(result.text(), *(f"failed: {line}" for line in failed), sep="\n")
+    report.write(result, asked.out, figures=False, name="bases")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
