@@ -10,7 +10,6 @@ today is compared with it:
 - SLEPc as it comes, with CHOLMOD and MUMPS: one factor in Krylov-Schur and in a KSP that solves column by column.
 - PRIMME (the extra `primme`) with the factor of Pardiso, or of SuperLU without it, as its preconditioner, and with
   that of CHOLMOD.
-- Automated multilevel substructuring alone (AMLS): parts to 3 times the highest frequency, no refinement, no count.
 Only `reduce` counts the modes by a second factorisation, and the count is in its time. The error is the largest of ω against
 femsub's certified frequencies. A mode is missed if no frequency lies within 1 % of it.
 
@@ -54,15 +53,11 @@ def measured(case: Case, method: str, turn: int, journal: Journal, limit: float)
     """Measures a basis, unless the journal has it or the method was stopped before; gives what failed."""
     if (case, method, turn) in journal.known or journal.ended(case, method):
         return ""
-    values = journal.reference(case)[1]
-    if method == tasks.FREQUENCIES and not len(values):
-        return f"{method}: no other method has found the highest frequency that is wanted"
     report.progress(f"{case.component}, {case.modes} modes: {method}, run {turn + 1}")
     folder = journal.path.parent / "reference" / case.folder
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        row = watched(tasks.bases, method, *case, float(values[-1]) if len(values) else 0.0, folder if turn == 0 else None,
-                      limit=limit)
+        row = watched(tasks.bases, method, *case, folder if turn == 0 else None, limit=limit)
     except (StoppedError, MemoryError) as error:
         row = {"ended": str(error) or "not enough memory"}
     except (fs.FemsubError, ImportError, RuntimeError) as error:

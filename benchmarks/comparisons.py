@@ -5,7 +5,6 @@ Each loads its packages, solves a tiny problem, and only then starts the clock. 
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -23,11 +22,9 @@ STEEL = (2.1e11, 0.3, 7850.0)
 BLOCKS = {"slab": ((1.0, 0.6, 0.06), "hexahedron"), "bulk": ((1.0, 0.5, 0.25), "hexahedron20")}
 DISC = "disc"  # a brake's disc with two pads
 COMPONENTS = {"slab": "slab of 8-node hexahedra", "bulk": "bulk of 20-node hexahedra", DISC: "disc with pads"}
-BEYOND = 3.0  # times the highest wanted frequency: how far multilevel substructuring keeps the modes of its parts
 DUST = 1e-14  # share of a contact's largest stiffness below which an entry is rounding
-PIECE = 4000  # DOF of such a part, about
 ROWS = 500  # of the constraint modes that are compared
-REFERENCE, FREQUENCIES = "femsub", "AMLS alone"  # what others are compared with, and what finds no shapes
+REFERENCE = "femsub"  # what others are compared with
 Solve: TypeAlias = Callable[[np.ndarray], np.ndarray]
 Factorise: TypeAlias = Callable[[Any], AbstractContextManager[Solve]]
 Lowest: TypeAlias = Callable[[Any, Any, int, Solve], tuple[np.ndarray, np.ndarray]]
@@ -101,55 +98,6 @@ class Disc:
         chosen = np.sort(back[np.argsort(away.round(9), kind="stable")[:nodes]])
         return np.asarray((3 * chosen[:, None] + np.arange(3)).ravel())
 
-    def pieces(self) -> dict[str, fs.Substructure]:
-        """The disc in parts, and each pad with its contact and the DOF of the disc below it, which have no mass there."""
-        import scipy.sparse as sp
-
-        scene, mesh = self.brake.scene, self.brake.meshes["disc"]
-        cut = fs.cut(mesh, fs.solid, into=pieces_for(self.parts["disc"].size), supports=[scene.hub],
-                     material=fs.Material(scene.E[0], scene.nu[0], scene.rho[0]))
-        rows, matrices = dict(cut.rows), {name: (part.M, part.K) for name, part in cut.parts.items()}
-        for name in self.pads:
-            own = self.rows[name]
-            touched = np.unique(sp.csr_array(self.contact)[own].indices)
-            below = touched[touched < self.parts["disc"].size]
-            rows[name] = np.concatenate([below, own])
-            zeros = sp.csr_array((len(below), len(below)))
-            M, K = (sp.block_diag((zeros, matrix), format="csr") for matrix in (self.parts[name].M, self.parts[name].K))
-            matrices[name] = M, K + self.contact[rows[name]][:, rows[name]]
-        return sharing(rows, matrices, np.concatenate(list(self.joints.values())), self.whole.size)
-
-
-def sharing(rows: dict[str, np.ndarray], matrices: dict[str, tuple[Any, Any]], open_: np.ndarray, size: int,
-            ) -> dict[str, fs.Substructure]:
-    """Parts whose DOF are these rows of a model. Interface sets are what some of them share, as 'p1+p2', and the open 'joint'."""
-    names = list(rows)
-    member = np.stack([np.isin(np.arange(size), rows[name]) for name in names], axis=1)
-    parts = {}
-    for name in names:
-        sets: dict[str, list[int]] = {}
-        for place in np.flatnonzero(member[rows[name]].sum(axis=1) > 1):
-            key = "+".join(np.array(names)[member[rows[name][place]]])
-            sets.setdefault(key, []).append(int(place))
-        joint = np.flatnonzero(np.isin(rows[name], open_))
-        given = {key: np.array(places) for key, places in sets.items()} | ({"joint": joint} if len(joint) else {})
-        parts[name] = fs.Substructure(*matrices[name], interface=given, name=name)
-    return parts
-
-
-def pieces_for(size: int) -> int:
-    """In how many parts multilevel substructuring cuts so many DOF."""
-    return max(2, round(size / PIECE))
-
-
-def pieces(component: str, size: Any, nodes: int) -> dict[str, fs.Substructure]:
-    """The parts of a component for multilevel substructuring."""
-    if component == DISC:
-        return Disc(size, nodes).pieces()
-    return dict(fs.cut(block(component, size, nodes), fs.solid, into=pieces_for(_dof(np.array([size]), BLOCKS[component][1])[0]),
-                       material=fs.Material(*STEEL), interface=["joint"]).parts)
-
-
 def built(component: str, size: Any, nodes: int) -> fs.Substructure:
     """Slab or bulk of so many cells, or the disc with pads of elements so long."""
     return Disc(size, nodes).whole if component == DISC else solid(component, size, nodes)
@@ -182,18 +130,11 @@ def _disc_dof(size: float) -> int:
     return 3 * (sum(len(mesh.points) for mesh in meshes.values()) - len(meshes["disc"].nodes("hub")))
 
 
-def bases(method: str, component: str, size: Any, nodes: int, modes: int, highest: float, folder: Path | None) -> Row:
-    """One way to the HCB basis. With a folder, femsub leaves its result there and the others compare theirs with it.
-
-    `highest` is the highest of the wanted frequencies in rad/s, which multilevel substructuring has to know.
-    """
+def bases(method: str, component: str, size: Any, nodes: int, modes: int, folder: Path | None) -> Row:
+    """One way to the HCB basis. With a folder, femsub leaves its result there and the others compare theirs with it."""
     from femsub.modes.normal_modes import relative_residual
 
     laps = Laps()
-    if method == FREQUENCIES:
-        levels(pieces("slab", (5, 3, 2), 4), 3, laps, 2e4)
-        values, dof, joint = levels(pieces(component, size, nodes), modes, laps, highest)
-        return laps.row() | {"dof": dof, "interface": joint, "values": [float(value) for value in values]}
     make = METHODS[method]
     make(solid("slab", (5, 3, 2), 4), 3, laps)
     sub = built(component, size, nodes)
@@ -302,37 +243,6 @@ def primme(K: Any, M: Any, modes: int, solve: Solve) -> tuple[np.ndarray, np.nda
     return values[order], shapes[:, order]
 
 
-def levels(parts: dict[str, fs.Substructure], modes: int, laps: Laps, highest: float) -> tuple[np.ndarray, int, int]:
-    """The lowest ω² by automated multilevel substructuring, without refinement or count, with the DOF of model and interface.
-
-    The modes of all parts below BEYOND times the highest wanted frequency are kept. The parts are made before the clock starts.
-    Shapes of the full model are not computed.
-    """
-    shares = np.concatenate([_shares(part) for part in parts.values()])
-    laps.begin()
-    with tempfile.TemporaryDirectory() as folder:
-        found = fs.reduce_by_levels({name: partial(_given, part) for name, part in parts.items()},
-                                    fs.CraigBampton(cutoff=BEYOND * highest), folder)
-        laps("levels")
-    joint = len(found.model.interface)
-    small = fs.reduce(found.model, fs.CraigBampton(modes=modes))
-    laps("modes")
-    return small.K.diagonal()[joint:], round(float(shares.sum())), joint
-
-
-def _given(part: fs.Substructure) -> fs.Substructure:
-    return part
-
-
-def _shares(part: fs.Substructure) -> np.ndarray:
-    """Of each DOF of a part, one over the number of parts that share it."""
-    found = np.ones(part.size)
-    for name, places in part.sets.items():
-        if "+" in name:
-            found[part.interface[places]] = 1 / len(name.split("+"))
-    return found
-
-
 def slepc_bases(sub: fs.Substructure, modes: int, laps: Laps, package: str) -> tuple[Any, ...]:
     from femsub.algebra.petsc import load as solvers
 
@@ -401,4 +311,4 @@ METHODS: dict[str, Callable[..., tuple[Any, ...]]] = {
     "SLEPc, CHOLMOD": partial(slepc_bases, package="cholmod"), "SLEPc, MUMPS": partial(slepc_bases, package="mumps"),
     "PRIMME": partial(factored_bases, factorise=fastest, lowest=primme),
     "PRIMME, CHOLMOD": partial(factored_bases, factorise=cholmod, lowest=primme)}
-NAMES = (*METHODS, FREQUENCIES)  # of all that `bases` takes
+NAMES = tuple(METHODS)

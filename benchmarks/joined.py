@@ -78,18 +78,6 @@ def beams(count: int, elements: int = 12) -> Joined:
                           for one, other in itertools.pairwise(parts)])
 
 
-def strips(count: int, cells: int) -> Joined:
-    """A steel plate clamped at one end, cut into so many squares of cells² elements, each a tenth thicker than the one before."""
-    parts = {}
-    for i in range(count):
-        where = ["left", "right"][int(i == 0):1 + int(i < count - 1)]
-        parts[f"s{i}"] = fs.plate(fs.rectangle((0.5, 0.5), (cells, cells)), E=2.1e11, nu=0.3, rho=7850.0,
-                                  thickness=0.01 * (1 + 0.1 * i), interface=where,
-                                  supports={"left": "clamped"} if i == 0 else None, name=f"s{i}")
-    return Joined(parts, [fs.Rigid((one, "right"), (other, "left"), tol=np.inf)
-                          for one, other in itertools.pairwise(parts)])
-
-
 def membranes(n: int = 5) -> Joined:
     """Four square membranes of springs that meet along four edges and in one node; none is held."""
     parts = {}

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.comparisons import FREQUENCIES, REFERENCE
+from benchmarks.comparisons import REFERENCE
 from benchmarks.processes import Row
 
 FILE = "measured.jsonl"
@@ -97,9 +97,9 @@ class Journal:
                      if (one, name) == (case, method) and "ended" in row), "")
 
     def reference(self, case: Case) -> tuple[str, np.ndarray]:
-        """The frequencies that others are compared with, in rad/s: femsub's, else those of the first exact method."""
+        """The frequencies that others are compared with, in rad/s: femsub's, else those of the first method."""
         known = {name: row["values"] for (one, name, _), row in self.known.items()
-                 if one == case and "values" in row and name != FREQUENCIES}
+                 if one == case and "values" in row}
         name = REFERENCE if REFERENCE in known else next(iter(known), "")
         return name, np.sqrt(np.array(known.get(name, [])))
 

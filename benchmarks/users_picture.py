@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.comparisons import COMPONENTS, FREQUENCIES, NAMES, REFERENCE
+from benchmarks.comparisons import COMPONENTS, NAMES, REFERENCE
 from benchmarks.pictures import save
 from benchmarks.processes import Row
 from femsub.app.figure_style import PAGE, few_decades, legend_below, new_figure
@@ -26,8 +26,7 @@ KEPT = ("component", "dof", "interface", "modes", "method", "runs", "seconds", "
         "error", "missed", "ended")
 LOOKS = {"SciPy, MKL Pardiso": ("#1f6fb4", "o"), "SciPy": ("#6aa5d8", "s"), "SciPy, defaults": ("#9cc3e6", "P"),
          "SLEPc, CHOLMOD": ("#2a8f4d", "^"), "SLEPc, MUMPS": ("#7cc08b", "v"), "PRIMME": ("#c44e00", "D"),
-         "PRIMME, CHOLMOD": ("#e08a4a", "d"),
-         FREQUENCIES: ("#7a3fa0", "X")}
+         "PRIMME, CHOLMOD": ("#e08a4a", "d")}
 LABELS = {"SciPy": "SciPy, SuperLU", "SciPy, defaults": "SciPy, SuperLU as it comes"}
 NOT_RUN: Row = dict.fromkeys(KEPT) | {"ended": "not run"}
 LANE = 0.15  # inches: of a method in a figure
@@ -66,7 +65,7 @@ def figure(rows: Sequence[Row]) -> Any:
     for at, name in enumerate(methods):
         colour, marker = LOOKS[name]
         style = {"color": colour, "marker": marker, "ls": "none", "ms": 5.5, "label": LABELS.get(name, name),
-                 "mfc": "none" if name == FREQUENCIES else colour, "zorder": 3}
+                 "mfc": colour, "zorder": 3}
         there = [(case * lanes + at, found[name], found[REFERENCE]) for case, found in enumerate(cases.values()) if name in found]
         timed = [(y, row) for y, row, _ in there if row["times"]]
         left.plot([row["times"] for _, row in timed], [y for y, _ in timed], **style)
@@ -102,8 +101,6 @@ def _notes(axis: Any, cases: dict[tuple[str, int, int], dict[str, Row]], methods
         for at, name in enumerate(methods):
             row = found.get(name, NOT_RUN)
             told = row["ended"] or (f"{row['missed']} missed" if row["missed"] else "")
-            if name == FREQUENCIES and row["error"]:
-                told = ", ".join(filter(None, (f"{100 * row['error']:.1g} % off", told)))
             if told:
                 place = row["times_most"] or 1.0
                 axis.annotate(told, (place, case * lanes + at), (6, 0), textcoords="offset points", va="center", fontsize=7,

@@ -6,7 +6,7 @@ Each is small enough for all of its eigenvalues to be had by LAPACK. tests/test_
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
@@ -179,10 +179,6 @@ GALLERY = (
 @cache
 def quick() -> tuple[Problem, ...]:
     return tuple(problem for problem in GALLERY if problem.quick)
-
-
-def without_port(problem: Problem) -> Problem:
-    return replace(problem, ports=False)
 
 
 def statics(kind: Any, sub: fs.Substructure, extra: np.ndarray) -> Statics:

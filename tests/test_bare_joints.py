@@ -7,6 +7,7 @@ from fractions import Fraction
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.comparisons import sharing
 from femsub.coupling.joined import conditions, linked
 from femsub.coupling.joints import Joint, Link, site, stacked
 from femsub.modes import bare
@@ -181,6 +181,23 @@ def pressed(request: pytest.FixtureRequest) -> tuple[dict[str, fs.Substructure],
     assert matrices["pad"][0].shape[0] == below.size + own
     top = np.sort((3 * np.flatnonzero(_spots(pad)[:, 2] == 0.05) + np.arange(3)[:, None]).ravel()) + n
     return sharing(rows, matrices, top, N), fs.Substructure(M, K + contact, interface=top)
+
+
+def sharing(rows: dict[str, np.ndarray], matrices: dict[str, tuple[Any, Any]], open_: np.ndarray, size: int,
+            ) -> dict[str, fs.Substructure]:
+    """Parts whose DOF are these rows of a model. Interface sets are what some of them share, as 'p1+p2', and the open 'joint'."""
+    names = list(rows)
+    member = np.stack([np.isin(np.arange(size), rows[name]) for name in names], axis=1)
+    parts = {}
+    for name in names:
+        sets: dict[str, list[int]] = {}
+        for place in np.flatnonzero(member[rows[name]].sum(axis=1) > 1):
+            key = "+".join(np.array(names)[member[rows[name][place]]])
+            sets.setdefault(key, []).append(int(place))
+        joint = np.flatnonzero(np.isin(rows[name], open_))
+        given = {key: np.array(places) for key, places in sets.items()} | ({"joint": joint} if len(joint) else {})
+        parts[name] = fs.Substructure(*matrices[name], interface=given, name=name)
+    return parts
 
 
 def _spots(sub: fs.Substructure) -> np.ndarray:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack
 from femsub.checks import Array
 from femsub.reduction import METHODS
 
@@ -15,35 +15,33 @@ KINDS = ("sound", "planted with V", "planted without V")
 LEAST = 1e-5  # relative change of an entry, of which a fault is made at least
 
 
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS, seed_first=True)
+def attacked(kind: str, rng: Random) -> str:
     """One random case: 'certified' if nothing is said of a sound model, or a fault is found; 'missed: …' by kind of fault."""
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", fs.errors.FemsubWarning)
-        full = component(rng)
-        name = str(rng.choice(list(METHODS)))
-        method = METHODS[name]() if name == "guyan" else METHODS[name](int(rng.integers(0 if name == "hurty" else 1, 9)))
-        try:
-            rom = fs.reduce(full, method, ports=bool(full.ports) and rng.random() < 0.3)
-        except fs.FemsubError as error:
-            return f"not reduced: {str(error)[:60]}"
-        if kind == "sound":
-            given: Any = rom if rng.random() < 0.5 else as_matrices(rom, *(key for key in ("V", "kinds", "dofs", "cutoff")
-                                                                           if rng.random() < 0.3))
-            faults = [f"{one.what}: {one.said}" for whole in (full, None) for one in fs.audit(given, whole).faults]
-            return f"wrong: seed {seed}: {name} of {full.name}: {'; '.join(faults)}" if faults else "certified"
-        given = as_matrices(rom, *(() if kind == "planted with V" else ("V",)))
-        what = ""
-        for _ in range(50):
-            changed = {key: value.copy() if key in "MKD" else value for key, value in given.items()}
-            what = plant(changed, rng)
-            if is_fault(given, changed, rom, full):
-                break
-        else:
-            return "nothing to plant"
-        given = changed
-        found = fs.audit(given, full)
-    return "certified" if found.faults else f"missed {what} of {name} ({full.name}): seed {seed}"
+    full = component(rng)
+    name = str(rng.choice(list(METHODS)))
+    method = METHODS[name]() if name == "guyan" else METHODS[name](int(rng.integers(0 if name == "hurty" else 1, 9)))
+    try:
+        rom = fs.reduce(full, method, ports=bool(full.ports) and rng.random() < 0.3)
+    except fs.FemsubError as error:
+        return f"not reduced: {str(error)[:60]}"
+    if kind == "sound":
+        given: Any = rom if rng.random() < 0.5 else as_matrices(rom, *(key for key in ("V", "kinds", "dofs", "cutoff")
+                                                                       if rng.random() < 0.3))
+        faults = [f"{one.what}: {one.said}" for whole in (full, None) for one in fs.audit(given, whole).faults]
+        return f"wrong: {name} of {full.name}: {'; '.join(faults)}" if faults else "certified"
+    given = as_matrices(rom, *(() if kind == "planted with V" else ("V",)))
+    what = ""
+    for _ in range(50):
+        changed = {key: value.copy() if key in "MKD" else value for key, value in given.items()}
+        what = plant(changed, rng)
+        if is_fault(given, changed, rom, full):
+            break
+    else:
+        return "nothing to plant"
+    given = changed
+    found = fs.audit(given, full)
+    return "certified" if found.faults else f"missed {what} of {name} ({full.name})"
 
 
 def as_matrices(rom: fs.ReducedSubstructure, *left_out: str) -> dict[str, Any]:
@@ -86,7 +84,7 @@ def is_fault(given: dict[str, Any], changed: dict[str, Any], rom: fs.ReducedSubs
                        for key in "MK") for turn in turns)
 
 
-def component(rng: np.random.Generator) -> fs.Substructure:
+def component(rng: Random) -> fs.Substructure:
     """A random chain, beam, plate or solid, held or floating, with one or more interfaces, some with a port inside."""
     kind = str(rng.choice(["chain", "chain", "beam", "beam", "plate", "solid"]))
     held = bool(rng.random() < 0.5)
@@ -111,7 +109,7 @@ def component(rng: np.random.Generator) -> fs.Substructure:
                     rayleigh=(2.0, 1e-7) if rng.random() < 0.5 else (0.0, 0.0))
 
 
-def plant(given: dict[str, Any], rng: np.random.Generator) -> str:
+def plant(given: dict[str, Any], rng: Random) -> str:
     """Puts one fault into the matrices, and names it."""
     r = len(given["M"])
     fault = str(rng.choice(["entry", "sign", "mass", "stiffness", "order", "units", "scale"]))

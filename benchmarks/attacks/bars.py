@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import warnings
-
-import mpmath as mp
 import numpy as np
+from mpmath import mp
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, exact_eigenvalues
+from femsub.checks import Array
 
 KINDS = ("scales", "units", "nearly singular", "friction", "clusters")
 DIGITS = 150
-Array = np.ndarray
 
 
-def spd(rng: np.random.Generator, n: int) -> Array:
+def spd(rng: Random, n: int) -> Array:
     B = rng.standard_normal((n, n)).round(3)
     return B @ B.T + 0.1 * np.eye(n)
 
 
-def pencil(kind: str, rng: np.random.Generator) -> fs.Pencil:
+def pencil(kind: str, rng: Random) -> fs.Pencil:
     n = int(rng.integers(1, 5))
     M, D, K = spd(rng, n), spd(rng, n) * rng.choice([0.0, 1.0, 1.0, -1.0]), spd(rng, n)
     if rng.random() < 0.3:
@@ -47,18 +46,6 @@ def pencil(kind: str, rng: np.random.Generator) -> fs.Pencil:
     return fs.Pencil(M, D, K)
 
 
-def exact(given: fs.Pencil) -> list[mp.mpc]:
-    n = given.size
-    M, D, K = (mp.matrix(A.tolist()) for A in (given.M, given.D, given.K))
-    lead, companion = M ** -1, mp.zeros(2 * n)
-    low, middle = -(lead * K), -(lead * D)
-    for i in range(n):
-        companion[i, n + i] = 1
-        for j in range(n):
-            companion[n + i, j], companion[n + i, n + j] = low[i, j], middle[i, j]
-    return list(mp.eig(companion, left=False, right=False))
-
-
 def regular(given: fs.Pencil) -> bool:
     """Whether K, its DOF scaled to one stiffness, is regular in double precision."""
     unit = np.abs(given.K).max(axis=0)
@@ -66,20 +53,19 @@ def regular(given: fs.Pencil) -> bool:
     return bool(np.linalg.cond(given.K * np.outer(unit, unit)) < 1e11)
 
 
-def attacked(kind: str, seed: int) -> str:
-    rng = np.random.default_rng([KINDS.index(kind), seed])
-    with warnings.catch_warnings(), mp.workdps(DIGITS):
-        warnings.simplefilter("ignore")
+@attack(KINDS)
+def attacked(kind: str, rng: Random) -> str:
+    with mp.workdps(DIGITS):
         given = pencil(kind, rng)
         try:
             modes = fs.complex_modes(given)
         except fs.FemsubError:
             return "refused"
-        there = exact(given)
+        there = exact_eigenvalues(*(mp.matrix(A.tolist()) for A in (given.M, given.D, given.K)))
         if len(there) != len(modes):
-            return modes.evidence if modes.evidence == "not checked" else f"wrong: seed {seed}: {len(modes)} of {len(there)}"
+            return modes.evidence if modes.evidence == "not checked" else f"wrong: {len(modes)} of {len(there)}"
         if modes.rigid.any() and regular(given):
-            return f"wrong: seed {seed}: {np.count_nonzero(modes.rigid)} rigid, but K is regular"
+            return f"wrong: {np.count_nonzero(modes.rigid)} rigid, but K is regular"
         distance = [[abs(mp.mpc(complex(value)) - other) for other in there] for value in modes.eigenvalues]
         # no bar is smaller than what the last digit of λ is
         still = [mp.mpf(10) ** 300 * int(rigid) for rigid in modes.rigid]  # λ = 0 of a K that is singular within rounding
@@ -90,7 +76,7 @@ def attacked(kind: str, seed: int) -> str:
         rows, columns = linear_sum_assignment(np.maximum(excess, 0.0))
         worst = int(excess[rows, columns].argmax())
         if excess[rows, columns].max() > 0:
-            return (f"wrong: seed {seed}: λ = {modes.eigenvalues[rows[worst]]:.6g}, exactly {complex(there[columns[worst]]):.6g} "
+            return (f"wrong: λ = {modes.eigenvalues[rows[worst]]:.6g}, exactly {complex(there[columns[worst]]):.6g} "
                     f"bar {modes.error_bar[rows[worst]]:.1e}{', rigid' * bool(modes.rigid[rows[worst]])}, off by a factor "
                     f"1e{excess[rows, columns].max():.3f}")
         return modes.evidence

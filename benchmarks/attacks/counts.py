@@ -6,43 +6,40 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack
 from femsub.checks import Array
 
 KINDS = ("dashpots", "everywhere", "friction", "gyroscopic", "cells")
 NEAR = 1e-6  # relative distance from an edge at which rounding beside a large D decides what is in the band
 
 
-def attacked(kind: str, seed: int) -> str:
-    rng = np.random.default_rng([KINDS.index(kind), seed])
+@attack(KINDS)
+def attacked(kind: str, rng: Random) -> str:
     pencil = _pencil(kind, rng)
     omega = np.sort(np.sqrt(np.abs(np.linalg.eigvalsh(((pencil.K + pencil.K.T) / 2).toarray()))))  # M = 1
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        every = fs.complex_modes(pencil.dense()).eigenvalues
-        try:
-            if rng.random() < 0.6:
-                hi = float(omega[int(rng.integers(3, 50))] * rng.uniform(0.9, 1.1))
-                modes = fs.complex_modes(pencil, band=(0.0, hi))
-                least, most = (_inside(every, hi * (1 + sign * NEAR)) for sign in (-1, 1))
-            else:
-                count = int(rng.integers(2, 50))
-                modes = fs.complex_modes(pencil, count=count)
-                size = np.sort(np.abs(every))
-                edge = np.abs(modes.eigenvalues).max()
-                least, most = every[np.abs(every) < edge * (1 - NEAR)], every[np.abs(every) <= edge * (1 + NEAR)]
-                if not size[count - 1] * (1 - NEAR) <= edge <= size[min(count, len(size) - 1)] * (1 + NEAR):
-                    return f"wrong: seed {seed}: {modes.evidence}, |λ| up to {edge}, but {size[count - 1:count + 1]}"
-        except fs.FemsubError as error:
-            return f"refused: {error}"
+    every = fs.complex_modes(pencil.dense()).eigenvalues
+    try:
+        if rng.random() < 0.6:
+            hi = float(omega[int(rng.integers(3, 50))] * rng.uniform(0.9, 1.1))
+            modes = fs.complex_modes(pencil, band=(0.0, hi))
+            least, most = (_inside(every, hi * (1 + sign * NEAR)) for sign in (-1, 1))
+        else:
+            count = int(rng.integers(2, 50))
+            modes = fs.complex_modes(pencil, count=count)
+            size = np.sort(np.abs(every))
+            edge = np.abs(modes.eigenvalues).max()
+            least, most = every[np.abs(every) < edge * (1 - NEAR)], every[np.abs(every) <= edge * (1 + NEAR)]
+            if not size[count - 1] * (1 - NEAR) <= edge <= size[min(count, len(size) - 1)] * (1 + NEAR):
+                return f"wrong: {modes.evidence}, |λ| up to {edge}, but {size[count - 1:count + 1]}"
+    except fs.FemsubError as error:
+        return f"refused: {error}"
     if not len(least) <= len(modes) <= len(most):
         return modes.evidence if modes.evidence == "not checked" else \
-            f"wrong: seed {seed}: {modes.evidence}, {len(modes)} listed, but there are {len(least)} to {len(most)}"
+            f"wrong: {modes.evidence}, {len(modes)} listed, but there are {len(least)} to {len(most)}"
     return modes.evidence
 
 
@@ -50,7 +47,7 @@ def _inside(values: Array, hi: float) -> Array:
     return values[(values.imag >= 0) & (values.imag <= hi) & (np.abs(values.real) <= hi)]
 
 
-def _pencil(kind: str, rng: np.random.Generator) -> fs.Pencil:
+def _pencil(kind: str, rng: Random) -> fs.Pencil:
     if kind == "cells":
         parts = []
         for _ in range(int(rng.integers(30, 55))):

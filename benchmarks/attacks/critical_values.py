@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, eigenvalues, positive, row_of_springs
 from femsub.checks import Array
 
 SCANNED = ("circulatory", "damped", "gyroscopic", "negative damping", "not affine")  # by a dense scan, in floating point
@@ -42,12 +43,12 @@ class Problem(NamedTuple):
     undamped: bool
 
 
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS, seed_first=True, silent=False)
+def attacked(kind: str, rng: Random) -> str:
     """One random case: the evidence, or a text that begins with 'wrong'."""
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
     found: fs.CriticalValue | None
     if kind in SCANNED:
-        task = problem(len(SCANNED) * seed + SCANNED.index(kind))
+        task = problem(len(SCANNED) * int(rng.integers(2**31)) + SCANNED.index(kind))
         found = fs.critical_value(task.family, None, "p", between=task.between)
         told = differences(task, found) if not found.open else []
     elif kind in EXACT:
@@ -66,7 +67,7 @@ def attacked(kind: str, seed: int) -> str:
         found, told = _closed(kind, rng)
     if kind in (*PASSING, "cancelling", "sweeping") and not told and found is not None and found.evidence == "not checked":
         return f"refused: {found!r}"
-    return f"wrong: seed {seed}: {'; '.join(told)}: {found!r}" if told else "refused" if found is None else found.evidence
+    return f"wrong: {'; '.join(told)}: {found!r}" if told else "refused" if found is None else found.evidence
 
 
 # -- a dense scan in floating point
@@ -77,18 +78,14 @@ def problem(seed: int) -> Problem:
     rng = np.random.default_rng(seed)
     kind, n = SCANNED[seed % len(SCANNED)], int(rng.integers(2, 7))
 
-    def spd(least: float) -> Array:
-        A = rng.standard_normal((n, n))
-        return A @ A.T / n + least * np.eye(n)
-
-    M, K, any_K, skew = spd(0.5), 4 * spd(0.3), rng.standard_normal((n, n)), rng.standard_normal((n, n))
-    skew, damping = skew - skew.T, 10.0 ** rng.uniform(-4, 0) * spd(0.01)
+    M, K, any_K, skew = positive(rng, n, 0.5), 4 * positive(rng, n, 0.3), rng.standard_normal((n, n)), rng.standard_normal((n, n))
+    skew, damping = skew - skew.T, 10.0 ** rng.uniform(-4, 0) * positive(rng, n, 0.01)
     between = (-float(rng.uniform(0.1, 3)), float(rng.uniform(0.5, 6)))
     eye = np.eye(n)
     terms: dict[str, tuple[Any, Any]] = {
         "circulatory": (None, [(1.0, K), ("p", any_K)]),
         "damped": (damping, [(1.0, K), ("p", any_K)]),
-        "gyroscopic": ([(1.0, 2 * skew)], [(1.0, K - 3 * eye), ("p", spd(0.0) - eye)]),
+        "gyroscopic": ([(1.0, 2 * skew)], [(1.0, K - 3 * eye), ("p", positive(rng, n, 0.0) - eye)]),
         "negative damping": ([(1.0, damping), ("p", 0.1 * (any_K + any_K.T))], [(1.0, K), ("p", 0.2 * skew)]),
         "not affine": (damping, [(1.0, K), (lambda p: np.sin(3 * p), any_K), (lambda p: p**2, 0.1 * skew)])}
     return Problem(kind, fs.Affine(M, *terms[kind]), between, kind in ("circulatory", "gyroscopic"))
@@ -156,7 +153,7 @@ def _rounded(A: Any, bits: int = 12) -> Array:
     return np.asarray(np.round(np.asarray(A) / unit) * unit)
 
 
-def _general(kind: str, rng: np.random.Generator) -> tuple[fs.Affine, tuple[float, float]]:
+def _general(kind: str, rng: Random) -> tuple[fs.Affine, tuple[float, float]]:
     """A random model of 2 to 4 DOF without structure."""
     n = int(rng.integers(2, 5))
     spread = np.exp(rng.uniform(-1, 1, n))
@@ -314,7 +311,7 @@ def _figures(family: fs.Affine, found: fs.CriticalValue) -> list[str]:
 # -- closed forms
 
 
-def _mixed(rng: np.random.Generator, n: int) -> Array:
+def _mixed(rng: Random, n: int) -> Array:
     """A regular matrix T of small whole numbers, for congruences TᵀAT that are exact."""
     while True:
         T = np.eye(n) + rng.integers(-1, 2, (n, n)) * (rng.random((n, n)) < 0.5)
@@ -322,7 +319,7 @@ def _mixed(rng: np.random.Generator, n: int) -> Array:
             return np.asarray(T)
 
 
-def _closed(kind: str, rng: np.random.Generator) -> tuple[fs.CriticalValue | None, list[str]]:
+def _closed(kind: str, rng: Random) -> tuple[fs.CriticalValue | None, list[str]]:
     """Oscillators λ² + (d + p d')λ + k + p k', mixed by a congruence; all figures of few binary digits."""
     n = int(rng.integers(1, 5))
     lo, hi = 0.0, 2.0
@@ -420,7 +417,7 @@ def _by_form(d: Array, dp: Array, k: Array, kp: Array, T: Array, found: fs.Criti
     return told
 
 
-def _units(rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
+def _units(rng: Random) -> tuple[fs.CriticalValue, list[str]]:
     """The same model in other units of its DOF, and in other coordinates: places and kinds stay, kinds follow from the powers."""
     n = int(rng.integers(2, 5))
     A, B, C = rng.standard_normal((3, n, n))
@@ -459,13 +456,13 @@ def _units(rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
 # -- modes that pass through the band
 
 
-def _passing(kind: str, rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
+def _passing(kind: str, rng: Random) -> tuple[fs.CriticalValue, list[str]]:
     """A damped chain and oscillators weakly joined to it, whose frequency and damping change with p, growing or not."""
     n, beside = int(rng.integers(5, 25)), int(rng.integers(1, 4))
     size = n + beside
     springs = np.exp(rng.uniform(-0.5, 0.5, n + 1))
     K = np.zeros((size, size))
-    K[:n, :n] = np.diag(springs[1:] + springs[:-1]) - np.diag(springs[1:n], 1) - np.diag(springs[1:n], -1)
+    K[:n, :n] = row_of_springs(springs)
     omega = np.sqrt(np.linalg.eigvalsh(K[:n, :n]))
     lo = float(rng.uniform(0.05, 0.8)) * omega[-1]
     band = lo, lo * float(1 + 10.0 ** rng.uniform(-1.5, 0))
@@ -509,19 +506,19 @@ def _passing(kind: str, rng: np.random.Generator) -> tuple[fs.CriticalValue, lis
 
     def spectrum(p: float) -> Array:
         q = p if term == "p" else theta(p)
-        return np.linalg.eigvals(np.block([[np.zeros((size, size)), M], [-(K + q * K1), -(D + q * D1)]]))
+        return eigenvalues(M, D + q * D1, K + q * K1)
 
     return found, _against(spectrum, grid, band, found)
 
 
-def _sweeping(rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
+def _sweeping(rng: Random) -> tuple[fs.CriticalValue, list[str]]:
     """A chain that stiffens or softens as a whole, so that its modes pass through the band one after the other.
 
     Dashpots turn negative, or two masses act on each other by a circulatory force.
     """
     n = int(rng.integers(8, 30))
     springs = np.exp(rng.uniform(-0.5, 0.5, n + 1))
-    K = np.diag(springs[1:] + springs[:-1]) - np.diag(springs[1:n], 1) - np.diag(springs[1:n], -1)
+    K = row_of_springs(springs)
     omega = np.sqrt(np.linalg.eigvalsh(K))
     lo = float(rng.uniform(0.05, 0.9)) * omega[-1]
     band = lo, lo * float(1 + 10.0 ** rng.uniform(-1.5, -0.3))
@@ -540,10 +537,7 @@ def _sweeping(rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
         warnings.simplefilter("ignore")
         found = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=band, solver="followed")
 
-    def spectrum(p: float) -> Array:
-        return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-(K + p * K1), -(D + p * D1)]]))
-
-    return found, _against(spectrum, np.linspace(0.0, 1.0, 801), band, found)
+    return found, _against(lambda p: eigenvalues(np.eye(n), D + p * D1, K + p * K1), np.linspace(0.0, 1.0, 801), band, found)
 
 
 @dataclass(frozen=True)
@@ -563,7 +557,7 @@ class Rubbing:
         return None, C
 
 
-def _cancelling(rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
+def _cancelling(rng: Random) -> tuple[fs.CriticalValue, list[str]]:
     """A model of a few DOF under such a contact, damped; the reference takes the differences of the columns first."""
     n, count = int(rng.integers(3, 9)), int(rng.integers(1, 4))
     A, B = rng.standard_normal((2, n, n))
@@ -580,8 +574,7 @@ def _cancelling(rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
     whole, turning = K + normal * stiffness @ normal.T, tangential * stiffness @ normal.T
 
     def spectrum(p: float) -> Array:
-        return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, whole + p * top * turning),
-                                                                           -np.linalg.solve(M, D)]]))
+        return eigenvalues(M, D, whole + p * top * turning)
 
     scaled = replace(found, losses=tuple(replace(one, value=one.value / top, width=one.width / top) for one in found.losses),
                      regains=tuple(replace(one, value=one.value / top, width=one.width / top) for one in found.regains))

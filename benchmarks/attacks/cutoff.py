@@ -7,7 +7,6 @@ refused, and an answer without a band must say where it ends and hold no loss be
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -17,13 +16,12 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, row_of_springs
 
 KINDS = ("complex modes", "critical value", "sweep", "track", "slope", "normal modes", "study")
 FORMS = ("model", "system", "twice", "affine", "affine by cut-off", "affine twice", "fixed", "basis alone")
 SAFE = 1e-6  # relative distance of a band's end to the cut-off
 TOP = 1e4  # an end of a band far above all
-
-Random = np.random.Generator
 
 
 @dataclass(frozen=True)
@@ -40,31 +38,29 @@ class Case:
         return self.model.at(mu=0.3) if isinstance(self.model, fs.Affine) else self.model.linearised(self.contacts)
 
 
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS)
+def attacked(kind: str, random: Random) -> str:
     """The evidence, 'refused' for a band above the cut-off, or what is wrong."""
-    random = np.random.default_rng([KINDS.index(kind), seed])
     substructures = kind in ("slope", "normal modes", "study")
     form = str(random.choice(FORMS[:2] if kind == "study" else FORMS[:3] if substructures else FORMS))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        case = _case(random, form, form == "twice" or kind == "study")
-        where = str(random.choice(["below", "at", "just above", "above", "beyond", "none"]))
-        if kind in ("normal modes", "study") and where == "none":
-            where = "at"
-        limit = case.highest * 0.2 if np.isnan(case.cutoff) else case.cutoff
-        hi = {"below": limit * random.uniform(0.2, 1.0), "at": limit, "above": limit * random.uniform(1.05, 3.0),
-              "just above": limit * (1 + SAFE * 10.0 ** random.uniform(0, 4)), "beyond": TOP * case.highest, "none": 0.0}[where]
-        lo = hi * random.choice([0.0, random.uniform(0.0, 0.9)])
-        band = None if where == "none" else (float(lo), float(hi))
-        told = f"seed {seed}, {form}, {where} (cut-off {case.cutoff:.6g}, band {band})"
-        try:
-            found = _ask(kind, case, band, random)
-        except fs.InputError as error:
-            if "reaches above the cut-off" in str(error):
-                return "refused" if where in ("just above", "above", "beyond") else f"wrong: {told}: {error}"
-            return f"wrong: {told}: {error}"
-        except (fs.UnstableModelError, fs.NotConvergedError) as error:
-            return f"no answer: {told}: {type(error).__name__}"
+    case = _case(random, form, form == "twice" or kind == "study")
+    where = str(random.choice(["below", "at", "just above", "above", "beyond", "none"]))
+    if kind in ("normal modes", "study") and where == "none":
+        where = "at"
+    limit = case.highest * 0.2 if np.isnan(case.cutoff) else case.cutoff
+    hi = {"below": limit * random.uniform(0.2, 1.0), "at": limit, "above": limit * random.uniform(1.05, 3.0),
+          "just above": limit * (1 + SAFE * 10.0 ** random.uniform(0, 4)), "beyond": TOP * case.highest, "none": 0.0}[where]
+    lo = hi * random.choice([0.0, random.uniform(0.0, 0.9)])
+    band = None if where == "none" else (float(lo), float(hi))
+    told = f"{form}, {where} (cut-off {case.cutoff:.6g}, band {band})"
+    try:
+        found = _ask(kind, case, band, random)
+    except fs.InputError as error:
+        if "reaches above the cut-off" in str(error):
+            return "refused" if where in ("just above", "above", "beyond") else f"wrong: {told}: {error}"
+        return f"wrong: {told}: {error}"
+    except (fs.UnstableModelError, fs.NotConvergedError) as error:
+        return f"no answer: {told}: {type(error).__name__}"
     evidence = getattr(found, "evidence", "without evidence")
     if np.isnan(case.cutoff):
         known = evidence not in ("certified", "confirmed") and "not known" in repr(found)
@@ -118,7 +114,7 @@ def _case(random: Random, form: str, once: bool) -> Case:
     n = int(random.integers(14, 36))
     springs, masses = 10.0 ** random.uniform(-0.5, 0.5, n + 1), 10.0 ** random.uniform(-0.3, 0.3, n)
     scale = 10.0 ** random.uniform(-3, 6)
-    K = scale * (np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1))
+    K = scale * row_of_springs(springs)
     M = np.diag(masses)
     omega = np.sqrt(la.eigh(K, M, eigvals_only=True))
     D = random.choice([1e-5, 1e-3]) / omega[0] * K

@@ -12,20 +12,21 @@ import warnings
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, eigenvalues, row_of_springs
 from femsub.motion.cycles.initial_guess import of_signal
 
 KINDS = ("from a transient", "given harmonics", "by itself")
 SLACK = 2.0  # the error stated is an estimate to first order
 
 
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS, seed_first=True)
+def attacked(kind: str, rng: Random) -> str:
     """One random case: 'confirmed' within the error stated, 'warned', 'refused: …', the reason why a refusal is right, or a text
     that begins with 'wrong'.
     """
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
     n = int(rng.integers(1, 3))
     springs = 10.0 ** rng.uniform(-0.5, 0.5, n)
-    K = np.diag(springs + np.append(springs[1:], 0.0)) - np.diag(springs[1:], 1) - np.diag(springs[1:], -1)
+    K = row_of_springs(np.append(springs, 0.0))
     M = np.diag(10.0 ** rng.uniform(-0.3, 0.3, n))
     at = int(rng.integers(n))
     model = fs.Substructure(M, K, 10.0 ** rng.uniform(-3, -1.3) * K, interface=[at], ports={"belt": np.eye(n)[at]})
@@ -41,8 +42,7 @@ def attacked(kind: str, seed: int) -> str:
             if kind == "by itself":
                 cycle = fs.harmonic_balance(model, belt)
             else:
-                run = fs.transient(model, belt, time=(0.0, 40 * period), samples=8_000,
-                                   start=start)
+                run = fs.transient(model, belt, time=(0.0, 40 * period), samples=8_000, start=start)
                 if not settled(run):
                     return "no periodic motion"
                 cycle = fs.harmonic_balance(model, belt, start=run, harmonics=harmonics)
@@ -50,8 +50,7 @@ def attacked(kind: str, seed: int) -> str:
             step = 1e-6 * speed
             D = np.array(model.D)
             D[at, at] += belt.force * (law.value(speed + step) - law.value(speed - step)) / (2 * step)
-            state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
-            if kind == "by itself" and np.linalg.eigvals(state).real.max() < 0:
+            if kind == "by itself" and eigenvalues(M, D, K).real.max() < 0:
                 return "steady sliding is stable"
             if harmonics is not None and (more := _advised(model, belt, run, str(error))):
                 return f"needs more than the given harmonics, as advised: {more}"
@@ -59,7 +58,7 @@ def attacked(kind: str, seed: int) -> str:
             return f"refused: {str(error)[:60]}" if settled(run, 2e-3) else "no periodic motion"
     told = [one for one in seen if issubclass(one.category, fs.FemsubWarning) and "leave out" in str(one.message)]
     if (cycle.truncation > 1e-4) != bool(told):
-        return f"wrong: seed {seed}: {len(told)} warnings at {cycle!r}"
+        return f"wrong: {len(told)} warnings at {cycle!r}"
     try:
         shot = fs.shoot(model, belt, cycle, tol=1e-8)
     except fs.FemsubError as error:
@@ -67,7 +66,7 @@ def attacked(kind: str, seed: int) -> str:
     off = max(abs(cycle.omega / shot.omega - 1), abs(cycle.rms / shot.rms - 1))
     if off > SLACK * cycle.truncation + 1e-6:
         if not told:
-            return f"wrong: seed {seed}: {off:.1e} off: {cycle!r}; {shot!r}"
+            return f"wrong: {off:.1e} off: {cycle!r}; {shot!r}"
         return "warned, further off than stated"
     return "warned" if told else "confirmed"
 

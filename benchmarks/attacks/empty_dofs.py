@@ -12,16 +12,17 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, dense
+from femsub.checks import Array
 
 KINDS = ("refused", "dropped", "with dashpots", "joined")
-Array = np.ndarray
 WAYS = ("ux", "uy", "uz", "rx", "ry", "rz")
 
 
 class Model:
     """A chain with further springs, held or floating, and the same with empty DOF between its own."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
+    def __init__(self, rng: Random) -> None:
         self.rng, n = rng, int(rng.integers(4, 14))
         self.own, self.size = n, n + int(rng.integers(1, 9))
         self.rows = np.sort(rng.permutation(self.size)[:n])
@@ -104,7 +105,7 @@ def dropped(model: Model) -> str:
             files: dict[str, Any] = {}
             for key, A in (("M", part.M), ("K", part.K)):
                 files[key] = Path(folder) / f"{key}.mtx"
-                A = A if isinstance(A, np.ndarray) else A.toarray()
+                A = dense(A)
                 labels = np.stack([model.dofs.nodes, model.dofs.components + 1], axis=1)
                 files[key].write_text("".join(f"{labels[i, 0]},{labels[i, 1]}, {labels[j, 0]},{labels[j, 1]}, {A[i, j]:.17e}\n"
                                               for i in range(len(A)) for j in range(i + 1) if A[i, j] or i == j))
@@ -132,7 +133,7 @@ def dropped(model: Model) -> str:
             else:
                 return f"wrong: an empty {what} is taken"
     for name in "MKD":
-        A, B = (a if isinstance(a, np.ndarray) else a.toarray() for a in (getattr(found, name), getattr(alone, name)))
+        A, B = (dense(getattr(one, name)) for one in (found, alone))
         if not np.array_equal(A, B):
             return f"wrong: {name} differs"
     names = [None if one.dofs is None else [one.dofs.name(row) for row in range(one.size)] for one in (found, alone)]
@@ -149,7 +150,7 @@ def dashed(model: Model) -> str:
     d = np.zeros((model.size, 1))
     d[[model.empty[0], model.rows[0]], 0] = 1.0, -1.0
     D = model.spread(model.D)
-    D = (D if model.dense else D.toarray()) + d @ d.T * np.sqrt(model.K[0, 0] * model.M[0, 0])
+    D = dense(D) + d @ d.T * np.sqrt(model.K[0, 0] * model.M[0, 0])
     part, left = model.whole(D=D if model.dense else sp.csr_array(D)), model.empty[1:]
     for name, ask in analyses(part).items():
         if name not in ("normal modes", "complex modes", "responses", "couple"):
@@ -170,8 +171,7 @@ def joined(model: Model) -> str:
     """An interface DOF without anything of its own is joined to a part that has both; nothing else may be empty."""
     only = model.empty[:1]
     keep = np.setdiff1d(np.arange(model.size), model.empty[1:])
-    M, K, D = (np.asarray(A if model.dense else A.toarray())[np.ix_(keep, keep)] for A in map(model.spread, (model.M, model.K,
-                                                                                                         model.D)))
+    M, K, D = (dense(model.spread(A))[np.ix_(keep, keep)] for A in (model.M, model.K, model.D))
     if not model.dense:
         M, K, D = map(sp.csr_array, (M, K, D))
     at = int(np.searchsorted(keep, only[0]))
@@ -200,8 +200,7 @@ def joined(model: Model) -> str:
     return "certified"
 
 
-def attacked(kind: str, seed: int) -> str:
-    model = Model(np.random.default_rng(seed))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return {"refused": refused, "dropped": dropped, "with dashpots": dashed, "joined": joined}[kind](model)
+@attack(KINDS)
+def attacked(kind: str, rng: Random) -> str:
+    model = Model(rng)
+    return {"refused": refused, "dropped": dropped, "with dashpots": dashed, "joined": joined}[kind](model)

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack
+from femsub.checks import Array
 
 KINDS = ("universal 58", "universal 58 damaged", "Ansys full", "Ansys full damaged")
-Array = np.ndarray
 ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 TYPES = {"displacement": 8, "velocity": 11, "acceleration": 12}
 AXES = ("s", "ux", "uy", "uz", "rx", "ry", "rz")
@@ -21,7 +22,7 @@ AXES = ("s", "ux", "uy", "uz", "rx", "ry", "rz")
 class Response58:
     """Receptances at random pairs, and one form of writing them: text or binary, spacing, precision, fills and line ends."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
+    def __init__(self, rng: Random) -> None:
         self.rng = rng
         self.binary, self.even, self.double = (bool(rng.integers(2)) for _ in range(3))
         self.eol = str(rng.choice(["\n", "\n", "\r\n"]))
@@ -192,7 +193,7 @@ def full_file(path: Path, K: np.ndarray, M: np.ndarray, about: Mapping[str, np.n
     return path
 
 
-def ansys(rng: np.random.Generator) -> tuple[dict[str, Any], Array]:
+def ansys(rng: Random) -> tuple[dict[str, Any], Array]:
     """Arguments of `full_file` with a random K, symmetric or not, and the rows that are not held, by node and direction."""
     kinds = np.sort(rng.permutation(6)[:int(rng.integers(1, 5))]) + 1
     nodes = rng.permutation(90)[:int(rng.integers(2, 8))] + 1
@@ -214,7 +215,7 @@ def ansys(rng: np.random.Generator) -> tuple[dict[str, Any], Array]:
     return given, order[held[order] > 0]
 
 
-def harmed(rng: np.random.Generator, path: Path) -> str:
+def harmed(rng: Random, path: Path) -> str:
     """One fault that shows: of the length of the file, of a record, of the header, of a number of a row."""
     words = np.fromfile(path, "<i4")
     size, K, M = int(words[106]), int(words[123]), int(words[131])
@@ -251,7 +252,7 @@ def harmed(rng: np.random.Generator, path: Path) -> str:
     return fault
 
 
-def from_ansys(rng: np.random.Generator, bad: bool) -> str:
+def from_ansys(rng: Random, bad: bool) -> str:
     given, rows = ansys(rng)
     with tempfile.TemporaryDirectory() as folder:
         path = full_file(Path(folder) / "a.full", **given)
@@ -272,8 +273,8 @@ def from_ansys(rng: np.random.Generator, bad: bool) -> str:
     return "certified" if np.array_equal(K, given["K"][kept]) and np.array_equal(M, given["M"][kept]) else "wrong: entries"
 
 
-def attacked(kind: str, seed: int) -> str:
-    rng = np.random.default_rng(seed)
+@attack(KINDS)
+def attacked(kind: str, rng: Random) -> str:
     if kind.startswith("Ansys"):
         return from_ansys(rng, kind.endswith("damaged"))
     with tempfile.TemporaryDirectory() as folder:
@@ -283,11 +284,11 @@ def attacked(kind: str, seed: int) -> str:
         try:
             found = fs.read_response(path, **case.stated)
         except fs.FemsubError as error:
-            return f"refused: {error}" if bad or case.torn else f"wrong: seed {seed}: refused: {error}"
+            return f"refused: {error}" if bad or case.torn else f"wrong: refused: {error}"
     if bad:
-        return f"wrong: seed {seed}: read"
+        return "wrong: read"
     difference = np.abs(found.receptance - case.expected()) / np.abs(case.expected())
     names = tuple(dict.fromkeys(f"{node}:{AXES[abs(turn)]}" for (node, turn), _ in case.pairs))
     if found.responses != names or not difference.max() < 1e-13:
-        return f"wrong: seed {seed}: {difference.max():.1e} from what was written"
+        return f"wrong: {difference.max():.1e} from what was written"
     return "certified"

@@ -6,7 +6,6 @@ its digits. A bound on the wrong side is wrong, whatever the evidence is.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -15,52 +14,18 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, dense
 from femsub.checks import EPS, Array
 
 DIGITS = 1e-9  # relative error of frequencies by LAPACK, beside what its norm costs
 
-Random = np.random.Generator
 Parts = dict[str, fs.Substructure]
 Case = tuple[fs.Substructure, Callable[[Any], fs.Substructure]]  # a full model, and what reduces it
 
 
-def attacked(kind: str, seed: int) -> str:
-    """The evidence of bounds that hold; 'refused', or what is wrong."""
-    random = np.random.default_rng([list(CASES).index(kind), seed])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        full, reductions = CASES[kind](random)
-        try:
-            small = reductions(full)
-        except fs.FemsubError as error:
-            return f"refused in the reduction: seed {seed}: {error}"
-        truth = _frequencies(full, exact=kind == "soft")
-        rigid = int(np.count_nonzero(truth == 0))
-        if small.size <= rigid:
-            return "nothing elastic"
-        count = int(random.integers(1, max(2, min(8, small.size - rigid + 1))))
-        try:
-            found = fs.frequency_bounds(small, count)
-        except fs.FemsubError as error:
-            lacking = "frequencies were asked for" in str(error)
-            return f"{'fewer modes' if lacking else 'refused'}: seed {seed}: {error}"
-    if found.rigid != rigid:
-        return f"wrong: seed {seed}: {found.rigid} rigid, not {rigid}: {found!r}"
-    elastic = truth[rigid:rigid + count]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        rounding = sum((fs.normal_modes(model, len(elastic)).rounding[rigid:] for model in (full, small)), np.zeros(len(elastic)))
-    slack = DIGITS + 8 * (rounding + EPS * (0 if kind == "soft" else (truth[-1] / elastic) ** 2))
-    low, high = found.lower[:len(elastic)] / elastic - 1, 1 - found.upper[:len(elastic)] / elastic
-    if not (np.isfinite(found.lower).all() and (low <= slack).all() and (high <= slack).all()):
-        return (f"wrong: seed {seed}: lower/true-1 {low.max():.1e}, 1-upper/true {high.max():.1e}, allowed {slack.max():.1e}: "
-                f"{found!r}")
-    return found.evidence
-
-
 def _frequencies(full: fs.Substructure, exact: bool) -> Array:
     """All ω of the full model, 0 for rigid motion."""
-    K, M = (A.toarray() if sp.issparse(A) else np.asarray(A) for A in (full.K, full.M))
+    K, M = dense(full.K), dense(full.M)
     rigid = fs.normal_modes(full, count=0).rigid
     if exact:
         import mpmath as mp
@@ -127,8 +92,8 @@ def _modes(random: Random, sub: fs.Substructure) -> int:
 
 def _method(random: Random, sub: fs.Substructure) -> fs.CraigBampton:
     if random.random() < 0.2 and len(sub.interior):
-        inside = np.sqrt(np.maximum(la.eigvalsh(*(A.toarray()[np.ix_(sub.interior, sub.interior)] if sp.issparse(A) else
-                                                  A[np.ix_(sub.interior, sub.interior)] for A in (sub.K, sub.M))), 0.0))
+        at = np.ix_(sub.interior, sub.interior)
+        inside = np.sqrt(np.maximum(la.eigvalsh(dense(sub.K)[at], dense(sub.M)[at]), 0.0))
         return fs.CraigBampton(cutoff=float(random.choice(inside)) * random.choice([1.0, 1.1]))
     return (fs.CraigBampton, fs.CraigBampton, fs.Hurty)[int(random.integers(3))](_modes(random, sub))
 
@@ -293,3 +258,33 @@ def _cut(random: Random) -> Case:
 
 CASES = {"scaled": _scaled, "nested": _nested, "equal": _equal, "soft": _soft, "cut": _cut}
 KINDS = tuple(CASES)
+
+
+@attack(KINDS)
+def attacked(kind: str, random: Random) -> str:
+    """The evidence of bounds that hold; 'refused', or what is wrong."""
+    full, reductions = CASES[kind](random)
+    try:
+        small = reductions(full)
+    except fs.FemsubError as error:
+        return f"refused in the reduction: {error}"
+    truth = _frequencies(full, exact=kind == "soft")
+    rigid = int(np.count_nonzero(truth == 0))
+    if small.size <= rigid:
+        return "nothing elastic"
+    count = int(random.integers(1, max(2, min(8, small.size - rigid + 1))))
+    try:
+        found = fs.frequency_bounds(small, count)
+    except fs.FemsubError as error:
+        lacking = "frequencies were asked for" in str(error)
+        return f"{'fewer modes' if lacking else 'refused'}: {error}"
+    if found.rigid != rigid:
+        return f"wrong: {found.rigid} rigid, not {rigid}: {found!r}"
+    elastic = truth[rigid:rigid + count]
+    rounding = sum((fs.normal_modes(model, len(elastic)).rounding[rigid:] for model in (full, small)), np.zeros(len(elastic)))
+    slack = DIGITS + 8 * (rounding + EPS * (0 if kind == "soft" else (truth[-1] / elastic) ** 2))
+    low, high = found.lower[:len(elastic)] / elastic - 1, 1 - found.upper[:len(elastic)] / elastic
+    if not (np.isfinite(found.lower).all() and (low <= slack).all() and (high <= slack).all()):
+        return (f"wrong: lower/true-1 {low.max():.1e}, 1-upper/true {high.max():.1e}, allowed {slack.max():.1e}: "
+                f"{found!r}")
+    return found.evidence

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, eigenvalues, positive
 from femsub.checks import Array
 
 KINDS = ("table", "table with knots", "two contacts", "stiffness", "declared", "declared falsely")
@@ -71,9 +72,9 @@ class Declared(Table):
     affine = ("p",)
 
 
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS, seed_first=True, silent=False)
+def attacked(kind: str, rng: Random) -> str:
     """One random case: the evidence if it is right."""
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
     model = _model(rng)
     lo = float(rng.uniform(0.05, 0.5))
     hi = lo + float(10.0 ** rng.uniform(-0.5, 1.0))
@@ -105,21 +106,20 @@ def attacked(kind: str, seed: int) -> str:
         found = fs.critical_value(model, contacts, name, between=between)
     except fs.InputError as error:
         return "refused" if kind == "declared falsely" and "declares that it is affine" in str(error) else \
-            f"wrong: seed {seed}: {error}"
+            f"wrong: {error}"
     if kind == "declared falsely":
-        return f"wrong: seed {seed}: the kinks at {edges} contradict the declaration, but nothing is said"
+        return f"wrong: the kinks at {edges} contradict the declaration, but nothing is said"
     steps = narrow * np.array([-1.0, -0.5, -0.1, 0.1, 0.5, 1.0])
     p = np.concatenate([np.linspace(lo, hi, GRID), *(edge + np.append(steps, steps * 1e-3) * (hi - lo) for edge in edges)])
     difference = _difference(model, contacts, name, found, p[(p > lo) & (p < hi)])
     if difference and found.evidence != "not checked":
-        return f"wrong: seed {seed}: {found!r}; {difference}"
+        return f"wrong: {found!r}; {difference}"
     return "told" if difference else found.evidence
 
 
-def _model(rng: np.random.Generator) -> fs.Substructure:
+def _model(rng: Random) -> fs.Substructure:
     n = int(rng.integers(2, 5))
-    A = rng.standard_normal((n, n))
-    K, unit = A @ A.T / n + 0.5 * np.eye(n), np.eye(n)
+    K, unit = positive(rng, n, 0.5), np.eye(n)
     D = 10.0 ** rng.uniform(-3, -1) * (0.2 * np.eye(n) + 0.1 * K)
     return fs.Substructure(np.eye(n), K, D, ports={"belt": rng.standard_normal(n), "a": unit[0], "b": unit[1]})
 
@@ -130,7 +130,6 @@ def _difference(model: fs.Substructure, contacts: list[Any], name: str, found: f
     events = [(one.value, sign * (2 if one.omega > 0 else 1)) for sign, ones in ((1, found.losses), (-1, found.regains))
               for one in ones]
     edges = np.array([value for value, _ in events] + [edge for part in found.open for edge in part])
-    inverse, n = np.linalg.inv(model.M), model.size
     for value in np.sort(p):
         if (len(edges) and np.abs(edges - value).min() <= BESIDE * width) or any(a <= value <= b for a, b in found.open):
             continue
@@ -144,7 +143,7 @@ def _difference(model: fs.Substructure, contacts: list[Any], name: str, found: f
                 C = changed.linearised(model)
                 D, K = (A if one is None else A + W @ (one * np.eye(W.shape[1]) if np.ndim(one) == 0 else one) @ W.T
                         for A, one in zip((D, K), C, strict=True))
-        z = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ D]]))
+        z = eigenvalues(model.M, D, K)
         if np.abs(z.real).min() <= CLEAR * np.abs(z).max():
             continue
         expected = found.growing + sum(weight for at, weight in events if at < value)

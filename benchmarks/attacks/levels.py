@@ -22,11 +22,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack
 from femsub.checks import CERTIFIED
 
 KINDS = ("killed", "damaged", "expanded", "pieces", "full")
@@ -162,8 +162,8 @@ def damaged(seed: int, place: Path, expanded: bool) -> str:
         try:
             found = right[0], dict(levels.expand(x))
         except fs.InputError as error:
-            return "refused" if f"{place / 'work'}" in str(error) else f"wrong: seed {seed}: {what}: no file is named: {error}"
-        return "certified" if (far := off(found, right)) < 1e-9 else f"wrong: seed {seed}: {what}: off by {far:.1e}"
+            return "refused" if f"{place / 'work'}" in str(error) else f"wrong: {what}: no file is named: {error}"
+        return "certified" if (far := off(found, right)) < 1e-9 else f"wrong: {what}: off by {far:.1e}"
     after = content_of(place / "work")
     changed = {name.partition("/")[0] for name in before | after if before.get(name) != after.get(name)}
     with warnings.catch_warnings(record=True) as said:
@@ -172,9 +172,9 @@ def damaged(seed: int, place: Path, expanded: bool) -> str:
     named = {task for task in changed for one in said
              if re.search(rf"{re.escape(str(place / 'work' / task))}[/ ]", str(one.message))}
     if (far := off(digits(again), right)) > 1e-9:
-        return f"wrong: seed {seed}: {what}: off by {far:.1e}"
+        return f"wrong: {what}: off by {far:.1e}"
     if silent := [task for task in changed - named if f"all of {task} of" not in what and f"{task}/task/" not in what]:
-        return f"wrong: seed {seed}: {what}: {silent} without a word: {[str(one.message) for one in said]}"
+        return f"wrong: {what}: {silent} without a word: {[str(one.message) for one in said]}"
     return "certified, and named" if named else "certified"
 
 
@@ -192,8 +192,8 @@ def pieces(seed: int, place: Path) -> str:
     try:
         found = (right[0], dict(levels.expand(x))) if late else digits(fs.reduce_by_levels(parts, method, place / "again"))
     except fs.InputError as error:
-        return "refused" if f"{place / 'meshes'}" in str(error) else f"wrong: seed {seed}: no file is named: {error}"
-    return "certified" if (far := off(found, right)) < 1e-9 else f"wrong: seed {seed}: {fault.__name__}: off by {far:.1e}"
+        return "refused" if f"{place / 'meshes'}" in str(error) else f"wrong: no file is named: {error}"
+    return "certified" if (far := off(found, right)) < 1e-9 else f"wrong: {fault.__name__}: off by {far:.1e}"
 
 
 def run(seed: int, folder: str, workers: int) -> None:
@@ -239,9 +239,9 @@ def killed(seed: int, place: Path) -> str:
             time.sleep(0.1)
     right = digits(fs.reduce_by_levels(arms(seed), method, place / "alone"))
     if (far := off(digits(levels), right)) > 1e-9:
-        return f"wrong: seed {seed}: off by {far:.1e}"
+        return f"wrong: off by {far:.1e}"
     if here := list((place / "work").glob("*.unfinished")):
-        return f"wrong: seed {seed}: left: {here}"
+        return f"wrong: left: {here}"
     return "certified, within a write" if left else "certified"
 
 
@@ -269,20 +269,20 @@ def full(seed: int, place: Path) -> str:
                 outcome = "certified"
             except fs.NotEnoughMemoryError as error:
                 if str(disk) not in str(error) or "Make room there" not in str(error):
-                    return f"wrong: seed {seed}: {error}"
+                    return f"wrong: {error}"
                 if here := list(disk.glob("*.unfinished")):
-                    return f"wrong: seed {seed}: left: {here}"
+                    return f"wrong: left: {here}"
                 subprocess.run(["mount", "-o", f"remount,size={4 * pages}", disk], check=True, capture_output=True)
                 found, outcome = fs.reduce_by_levels(parts, method, disk), "refused, and went on with room"
             far = off(digits(found), digits(alone))
-            return outcome if far < 1e-9 else f"wrong: seed {seed}: off by {far:.1e}"
+            return outcome if far < 1e-9 else f"wrong: off by {far:.1e}"
     except (subprocess.CalledProcessError, FileNotFoundError):
         return "not run: no right to mount"
 
 
-def attacked(kind: str, seed: int) -> str:
-    acts: dict[str, Callable[[int, Path], Any]] = {"killed": killed, "damaged": partial(damaged, expanded=False),
+@attack(KINDS)
+def attacked(kind: str, rng: Random) -> str:
+    acts: dict[str, Callable[[int, Path], str]] = {"killed": killed, "damaged": partial(damaged, expanded=False),
                                                    "expanded": partial(damaged, expanded=True), "pieces": pieces, "full": full}
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return str(acts[kind](seed, Path(folder)))
+    with tempfile.TemporaryDirectory() as folder:
+        return acts[kind](int(rng.integers(2**31)), Path(folder))

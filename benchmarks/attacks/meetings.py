@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack
 from femsub.checks import Array
 from femsub.stability.meetings import Meeting
 
@@ -28,9 +29,9 @@ class Problem(NamedTuple):
     told: tuple[list[float], list[float]] | None
 
 
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS, seed_first=True, silent=False)
+def attacked(kind: str, rng: Random) -> str:
     """One random case: 'certified' if what is named is what there is, or a text that begins with 'wrong'."""
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
     task = problem(kind, rng)
     n, (lo, hi) = len(task.terms[0]), task.between
     D = 10.0 ** rng.uniform(-4, -1) * np.eye(n) if kind == "damped alike" else np.zeros((n, n))
@@ -42,7 +43,7 @@ def attacked(kind: str, seed: int) -> str:
     named = [[one for one in found.meetings if one.kind == word] for word in ("coalescence", "splitting")]
     if kind == "damped":
         told = [f"{one.kind} at {one.value:.6g} is none" for group in named for one in group if not exchanged(task, D, one)]
-        return f"wrong: seed {seed}: {'; '.join(told)}" if told else "confirmed"
+        return f"wrong: {'; '.join(told)}" if told else "confirmed"
     there = task.told or by_grid(task)
     told = [f"{one.kind} at {one.value:.9g} has a gap of {one.gap:.1e}" for group in named for one in group
             if one.gap > GAP]
@@ -55,10 +56,10 @@ def attacked(kind: str, seed: int) -> str:
                  if np.abs(np.array(places) - value).min(initial=np.inf) > near and not changes(task, value, near)]
     if kind == "veering" and not any(one.kind == "veering" for one in found.meetings):
         told.append("the veering is not named")
-    return f"wrong: seed {seed}: {'; '.join(told)}" if told else "certified"
+    return f"wrong: {'; '.join(told)}" if told else "certified"
 
 
-def problem(kind: str, rng: np.random.Generator) -> Problem:
+def problem(kind: str, rng: Random) -> Problem:
     """A random K(p)."""
     n = int(rng.integers(2, 7))
 
@@ -83,7 +84,7 @@ def problem(kind: str, rng: np.random.Generator) -> Problem:
     return blocks(rng, through=kind == "through a pair")
 
 
-def blocks(rng: np.random.Generator, through: bool) -> Problem:
+def blocks(rng: Random, through: bool) -> Problem:
     """Blocks [[a + sp, bp], [-bp, c + tp]] and single modes, mixed by a similarity: (a - c + (s - t)p)² = 4b²p² at a meeting."""
     pairs, single = int(rng.integers(1, 3)), int(rng.integers(1 if through else 0, 3))
     n = 2 * pairs + single

@@ -14,15 +14,16 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack
 from benchmarks.lattices import lattice
 from femsub.model import look_at_the_order
 
 KINDS = ("chain", "lattice", "beam", "solid", "heavy", "heavy material")
 
 
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS)
+def attacked(kind: str, rng: Random) -> str:
     """'told apart', 'not noticed' if an exchange is not, 'wrong' for a false alarm."""
-    rng = np.random.default_rng([KINDS.index(kind), seed])
     heavy = "heavy" in kind
     sub = _model(str(rng.choice(KINDS[:4])) if heavy else kind, rng)
     ratio = 10 ** (rng.uniform(0, 3) if heavy else rng.uniform(-4, -0.5))
@@ -30,7 +31,7 @@ def attacked(kind: str, seed: int) -> str:
     time = 10 ** rng.uniform(-3, 3)  # its unit
     M, D, K = sub.M * time**2, D * time, sub.K
     if (told := _told(M, D, K)):
-        return "alarm" if kind == "heavy material" else f"wrong: seed {seed}: {sub!r} of damping ratio {ratio:.2g}: {told}"
+        return "alarm" if kind == "heavy material" else f"wrong: {sub!r} of damping ratio {ratio:.2g}: {told}"
     return "told apart" if heavy or _told(M, K, D) else "not noticed"
 
 
@@ -41,7 +42,7 @@ def _told(M: sp.csr_array, D: sp.csr_array, K: sp.csr_array) -> str:
     return str(found[0].message) if found else ""
 
 
-def _model(kind: str, rng: np.random.Generator) -> fs.Substructure:
+def _model(kind: str, rng: Random) -> fs.Substructure:
     n = int(rng.integers(2, 12))
     if kind == "chain":
         return fs.chain(10 * n, damping=0.0)
@@ -53,7 +54,7 @@ def _model(kind: str, rng: np.random.Generator) -> fs.Substructure:
                     supports={"left": "clamped"})
 
 
-def _damping(sub: fs.Substructure, ratio: float, rng: np.random.Generator, kind: str) -> sp.csr_array:
+def _damping(sub: fs.Substructure, ratio: float, rng: Random, kind: str) -> sp.csr_array:
     local = np.sqrt(sub.K.diagonal() * sub.M.diagonal())
     omega = float(np.median(np.sqrt(sub.K.diagonal() / sub.M.diagonal())))
     at = kind == "heavy" or rng.random(sub.size) < 0.2

@@ -8,16 +8,17 @@ least-squares motion, by Gram-Schmidt in long double.
 from __future__ import annotations
 
 import warnings
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack
+from femsub.checks import Array
 
 KINDS = ("rows", "soft", "direct", "coupled", "units", "points")
-Array: TypeAlias = np.ndarray
 EXACT = np.finfo(np.longdouble).eps
 
 
@@ -100,7 +101,7 @@ def stiffness(n: int, springs: Array, pairs: Array) -> Array:
     return K
 
 
-def chain(rng: np.random.Generator, n: int, spread: float, mount: float, inner: float | None = None) -> tuple[Array, Array]:
+def chain(rng: Random, n: int, spread: float, mount: float, inner: float | None = None) -> tuple[Array, Array]:
     """M and K of a chain with springs 10^U(-spread, spread) on a mount: with a soft or stiff spring inside, or cross springs."""
     pairs = [(i - 1, i) for i in range(n)]
     springs = 10.0 ** rng.uniform(-spread, spread, n)
@@ -119,7 +120,7 @@ def chain(rng: np.random.Generator, n: int, spread: float, mount: float, inner: 
     return M, stiffness(n, springs, np.array(pairs))
 
 
-def beam(rng: np.random.Generator) -> tuple[Array, Array]:
+def beam(rng: Random) -> tuple[Array, Array]:
     length = 10.0 ** rng.uniform(-6, 2)
     h = length / rng.uniform(10, 200)
     part = fs.beam(length, int(rng.integers(12, 40)), E=1.6e11, I=h**4 / 12, rho=2330.0, A=h * h,
@@ -133,7 +134,7 @@ def undamped(M: Array, K: Array) -> Array:
     return np.sqrt(np.maximum(values, 0.0))
 
 
-def damping(rng: np.random.Generator, way: str, M: Array, K: Array) -> tuple[Array, Array | None]:
+def damping(rng: Random, way: str, M: Array, K: Array) -> tuple[Array, Array | None]:
     """D and H."""
     n, unit = len(M), np.sqrt(np.median(K.diagonal()) * np.median(M.diagonal()))
     D, H = np.zeros((n, n)), None
@@ -166,14 +167,14 @@ def damping(rng: np.random.Generator, way: str, M: Array, K: Array) -> tuple[Arr
     return D, H
 
 
-def contact(rng: np.random.Generator, M: Array, K: Array) -> tuple[Array, Array]:
+def contact(rng: Random, M: Array, K: Array) -> tuple[Array, Array]:
     unit = np.median(K.diagonal()) * 10.0 ** rng.uniform(-3, 1)
     rate = unit * np.sqrt(np.median(M.diagonal()) / np.median(K.diagonal()))
     C_K = unit * rng.standard_normal((2, 2)) * rng.integers(0, 2, (2, 2))
     return rate * rng.standard_normal((2, 2)) * rng.integers(0, 2, (2, 2)), C_K
 
 
-def alone(kind: str, rng: np.random.Generator) -> str:
+def alone(kind: str, rng: Random) -> str:
     n = int(rng.integers(14, 110))
     if kind == "rows":
         M, K = beam(rng) if rng.random() < 0.2 else chain(rng, n, rng.choice([0.0, 1.0]), float(rng.choice([0.0, 1.0, 1e-3])))
@@ -236,7 +237,7 @@ def fault(found: fs.FrequencyResponse, exact: Array, tol: float = 1e-5) -> str:
 
 # ---- joined parts
 
-def joined(kind: str, rng: np.random.Generator) -> str:
+def joined(kind: str, rng: Random) -> str:
     parts: dict[str, fs.Substructure] = {}
     ends: list[list[int]] = []
     if kind == "units":
@@ -291,7 +292,7 @@ def joined(kind: str, rng: np.random.Generator) -> str:
 
 # ---- virtual points
 
-def point(rng: np.random.Generator) -> str:
+def point(rng: Random) -> str:
     """Sensors around a point, at any distance, on parts that move by translation more than by rotation, or less."""
     count, reach, far = int(rng.integers(6, 13)), 10.0 ** rng.uniform(-6, 2), rng.standard_normal(3) * 10.0 ** rng.uniform(-6, 2)
     places = {f"s{k}": (tuple((far + reach * rng.standard_normal(3)).tolist()), tuple(rng.standard_normal(3).tolist()))
@@ -321,9 +322,6 @@ def point(rng: np.random.Generator) -> str:
     return f"wrong: {what}" if (what := fault(found, T @ Y @ T.T)) else "bounded"
 
 
-def attacked(kind: str, seed: int) -> str:
-    rng = np.random.default_rng([53, KINDS.index(kind), seed])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = point(rng) if kind == "points" else joined(kind, rng) if kind in ("coupled", "units") else alone(kind, rng)
-    return found.replace("wrong:", f"wrong: seed {seed}:", 1)
+@attack(KINDS)
+def attacked(kind: str, rng: Random) -> str:
+    return point(rng) if kind == "points" else joined(kind, rng) if kind in ("coupled", "units") else alone(kind, rng)

@@ -18,6 +18,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, dense, null_space
 
 KINDS = ("part", "system", "guided", "soft")
 METHODS = (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.Rubin, fs.MacNeal, fs.Herting, fs.DualCraigBampton,
@@ -28,8 +29,6 @@ FEW = 10.0  # roundings of K's entries in its making
 EPS = float(np.finfo(float).eps)
 LOUD = 1e-8  # backward error of an eigenpair that is none
 RANK = 1e-7  # singular values of conditions in units of length below which they are 0
-
-Random = np.random.Generator
 
 
 @dataclass(frozen=True)
@@ -43,48 +42,41 @@ class Part:
     unit: np.ndarray  # what a motion of 1 in Z is in each DOF
 
 
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS)
+def attacked(kind: str, random: Random) -> str:
     """The evidence of a reduced model that has the rigid motion of its geometry; 'refused', 'undecided', or what is wrong."""
-    random = np.random.default_rng([KINDS.index(kind), seed])
     if kind == "soft":
-        return _soft(random, seed)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        shape = str(random.choice(["beam", "beam", "chain", "plate", "solid"]))
-        units = 10.0 ** random.uniform(-3, 9), 10.0 ** random.uniform(-3, 3), 10.0 ** random.uniform(-9, 3)  # E, length, ρ
-        count = 1 if kind == "part" else int(random.integers(1 if kind == "guided" else 2, 4))
-        parts = [_part(random, shape, units) for _ in range(count)]
-        method = METHODS[int(random.integers(len(METHODS)))]
-        try:
-            counts = [int(random.integers(0, max(1, min(6, part.sub.size // 3)) + 1)) for part in parts]
-            roms = [fs.reduce(part.sub, method(count)) for part, count in zip(parts, counts, strict=True)]
-        except fs.FemsubError as error:
-            return f"refused: seed {seed}: {error}"
-        if kind == "part":
-            return _judged(f"seed {seed}, {shape}, {method.__name__}", [parts[0].sub, roms[0]], parts, [])
-        joints, equations = _joints(random, parts, kind)
-        mixed = [part.sub if random.random() < 0.2 and i else rom for i, (part, rom) in enumerate(zip(parts, roms, strict=True))]
-        try:
-            models = [fs.couple({f"p{i}": one for i, one in enumerate(chosen)}, joints)
-                      for chosen in ([part.sub for part in parts], mixed)]
-            if len(parts) > 2 and random.random() < 0.3:
-                models.append(_nested(models[1]))
-        except fs.FemsubError as error:
-            return f"refused: seed {seed}: {error}"
-        return _judged(f"seed {seed}, {shape}, {method.__name__}", models, parts, equations)
-
-
-def _nested(system: fs.System) -> fs.System:
-    """The system as the one part of another."""
-    return fs.couple({"whole": system}, [])
+        return _soft(random)
+    shape = str(random.choice(["beam", "beam", "chain", "plate", "solid"]))
+    units = 10.0 ** random.uniform(-3, 9), 10.0 ** random.uniform(-3, 3), 10.0 ** random.uniform(-9, 3)  # E, length, ρ
+    count = 1 if kind == "part" else int(random.integers(1 if kind == "guided" else 2, 4))
+    parts = [_part(random, shape, units) for _ in range(count)]
+    method = METHODS[int(random.integers(len(METHODS)))]
+    try:
+        counts = [int(random.integers(0, max(1, min(6, part.sub.size // 3)) + 1)) for part in parts]
+        roms = [fs.reduce(part.sub, method(count)) for part, count in zip(parts, counts, strict=True)]
+    except fs.FemsubError as error:
+        return f"refused: {error}"
+    if kind == "part":
+        return _judged(f"{shape}, {method.__name__}", [parts[0].sub, roms[0]], parts, [])
+    joints, equations = _joints(random, parts, kind)
+    mixed = [part.sub if random.random() < 0.2 and i else rom for i, (part, rom) in enumerate(zip(parts, roms, strict=True))]
+    try:
+        models = [fs.couple({f"p{i}": one for i, one in enumerate(chosen)}, joints)
+                  for chosen in ([part.sub for part in parts], mixed)]
+        if len(parts) > 2 and random.random() < 0.3:
+            models.append(fs.couple({"whole": models[1]}, []))
+    except fs.FemsubError as error:
+        return f"refused: {error}"
+    return _judged(f"{shape}, {method.__name__}", models, parts, equations)
 
 
 def _judged(what: str, models: Sequence[fs.Substructure], parts: list[Part], equations: list[np.ndarray]) -> str:
     Z = la.block_diag(*(part.Z for part in parts))
-    free = _null(np.array(equations).reshape(-1, len(Z)) @ Z, np.eye(Z.shape[1]))
+    free = _free(np.array(equations).reshape(-1, len(Z)) @ Z, np.eye(Z.shape[1]))
     rigid = free.shape[1]
     braked = la.block_diag(*(part.braked for part in parts))  # the dampers of joints see no more than their springs do
-    zeros = 2 * rigid - (rigid - _null(braked, free).shape[1])
+    zeros = 2 * rigid - (rigid - _free(braked, free).shape[1])
     words = []
     for name, model in zip(("full", "reduced", "nested"), models, strict=False):
         try:
@@ -109,14 +101,10 @@ def _judged(what: str, models: Sequence[fs.Substructure], parts: list[Part], equ
     return next((word for word in words if word.startswith("refused")), words[-1])
 
 
-def _null(B: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """The motions of a basis that B annuls."""
-    size = np.linalg.norm(B, axis=1, keepdims=True)
-    B = (B / np.where(size > 0, size, 1.0))[size[:, 0] > 0] @ basis
-    if not len(B):
-        return basis
-    values, V = np.linalg.svd(B)[1:]
-    return basis @ V[int(np.count_nonzero(values > RANK)):].T
+def _free(B: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """The motions of a basis that B annuls, its rows in one size."""
+    size = np.linalg.norm(B, axis=1)
+    return null_space(B[size > 0] / size[size > 0, None], basis, RANK)
 
 
 def _part(random: Random, shape: str, units: tuple[float, float, float]) -> Part:
@@ -314,7 +302,7 @@ def _row(random: Random) -> Row:
     units = 10.0 ** random.uniform(-3, 9), 10.0 ** random.uniform(-3, 3), 10.0 ** random.uniform(-9, 3)
     shape, soft = str(random.choice(["chain", "beam", "plate", "solid"])), 10.0 ** random.uniform(-12, 0)
     parts = [_part(random, shape, units) for _ in range(int(random.integers(1, 4)))]
-    pieces = [(_dense(part.sub.M), _dense(part.sub.K), part.unit[:, None] * part.Z) for part in parts]
+    pieces = [(dense(part.sub.M), dense(part.sub.K), part.unit[:, None] * part.Z) for part in parts]
     ends = [list(dict.fromkeys([*part.groups[0], *part.groups[1]])) for part in parts]
     start, springs = np.cumsum([0, *(len(piece[0]) for piece in pieces)]), []
     for i in range(1, len(parts)):
@@ -332,17 +320,13 @@ def _row(random: Random) -> Row:
     return Row(pieces, springs, ends)
 
 
-def _dense(A: Any) -> np.ndarray:
-    return np.array(A.toarray() if sp.issparse(A) else A)
-
-
-def _soft(random: Random, seed: int) -> str:
+def _soft(random: Random) -> str:
     """The rigid motions and the next frequency: of K itself, or of full or reduced parts joined by springs; without damping."""
     row = _row(random)
     rigid, omega, energy = row.exact()
     form = str(random.choice(["own", "own", "joined", "joined", "reduced", "reduced", "whole"]))
     method, twice = METHODS[int(random.integers(len(METHODS)))], bool(random.random() < 0.4)
-    what = f"seed {seed}, {form}{', ' + method.__name__ if form in ('reduced', 'whole') else ''}{', complex' * twice}"
+    what = f"{form}{', ' + method.__name__ if form in ('reduced', 'whole') else ''}{', complex' * twice}"
     alone = form in ("own", "whole")  # K's rounding is all that is known
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

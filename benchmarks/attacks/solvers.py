@@ -7,41 +7,37 @@ agree.
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 import femsub as fs
-from femsub.checks import Array
+from benchmarks.attacks.common import Random, attack, positive
 
 KINDS = ("flutter", "hopf", "divergence", "undamped")
 SAME = 1e-7  # of the range, beside the widths: two values of one loss
 LIKE = 1e-5  # relative difference of two frequencies; near a coalescence the square root of SAME
 
 
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS, seed_first=True)
+def attacked(kind: str, rng: Random) -> str:
     """One random case: 'agree', 'none' if nothing is lost, 'open' if a solver says that it does not know."""
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
     model, contacts, name, between, top = _model(kind, rng)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        exact = fs.critical_value(model, contacts, name, between=between, band=(0.0, top), solver="discs")
-        other = fs.critical_value(model, contacts, name, between=between, band=(0.0, top), solver="followed")
-        if other.open or exact.open:
-            return "open"
-        if (told := _differ(exact, other)):
-            return f"wrong: seed {seed}: discs {exact!r}, followed {other!r}: {told}"
-        if kind == "hopf":
-            assert isinstance(model, fs.Substructure)
-            root, slope = (fs.critical_value(model, contacts, name, between=between, band=(0.0, top), solver="root"),
-                           fs.critical_slope(model))
-            if exact.losses and not (_alike(exact, root) and _alike(exact, slope)):
-                return f"wrong: seed {seed}: discs {exact!r}, root {root!r}, slope {slope!r}"
-            if exact.losses and len(slope.crossing) == 1:
-                belt = fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2))
-                begun = fs.branch(model, belt, "slope", (2 * slope.value, 0.5 * slope.value), points=1, stability=False).hopf
-                if begun is None or abs(begun.value / slope.value - 1) > SAME or abs(begun.omega / slope.omega - 1) > LIKE:
-                    return f"wrong: seed {seed}: slope {slope!r}, branch {begun!r}"
+    exact = fs.critical_value(model, contacts, name, between=between, band=(0.0, top), solver="discs")
+    other = fs.critical_value(model, contacts, name, between=between, band=(0.0, top), solver="followed")
+    if other.open or exact.open:
+        return "open"
+    if (told := _differ(exact, other)):
+        return f"wrong: discs {exact!r}, followed {other!r}: {told}"
+    if kind == "hopf":
+        assert isinstance(model, fs.Substructure)
+        root, slope = (fs.critical_value(model, contacts, name, between=between, band=(0.0, top), solver="root"),
+                       fs.critical_slope(model))
+        if exact.losses and not (_alike(exact, root) and _alike(exact, slope)):
+            return f"wrong: discs {exact!r}, root {root!r}, slope {slope!r}"
+        if exact.losses and len(slope.crossing) == 1:
+            belt = fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2))
+            begun = fs.branch(model, belt, "slope", (2 * slope.value, 0.5 * slope.value), points=1, stability=False).hopf
+            if begun is None or abs(begun.value / slope.value - 1) > SAME or abs(begun.omega / slope.omega - 1) > LIKE:
+                return f"wrong: slope {slope!r}, branch {begun!r}"
     return "agree" if exact.losses else "none"
 
 
@@ -64,24 +60,19 @@ def _alike(one: fs.CriticalValue, two: fs.CriticalValue) -> bool:
             and two.losses[0].kind == one.losses[0].kind)
 
 
-def _model(kind: str, rng: np.random.Generator
+def _model(kind: str, rng: Random
            ) -> tuple[fs.Substructure | fs.Affine, fs.Belt | None, str, tuple[float, float], float]:
     n = int(rng.integers(4, 13))
-    M, K = _definite(n, rng), 10.0 ** rng.uniform(0, 4) * _definite(n, rng)
+    M, K = positive(rng, n, 0.1), 10.0 ** rng.uniform(0, 4) * positive(rng, n, 0.1)
     omega = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.max())
-    D = 10.0 ** rng.uniform(-4, -2) * (omega * M + K / omega) + 1e-3 * omega * _definite(n, rng)
+    D = 10.0 ** rng.uniform(-4, -2) * (omega * M + K / omega) + 1e-3 * omega * positive(rng, n, 0.1)
     if kind == "hopf":
         w = rng.standard_normal(n)
         feeds = float(w @ np.linalg.solve(D, w))
         return fs.Substructure(M, K, D, ports={"belt": w}), fs.Belt(slope=0.0), "slope", (0.0, -3 / feeds), 1.5 * omega
     if kind == "divergence":
-        load = _definite(n, rng)
+        load = positive(rng, n, 0.1)
         lost = 1 / np.linalg.eigvals(np.linalg.solve(K, load)).real.max()
         return fs.Affine(M, D, [(1.0, K), ("p", -load)]), None, "p", (0.0, 1.7 * lost), 1.5 * omega
     turning = np.outer(rng.standard_normal(n), rng.standard_normal(n)) * np.linalg.norm(K) / n * rng.uniform(0.2, 2.0)
     return fs.Affine(M, None if kind == "undamped" else D, [(1.0, K), ("p", turning)]), None, "p", (0.0, 1.0), 2.0 * omega
-
-
-def _definite(n: int, rng: np.random.Generator) -> Array:
-    A = rng.standard_normal((n, n))
-    return A @ A.T / n + 0.1 * np.eye(n)

@@ -8,28 +8,25 @@ without H.
 
 from __future__ import annotations
 
-import warnings
-
-import mpmath as mp
 import numpy as np
+from mpmath import mp
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, eigenvalues, exact_eigenvalues
 from femsub.checks import Array
 
 KINDS = ("friction", "overdamped", "gyroscopic", "floating", "large")
 DIGITS = 60
 
 
-def attacked(kind: str, seed: int) -> str:
-    rng = np.random.default_rng([KINDS.index(kind), seed])
+@attack(KINDS)
+def attacked(kind: str, rng: Random) -> str:
     model, contact = _model(kind, rng)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            modes = fs.complex_modes(model, contact)
-        except fs.FemsubError as error:
-            return f"refused: {error}"
+    try:
+        modes = fs.complex_modes(model, contact)
+    except fs.FemsubError as error:
+        return f"refused: {error}"
     pencil = model.linearised(contact, structural=True).dense()
     lossy, plain = (_exact(pencil, scale * np.asarray(model.H), kind == "large") for scale in (1.0, 0.0))
     size = np.abs(lossy).max()
@@ -48,14 +45,14 @@ def attacked(kind: str, seed: int) -> str:
         if unmet or strange or off:
             if modes.evidence == "not checked" and not off:
                 return "not checked"
-            return f"wrong: seed {seed}: {modes.evidence}, {name}: missing {unmet}, too many {strange}, off {off}"
+            return f"wrong: {modes.evidence}, {name}: missing {unmet}, too many {strange}, off {off}"
     growth = max(np.max(up.real, initial=-np.inf), np.max(real.real, initial=-np.inf))
     if modes.is_stable is not None and abs(growth) > sure * size and modes.is_stable != (growth < 0):
-        return f"wrong: seed {seed}: stable {modes.is_stable}, but growth {growth}"
+        return f"wrong: stable {modes.is_stable}, but growth {growth}"
     return modes.evidence
 
 
-def _model(kind: str, rng: np.random.Generator) -> tuple[fs.Substructure, fs.LinearContact]:
+def _model(kind: str, rng: Random) -> tuple[fs.Substructure, fs.LinearContact]:
     n = int(rng.integers(8, 25) if kind == "large" else rng.integers(1, 5))
     M = np.diag(10 ** rng.uniform(-1, 1, n)) if rng.random() < 0.5 else _semidefinite(rng, n, n) + 0.2 * np.eye(n)
     K = _semidefinite(rng, n, n) + 0.1 * np.eye(n)
@@ -89,26 +86,17 @@ def _model(kind: str, rng: np.random.Generator) -> tuple[fs.Substructure, fs.Lin
             fs.LinearContact(("a", "b"), damping=C[0], stiffness=C[1]))
 
 
-def _semidefinite(rng: np.random.Generator, n: int, rank: int) -> Array:
+def _semidefinite(rng: Random, n: int, rank: int) -> Array:
     A = rng.standard_normal((n, rank))
     return A @ A.T
 
 
 def _exact(pencil: fs.Pencil, H: Array, by_lapack: bool) -> Array:
-    n = pencil.size
     if by_lapack:
-        inverse = np.linalg.inv(pencil.M)
-        return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)],
-                                           [-inverse @ (pencil.K + 1j * H), -inverse @ pencil.D]]))
+        return eigenvalues(pencil.M, pencil.D, pencil.K + 1j * H)
     with mp.workdps(DIGITS):
-        lead, companion = mp.matrix(pencil.M.tolist()) ** -1, mp.zeros(2 * n)
-        stiffness = mp.matrix(pencil.K.tolist()) + mp.mpc(0, 1) * mp.matrix(H.tolist())
-        low, middle = -(lead * stiffness), -(lead * mp.matrix(pencil.D.tolist()))
-        for i in range(n):
-            companion[i, n + i] = 1
-            for j in range(n):
-                companion[n + i, j], companion[n + i, n + j] = low[i, j], middle[i, j]
-        values = list(mp.eig(companion, left=False, right=False))
+        M, D, K, loss = (mp.matrix(A.tolist()) for A in (pencil.M, pencil.D, pencil.K, H))
+        values = exact_eigenvalues(M, D, K + mp.mpc(0, 1) * loss)
         size = max(abs(value) for value in values)  # a multiple λ has the root of the working precision as its error
         return np.array([complex(value.real, 0 if abs(value.imag) <= mp.mpf(10) ** (-DIGITS // 3) * size else value.imag)
                          for value in values])

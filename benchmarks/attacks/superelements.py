@@ -7,27 +7,24 @@ programs do. The reference are the model's own frequencies. What a format cannot
 from __future__ import annotations
 
 import tempfile
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack
 from femsub.checks import EPS, Array
 
 KINDS = ("nastran", "dmig", "abaqus", "calculix", "exudyn")
 LAST = {"dmig": 5e-10}  # half of the last digit of a format, relative
 NO_INTERFACE, DAMPED, NO_MAP, SPREAD = "has no interface", "has damping", "needs a reduced model", "are no coordinates"
 
-Random = np.random.Generator
 
-
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS)
+def attacked(kind: str, random: Random) -> str:
     """'same', or 'refused in words' where the format cannot hold it; else what is wrong."""
-    random = np.random.default_rng([KINDS.index(kind), seed])
-    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
-        warnings.simplefilter("ignore")
+    with tempfile.TemporaryDirectory() as folder:
         full, model = _model(random, scaled=kind != "exudyn")  # by hand, rigid motion is not known, which Exudyn's file needs
         try:
             own = fs.normal_modes(model, count=6)
@@ -41,14 +38,14 @@ def attacked(kind: str, seed: int) -> str:
                 SPREAD in str(error) and "Hurty" in repr(model), NO_INTERFACE in str(error) and not open_,
                 kind in ("calculix", "exudyn") and DAMPED in str(error),
                 kind == "exudyn" and (NO_MAP in str(error) or "Exudyn's bodies" in str(error))))
-            return f"{'refused in words' if meant else 'refused'}: seed {seed}: {error}"
+            return f"{'refused in words' if meant else 'refused'}: {error}"
         try:
-            return _compared(model, own, _read(kind, files, model), kind, seed)
+            return _compared(model, own, _read(kind, files, model), kind)
         except fs.FemsubError as error:
-            return f"wrong: seed {seed}: what was written is refused: {type(error).__name__}: {error}"
+            return f"wrong: what was written is refused: {type(error).__name__}: {error}"
 
 
-def _compared(model: fs.Substructure, own: fs.NormalModes, found: fs.Substructure | Array, kind: str, seed: int) -> str:
+def _compared(model: fs.Substructure, own: fs.NormalModes, found: fs.Substructure | Array, kind: str) -> str:
     omega, slack = own.frequencies[own.rigid:], 1e-9 + 8 * (1 + LAST.get(kind, 0.0) / EPS) * own.rounding[own.rigid:]
     if isinstance(found, np.ndarray):
         other, rigid = found[:len(omega)], own.rigid
@@ -58,15 +55,15 @@ def _compared(model: fs.Substructure, own: fs.NormalModes, found: fs.Substructur
     if slack.max(initial=0.0) > 0.1:
         return "too few digits"
     if rigid != own.rigid or len(other) != len(omega):
-        return (f"wrong: seed {seed}: {rigid} rigid and {len(other)} elastic, not {own.rigid} and {len(omega)}: {model!r}, "
+        return (f"wrong: {rigid} rigid and {len(other)} elastic, not {own.rigid} and {len(omega)}: {model!r}, "
                 f"{found!r}")
     error = np.abs(other / omega - 1)
     if (error > slack).any():
         at = int((error / slack).argmax())
-        return f"wrong: seed {seed}: mode {at + 1} off by {error[at]:.1e}, allowed {slack[at]:.1e}: {model!r}"
+        return f"wrong: mode {at + 1} off by {error[at]:.1e}, allowed {slack[at]:.1e}: {model!r}"
     if isinstance(model, fs.ReducedSubstructure) and isinstance(found, fs.ReducedSubstructure) and (
             len(found.interface) != len(model.interface) or found.modes != model.size - len(model.interface)):
-        return f"wrong: seed {seed}: {len(found.interface)} interface DOF and {found.modes} modes: {model!r}, {found!r}"
+        return f"wrong: {len(found.interface)} interface DOF and {found.modes} modes: {model!r}, {found!r}"
     return "same"
 
 

@@ -7,68 +7,64 @@ moving is no forgotten spring. Where nothing is refused, there are as many eigen
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import Random, attack, null_space
 
 KINDS = ("straight", "turning", "ground")
 RANK = 1e-8  # singular values in units of length below which they are 0
 SLOW = 1e-5  # share of an elastic frequency below which a growing eigenvalue is rounding
 
-Random = np.random.Generator
 
-
-def attacked(kind: str, seed: int) -> str:
+@attack(KINDS)
+def attacked(kind: str, random: Random) -> str:
     """'refused' where a spring is forgotten, else the evidence; or what is wrong."""
-    random = np.random.default_rng([KINDS.index(kind), seed])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        model, contact, left, driven, damped = _case(random, kind)
-        told = f"seed {seed}, {driven} driven of {left}"
-        words = []
-        form = str(random.choice(["contact modes", "part by part", "coarse"]))
-        models = {"full": model}
-        if form == "contact modes":
-            models[form] = fs.reduce(model, fs.ContactModes(6, contacts=contact))
-        elif isinstance(model, fs.System):
-            methods = {name: fs.CraigChang(4) if form == "coarse" else fs.Rubin(4) for name in model.parts}
-            models[form] = fs.reduce(model, methods, ports=True)
-        top = 1.5 * float(fs.normal_modes(model, count=3).frequencies[-1])
-        for name, one in models.items():
-            limit = min(one.cutoff, top)
-            for mu in (0.0, contact.mu):
-                acting = replace(contact, mu=mu)
-                try:
-                    modes = fs.complex_modes(one, acting, band=(0.0, limit))
-                except fs.InputError as error:
-                    if "is not supported" not in str(error):
-                        return f"refused by another reason: {told}, {name}: {error}"
-                    if not (mu and driven):
-                        return f"wrong: {told}, {name}, mu = {mu}: {error}"
-                    words.append("refused")
-                    continue
-                except (fs.NotConvergedError, fs.MissedModesError, fs.SingularMatrixError) as error:
+    model, contact, left, driven, damped = _case(random, kind)
+    told = f"{driven} driven of {left}"
+    words = []
+    form = str(random.choice(["contact modes", "part by part", "coarse"]))
+    models = {"full": model}
+    if form == "contact modes":
+        models[form] = fs.reduce(model, fs.ContactModes(6, contacts=contact))
+    elif isinstance(model, fs.System):
+        methods = {name: fs.CraigChang(4) if form == "coarse" else fs.Rubin(4) for name in model.parts}
+        models[form] = fs.reduce(model, methods, ports=True)
+    top = 1.5 * float(fs.normal_modes(model, count=3).frequencies[-1])
+    for name, one in models.items():
+        limit = min(one.cutoff, top)
+        for mu in (0.0, contact.mu):
+            acting = replace(contact, mu=mu)
+            try:
+                modes = fs.complex_modes(one, acting, band=(0.0, limit))
+            except fs.InputError as error:
+                if "is not supported" not in str(error):
                     return f"refused by another reason: {told}, {name}: {error}"
-                if mu and driven:
-                    return f"wrong: {told}, {name}: not refused: {modes!r}"
-                zeros = left * (1 if damped else 2)
-                if modes.rigid.sum() != zeros and modes.evidence == "certified":
-                    return f"wrong: {told}, {name}, mu = {mu}: {modes.rigid.sum()} at 0 for {zeros}, {modes!r}"
-                slow = modes.eigenvalues[modes.unstable]
-                if len(slow) and np.abs(slow).min() < SLOW * top:
-                    return f"wrong: {told}, {name}, mu = {mu}: rounding grows: {modes!r}"
-                words.append(modes.evidence)
-            if driven or (left and name != "full" and one.size <= 300):
-                try:
-                    found = fs.critical_value(one, contact, "mu", between=(0.0, 0.5), band=(0.0, limit))
-                    return f"wrong: {told}, {name}: {found!r}"
-                except fs.InputError as error:
-                    if not any(word in str(error) for word in ("is not supported", "floats")):
-                        return f"wrong: {told}, {name}: {error}"
-        return next((word for word in ("refused", "not checked", "confirmed") if word in words), "certified")
+                if not (mu and driven):
+                    return f"wrong: {told}, {name}, mu = {mu}: {error}"
+                words.append("refused")
+                continue
+            except (fs.NotConvergedError, fs.MissedModesError, fs.SingularMatrixError) as error:
+                return f"refused by another reason: {told}, {name}: {error}"
+            if mu and driven:
+                return f"wrong: {told}, {name}: not refused: {modes!r}"
+            zeros = left * (1 if damped else 2)
+            if modes.rigid.sum() != zeros and modes.evidence == "certified":
+                return f"wrong: {told}, {name}, mu = {mu}: {modes.rigid.sum()} at 0 for {zeros}, {modes!r}"
+            slow = modes.eigenvalues[modes.unstable]
+            if len(slow) and np.abs(slow).min() < SLOW * top:
+                return f"wrong: {told}, {name}, mu = {mu}: rounding grows: {modes!r}"
+            words.append(modes.evidence)
+        if driven or (left and name != "full" and one.size <= 300):
+            try:
+                found = fs.critical_value(one, contact, "mu", between=(0.0, 0.5), band=(0.0, limit))
+                return f"wrong: {told}, {name}: {found!r}"
+            except fs.InputError as error:
+                if not any(word in str(error) for word in ("is not supported", "floats")):
+                    return f"wrong: {told}, {name}: {error}"
+    return next((word for word in ("refused", "not checked", "confirmed") if word in words), "certified")
 
 
 def _case(random: Random, kind: str) -> tuple[fs.Substructure, fs.FrictionContact, int, int, bool]:
@@ -120,7 +116,7 @@ def _case(random: Random, kind: str) -> tuple[fs.Substructure, fs.FrictionContac
     corners = corners[(corners[:, :2] <= 0.1 * scale * (1 + 1e-9)).all(axis=1)]
     inside = [*corners, corners.mean(axis=0), 0.3 * corners[0] + 0.7 * corners.mean(axis=0)]
     press = [row("pad", x, np.array([0, 0, 1.0])) - row("slide", x, np.array([0, 0, 1.0])) for x in inside]
-    loose = _null(np.vstack([*rows, *press]), np.eye(12))
+    loose = null_space(np.vstack([*rows, *press]), np.eye(12), RANK)
     along = [np.cross([0, 0, 1.0], x - centre) if turning else np.array([np.cos(angle), np.sin(angle), 0.0]) for x in inside]
     along = [t / np.linalg.norm(t) for t in along]
     slips = np.vstack([row("pad", x, t) - row("slide", x, t) for x, t in zip(inside, along, strict=True)])
@@ -128,13 +124,5 @@ def _case(random: Random, kind: str) -> tuple[fs.Substructure, fs.FrictionContac
     spin = np.cross([0, 0, 1.0], origin["slide"] - centre) / scale
     own = np.concatenate([np.zeros(6), spin if turning else along[0], [0, 0, 1.0] if turning else np.zeros(3)])[:, None]
     free = own if kind != "ground" and np.abs(np.vstack([*rows, *press]) @ own).max() < RANK else own[:, :0]
-    quiet = np.hstack([_null(slips, loose), free])
+    quiet = np.hstack([null_space(slips, loose, RANK), free])
     return model, contact, loose.shape[1], loose.shape[1] - np.linalg.matrix_rank(quiet, tol=1e-6), damped
-
-
-def _null(B: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """The motions of an orthonormal basis that B annuls."""
-    if not basis.shape[1]:
-        return basis
-    values, V = np.linalg.svd(B @ basis)[1:]
-    return basis @ V[int(np.count_nonzero(values > RANK)):].T

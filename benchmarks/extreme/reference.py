@@ -12,6 +12,8 @@ import scipy.sparse as sp
 from mpmath import mp
 from scipy.optimize import linear_sum_assignment
 
+from benchmarks.attacks.common import exact_eigenvalues
+
 EPS = float(np.finfo(float).eps)
 Array = np.ndarray
 mp.dps = 60
@@ -90,19 +92,11 @@ def quadratic(M: Any, D: Any, K: Any) -> list[Any]:
     if reverse:
         mass, damping, stiffness = parts
         parts = [mass * shift + damping * shift + stiffness, mass * (2 * shift) + damping, mass]
-    lead = parts[0] ** -1
-    companion = mp.zeros(2 * n)
-    for i in range(n):
-        companion[i, n + i] = mp.one
-    low, middle = -(lead * parts[2]), -(lead * parts[1])
-    for i in range(n):
-        for j in range(n):
-            companion[n + i, j], companion[n + i, n + j] = low[i, j], middle[i, j]
-    found = mp.eig(companion, left=False, right=False)
+    found = exact_eigenvalues(*parts)
     if reverse:
         size = max(abs(value) for value in found)
         found = [1 / value + shift for value in found if abs(value) > size * mp.mpf(10) ** -25]
-    return list(found)
+    return found
 
 
 def matched(found: Array, reference: list[Any]) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks import lattices
 from benchmarks.extreme.cases import ASKED, judge, lattice, spread
 from benchmarks.extreme.complex import roots
 from benchmarks.extreme.reference import Array, Found, dense, entry_condition, exact, mp
@@ -50,12 +51,9 @@ def listed(build: Callable[[], tuple[fs.Substructure, Array]], band: tuple[float
 
 
 def membrane(m: int, sparse: bool = True) -> tuple[fs.Substructure, Array]:
-    """m x m unit masses held at the rim: λ = 4 sin² + 4 sin², most of them twice."""
-    line = sp.diags_array([-np.ones(m - 1), 2 * np.ones(m), -np.ones(m - 1)], offsets=[-1, 0, 1])
-    K, one = sp.csr_array(sp.kron(line, sp.eye_array(m)) + sp.kron(sp.eye_array(m), line)), np.arange(1, m + 1)
-    squares = 4 * np.sin(one * np.pi / (2 * m + 2)) ** 2
-    omega = np.sqrt(np.sort((squares[:, None] + squares).ravel()))
-    return fs.Substructure(sp.eye_array(m * m), K) if sparse else fs.Substructure(np.eye(m * m), K.toarray()), omega
+    """m x m unit masses held at the rim, most ω of which are there twice."""
+    sub = lattices.membrane(m)
+    return sub if sparse else fs.Substructure(np.eye(m * m), sub.K.toarray()), np.sqrt(lattices.membrane_eigenvalues(m))
 
 
 def copies(n: int, number: int, sparse: bool = True) -> tuple[fs.Substructure, Array]:
