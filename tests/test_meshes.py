@@ -330,15 +330,3 @@ def test_the_script_makes_the_shipped_meshes(name: str) -> None:
     shipped = fs.read_mesh(ROOT / "meshes" / name)
     assert np.allclose(shipped.points, made.points, rtol=0, atol=1e-15) and np.array_equal(shipped.cells, made.cells)
     assert all(np.array_equal(shipped.nodes(label), nodes) for label, nodes in made.sets.items())
-
-
-@pytest.mark.parametrize("size", [0.025, 0.012])
-def test_gmsh_makes_the_shipped_brake_and_finer_ones(size: float) -> None:
-    pytest.importorskip("gmsh")
-    made = runpy.run_path(str(ROOT / "benchmarks" / "make_meshes.py"))
-    for mesh in (made["brake_disc"](size), made["brake_pad"]("brake-inboard", -1, size)):
-        shipped = fs.read_mesh(ROOT / "meshes" / f"{mesh.name}.vtu")
-        assert volume(mesh) == pytest.approx(volume(shipped), rel=2e-5)
-        assert (len(mesh.cells) == len(shipped.cells)) == (size == 0.025) and len(mesh.cells) >= len(shipped.cells)
-        if size == 0.025:
-            assert np.allclose(mesh.points, shipped.points, rtol=0, atol=1e-12)
