@@ -9,6 +9,7 @@ from .normal_modes import (
     modes_under as modes_under,
 )
 from .quadratic.complex_modes import ComplexModes as ComplexModes, beside_the_full as beside_the_full, with_bars as with_bars
+from .quadratic.correction import corrected as corrected, slope as slope
 from .quadratic.cost import Budget as Budget
 from .quadratic.dense import (
     ModalForm as ModalForm,
@@ -17,6 +18,7 @@ from .quadratic.dense import (
     modal_form as modal_form,
     solve as solve,
 )
+from .quadratic.energy_basis import Coupling as Coupling, EnergyBasis as EnergyBasis, Term as Term, terms_of as terms_of
 from .quadratic.matching import (
     NEAR as NEAR,
     extra_eigenvalues as extra_eigenvalues,

@@ -22,8 +22,8 @@ import numpy as np
 from femsub.checks import NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, warn
 from femsub.model import in_band
+from femsub.modes import corrected, slope
 from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.modes.quadratic.correction import corrected, slope
 from femsub.stability.crossings import Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
 from femsub.stability.edges import factor_at, modes_at

@@ -26,9 +26,20 @@ from femsub.algebra import check_columns, orthonormal, unresisted
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
-from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, solve, units
+from femsub.modes import (
+    DEPENDENT,
+    RIGID,
+    Coupling,
+    EnergyBasis,
+    Term,
+    energy_directions,
+    independent,
+    lowest_modes,
+    solve,
+    terms_of,
+    units,
+)
 from femsub.modes.quadratic.bars import bars
-from femsub.modes.quadratic.energy_basis import Coupling, EnergyBasis, Term, terms_of
 from femsub.reduction.basis import Kept
 from femsub.reduction.estimates.found_modes import FoundModes, compressed
 from femsub.reduction.estimates.nested import MARGIN, compared
