@@ -20,7 +20,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from tempfile import gettempdir
 from threading import RLock
-from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, Self, TypeAlias, TypeVar
 from unicodedata import category
 
 from femsub.errors import (
@@ -317,6 +317,30 @@ def path_of(name: str, value: Any) -> Path:
     return Path(value)
 
 
+def resolved(path: str | Path) -> Path:
+    """The place of a file or folder without links; where links lead in a circle, as it is named."""
+    try:
+        return Path(path).resolve()
+    except RuntimeError:  # Python before 3.13
+        return Path(path).absolute()
+
+
+def is_there(path: Path) -> bool:
+    """Whether something has this name, be it a link to nothing; False for a name that cannot be, and where nothing is shown."""
+    try:
+        path.lstat()
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def is_file(path: Path) -> bool:
+    """Whether a file has this name, or is what a link of this name leads to; else as `is_there`."""
+    with suppress(OSError):
+        return path.is_file()
+    return False
+
+
 def listener(name: str, value: Any) -> Callable[[str], None]:
     """A function that reports progress; for None one that does nothing."""
     if value is None:
@@ -390,3 +414,23 @@ def parsing() -> Iterator[None]:
     """
     with Parser.lock:
         yield
+
+
+class Interruptible:
+    """Ctrl-C ends the block but not the program: results so far are kept, and `complete` is False.
+
+    with Interruptible() as work:
+        for model in models:
+            kept.append(run(model))
+    if not work.complete: ...                                   # report it; the command then ends with a status that is not 0
+    """
+
+    complete = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
+        stopped = kind is not None and issubclass(kind, KeyboardInterrupt)
+        self.complete = self.complete and not stopped
+        return stopped

@@ -79,7 +79,7 @@ def test_what_was_computed_before_an_output_fails_is_kept(thrown: BaseException,
 
 
 def test_ctrl_c_ends_a_block_and_nothing_else_does() -> None:
-    from femsub.algebra.timing import Interruptible
+    from femsub.checks import Interruptible
 
     done = []
     with Interruptible() as work:

@@ -132,4 +132,4 @@ from .rigid_motion import (
     without as without,
 )
 from .subspace import orthonormal as orthonormal
-from .timing import Interruptible as Interruptible, phase as phase, timed as timed
+from .timing import phase as phase, timed as timed

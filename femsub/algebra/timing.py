@@ -1,4 +1,4 @@
-"""Timing of phases, and interruption of long work by Ctrl-C.
+"""Timing of phases.
 
 Phases are named where the work is done, and summed where the times are needed.
 
@@ -15,31 +15,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
-from typing import ParamSpec, Self, TypeVar
+from typing import ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
 _asked: ContextVar[tuple[dict[str, float], list[float]] | None] = ContextVar("femsub_phases", default=None)
-
-
-class Interruptible:
-    """Ctrl-C ends the block but not the program: results so far are kept, and `complete` is False.
-
-    with Interruptible() as work:
-        for model in models:
-            kept.append(run(model))
-    if not work.complete: ...                                   # tell it; the command then ends with a status that is not 0
-    """
-
-    complete = True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
-        stopped = kind is not None and issubclass(kind, KeyboardInterrupt)
-        self.complete = self.complete and not stopped
-        return stopped
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import sys
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub
-from femsub.algebra import available, inertia, libraries, petsc
+from femsub.algebra import available, inertia, libraries, own_processors, petsc, processors, variable
 from femsub.checks import installed_by
 from femsub.errors import FemsubError
 
@@ -61,7 +60,7 @@ def report() -> int:
 def _python(found: Findings) -> None:
     found.add("femsub", f"{femsub.__version__}, in {Path(str(femsub.__file__)).parent}")
     found.add("Python", f"{platform.python_version()}, {sys.executable}")
-    found.add("system", f"{platform.platform()}, {os.cpu_count()} processors")
+    found.add("system", f"{platform.platform()}, {processors()} processors")
 
 
 def _packages(found: Findings) -> None:
@@ -117,14 +116,14 @@ def _blas(found: Findings) -> None:
                           f"{one.get('architecture')}, {one['num_threads']} thread(s)")
     if not lines:
         found.add("BLAS", "no BLAS found in the process")
-    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    own = own_processors()
     for one in lines:
-        if (threads := one["num_threads"]) > processors:
-            found.wrong.append(f"{Path(one['filepath']).name} uses {threads} threads, but this process may use {processors} "
-                               f"processors, which slows small products down by far: set OMP_NUM_THREADS={processors}, or 1")
+        if (threads := one["num_threads"]) > own:
+            found.wrong.append(f"{Path(one['filepath']).name} uses {threads} threads, but this process may use {own} "
+                               f"processors, which slows small products down by far: set OMP_NUM_THREADS={own}, or 1")
     for name in ("OPENBLAS_CORETYPE", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        if name in os.environ:
-            found.add("", f"{name}={os.environ[name]}")
+        if value := variable(name):
+            found.add("", f"{name}={value}")
     A = np.random.default_rng(0).standard_normal((300, 300))
     Q = np.linalg.qr(A)[0]
     off = float(np.abs(Q.T @ Q - np.eye(300)).max())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -16,7 +16,7 @@ from femsub.app.inputs import RESULTS, results_of
 from femsub.app.keys import keys_of
 from femsub.app.report import machine, remove, results, to_json, versions, write
 from femsub.app.scene import SCENES, Progress, Result, Scene
-from femsub.checks import hash_of, installed_by
+from femsub.checks import hash_of, installed_by, is_there, resolved
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.io import texts_read
 
@@ -99,7 +99,7 @@ class Record:
     def _last(self) -> dict[str, Any]:
         """The files that the last run of this scene wrote into the folder, with their hashes."""
         place, kind = self.folder / RESULTS, self._kind()
-        if not os.path.lexists(place):
+        if not is_there(place):
             return {}
         known = results_of(place)
         if known is None:
@@ -112,13 +112,19 @@ class Record:
 
     def _place(self, path: Path) -> str:
         """A file as seen from the folder of the results, with which it may be moved."""
-        whole = Path(os.path.realpath(path.parent)) / path.name
-        return Path(os.path.relpath(whole, os.path.realpath(self.folder))).as_posix()
+        whole, folder = resolved(path.parent) / path.name, resolved(self.folder)
+        shared = next(above for above in (folder, *folder.parents) if whole.is_relative_to(above))
+        up = [".."] * len(folder.relative_to(shared).parts)
+        return Path(*up, whole.relative_to(shared)).as_posix()
 
     def _described(self, paths: Iterable[Path]) -> list[dict[str, Any]]:
         """Place, hash and size of each; what is wrong with one that cannot be read, the scene says."""
-        return [{"path": self._place(path), "sha256": hash_of(path), "bytes": path.stat().st_size} for path in paths
-                if path.is_file() and os.access(path, os.R_OK)]
+        found = []
+        for path in paths:
+            with suppress(PermissionError):
+                if path.is_file():
+                    found.append({"path": self._place(path), "sha256": hash_of(path), "bytes": path.stat().st_size})
+        return found
 
 
 def _page(result: Result) -> dict[str, Writer]:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 import platform
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,9 +18,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 import femsub
+from femsub.algebra import completed, processors
 from femsub.app.scene import Result
 from femsub.app.units import UNKNOWN, Units
-from femsub.checks import csv_cell, hash_of
+from femsub.checks import csv_cell, hash_of, is_there, resolved
 from femsub.errors import InputError, printable
 from femsub.io import HASHES, OURS, Writer, hashed, held, write_whole
 from femsub.studies import Remark, answer
@@ -43,7 +42,7 @@ def output_folder(folder: str | None) -> Iterator[Path | None]:
     if not folder:
         raise InputError("--out needs the name of a folder; it is empty")
     path = existing = Path(folder)
-    while not os.path.lexists(existing):
+    while not is_there(existing):
         existing = existing.parent
     if not existing.is_dir():
         raise InputError(f"the output folder {folder} cannot be written: {existing} is not a folder")
@@ -109,11 +108,11 @@ def remove(folder: Path, hashes: Mapping[Any, Any]) -> None:
     Only what the last run wrote: regular files below the folder with an ending of femsub's files, their content that of the
     hash. No link is followed.
     """
-    whole = Path(os.path.realpath(folder))
+    whole = resolved(folder)
     for name, known in hashes.items():
         with suppress(OSError, ValueError):  # a name that none can be; a file that may not be read or deleted stays
             path = whole / name
-            below = os.path.realpath(path) == str(path) and whole in path.parents
+            below = resolved(path) == path and whole in path.parents
             if below and path.suffix in OURS and path.is_file() and hash_of(path) == known:
                 path.unlink()
                 for parent in path.relative_to(whole).parents[:-1]:
@@ -203,7 +202,7 @@ def machine() -> dict[str, Any]:
             model = next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), model)
     except OSError:
         pass
-    return {"cpu": model, "cores": os.cpu_count(), "system": platform.platform()}
+    return {"cpu": model, "cores": processors(), "system": platform.platform()}
 
 
 def versions() -> dict[str, Any]:
@@ -221,13 +220,15 @@ def versions() -> dict[str, Any]:
 def commit(folder: Path) -> str | None:
     """The commit of the clone that a folder is part of, with '-dirty' where files were changed; None outside of one."""
     def git(*words: str) -> str:
-        return subprocess.run(["git", "--no-optional-locks", "-C", str(folder), *words], capture_output=True, text=True,
-                              check=True, timeout=10.0).stdout.strip()
+        done = completed(["git", "--no-optional-locks", "-C", str(folder), *words], 10.0)
+        if done is None or done.returncode:
+            raise OSError("git did not answer")
+        return done.stdout.strip()
 
     try:
         git("ls-files", "--error-unmatch", "__init__.py")  # it may lie in a clone of something else
         return git("describe", "--always", "--dirty", "--abbrev=40", "--exclude", "*")
-    except (OSError, subprocess.SubprocessError):
+    except OSError:
         return None
 
 

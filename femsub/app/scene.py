@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 import tomllib
@@ -15,10 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 from femsub import coupling, reduction, studies
-from femsub.algebra import Interruptible
 from femsub.app.keys import check_keys, key, keys_of, values_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
-from femsub.checks import choice, shown, word
+from femsub.checks import Interruptible, choice, resolved, shown, word
 from femsub.errors import FemsubError, InputError, unknown_name
 
 if TYPE_CHECKING:
@@ -359,8 +357,8 @@ def _build(table: Mapping[str, Any], folder: Path, source: Path | None = None, t
 def _check_trust(own: Path, source: Path, trusted: Sequence[str]) -> None:
     """Refuse to run a Python file that a scene file or a results.json names, unless it lies beside it or its user allows it."""
     try:
-        whole = os.path.realpath(own)
-        if os.path.dirname(whole) == os.path.realpath(source.parent) or whole in map(os.path.realpath, trusted):
+        whole = resolved(own)
+        if whole.parent == resolved(source.parent) or whole in map(resolved, trusted):
             return
     except ValueError:
         pass

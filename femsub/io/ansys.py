@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 import sys
 from functools import lru_cache
 from importlib.machinery import ModuleSpec
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra import completed
 from femsub.checks import Array, installed_by, parsing
 from femsub.errors import InputError, MissingPackageError
 from femsub.io.abaqus_calculix import TextMatrix
@@ -274,11 +274,9 @@ def _asked(path: Path, script: str) -> dict[str, Array]:
     """The arrays that a script in a process of its own finds in a file of Ansys."""
     with scratch(float(path.stat().st_size)) as folder:
         target = folder / "found.npz"
-        try:
-            command = [sys.executable, "-c", BEGIN + script, str(path.absolute()), str(target), str(MEMORY)]
-            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=SECONDS, errors="replace")
-        except subprocess.TimeoutExpired:
-            raise InputError(f"{path} was not read within {SECONDS} s; it may be damaged") from None
+        done = completed([sys.executable, "-c", BEGIN + script, str(path.absolute()), str(target), str(MEMORY)], SECONDS)
+        if done is None:
+            raise InputError(f"{path} was not read within {SECONDS} s; it may be damaged")
         if done.returncode or not target.is_file():
             last = (done.stderr.strip().splitlines() or [""])[-1]
             if last.startswith("ModuleNotFoundError"):

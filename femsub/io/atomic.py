@@ -10,8 +10,6 @@ machines do not see the lock.
 
 from __future__ import annotations
 
-import fcntl
-import os
 import secrets
 import shutil
 import stat
@@ -24,6 +22,7 @@ from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import BinaryIO, TypeAlias
 
+from femsub.algebra import identity, lock, opened
 from femsub.checks import content_hash, temporary
 from femsub.errors import no_room_error
 
@@ -54,8 +53,10 @@ def newest(folder: Path, name: str) -> Path:
 
 
 @contextmanager
-def held(folder: Path, lock: bool = True) -> Iterator[None]:
+def held(folder: Path, alone: bool = False) -> Iterator[None]:
     """Make the folder and lock it; end what a killed writer has begun. A folder that is still empty at the end goes again.
+
+    For one file `alone` nothing is locked: its own move is all there is.
 
     Raises
     ------
@@ -64,22 +65,30 @@ def held(folder: Path, lock: bool = True) -> Iterator[None]:
     """
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    before = _held.get()
-    try:
-        if lock:
-            found = os.fstat(handle)
-            name = (found.st_dev, found.st_ino)
-            if name not in before:
-                _lock(handle)
-            _held.set(before | {name})
-            _finish(folder)
-        _sweep(folder)
-        yield
-    finally:
-        _held.set(before)
-        _remove_empty(made)
-        os.close(handle)
+    with opened(folder) as handle:
+        before = _held.get()
+        try:
+            if not alone:
+                name = identity(handle)
+                if name not in before:
+                    try:
+                        lock(handle)
+                    except BlockingIOError:
+                        raise BlockingIOError(EWOULDBLOCK, "another process writes into it; wait for its end, or choose another "
+                                              "folder") from None
+                _held.set(before | {name})
+                _finish(folder)
+            # hidden folders of writers that are no more
+            for path in folder.glob(f"{TEMPORARY}*"):
+                with suppress(OSError), opened(path, linked=False) as left:
+                    if lock(left):
+                        shutil.rmtree(path)
+            yield
+        finally:
+            _held.set(before)
+            for parent in made:  # those that are empty; inner ones come first
+                with suppress(OSError):
+                    parent.rmdir()
 
 
 def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
@@ -90,16 +99,23 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
     OSError
         The folder cannot be written, or another process writes into it; existing files are unchanged.
     """
-    places = {name: _inside(folder, name) for name in writers}
-    alone = len(writers) == 1  # one file needs no lock: its own move is all there is
+    places = {name: folder / name for name in writers}
+    for name, path in places.items():  # one that is not below the folder, or that a link leads to, is refused
+        words = PurePath(name).parts
+        if PurePath(name).is_absolute() or ".." in words:
+            raise OSError(EINVAL, f"{name!r} is not a file within it")
+        for part in path.parents[:len(words) - 1]:
+            if part.is_symlink():
+                raise OSError(ELOOP, f"{part} is a link to another folder, and nothing is written outside of this one")
+    alone = len(writers) == 1
     with ExitStack() as stack:
         if not alone:
             stack.enter_context(held(folder))
         waiting: dict[Path, Path] = {}
         for place in dict.fromkeys(path.parent for path in places.values()):  # outer folders are locked before inner ones
-            stack.enter_context(held(place, lock=not alone))
+            stack.enter_context(held(place, alone))
             waiting[place] = stack.enter_context(_temporary(place))
-        for name, writer in writers.items():  # in their order: an index tells of those before
+        for name, writer in writers.items():  # in their order: an index lists those before
             path = places[name]
             if path.is_dir():
                 raise OSError(EEXIST, f"{path} is a folder")
@@ -109,30 +125,10 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
             if alone:
                 _move(new, place)
             else:
-                os.replace(new, place / NEXT)
+                new.replace(place / NEXT)
         for place in waiting:
             _finish(place, own=True)
     return list(places.values())
-
-
-def _lock(handle: int) -> None:
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise BlockingIOError(EWOULDBLOCK, "another process writes into it; wait for its end, or choose another folder") from None
-    except OSError:  # a file system without locks of folders
-        return
-
-
-def _inside(folder: Path, name: str) -> Path:
-    """The place of a file in the folder; one that is not below it, or that a link leads to, is refused."""
-    path, words = folder / name, PurePath(name).parts
-    if PurePath(name).is_absolute() or ".." in words:
-        raise OSError(EINVAL, f"{name!r} is not a file within it")
-    for part in path.parents[:len(words) - 1]:
-        if part.is_symlink():
-            raise OSError(ELOOP, f"{part} is a link to another folder, and nothing is written outside of this one")
-    return path
 
 
 @contextmanager
@@ -155,41 +151,17 @@ def scratch(need: float) -> Iterator[Path]:
 @contextmanager
 def _temporary(place: Path) -> Iterator[Path]:
     """A hidden folder, locked as long as its writer lives, and removed if it is still there at the end."""
-    while True:
-        path = place / f"{TEMPORARY}{secrets.token_hex(8)}"
-        path.mkdir()
-        try:
-            handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-        except FileNotFoundError:  # swept before it was locked
-            continue
-        with suppress(OSError):
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:  # by another process that sweeps it, which may be stopped: nobody waits for that
-                os.close(handle)
-                continue
-        if path.exists():
-            break
-        os.close(handle)
-    try:
+    with ExitStack() as stack:
+        while True:
+            path = place / f"{TEMPORARY}{secrets.token_hex(8)}"
+            path.mkdir()
+            with ExitStack() as one, suppress(FileNotFoundError, BlockingIOError):  # another process sweeps it, or has done so
+                lock(one.enter_context(opened(path)))
+                if path.exists():
+                    stack.enter_context(one.pop_all())
+                    break
+        stack.callback(shutil.rmtree, path, ignore_errors=True)
         yield path
-    finally:
-        shutil.rmtree(path, ignore_errors=True)
-        os.close(handle)
-
-
-def _sweep(folder: Path) -> None:
-    """Remove hidden folders of writers that are no more."""
-    for path in folder.glob(f"{TEMPORARY}*"):
-        if not stat.S_ISDIR(_mode(path)):
-            continue
-        with suppress(OSError):
-            handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(path)
-            finally:
-                os.close(handle)
 
 
 def _finish(folder: Path, own: bool = False) -> None:
@@ -216,14 +188,7 @@ def _finish(folder: Path, own: bool = False) -> None:
 def _move(waiting: Path, folder: Path) -> None:
     """Move files to their places, an index last."""
     for path in sorted(waiting.iterdir(), key=lambda path: (path.suffix == ".json", path.name)):
-        os.replace(path, folder / path.name)
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    """Remove those that are there and empty; inner ones stand first."""
-    for folder in folders:
-        with suppress(OSError):
-            folder.rmdir()
+        path.replace(folder / path.name)
 
 
 def _mode(path: Path) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import os
 import re
 import warnings
 from collections.abc import Callable, Iterator
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from femsub.checks import Array
+from femsub.checks import Array, is_file, resolved
 from femsub.errors import InputError
 
 DEEPEST = 9  # largest depth of nested includes
@@ -50,7 +49,7 @@ def text_of(path: Path, raw: bytes | None = None) -> str:
 @contextmanager
 def including(*folders: str | Path) -> Iterator[None]:
     """Files of meshes that are read inside may include files from these folders, beside those from their own."""
-    token = _trusted.set((*_trusted.get(), *(Path(os.path.realpath(folder)) for folder in folders)))
+    token = _trusted.set((*_trusted.get(), *map(resolved, folders)))
     try:
         yield
     finally:
@@ -77,12 +76,12 @@ class Deck:
             It is not there, lies elsewhere, or is one too many.
         """
         places = [folder / name for folder in dict.fromkeys((by.parent, self.path.parent))]
-        place = next((place for place in places if name and os.path.isfile(place)), None)
+        place = next((place for place in places if name and is_file(place)), None)
         if place is None:
             also = f" or beside {self.path}" if len(places) > 1 else ""
             raise InputError(f"{by} includes {name or 'no file'!r}, which is not a file beside it{also}")
-        whole = Path(os.path.realpath(place))
-        home = Path(os.path.realpath(self.path.parent))
+        whole = resolved(place)
+        home = resolved(self.path.parent)
         if not any(whole.is_relative_to(folder) for folder in (home, *_trusted.get())):
             raise InputError(f"{by} includes {name!r}, which lies outside of its folder {home}. Copy it there, or allow it: "
                              f"read_mesh(..., includes={str(whole.parent)!r}), or femsub run SCENE --trust {whole.parent}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
 import re
 import warnings
 from collections.abc import Iterable
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Matrix, package
+from femsub.checks import Array, Matrix, package
 from femsub.errors import InputError
 from femsub.io.damage import Cursor, check_extent, check_partners
 from femsub.io.dmig import SYMMETRIC
@@ -56,8 +55,7 @@ def read_op4(path: Path) -> dict[str, Matrix]:
         if len(start) < 16:
             raise InputError(f"{path} is empty or cut short ({len(start)} bytes); write it again")
         if 0 in start[:4]:
-            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                _check(path, _Binary(path, content))
+            _check(path, _Binary(path, np.memmap(file, mode="r")))
         else:
             file.seek(0)
             _check(path, _Text(path, file))
@@ -128,7 +126,7 @@ def _damaged(path: Path, place: str) -> InputError:
 class _Binary:
     """A binary file, record by record; the length of each record is stored before and after it."""
 
-    def __init__(self, path: Path, content: mmap.mmap) -> None:
+    def __init__(self, path: Path, content: Array) -> None:
         self.path, self.cursor, self.start, self.after = path, Cursor(str(path), content), 0, 0
         order = "<" if content[0] else ">"
         self.wide = 48 in (content[0], content[3])  # the length of a head: 24 of four bytes or 48 of eight

@@ -13,8 +13,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import Interruptible
-from femsub.checks import EPS, Array, choice, finite_number, interval, items, listener, positive_number, whole_number, word
+from femsub.checks import (
+    EPS,
+    Array,
+    Interruptible,
+    choice,
+    finite_number,
+    interval,
+    items,
+    listener,
+    positive_number,
+    whole_number,
+    word,
+)
 from femsub.errors import InputError, unknown_name
 from femsub.motion.first_order import METHODS, Flow
 from femsub.motion.nonlinear_model import Sliding, State, sliding

@@ -28,8 +28,8 @@ def task_folder(place: Path) -> Iterator[str]:
             if left.parent.is_symlink() or left.is_symlink() or left.parent.stat().st_uid != os.getuid():
                 continue
             with left.open("ab") as other:
-                lock(other.fileno())
-                shutil.rmtree(left.parent)
+                if lock(other.fileno()):
+                    shutil.rmtree(left.parent)
     with ExitStack() as stack:
         try:
             folder = stack.enter_context(TemporaryDirectory(prefix="femsub-", dir=place, ignore_cleanup_errors=True))
@@ -54,8 +54,6 @@ def only_one(folder: Path) -> Iterator[None]:
             lock(file.fileno())
         except BlockingIOError:
             raise InputError(f"another run works in {folder}. Wait until it has ended, or name another folder") from None
-        except OSError:  # a file system without locks
-            pass
         yield
 
 
@@ -81,17 +79,23 @@ def identity(handle: int) -> tuple[int, int]:
     return found.st_dev, found.st_ino
 
 
-def lock(handle: int) -> None:
-    """Lock an open file or folder until it is closed, as the system does when this process ends. Other machines do not see it.
+def lock(handle: int) -> bool:
+    """Lock an open file or folder until it is closed, as the system does when this process ends. False: its disk has no locks.
+
+    Other machines do not see it.
 
     Raises
     ------
     BlockingIOError
         Another process, or another opening of it, has locked it.
-    OSError
-        The file system has no locks.
     """
-    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        return False
+    return True
 
 
 def has_room(sent: int) -> bool:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from femsub import transient
-from femsub.algebra import QUADRATIC, Interruptible
+from femsub.algebra import QUADRATIC
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, Shown, run_outputs
 from femsub.app.scenes.chain import ChainKeys
 from femsub.app.scenes.in_time import Track, found_table, growth, quality, signals, spectra, spectrograms, track, verdict, whole
+from femsub.checks import Interruptible
 from femsub.errors import InputError
 from femsub.studies import label
 

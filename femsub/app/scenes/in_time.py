@@ -21,9 +21,9 @@ from femsub import (
     sticking,
     transient,
 )
-from femsub.algebra import Interruptible
 from femsub.app.figures import spectrogram_figure
 from femsub.app.scene import Picture, Result
+from femsub.checks import Interruptible
 from femsub.modes import relative_error
 from femsub.motion import Spectrum, sliding
 from femsub.studies import (

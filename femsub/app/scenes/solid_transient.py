@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub import Belt, State, complex_modes, transient
-from femsub.algebra import Interruptible
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
 from femsub.app.scenes.component import Work
 from femsub.app.scenes.in_time import found_table, growth, most_unstable, signals, spectra, spectrograms, track, verdict, whole
 from femsub.app.scenes.solid import SolidScene
+from femsub.checks import Interruptible
 from femsub.errors import InputError
 from femsub.modes import relative_error
 from femsub.motion import project
