@@ -25,7 +25,6 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder for factors, on a disk with room."""
     monkeypatch.setattr(memory, "temporary", lambda: tmp_path)
     monkeypatch.setattr(memory, "in_memory", lambda _: False)
-    monkeypatch.setattr(memory, "DISK_LEFT", 0.0)
     return tmp_path
 
 
@@ -84,7 +83,7 @@ def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: 
     machine(free=0.9 * need, large=sub.size + 1)
     assert not memory.goes_to_disk(sub.K, True)  # a small model
     machine(free=0.9 * need, large=100)
-    monkeypatch.setattr(memory, "DISK_LEFT", np.inf)
+    monkeypatch.setattr(memory, "disk", lambda: (place, 0.0))
     assert not memory.goes_to_disk(sub.K, True)  # a full disk
 
 
@@ -111,7 +110,7 @@ def test_a_reduction_that_would_not_fit_has_its_factor_on_disk(place: Path, mach
     with pytest.raises(fs.NotEnoughMemoryError, match="for the columns"):
         fs.reduce(sub, fs.CraigBampton(5), ports=True)
     machine(free=short, large=100)
-    monkeypatch.setattr(memory, "DISK_LEFT", np.inf)
+    monkeypatch.setattr(memory, "disk", lambda: (place, 0.0))
     with pytest.raises(fs.NotEnoughMemoryError, match="TMPDIR"):
         fs.reduce(sub, fs.CraigBampton(5), ports=True)
     assert not list(place.iterdir())

@@ -17,7 +17,6 @@ from femsub.checks import EPS, Array, Matrix, refuse_masked
 from femsub.errors import InputError, InputTypeError
 
 ROUNDING = 64 * EPS  # of sqrt(|a_ii a_jj|): the rounding of two assemblies of the same element matrices in different order
-LARGEST = 1e100  # limit of a matrix' largest entry; its reciprocal is the lower limit
 
 
 def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
@@ -57,7 +56,8 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
         row, column = (int(places[~np.isfinite(entries.data)][0]) for places in (entries.row, entries.col))
         raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
     largest = max(float(data.max(initial=0.0)), -float(data.min(initial=0.0)))  # |A| would be a copy of it
-    if largest > LARGEST or (name not in "DH" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
+    # products of three entries must stay below 1e308; a damping may be as small as it likes
+    if largest > 1e100 or (name not in "DH" and 0 < largest < 1e-100):
         raise InputError(f"{name}'s largest entry is {largest:.3g}. Products of such numbers leave the range of floating point. "
                          "Choose other units")
     return frozen(matrix)

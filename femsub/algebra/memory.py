@@ -14,9 +14,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra.ordering import layers as distance_layers, neighbours, quotient
-from femsub.algebra.processes.cache import at_hand, kept_bytes
+from femsub.algebra.processes.cache import are_free, at_hand, kept_bytes
 from femsub.algebra.processes.folders import in_memory, is_writable
-from femsub.algebra.processes.limits import BASE, BLOCK, FACTOR_BYTES, FREELY, LARGE
+from femsub.algebra.processes.limits import BASE, BLOCK, FACTOR_BYTES, LARGE
 from femsub.algebra.processes.memory import available, left_of_limit
 from femsub.checks import Array, Matrix, temporary
 from femsub.errors import NotEnoughMemoryError
@@ -28,7 +28,6 @@ BUFFERS = 3e8  # bytes of address space that the BLAS libraries take for their o
 MOST_FILL = 60  # nonzeros of a factor and its count for each one of A, rarely reached: where so many fit, none are estimated
 SAFE = 1.2  # times what a factor is foretold to take must be free: a process that takes too much is killed
 FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it goes to a disk, and while it is used there
-DISK_LEFT = 2e9  # bytes of the disk that others may need
 _estimated: dict[tuple[int, int, int], float] = {}  # by pattern, 200 bytes for each
 _beside: ContextVar[float] = ContextVar("femsub_beside_factor", default=0.0)  # bytes that a factor must leave
 
@@ -101,7 +100,7 @@ def check_room(what: str, need: float, advice: str = "Make it smaller", detail: 
     NotEnoughMemoryError
         It needs more than is available; the message has both figures, and `detail` behind the first.
     """
-    if need < FREELY:
+    if are_free(need):
         return
     free = at_hand(need)
     if free is not None and need > free:
@@ -126,7 +125,7 @@ def disk() -> tuple[Path, float]:
     """
     for place in (temporary(), Path("/var/tmp")):
         if is_writable(place) and not in_memory(place):
-            return place, shutil.disk_usage(place).free - DISK_LEFT
+            return place, 0.9 * shutil.disk_usage(place).free  # others may need the rest
     return temporary(), 0.0
 
 

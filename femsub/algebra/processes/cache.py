@@ -15,7 +15,6 @@ from functools import partial
 from threading import RLock
 from typing import Any, TypeVar
 
-from femsub.algebra.processes.limits import FREELY
 from femsub.algebra.processes.memory import available
 from femsub.algebra.processes.system import held_during_forks, variable
 from femsub.checks import Matrix
@@ -50,11 +49,8 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
                              f"factor, but is {given!r}")
 
     def within() -> bool:
-        kept = kept_bytes()
-        if limit is not None:
-            return kept <= limit
-        free = available() if kept > FREELY else None
-        return free is None or kept <= (free + kept) / 4  # a model and its results need the other three quarters
+        # a model and its results need three times as much as its factors
+        return are_free(3 * kept_bytes()) if limit is None else kept_bytes() <= limit
 
     made = make()
     with _lock:
@@ -79,6 +75,12 @@ def at_hand(need: float) -> float | None:
         return free
     give_up_until(lambda: (free := available()) is None or free >= need)
     return available()
+
+
+def are_free(need: float) -> bool:
+    """Whether so many bytes are available, as far as is known."""
+    # a look at the available memory takes 0.1 ms, as long as a small model, which a megabyte is
+    return need < 1e6 or (free := available()) is None or free >= need
 
 
 def give_up_until(enough: Callable[[], bool]) -> None:

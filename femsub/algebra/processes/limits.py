@@ -6,7 +6,6 @@ They were measured on two cores. A limit that is off by a factor of two costs se
 from __future__ import annotations
 
 LARGE = 20_000  # DOF from which memory is checked and kept for reuse, and MUMPS takes complex matrices from SuperLU
-FREELY = 1e6  # bytes that are granted without a look at the available memory, which takes 0.1 ms, as long as a small model
 BASE = 2e8  # bytes that a process takes before its first task: Python, NumPy, SciPy and PETSc
 BLOCK = 64  # right-hand sides solved at once: more gain little, and cost 16 n bytes each
 FACTOR_BYTES = 8 * 1.6  # bytes per nonzero of a factor, with its indices and its share of the fronts
