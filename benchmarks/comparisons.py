@@ -206,9 +206,9 @@ def pardiso(K: Any) -> Iterator[Solve]:
 @contextmanager
 def cholmod(K: Any) -> Iterator[Solve]:
     """CHOLMOD's factor by PETSc, for all columns of a block at once."""
-    from femsub.algebra.petsc import Factor
+    from femsub.algebra.petsc import SparseFactor
 
-    factor = Factor(K, "definite", probed=False)
+    factor = SparseFactor(K, "definite", probed=False)
     if factor.package != "cholmod":
         raise MemoryError("CHOLMOD's factor does not fit")
     yield factor.solve

@@ -13,7 +13,7 @@ from conftest import lattice
 
 import femsub as fs
 from femsub.algebra import factorise, factors_made, memory, shared_factor
-from femsub.algebra.petsc import Factor
+from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.processes import cache, folders
 from femsub.modes import ShiftInvert
 
@@ -35,7 +35,7 @@ def test_it_solves_as_one_in_memory_and_leaves_no_file(kind: str, place: Path, m
     A = {"definite": sub.K, "symmetric": sp.csr_array(sub.K - sub.K.diagonal().mean() * sp.eye_array(sub.size)),
          "general": sp.csr_array(sub.K + sp.triu(sub.K) / 10)}[kind]
     factor = factorise(A, kind)  # type: ignore[arg-type]
-    assert isinstance(factor, Factor) and factor.on_disk and "on disk" in repr(factor)
+    assert isinstance(factor, SparseFactor) and factor.on_disk and "on disk" in repr(factor)
     files = [file for file in place.glob("femsub-*/*") if file.name != folders.ALIVE]
     assert sum(file.stat().st_size for file in files) > 8 * A.nnz / 2
     B = np.random.default_rng(3).standard_normal((sub.size, 70))
@@ -60,12 +60,12 @@ def test_a_factor_that_is_refused_leaves_no_file(place: Path, monkeypatch: pytes
 @pytest.mark.parametrize("kind", ["definite", "symmetric"])
 def test_a_full_disk_is_told_as_such_and_not_remembered(kind: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.algebra.petsc.goes_to_disk", lambda A, possible, kept: possible)
-    sub, told = lattice(*SIZE, held=True), Factor._infog
-    monkeypatch.setattr(Factor, "_infog", lambda self, number: -90 if number == 1 else told(self, number))
+    sub, told = lattice(*SIZE, held=True), SparseFactor._infog
+    monkeypatch.setattr(SparseFactor, "_infog", lambda self, number: -90 if number == 1 else told(self, number))
     with pytest.raises(fs.NotEnoughMemoryError, match="TMPDIR"):
         shared_factor(sub.K, kind)  # type: ignore[arg-type]
     assert not list(place.iterdir())
-    monkeypatch.setattr(Factor, "_infog", told)
+    monkeypatch.setattr(SparseFactor, "_infog", told)
     assert shared_factor(sub.K, kind).on_disk  # type: ignore[arg-type]
     cache.drop()
 

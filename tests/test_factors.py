@@ -23,7 +23,7 @@ from conftest import lattice
 import femsub as fs
 from femsub.algebra import memory
 from femsub.algebra.factor import release, shared_factor
-from femsub.algebra.petsc import Factor
+from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.processes import cache
 from femsub.modes.normal_modes import _counted
 from femsub.modes.receptance import port_responses
@@ -37,11 +37,11 @@ BAND = (0.0, 0.02)
 
 
 def made(call: Callable[[], object]) -> int:
-    before = Factor.made
+    before = SparseFactor.made
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.PortWarning)
         call()
-    return Factor.made - before
+    return SparseFactor.made - before
 
 
 def long_chain() -> fs.Substructure:
@@ -93,9 +93,9 @@ def test_a_factorisation_that_broke_down_is_told_of() -> None:
     chain[0, 0] = 1.0  # free at both ends, with every other DOF turned round: no translation tells that it floats
     turned = sp.diags_array(np.where(np.arange(300) % 2, 1.0, -1.0))
     sub = fs.Substructure(sp.eye_array(300), turned @ chain.tocsr() @ turned)
-    before = Factor.made
+    before = SparseFactor.made
     handle = ShiftInvert(sub.K, sub.M)
-    assert handle.floating and handle.factorisations == Factor.made - before == 2  # of K, in vain, and of K - σM
+    assert handle.floating and handle.factorisations == SparseFactor.made - before == 2  # of K, in vain, and of K - σM
 
 
 @pytest.mark.slow
@@ -149,10 +149,10 @@ def test_a_matrix_found_singular_is_not_tried_again() -> None:
     sub = lattice(14, 11, held=True)
     K = sp.csr_array(sub.K - 0.5 * sub.M)
     for tries in (1, 0):
-        before = Factor.made
+        before = SparseFactor.made
         with pytest.raises(fs.SingularMatrixError, match="broke down"):
             shared_factor(K, "definite")
-        assert Factor.made - before == tries
+        assert SparseFactor.made - before == tries
 
 
 # life -----------------------------------------------------------------------------------------------------------------
@@ -330,14 +330,14 @@ def unsymmetric(n: int = 300) -> fs.Pencil:
 def test_one_factor_solves_with_the_transpose() -> None:
     K = unsymmetric().K
     b = np.random.default_rng(1).standard_normal((K.shape[0], 70))
-    factor = Factor(K, "general")
+    factor = SparseFactor(K, "general")
     for _ in range(2):  # one does not leave the other turned
         x, y = factor.solve(b), factor.transposed.solve(b)
         scale = np.linalg.norm(b) + 4 * np.linalg.norm(x) + 4 * np.linalg.norm(y)
         assert np.linalg.norm(K @ x - b) < 1e-12 * scale and np.linalg.norm(K.T @ y - b) < 1e-12 * scale
         assert np.linalg.norm(K @ y - b) > 1e-6 * np.linalg.norm(b)
     assert factor.transposed.transposed is factor
-    symmetric = Factor(fs.chain(200).K, "definite")
+    symmetric = SparseFactor(fs.chain(200).K, "definite")
     assert symmetric.transposed is symmetric
 
 
@@ -352,7 +352,7 @@ def test_left_vectors_take_no_factor_of_their_own() -> None:
 
 def test_threads_may_solve_with_a_factor_and_with_its_transpose() -> None:
     K = unsymmetric().K
-    factor, b = Factor(K, "general"), np.random.default_rng(1).standard_normal((K.shape[0], 3))
+    factor, b = SparseFactor(K, "general"), np.random.default_rng(1).standard_normal((K.shape[0], 3))
     right = {turned: factor.solve(b, turned) for turned in (False, True)}
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)

@@ -19,7 +19,7 @@ from femsub.algebra import CountBeside, SignsBeside, are_definite, factors_made,
 from femsub.algebra.factor import TreeFactor, counting, inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.ordering import good_order, leaves_first
-from femsub.algebra.petsc import Factor
+from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.processes import beside
 from femsub.modes.block_lanczos import BLOCK
 from femsub.modes.dense import orthonormalise
@@ -66,7 +66,7 @@ def test_many_pieces_are_a_forest() -> None:
 def test_a_cycle_is_no_tree() -> None:
     ring = fs.chain(300).K + sp.coo_array(([-0.5, -0.5], ([0, 299], [299, 0])), shape=(300, 300))
     assert leaves_first(sp.csr_array(ring)) is None
-    assert isinstance(counting(sp.csr_array(ring - 0.3 * sp.eye_array(300))), Factor)
+    assert isinstance(counting(sp.csr_array(ring - 0.3 * sp.eye_array(300))), SparseFactor)
 
 
 def test_the_chain_is_counted_at_each_of_its_modes() -> None:
@@ -89,7 +89,7 @@ def test_a_count_keeps_no_factor_and_finds_the_same(monkeypatch: pytest.MonkeyPa
     A = Difference(sub.K, sub.M, 0.4)
     assert inertia(A) == counting(A).negative_pivots == np.count_nonzero(np.linalg.eigvalsh(A.formed().toarray()) < 0) > 3
     lost = counting(A, keep=False)
-    assert isinstance(lost, Factor) and lost._factor.getMumpsIcntl(31) == 1  # MUMPS throws it away as it goes
+    assert isinstance(lost, SparseFactor) and lost._factor.getMumpsIcntl(31) == 1  # MUMPS throws it away as it goes
     with pytest.raises(fs.InputError, match="not kept"):
         lost.solve(np.ones(sub.size))
     monkeypatch.setattr("femsub.algebra.factor.SMALL", 1000)  # the same by LAPACK
@@ -131,7 +131,7 @@ def test_surfaces_and_trees_have_an_order_of_their_own() -> None:
     solid = fs.solid(fs.block((1.0, 1.0, 1.0), (8, 8, 8), "hexahedron"), fs.Material(2e11, 0.3, 7850))
     assert [good_order(part.K) for part in (fs.chain(200), plate, solid)] == ["amd", "amf", None]
     for part, number in ((plate, 2), (solid, 7)):  # AMF, or MUMPS' own choice
-        made = Factor(part.K + 1e3 * part.M, "symmetric")
+        made = SparseFactor(part.K + 1e3 * part.M, "symmetric")
         assert made._factor.getMumpsIcntl(7) == number
         made.close()
 
@@ -230,9 +230,9 @@ def test_the_process_starts_before_the_factor_where_it_is_sure_to_be_worth_it(mo
                      supports={"left": "clamped"})
     assert CountBeside.early(solid.K, solid.M, 30) is None  # too small
     monkeypatch.setattr("femsub.algebra.counted_beside.WORTH", 1e5)
-    order, start, factor = [], CountBeside.__init__, Factor.__init__
+    order, start, factor = [], CountBeside.__init__, SparseFactor.__init__
     monkeypatch.setattr(CountBeside, "__init__", lambda self, *given: (order.append("count"), start(self, *given))[1])
-    monkeypatch.setattr(Factor, "__init__", lambda self, *given: (order.append("factor"), factor(self, *given))[1])
+    monkeypatch.setattr(SparseFactor, "__init__", lambda self, *given: (order.append("factor"), factor(self, *given))[1])
     with libraries().limit(limits=2):
         modes = fs.normal_modes(solid, count=12)
     both = len(os.sched_getaffinity(0)) > 1
@@ -244,10 +244,10 @@ def test_the_process_starts_before_the_factor_where_it_is_sure_to_be_worth_it(mo
 def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """From about the middle of the search on: its limit need not be known to more than a few digits."""
     asked, ask, made, order, blocks = [], CountBeside.ask, [], [], []
-    answer, solve = CountBeside.answer, Factor.solve
+    answer, solve = CountBeside.answer, SparseFactor.solve
     monkeypatch.setattr("femsub.algebra.counted_beside.WORTH", 1e5)
     monkeypatch.setattr(CountBeside, "ask", lambda self, value: (asked.append(value), blocks.append("ask"), ask(self, value)))
-    monkeypatch.setattr(Factor, "solve", lambda self, B: (blocks.append(B.shape[1:]), solve(self, B))[1])
+    monkeypatch.setattr(SparseFactor, "solve", lambda self, B: (blocks.append(B.shape[1:]), solve(self, B))[1])
     # slower than all else here, as the count of a large part is
     monkeypatch.setattr(CountBeside, "busy", property(lambda self: self.value is not None))
     monkeypatch.setattr(CountBeside, "answer", lambda self: (order.append("count"), answer(self))[1])
@@ -296,8 +296,8 @@ def test_a_process_beside_tells_signs_as_this_one_does(plate: fs.Substructure) -
 
 def test_matrices_of_one_pattern_share_their_order(plate: fs.Substructure, monkeypatch: pytest.MonkeyPatch) -> None:
     t = float(fs.normal_modes(plate, count=12).eigenvalues[8])
-    given, again = [], Factor.again
-    monkeypatch.setattr(Factor, "again", lambda self, A: (given.append(A), again(self, A))[1])
+    given, again = [], SparseFactor.again
+    monkeypatch.setattr(SparseFactor, "again", lambda self, A: (given.append(A), again(self, A))[1])
     definite, indefinite = sp.csr_array(plate.K + t * plate.M), sp.csr_array(plate.K - t * plate.M)
     twice, other = 2 * definite, sp.csr_array(sp.eye_array(plate.size))
     matrices = [definite, twice, indefinite, definite, twice, other, definite]
@@ -347,9 +347,9 @@ def test_bounds_of_damping_are_those_of_this_process(share: float, end: str, mon
 
 def test_modes_of_a_projection_are_counted_while_their_factor_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.algebra.counted_beside.WORTH", 1e5)
-    order, ask, factor = [], CountBeside.ask, Factor.__init__
+    order, ask, factor = [], CountBeside.ask, SparseFactor.__init__
     monkeypatch.setattr(CountBeside, "ask", lambda self, value: (order.append("count"), ask(self, value))[1])
-    monkeypatch.setattr(Factor, "__init__", lambda self, *given: (order.append("factor"), factor(self, *given))[1])
+    monkeypatch.setattr(SparseFactor, "__init__", lambda self, *given: (order.append("factor"), factor(self, *given))[1])
     with libraries().limit(limits=2):
         Projection(damped(0.0), Contour(sides=(-6e3, 6e3, 6e3)))
     both = len(os.sched_getaffinity(0)) > 1

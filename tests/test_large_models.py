@@ -16,7 +16,7 @@ import femsub as fs
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
 from femsub.algebra import memory
 from femsub.algebra.factor import factorise
-from femsub.algebra.petsc import Factor
+from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.processes import memory as process_memory
 from femsub.algebra.processes.system import libc
 from femsub.errors import InputError, MissedModesError, NotConvergedError, NotEnoughMemoryError
@@ -44,7 +44,7 @@ def every_model_is_heavy(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_block_lanczos_finds_pairs(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
     monkeypatch.setattr("femsub.modes.block_lanczos.BLOCK", block)
     sub = membrane(40)
-    values, shapes = block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-10)
+    values, shapes = block_lanczos(SparseFactor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-10)
     order = np.argsort(values)
     exact = membrane_eigenvalues(40)[:30]
     if block > 1:  # one vector sees one shape of each pair, which is what the count is there for
@@ -74,7 +74,7 @@ def test_block_lanczos_where_the_space_is_soon_exhausted() -> None:
 def test_block_lanczos_says_when_it_has_not_converged() -> None:
     sub = membrane(40)
     with pytest.raises(NotConvergedError, match=r"of 30 modes converged to 1e-13 within 0 restarts"):
-        block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-13, restarts=0)
+        block_lanczos(SparseFactor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-13, restarts=0)
 
 
 class Counted:
@@ -91,7 +91,7 @@ class Counted:
 @pytest.mark.parametrize("count, block", [(30, 8), (100, 16)])
 def test_a_block_is_orthogonalised_in_one_pass(count: int, block: int) -> None:
     sub = membrane(60)
-    factor, M = Factor(sub.K, "definite"), Counted(sub.M)
+    factor, M = SparseFactor(sub.K, "definite"), Counted(sub.M)
     _, shapes = block_lanczos(factor, M, 0.0, count, tol=1e-9)
     assert M.columns == 2 * factor.columns + block  # one product before the pass, one after it
     assert np.abs(shapes.T @ (sub.M @ shapes) - np.eye(count)).max() < 1e-11
@@ -99,7 +99,7 @@ def test_a_block_is_orthogonalised_in_one_pass(count: int, block: int) -> None:
 
 def test_the_last_step_of_inverse_iteration_needs_no_solve() -> None:
     sub = membrane(60)
-    values, shapes = block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-3)
+    values, shapes = block_lanczos(SparseFactor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-3)
     residual = np.linalg.norm(sub.K @ shapes - sub.M @ shapes * values, axis=0) / values
     assert residual.max() < 2e-3  # 2e-2 without that step
 
@@ -111,7 +111,7 @@ def test_modes_that_only_show_a_limit_need_not_converge() -> None:
         errors.append(error)
         return 30
 
-    factor = Factor(sub.K, "definite")
+    factor = SparseFactor(sub.K, "definite")
     values, shapes = block_lanczos(factor, sub.M, 0.0, 33, tol=1e-9, seen=seen)
     assert errors[-1][:30].max() <= 1e-9 < errors[-1].max()
     np.testing.assert_allclose(values[:30], membrane_eigenvalues(60)[:30], rtol=1e-11)
@@ -121,7 +121,7 @@ def test_modes_that_only_show_a_limit_need_not_converge() -> None:
 def test_a_missed_mode_is_sought_beside_exact_ones_only(monkeypatch: pytest.MonkeyPatch) -> None:
     exact = membrane_eigenvalues(30)
 
-    def forgetful(factor: Factor, M: sp.csr_array, sigma: float, count: int, *, tol: float, known: np.ndarray,
+    def forgetful(factor: SparseFactor, M: sp.csr_array, sigma: float, count: int, *, tol: float, known: np.ndarray,
                   **_: object) -> tuple[np.ndarray, np.ndarray]:
         values, shapes = block_lanczos(factor, M, sigma, count + 1, tol=tol, known=known)
         missed = shapes[:, 2].copy()
@@ -162,9 +162,9 @@ def test_modes_out_of_reach_of_rounding_are_an_error() -> None:
 def test_a_heavy_model_is_reduced_to_the_same(method: fs.CraigBampton | fs.CraigChang, every_model_is_heavy: list[int],
                                               monkeypatch: pytest.MonkeyPatch) -> None:
     sub = lattice(40, 30, held=True)
-    before = Factor.made
+    before = SparseFactor.made
     heavy = fs.reduce(sub, method, ports=True)
-    assert every_model_is_heavy == [15] and Factor.made - before == 2  # the basis, and the count
+    assert every_model_is_heavy == [15] and SparseFactor.made - before == 2  # the basis, and the count
     monkeypatch.setattr("femsub.modes.normal_modes.HEAVY", np.inf)
     plain = fs.reduce(sub, method, ports=True)
     assert len(every_model_is_heavy) == 1
@@ -202,7 +202,7 @@ SHAPES = {"slab": fs.block((1, 0.7, 0.05), (40, 30, 4), "hexahedron"), "cube": f
 @pytest.mark.parametrize("name", SHAPES)
 def test_nonzeros_of_the_factor_are_foretold(name: str) -> None:
     sub = fs.solid(SHAPES[name], STEEL, supports=[next(iter(SHAPES[name].sets))])
-    true = Factor(sub.K, "definite").fill * sub.size
+    true = SparseFactor(sub.K, "definite").fill * sub.size
     assert 1 / 1.7 < memory.factor_nonzeros(sub.K) / true < 1.7
 
 
@@ -216,10 +216,10 @@ def test_nonzeros_of_chains_and_of_pieces() -> None:
 def test_a_reduction_that_does_not_fit_is_refused_before_it_begins(machine: Callable[..., None]) -> None:
     sub = lattice(40, 30, held=True)
     machine(free=1e6, large=1000)
-    before = Factor.made
+    before = SparseFactor.made
     with pytest.raises(NotEnoughMemoryError, match=r"'lattice' needs about .* but only 0 GB are available. Use .*, or a"):
         fs.reduce(sub, fs.CraigBampton(5))
-    assert Factor.made == before
+    assert SparseFactor.made == before
     machine(free=None)
     fs.reduce(sub, fs.CraigBampton(5), ports=True)
 

@@ -9,7 +9,7 @@ import pytest
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.algebra import Factor
+from femsub.algebra import SparseFactor
 from femsub.reduction.reduce import METHODS
 
 HELD = ("craig-bampton", "guyan", "hurty")  # of a chain with one mass held, 9 DOF are left
@@ -91,10 +91,10 @@ def test_an_interface_that_leaves_a_rotation_is_told_before_any_factor_is_made(k
     line = np.flatnonzero((solid.dofs.points[:, 0] == 0) & (solid.dofs.points[:, 1] == 0))  # an edge: turning about it is free
     for interface, left in ((line, 1), (line[:3], 3)):
         part = fs.Substructure(solid.M, solid.K, interface=interface, name="cube", dofs=solid.dofs)
-        before = Factor.made
+        before = SparseFactor.made
         with pytest.raises(fs.InputError, match=rf"the interface does not hold 'cube'.*{left} rigid-body modes remain"):
             fs.reduce(part, METHODS[key](modes=0))
-        assert Factor.made == before
+        assert SparseFactor.made == before
 
 
 def test_an_edge_holds_a_part_that_its_supports_keep_from_turning() -> None:

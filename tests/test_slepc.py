@@ -16,7 +16,7 @@ from benchmarks.lattices import lattice
 from femsub.algebra import petsc
 from femsub.algebra.factor import ComplexFactor, factorise
 from femsub.algebra.ordering import slender
-from femsub.algebra.petsc import Factor, quadratic_modes, symmetric_modes
+from femsub.algebra.petsc import SparseFactor, quadratic_modes, symmetric_modes
 from femsub.checks import EPS
 from femsub.errors import MissingPackageError, SingularMatrixError
 
@@ -33,7 +33,7 @@ def test_one_factor_serves_solves_modes_and_complex_modes() -> None:
     event = PETSc.Log.Event("MatCholFctrNum")
     sub = fs.chain(500, belt=2)
     before = event.getPerfInfo()["count"]
-    factor = Factor(sub.K, "definite")
+    factor = SparseFactor(sub.K, "definite")
     for _ in range(2):
         symmetric_modes(factor, sub.K, sub.M, 0.0, 5, tol=1e-12)
         quadratic_modes(factor, (sub.M, sub.D, sub.K), 0.0, 6, tol=1e-10, scale=0.01)
@@ -84,15 +84,16 @@ def no_cholmod(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("name", "package"), [("chain", "PETSC"), ("beam", "PETSC"), ("lattice", "MUMPS")])
 def test_without_cholmod_another_factor_takes_over_and_is_named(name: str, package: str, no_cholmod: None) -> None:
     sub = lattice(20, 15, held=True) if name == "lattice" else SLENDER[name]()
-    factor = Factor(sub.K, "definite")
-    assert repr(factor) == f"Factor(definite, by {package}, {sub.size} x {sub.size})" and petsc.versions()["Cholesky"] == "MUMPS"
+    factor = SparseFactor(sub.K, "definite")
+    assert repr(factor) == f"SparseFactor(definite, by {package}, {sub.size} x {sub.size})"
+    assert petsc.versions()["Cholesky"] == "MUMPS"
     x = np.random.default_rng(1).standard_normal((sub.size, 70))
     X = factor.solve(sub.K @ x)
     assert np.abs(sub.K @ (X - x)).max() < 1e-12 * abs(sub.K).max()
     indefinite = sp.csr_array(sub.K - 1.01 * fs.normal_modes(sub, count=1).eigenvalues[0] * sub.M)
     for wrong in (indefinite, -sub.K):
         with pytest.raises(fs.SingularMatrixError, match=f"by {package} broke down; it is singular, or not what it was taken"):
-            Factor(wrong, "definite")
+            SparseFactor(wrong, "definite")
 
 
 def test_without_cholmod_a_floating_part_is_found_to_float(no_cholmod: None) -> None:
@@ -100,13 +101,13 @@ def test_without_cholmod_a_floating_part_is_found_to_float(no_cholmod: None) -> 
         modes = fs.normal_modes(sub, count=5)
         assert modes.rigid == rigid and modes.residual.max() < 1e-10
         with pytest.raises(fs.SingularMatrixError):
-            Factor(sub.K, "definite")
+            SparseFactor(sub.K, "definite")
 
 
 def test_without_cholmod_a_matrix_that_is_definite_by_rounding_only_is_refused(no_cholmod: None) -> None:
     K = lattice(14, 12).K
     with pytest.raises(fs.SingularMatrixError, match="singular"):
-        Factor(K + EPS * abs(K).max() * sp.eye_array(K.shape[0], format="csr"), "definite")
+        SparseFactor(K + EPS * abs(K).max() * sp.eye_array(K.shape[0], format="csr"), "definite")
 
 
 def test_without_cholmod_slender_models_keep_their_digits(no_cholmod: None) -> None:
@@ -117,7 +118,7 @@ def test_without_cholmod_slender_models_keep_their_digits(no_cholmod: None) -> N
         beam = clamped_beam(1000)
     load = np.zeros(beam.size)
     load[-2] = 3.0
-    assert abs(Factor(beam.K, "definite").solve(load)[-2] - 1) < 1e-7
+    assert abs(SparseFactor(beam.K, "definite").solve(load)[-2] - 1) < 1e-7
 
 
 def test_slender_is_what_has_a_narrow_band_in_some_order(rng: np.random.Generator) -> None:
@@ -161,7 +162,7 @@ def test_a_tree_is_factorised_without_fill() -> None:
     """Of a chain L has two entries a column. MUMPS counts the zeros of the small fronts that it merges, too, how many depends on
     its version (none in 5.5, five a column in 5.7): they stay in proportion to n, and fill would not.
     """
-    handles = [Factor(fs.chain(n).K, "symmetric") for n in (2000, 16000)]
+    handles = [SparseFactor(fs.chain(n).K, "symmetric") for n in (2000, 16000)]
     entries = [handle._factor.getMumpsInfog(29) for handle in handles]
     assert 2 * 2000 - 1 <= entries[0] <= 10 * 2000
     assert entries[1] <= 1.02 * 8 * entries[0]
@@ -173,7 +174,7 @@ def test_a_thousand_factors_do_not_grow_the_memory() -> None:
 
     def rounds(count: int) -> int:
         for _ in range(count):
-            Factor(sub.K, "definite").solve(b)
+            SparseFactor(sub.K, "definite").solve(b)
         return resident()
 
     rounds(50)
@@ -183,7 +184,7 @@ def test_a_thousand_factors_do_not_grow_the_memory() -> None:
 
 def test_eigensolvers_do_not_grow_the_memory() -> None:
     sub = fs.chain(400, belt=2)
-    factor = Factor(sub.K, "definite")
+    factor = SparseFactor(sub.K, "definite")
 
     def rounds(count: int) -> int:
         for _ in range(count):
@@ -227,9 +228,9 @@ def test_an_indefinite_matrix_gets_more_room_for_its_pivots(monkeypatch: pytest.
     B = sp.random_array((500, 600), density=1e-2, rng=rng) + sp.eye_array(500, 600)
     saddle = sp.csr_array(sp.block_array([[A + A.T, B.T], [B, None]]))
     monkeypatch.setattr(petsc, "ROOM", (-60, 200))  # less than MUMPS says it needs
-    before = Factor.made
-    x = Factor(saddle, "symmetric").solve(np.ones(1100))
-    assert np.abs(saddle @ x - 1).max() < 1e-8 and Factor.made == before + 1
+    before = SparseFactor.made
+    x = SparseFactor(saddle, "symmetric").solve(np.ones(1100))
+    assert np.abs(saddle @ x - 1).max() < 1e-8 and SparseFactor.made == before + 1
     monkeypatch.setattr(petsc, "ROOM", (-60, -60))
     with pytest.raises(SingularMatrixError):
-        Factor(saddle, "symmetric")
+        SparseFactor(saddle, "symmetric")

@@ -12,7 +12,7 @@ import pytest
 import scipy.linalg
 
 import femsub as fs
-from femsub.algebra.petsc import Factor
+from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.timing import timed
 from femsub.modes import match, spectrum_errors, turnover
 from femsub.reduction import METHODS, Reductor
@@ -87,9 +87,9 @@ def test_no_run_finds_the_factor_of_another() -> None:
     """What is timed is a first call: each reduction takes a factor and that of its count, the full model two."""
     made = []
     for repeats in (1, 3):
-        before = Factor.made
+        before = SparseFactor.made
         fs.study(fs.chain(400, belt=2), [fs.CraigBampton(6), fs.CraigChang(6)], band=(0.0, 0.02), repeats=repeats)
-        made.append(Factor.made - before)
+        made.append(SparseFactor.made - before)
     assert made[1] - made[0] == 2 * 6
 
 
@@ -132,13 +132,13 @@ def test_a_reductor_does_the_large_work_once(name: str) -> None:
 
     mesh = fs.block((1.0, 0.2, 0.1), (8, 2, 2), "hexahedron")
     sub = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), interface=["left", "right"])
-    basis, made = Reductor(sub, METHODS[name](9)), Factor.made
+    basis, made = Reductor(sub, METHODS[name](9)), SparseFactor.made
     basis.U, handle = basis.U.view(Counted), basis.statics.handle
     handle.K = handle.M = None
     assert "factor" not in vars(handle)
     for modes in (0, 3, 5, 7, 9):
         basis.first(modes)
-    assert Factor.made == made and len(products) == 5
+    assert SparseFactor.made == made and len(products) == 5
     if name == "craig-bampton":
         assert not any(columns for _, columns in products)  # all columns are columns of the largest basis
 
@@ -156,9 +156,9 @@ def test_models_of_one_method_share_one_basis() -> None:
     methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 6, 9)]
     made, found = [], []
     for shared in (False, True):
-        sub, before = fs.chain(400, belt=2), Factor.made
+        sub, before = fs.chain(400, belt=2), SparseFactor.made
         found.append(fs.study(sub, methods, band=(0.0, 0.02), repeats=1, shared=shared))
-        made.append(Factor.made - before)
+        made.append(SparseFactor.made - before)
     assert made[0] - made[1] == 2 * 4
     for one, other in zip(found[0].rows, found[1].rows, strict=True):
         assert (one.size, one.modes, one.cutoff) == (other.size, other.modes, pytest.approx(other.cutoff, rel=1e-10))

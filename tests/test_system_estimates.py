@@ -202,7 +202,7 @@ def test_systems_without_an_estimate_are_told() -> None:
 def test_a_system_is_estimated_from_the_factors_of_its_parts() -> None:
     full = system(3, 900)
     rom = fs.reduce(full, dict.fromkeys(full.parts, fs.CraigBampton(6)))
-    before = factor.Factor.made
+    before = factor.SparseFactor.made
     sizes: list[int] = []
     made = factor.factorise
 
@@ -213,7 +213,7 @@ def test_a_system_is_estimated_from_the_factors_of_its_parts() -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(factor, "factorise", counted)
         found = fs.system_estimate(full, rom, (0.0, 0.01))
-    assert found.worst < 1e-2 and factor.Factor.made >= before
+    assert found.worst < 1e-2 and factor.SparseFactor.made >= before
     assert max(sizes, default=0) < 250  # dense ones of the joined model
 
 

@@ -91,10 +91,10 @@ petsc.load()
 loops = [one.dynlib for one in ThreadpoolController().select(user_api="openmp").lib_controllers]
 levels = [one.omp_get_max_active_levels() for one in loops]
 running = len(os.listdir("/proc/self/task"))
-factor = petsc.Factor(sp.csr_array(np.ones((300, 300)) + 300 * np.eye(300)), "definite")
+factor = petsc.SparseFactor(sp.csr_array(np.ones((300, 300)) + 300 * np.eye(300)), "definite")
 factor.again(sp.csr_array(np.ones((300, 300)) + 400 * np.eye(300)))
 try:
-    petsc.Factor(sp.csr_array(np.ones((300, 300)) - 2 * np.eye(300)), "definite")
+    petsc.SparseFactor(sp.csr_array(np.ones((300, 300)) - 2 * np.eye(300)), "definite")
 except SingularMatrixError:
     pass
 if {one["threading_layer"] for one in threads.libraries().info()} == {"pthreads"}:

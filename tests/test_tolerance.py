@@ -16,7 +16,7 @@ from reducedproblems import GALLERY, Problem, positive, quick, statics
 import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.algebra.factor import inertia
-from femsub.algebra.petsc import Factor
+from femsub.algebra.petsc import SparseFactor
 from femsub.model.bands import within
 from femsub.model.estimate import SHARE
 from femsub.modes import match, normal_modes
@@ -175,9 +175,9 @@ def test_rigid_motion_leaves_no_modes_at_zero() -> None:
 @pytest.mark.parametrize("kind", [fs.CraigBampton, fs.CraigChang])
 def test_one_factorisation_and_one_count(kind: type, monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
-    original = Factor.__init__
+    original = SparseFactor.__init__
 
-    def noted(self: Factor, A: object, kind: str, *ways: bool, **more: bool) -> None:
+    def noted(self: SparseFactor, A: object, kind: str, *ways: bool, **more: bool) -> None:
         made.append(kind)
         original(self, A, kind, *ways, **more)
 
@@ -185,7 +185,7 @@ def test_one_factorisation_and_one_count(kind: type, monkeypatch: pytest.MonkeyP
         made.append("count")
         return inertia(A)
 
-    monkeypatch.setattr(Factor, "__init__", noted)
+    monkeypatch.setattr(SparseFactor, "__init__", noted)
     monkeypatch.setattr("femsub.modes.normal_modes.inertia", counted)
     chain = fs.chain(3000, belt=2, interface=(1, 900))
     for sub, hi in ((lattice(14, 11), 0.6), (lattice(14, 11, held=True), 0.6), (chain, 0.05)):

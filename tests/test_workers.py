@@ -27,7 +27,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.joined import truss
-from femsub.algebra.factor import Factor
+from femsub.algebra.factor import SparseFactor
 from femsub.algebra.petsc import versions
 from femsub.algebra.processes import folders, parts as workers
 from femsub.algebra.processes.stored import load, store
@@ -189,9 +189,9 @@ def test_what_needs_a_factor_later_makes_it_again(threads: ThreadPoolExecutor) -
     whole = system()
     reduced = fs.reduce(whole, methods(whole), executor=threads)
     modes = fs.complex_modes(reduced, count=4)
-    made = Factor.made
+    made = SparseFactor.made
     refined = fs.refine(whole, modes, reduced)
-    assert Factor.made > made
+    assert SparseFactor.made > made
     alone = fs.reduce(system(), methods(whole))
     expected = fs.refine(system(), fs.complex_modes(alone, count=4), alone)
     np.testing.assert_allclose(refined.modes.eigenvalues, expected.modes.eigenvalues, rtol=1e-10)
@@ -435,12 +435,12 @@ def test_bad_methods_are_told_beforehand() -> None:
 
 
 def test_parts_that_do_not_fit_side_by_side_are_told_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, made = system(), Factor.made
+    whole, made = system(), SparseFactor.made
     monkeypatch.setattr(workers, "at_hand", lambda need: workers.BASE)
     monkeypatch.setattr(parts, "LARGE", 100)
     with pytest.warns(fs.FemsubWarning, match=r"only 1 of 2 workers run: 2 parts side by side need about 0.4\d* GB"):
         found = fs.reduce(whole, methods(whole), workers=2)
-    assert Factor.made > made  # in this process
+    assert SparseFactor.made > made  # in this process
     assert_same(fs.reduce(whole, methods(whole)), found)
 
 

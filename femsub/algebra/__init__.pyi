@@ -74,7 +74,7 @@ from .null_space import (
 from .ordering import smooth_shape as smooth_shape
 from .partitioning import partition as partition, runs as runs
 from .petsc import (
-    Factor as Factor,
+    SparseFactor as SparseFactor,
     Transposed as Transposed,
     quadratic_modes as quadratic_modes,
     symmetric_modes as symmetric_modes,

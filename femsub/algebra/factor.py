@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from femsub.algebra.matrices import Difference, equilibration, same_pattern
 from femsub.algebra.ordering import leaves_first
-from femsub.algebra.petsc import Factor, Kind
+from femsub.algebra.petsc import Kind, SparseFactor
 from femsub.algebra.processes.beside import divided, is_fork_safe, shared_zeros
 from femsub.algebra.processes.cache import drop, forget, shared
 from femsub.algebra.processes.limits import BLOCK, FACTOR_BYTES, LARGE
@@ -56,7 +56,7 @@ class DenseFactor:
         import scipy.linalg as la
 
         self.kind, self.size, self.columns, self.bytes = kind, int(A.shape[0]), 0, float(A.nbytes)
-        Factor.made += 1
+        SparseFactor.made += 1
         try:
             if kind == "definite":
                 factor = la.cho_factor(A, lower=True, check_finite=False)
@@ -104,7 +104,7 @@ def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
         return _logged(DenseFactor(small, kind))
     if kind == "definite" and A.diagonal().min() <= 0:
         raise SingularMatrixError("a matrix with a diagonal entry that is not positive is not positive definite")
-    return _logged(Factor(A, kind))
+    return _logged(SparseFactor(A, kind))
 
 
 def _logged(handle: Handle) -> Handle:
@@ -147,7 +147,7 @@ def release(model: Any) -> None:
 
 def factors_made() -> int:
     """How many factorisations have been made in this process."""
-    return Factor.made
+    return SparseFactor.made
 
 
 def _key(K: Matrix, kind: Kind, M: Matrix | None, sigma: float) -> tuple[tuple[Matrix, ...], tuple[str, str, float]]:
@@ -159,7 +159,7 @@ def fork_pays(factor: Handle, columns: int) -> bool:
 
     CHOLMOD solves without threads and without messages of its own.
     """
-    if not isinstance(factor, Factor) or factor.package != "cholmod":
+    if not isinstance(factor, SparseFactor) or factor.package != "cholmod":
         return False
     return columns > BLOCK // 2 and factor.fill * factor.size * columns >= WORTH and is_fork_safe()
 
@@ -191,7 +191,7 @@ class TreeFactor:
         from scipy.sparse.linalg import splu
 
         self.size, self.columns, self._order = int(A.shape[0]), 0, order
-        Factor.made += 1
+        SparseFactor.made += 1
         try:
             self._lu = splu(sp.csc_array(A[order][:, order]), permc_spec="NATURAL", diag_pivot_thresh=0.0, relax=1, panel_size=1,
                             options={"SymmetricMode": True})
@@ -236,7 +236,7 @@ def counting(A: Matrix | Difference, keep: bool = True, awaited: Callable[[], fl
     if A.K.nnz < 3 * A.shape[0] and (order := leaves_first(sparse := A.formed())) is not None:
         with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS decides
             return _logged(TreeFactor(sparse, order))
-    return _logged(Factor(A, "symmetric", keep, probed=False, awaited=awaited))
+    return _logged(SparseFactor(A, "symmetric", keep, probed=False, awaited=awaited))
 
 
 def inertia(A: Matrix | Difference, awaited: Callable[[], float] | None = None) -> int:
@@ -257,7 +257,7 @@ def are_definite(matrices: Iterable[Matrix]) -> list[bool]:
     before: Matrix | None = None
     for A in matrices:
         try:
-            if not (isinstance(factor, Factor) and before is not None and same_pattern(A, before) and factor.again(A)):
+            if not (isinstance(factor, SparseFactor) and before is not None and same_pattern(A, before) and factor.again(A)):
                 if factor is not None:
                     factor.close()  # two may not fit into memory
                 factor = factorise(A, "definite")
@@ -314,7 +314,7 @@ class ComplexFactor:
                 raise SingularMatrixError(f"a complex {self.size} x {self.size} matrix is singular ({error})") from None
         else:
             real, imaginary = sp.csr_array(A.real), sp.csr_array(A.imag)
-            self._real = Factor(sp.block_array([[real, -imaginary], [imaginary, real]], format="csr"), "general")
+            self._real = SparseFactor(sp.block_array([[real, -imaginary], [imaginary, real]], format="csr"), "general")
 
     def solve(self, B: Array, transposed: bool = False) -> Array:
         """A⁻¹B, or A⁻ᵀB, for B of shape (n,) or (n, k)."""

@@ -184,7 +184,7 @@ def _matrix(A: Matrix | Difference, kind: Kind = "general") -> Any:
     return mat
 
 
-class Factor:
+class SparseFactor:
     """A = L Lᵀ, L D Lᵀ or L U of a sparse A (n, n), made once; `solve` is A⁻¹B for B (n,) or (n, k).
 
     One that would not fit into memory goes to a disk (`goes_to_disk`), which MUMPS reads at each solve: that takes twice as long.
@@ -212,7 +212,7 @@ class Factor:
         self._lock = RLock()  # threads share a factor, and while it is turned over it must not serve another
         self._finalizer = weakref.finalize(self, self._held.close)
         scaling = equilibrated(A.formed()) if probed and self.package == "mumps" else None
-        Factor.made += 1
+        SparseFactor.made += 1
         mat = _matrix(A if awaited is None else A.pattern(), "general" if self.package == "petsc" else kind)
         try:
             mat = self._set_up(mat, ROOM[0], None if awaited is None else lambda: _matrix(A.at(awaited()), kind))
@@ -225,7 +225,7 @@ class Factor:
             mat.destroy()  # the KSP has a reference of its own
         # Whoever else gets this KSP (EPS, PEP) must not factorise again.
         self._ksp.getPC().setReusePreconditioner(True)
-        Factor.packages.add(self.package)
+        SparseFactor.packages.add(self.package)
         self._check_disk()
         if kind == "definite" and self.package != "cholmod":
             code, negative, null = self._infog(1), self._infog(12), self._infog(28)
@@ -307,7 +307,7 @@ class Factor:
         steps = _two_steps()
         if self.package != "cholmod" or steps is None:
             return False
-        Factor.made += 1
+        SparseFactor.made += 1
         mat = _matrix(A, self.kind)
         try:
             with no_openmp():
@@ -335,7 +335,8 @@ class Factor:
                                    f"{self.package.upper()} broke down; it is singular, or not what it was taken for ({why})")
 
     def __repr__(self) -> str:
-        return f"Factor({self.kind}, by {self.package.upper()}, {self.size} x {self.size}{', on disk' if self.on_disk else ''})"
+        where = ", on disk" if self.on_disk else ""
+        return f"SparseFactor({self.kind}, by {self.package.upper()}, {self.size} x {self.size}{where})"
 
     def _probe(self, A: Difference, rows: Array, columns: Array, size: float) -> None:
         b = np.random.default_rng(0).standard_normal(self.size)
@@ -372,7 +373,7 @@ class Factor:
         return float(self._factor.getInfo()["nz_used"])
 
     @property
-    def transposed(self) -> Factor | Transposed:
+    def transposed(self) -> SparseFactor | Transposed:
         """The factor of Aᵀ, which is this one with L and U in other places."""
         return Transposed(self) if self.kind == "general" else self
 
@@ -417,7 +418,7 @@ class Factor:
 class Transposed:
     """A⁻ᵀ by the factor of A."""
 
-    def __init__(self, factor: Factor) -> None:
+    def __init__(self, factor: SparseFactor) -> None:
         self.transposed, self.kind, self.size = factor, factor.kind, factor.size
 
     def solve(self, B: Array) -> Array:
@@ -425,7 +426,7 @@ class Transposed:
         return self.transposed.solve(B, transposed=True)
 
     def lend(self, st: Any, stack: ExitStack) -> None:
-        """As `Factor.lend`, by a PC that solves with the transpose."""
+        """As `SparseFactor.lend`, by a PC that solves with the transpose."""
         PETSc, _ = load()
         ksp = _until(stack, PETSc.KSP().create(PETSc.COMM_SELF))
         ksp.setType("preonly")
@@ -494,7 +495,7 @@ def _start(size: int, seed: int) -> Array:
     return np.random.default_rng(seed).standard_normal((size, 1))
 
 
-def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1,
+def symmetric_modes(factor: SparseFactor, K: Matrix, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1,
                     known: Array | None = None, most: int = 1000) -> tuple[Array, Array]:
     """(K - λM)φ = 0 nearest to σ by Krylov-Schur on (K - σM)⁻¹M with the factor given: λ (k,), Φ (n, k), k >= count.
 
@@ -525,7 +526,7 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
     return values, _purified(factor, M, shapes, known)
 
 
-def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array) -> Array:
+def _purified(factor: SparseFactor, M: Matrix, shapes: Array, known: Array) -> Array:
     """x ← (K - σM)⁻¹Mx, M-normalised: takes out what lies in the null space of M, where Krylov vectors are arbitrary.
 
     It also blows up what is left of the `known` shapes, by 1/|σ|: with rigid-body modes and σ = -1e-7, 1e-9 of them in
@@ -538,7 +539,7 @@ def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array) -> Array:
     return x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
 
 
-def quadratic_modes(factor: Factor | Transposed, matrices: Sequence[Matrix], shift: float, count: int, *, tol: float,
+def quadratic_modes(factor: SparseFactor | Transposed, matrices: Sequence[Matrix], shift: float, count: int, *, tol: float,
                     scale: float, seed: int = 1, most: int = 1000) -> tuple[Array, Array]:
     """(λ²M + λD + K)x = 0 nearest to a real shift by TOAR with the factor of P(shift): λ (k,), X (n, k) complex.
 

@@ -94,7 +94,7 @@ def _petsc(found: Findings) -> None:
     b = np.linspace(-1.0, 1.0, n)
     for kind, shift in kinds.items():
         K = sp.csr_array(A - shift * sp.eye_array(n))
-        x = petsc.Factor(K, kind).solve(b)
+        x = petsc.SparseFactor(K, kind).solve(b)
         residual = float(np.linalg.norm(K @ x - b) / (np.linalg.norm(x) * 4 + np.linalg.norm(b)))
         if not residual <= WRONG:
             found.wrong.append(f"a {kind} factorisation has a residual of {residual:.0e}: PETSc and its packages do not fit each "

@@ -213,7 +213,7 @@ def versions() -> dict[str, Any]:
              "numpy": np.__version__, "scipy": scipy.__version__}
     if "femsub.algebra.petsc" in sys.modules and "petsc4py.PETSc" in sys.modules:
         found |= sys.modules["femsub.algebra.petsc"].versions()
-        found["factors"] = sorted(sys.modules["femsub.algebra.petsc"].Factor.packages)
+        found["factors"] = sorted(sys.modules["femsub.algebra.petsc"].SparseFactor.packages)
     return found
 
 

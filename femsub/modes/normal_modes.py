@@ -216,10 +216,10 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
 
 
 def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | None, evidence: bool) -> NormalModes:
-    from femsub.algebra import Factor, symmetric_modes
+    from femsub.algebra import SparseFactor, symmetric_modes
     from femsub.modes.block_lanczos import block_lanczos
 
-    assert isinstance(handle.factor, Factor)
+    assert isinstance(handle.factor, SparseFactor)
     rigid, finite = handle.rigid.shape[1], handle.finite
     values, shapes = np.zeros(0), np.zeros((handle.K.shape[0], 0))
     if known is not None:
@@ -319,9 +319,9 @@ def counted_beside(handle: ShiftInvert, limit: float) -> Iterator[None]:
 
     This process keeps one core. Where there is no room for another one, or the count is known, nothing is counted.
     """
-    from femsub.algebra import BLOCKS, CountBeside, Factor
+    from femsub.algebra import BLOCKS, CountBeside, SparseFactor
 
-    if handle.beside is None and isinstance(handle.factor, Factor) and not _is_counted(handle.K, handle.M, limit):
+    if handle.beside is None and isinstance(handle.factor, SparseFactor) and not _is_counted(handle.K, handle.M, limit):
         handle.beside = CountBeside.started(handle.K, handle.M, handle.factor.fill * handle.factor.size, BLOCKS)
         if handle.beside is not None:
             handle.beside.ask(limit**2)

@@ -546,10 +546,10 @@ class ShiftInvert:
 
     def make_room(self) -> None:
         """Drop the factor where a count of the modes would not fit into memory beside it."""
-        from femsub.algebra import Factor
+        from femsub.algebra import SparseFactor
 
         factor = vars(self).get("factor")
-        if isinstance(factor, Factor) and not has_room_to_count(self.K, factor.fill * factor.size):
+        if isinstance(factor, SparseFactor) and not has_room_to_count(self.K, factor.fill * factor.size):
             self.release()
 
     def deflate(self, x: Array, shapes: Array | None = None) -> Array:

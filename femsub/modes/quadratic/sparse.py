@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra import Factor, Handle, Transposed, quadratic_modes, shared_factor
+from femsub.algebra import Handle, SparseFactor, Transposed, quadratic_modes, shared_factor
 from femsub.checks import Array
 from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.modes.normal_modes import lowest_modes
@@ -46,14 +46,14 @@ class Shifted:
             self.shift = self.scale = self._free_shift(symmetric)
             self.factor = self._factor(self.shift, symmetric and pencil.symmetric[1])
 
-    def _factor(self, shift: float, symmetric: bool) -> Factor | Transposed:
+    def _factor(self, shift: float, symmetric: bool) -> SparseFactor | Transposed:
         matrix = self.pencil.at(shift) if shift else self.pencil.K
         found: Handle | None = None
         if symmetric and matrix.diagonal().min() > 0:
             with suppress(SingularMatrixError):
                 found = shared_factor(matrix, "definite")
         found = found or shared_factor(matrix, "symmetric" if symmetric else "general")
-        assert isinstance(found, Factor)
+        assert isinstance(found, SparseFactor)
         return found
 
     @property
