@@ -2,7 +2,7 @@
 
     python -m benchmarks attack SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1]
 
-SUBJECT is a module of benchmarks/attacks. Each case is compared with a reference of its own. The counts are
+SUBJECT is a module of benchmarks/attacks, beside `common`. Each case is compared with a reference of its own. The counts are
 printed by kind and outcome. Exit status 1 if a case was wrong.
 """
 
@@ -20,7 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from pkgutil import iter_modules
 
-SUBJECTS = sorted(item.name for item in iter_modules([str(Path(__file__).parent.parent / "benchmarks" / "attacks")]))
+SUBJECTS = sorted(item.name for item in iter_modules([str(Path(__file__).parent / "attacks")]) if item.name != "common")
 
 
 def attacked(subject: str, kind: str, seed: int) -> str:

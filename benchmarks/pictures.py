@@ -80,7 +80,7 @@ def shown(results: Mapping[str, Any], figure: str) -> list[dict[str, Any]]:
     """What a figure of a run shows, from its results.json: errors over the DOF, else its lines, else the output of its name."""
     for chart in (one for one in results.get("charts", ()) if one["name"] == figure):
         panels = [panel for place in chart["places"] for panel in place["panels"]]
-        every = [(panel["title"], one, dict(one["told"])) for panel in panels for one in panel["series"]]
+        every = [(panel["title"], one, dict(one["hover"])) for panel in panels for one in panel["series"]]
         errors = [{"panel": title, "model": one["name"], "DOF": told["DOF"], "error": told[key]} for title, one, told in every
                   for key in ERRORS if one["legend"] and "DOF" in told and key in told]
         return unique(errors) or [{"panel": title, "line": one["name"], "x": plain(one["x"]), "y": plain(one["y"])}

@@ -39,8 +39,8 @@ def errors(told: Mapping[str, Any]) -> Panel:
     plain = next(panel for place in chart["places"] for panel in place["panels"] if panel["title"] == PANEL)
     series = []
     for one in plain["series"]:
-        given = {key: value for key, value in one.items() if key not in ("told", "x", "y")}
-        known = dict(one["told"])
+        given = {key: value for key, value in one.items() if key not in ("hover", "x", "y")}
+        known = dict(one["hover"])
         labels = [f"{size:.0f}" for size in known["DOF"]] if one["legend"] and "DOF" in known else ()
         x, y = (np.array(one[key], dtype=float) for key in "xy")
         series.append(Series(x=x, y=y, labels=labels, **given))
