@@ -17,7 +17,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.coupling.joined import conditions, linked
 from femsub.coupling.joints import Joint, Link, site, stacked
-from femsub.modes import bare
+from femsub.model import bare
 
 STIFF = 1e7
 DUST = [6e-28, 1e-13, 1e-6, 1e20]  # stiffness of the DOF that is joined to springs of 1e7

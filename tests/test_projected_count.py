@@ -326,7 +326,7 @@ def test_the_full_brake_is_certified() -> None:
 def test_the_energy_of_modes_is_computed_only_where_digits_of_k_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a K with all its digits no mode is within rounding: a product with every shape would be for nothing."""
     asked: list[int] = []
-    monkeypatch.setattr(dense, "energy_ratio", lambda K, x: (asked.append(x.shape[1]), np.ones(x.shape[1]))[1])
+    monkeypatch.setattr(dense, "costs", lambda K, x: (asked.append(x.shape[1]), np.ones(x.shape[1])))
     written = fs.chain(10, damping=0.1)
     pencil = fs.Pencil(written.M, written.D, written.K)
     assert len(fs.complex_modes(pencil, count=4)) == 4 and not asked

@@ -14,8 +14,9 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.attacks import rigid as attack
 from benchmarks.lattices import lattice
-from femsub.algebra import rigid_motion
-from femsub.algebra.rigid_motion import RigidMotion, elastic_forces, links, null_space, strains
+from femsub.algebra import null_space
+from femsub.model import RigidMotion, rigid_motion
+from femsub.model.rigid_motion import elastic_forces, links, strains
 from femsub.modes.quadratic.dense import modal_form
 from femsub.modes.shift_invert import ShiftInvert
 

@@ -1,14 +1,12 @@
-from .constraints import Freed as Freed, freed as freed
 from .counted_beside import CountBeside as CountBeside, SignsBeside as SignsBeside, signs as signs
 from .elimination import (
-    DEPENDENT as DEPENDENT,
-    ROUNDING as ROUNDING,
     Equations as Equations,
     comparable as comparable,
     congruent as congruent,
     eliminate as eliminate,
     groups as groups,
     independent as independent,
+    known_sums as known_sums,
     largest as largest,
     links_without_rounding as links_without_rounding,
     product as product,
@@ -65,11 +63,20 @@ from .memory import (
     reduction_bytes as reduction_bytes,
     search_columns as search_columns,
 )
-from .null_space import (
+from .null_spaces import (
+    DEPENDENT as DEPENDENT,
+    ROUNDING as ROUNDING,
     SINGULAR as SINGULAR,
+    SUMS as SUMS,
     factor_of_mass as factor_of_mass,
     massless_apart as massless_apart,
+    null_space as null_space,
     rank_of_mass as rank_of_mass,
+    row_space as row_space,
+    sizes as sizes,
+    undamped as undamped,
+    unresisted as unresisted,
+    without as without,
 )
 from .ordering import smooth_shape as smooth_shape
 from .partitioning import partition as partition, runs as runs
@@ -108,28 +115,6 @@ from .processes.threads import (
     libraries as libraries,
     one_thread as one_thread,
     times as times,
-)
-from .rigid_motion import (
-    SAME as SAME,
-    Carried as Carried,
-    Damped as Damped,
-    Joined as Joined,
-    RigidMotion as RigidMotion,
-    Rubbing as Rubbing,
-    Scaled as Scaled,
-    Touched as Touched,
-    changed as changed,
-    driven as driven,
-    elastic_forces as elastic_forces,
-    found as found,
-    links as links,
-    of_places as of_places,
-    pieces as pieces,
-    size_of_products as size_of_products,
-    strains as strains,
-    undamped as undamped,
-    unresisted as unresisted,
-    without as without,
 )
 from .subspace import orthonormal as orthonormal
 from .timing import phase as phase, timed as timed

@@ -11,17 +11,11 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra.matrices import is_symmetric
-from femsub.checks import Array, Matrix
+from femsub.algebra.null_spaces import ROUNDING, SUMS, RowSpace, row_space
+from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, warn
 
-ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
-DUST = 1e-15  # share of a column's largest entry, in units of energy, below which an entry is rounding
-LEAST = 4e-15  # share of the sizes of which a mass or stiffness is the sum below which it is rounding (as of rigid-body modes)
-SPREAD = 1e3  # factor about the median within which units of energy are compared
-DEPENDENT = 1e-10  # an equation with a pivot below this share of the largest is redundant
-UNSURE = 100.0  # factor about it within which an equation may be either
 PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
-FILLED = 0.3  # of all entries that are not 0: from here on the product of two sparse matrices is faster by dense ones
 SPREAD_PIVOT = 0.1  # the same for a generalised coordinate, in units of energy
 
 
@@ -69,13 +63,13 @@ def units(mass: Array, stiffness: Array) -> tuple[Array, float]:
     return np.where(energy > 0, energy, usual) ** -0.5, typical
 
 
-def comparable(unit: Array) -> Array:
-    """Units of energy, (n,), none farther from their median than `SPREAD` times.
+def comparable(unit: Array, spread: float = 1e3) -> Array:
+    """Units of energy, (n,), none farther from their median than `spread` times.
 
     Else a DOF that costs next to nothing makes all others rounding beside it, though the joints move it with them.
     """
     usual = float(np.median(unit)) if len(unit) else 1.0
-    return np.clip(unit, usual / SPREAD, usual * SPREAD)
+    return np.clip(unit, usual / spread, usual * spread)
 
 
 def reach(S: Matrix, unit: Array) -> Array:
@@ -200,11 +194,11 @@ def _null_space(equations: Equations, refuse: Callable[[Array, int, int], None])
     unit = equations.unit
     places, blocks = [], []
     for rows, columns in groups(equations.A):
-        Q, rank = _decomposed(equations, rows, columns)
-        if rank == len(columns):
+        found = _rows_apart(equations, rows, columns)
+        if found.rank == len(columns):
             refuse(equations.owner[rows], len(rows), len(columns))
         places.append(columns)
-        blocks.append(unit[columns, None] * _clean(Q[:, rank:]))
+        blocks.append(unit[columns, None] * _clean(found.rest))
     T, kept = _beside_kept(len(unit), places, blocks)
     new = T.shape[1] - len(kept)
     return ((T, np.append(unit[kept], np.ones(new)), np.append(equations.physical[kept], np.zeros(new, dtype=bool))),
@@ -221,7 +215,7 @@ def _beside_kept(n: int, places: list[Array], blocks: list[Array]) -> tuple[Matr
 
 def _clean(Q: Array) -> Array:
     """Q with 0 for rounding: else rigid motion costs the square of one, and a massless coordinate has the mass of one."""
-    return np.where(np.abs(Q) > DUST * np.abs(Q).max(axis=0, initial=0.0), Q, 0.0)
+    return np.where(np.abs(Q) > 4 * EPS * np.abs(Q).max(axis=0, initial=0.0), Q, 0.0)
 
 
 def groups(A: Matrix) -> Iterator[tuple[Array, Array]]:
@@ -236,27 +230,17 @@ def groups(A: Matrix) -> Iterator[tuple[Array, Array]]:
             yield members[:at], members[at:] - m
 
 
-def _decomposed(equations: Equations, rows: Array, columns: Array) -> tuple[Array, int]:
-    """Q (k, k) of Aᵀ in units of energy, equations of one size, and their rank: the rest of Q is the null space."""
-    import scipy.linalg as la
+def _rows_apart(equations: Equations, rows: Array, columns: Array, size: Array | None = None) -> RowSpace:
+    """The row space of some equations in units of energy, with a warning where a row may be redundant by rounding.
 
+    With the `size` of each equation before anything cancelled in it there is no basis.
+    """
     A = equations.A[rows][:, columns].toarray() * equations.unit[columns]
-    Q, R, _ = la.qr((A / np.linalg.norm(A, axis=1)[:, None]).T, pivoting=True, check_finite=False)
-    pivots = np.abs(R.diagonal())
-    _check_gap(pivots / pivots.max(initial=1e-300))
-    return Q, _rank(R)
-
-
-def _check_gap(pivots: Array) -> None:
-    near = pivots[(pivots > DEPENDENT / UNSURE) & (pivots < DEPENDENT * UNSURE)]
-    if len(near):
-        warn(f"the parts' shapes fulfil an equation of the joints to {near[0]:.0e} (relative) already: whether it is "
+    found = row_space(A / (np.linalg.norm(A, axis=1) if size is None else size)[:, None], basis=size is None)
+    if found.doubt:
+        warn(f"the parts' shapes fulfil an equation of the joints to {found.doubt:.0e} (relative) already: whether it is "
              "redundant, or costs a mode, depends on rounding. Keep more modes, or join fewer DOF", ConditionWarning)
-
-
-def _rank(R: Array) -> int:
-    pivots = np.abs(R.diagonal())
-    return int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
+    return found
 
 
 def links_without_rounding(B: Matrix, unit: Array, whole: Array) -> Matrix:
@@ -269,30 +253,33 @@ def masked(A: Matrix, keep: Matrix) -> Matrix:
     return sp.csr_array(A.multiply(keep)) if sp.issparse(A) else np.where(keep, A, 0.0)
 
 
+def known_sums(A: Matrix, size: Matrix) -> Matrix:
+    """A with 0 where a sum is rounding beside the `size` of its terms."""
+    return masked(A, abs(A) > SUMS * size)
+
+
 def independent(equations: Equations, size: Array) -> Array:
     """Indices (ascending) of a maximal set of independent equations.
 
     `size` (m,) is that of each equation before anything cancelled in it. What is left of an equation that follows from others
     is rounding of this size, and no equation.
     """
-    import scipy.linalg as la
-
     found = [np.zeros(0, dtype=np.intp)]
     for rows, columns in groups(equations.A):
-        A = equations.A[rows][:, columns].toarray() * equations.unit[columns] / size[rows, None]
-        R, order = la.qr(A.T, mode="r", pivoting=True, check_finite=False)
-        pivots = np.abs(R.diagonal())
-        _check_gap(pivots)
-        found.append(rows[order[:np.count_nonzero(pivots > DEPENDENT)]])
+        apart = _rows_apart(equations, rows, columns, size[rows])
+        found.append(rows[apart.order[:apart.rank]])
     return np.sort(np.concatenate(found))
 
 
-def product(A: Matrix, B: Matrix) -> Matrix:
-    """A B, sparse if both are. Where interfaces spread over all coordinates both are filled, and multiplied as dense ones."""
-    filled = [X.toarray() if sp.issparse(X) and X.nnz > FILLED * X.shape[0] * X.shape[1] else X for X in (A, B)]
-    if any(map(sp.issparse, filled)):
+def product(A: Matrix, B: Matrix, filled: float = 0.3) -> Matrix:
+    """A B, sparse if both are. Where interfaces spread over all coordinates both are filled, and multiplied as dense ones.
+
+    From the share `filled` of entries that are not 0 the product of dense matrices is faster.
+    """
+    dense = [X.toarray() if sp.issparse(X) and X.nnz > filled * X.shape[0] * X.shape[1] else X for X in (A, B)]
+    if any(map(sp.issparse, dense)):
         return A @ B
-    C = filled[0] @ filled[1]
+    C = dense[0] @ dense[1]
     return sp.csr_array(C) if sp.issparse(A) and sp.issparse(B) else C
 
 
@@ -305,7 +292,7 @@ def congruent(A: Matrix, T: Matrix) -> Matrix:
 
 def without_dust(A: Matrix, bound: Array) -> Matrix:
     """A positive semidefinite A with 0 in rows and columns whose diagonal entry is rounding, of either sign, of `bound` (n,)."""
-    dust = A.diagonal() <= LEAST * bound
+    dust = A.diagonal() <= SUMS * bound
     if not A.diagonal()[dust].any():
         return A
     kept = ~dust
@@ -347,11 +334,11 @@ def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
         return None, places
     E = B[rows][:, columns].toarray() * unit[columns]
     size = np.linalg.norm(E, axis=1)
-    Q, R, order = la.qr((E / size[:, None]).T, pivoting=True, check_finite=False)
-    if _rank(R) < len(rows):
+    found = row_space(E / size[:, None])
+    if found.rank < len(rows):
         return None, places[:0]
     lift = np.zeros((len(columns), len(rows)))
-    lift[:, order] = Q[:, :len(rows)] @ la.solve_triangular(R[:len(rows)], np.eye(len(rows)), trans="T")
-    block = unit[columns, None] * np.hstack([_clean(lift) / size, _clean(Q[:, len(rows):])])
+    lift[:, found.order] = found.Q[:, :len(rows)] @ la.solve_triangular(found.R[:len(rows)], np.eye(len(rows)), trans="T")
+    block = unit[columns, None] * np.hstack([_clean(lift) / size, _clean(found.rest)])
     places[rows] = len(kept) + np.arange(len(rows))
     return _beside_kept(n, [columns], [block])[0], places

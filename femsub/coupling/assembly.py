@@ -12,8 +12,6 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from femsub.algebra import (
-    Carried,
-    Joined,
     block_diagonal,
     congruent,
     eliminate,
@@ -24,7 +22,6 @@ from femsub.algebra import (
     product,
     reach,
     recovered,
-    size_of_products,
     units,
     without_dust,
 )
@@ -50,7 +47,7 @@ from femsub.coupling.joined import (
 )
 from femsub.coupling.joints import End, Joint, Link, spatial
 from femsub.errors import InputError
-from femsub.model import DofMap, ReducedSubstructure, Substructure, checked_sets
+from femsub.model import Carried, DofMap, Joined, ReducedSubstructure, Substructure, checked_sets, size_of_products
 
 if TYPE_CHECKING:
     from femsub.model import Estimate

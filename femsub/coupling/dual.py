@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,7 +12,9 @@ import scipy.sparse as sp
 from femsub.algebra import ROUNDING, Equations, congruent, eliminate, independent, product, units
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, MissedModesError
-from femsub.model import Substructure
+
+if TYPE_CHECKING:
+    from femsub.model import Substructure
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
 STIFF = 1e-10  # relative residual flexibility at a joint below which the joint is made exact

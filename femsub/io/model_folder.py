@@ -14,14 +14,13 @@ from typing import Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import RigidMotion
 from femsub.checks import Matrix, as_word, choice, instance, path_of, unlike
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
 from femsub.io.atomic import HASHES, Writer, hashed, newest, scratch, write_whole
 from femsub.io.matrix_files import read_together
 from femsub.io.op4 import op4_module
-from femsub.model import Estimate, Origin, ReducedSubstructure, Substructure
+from femsub.model import Estimate, Origin, ReducedSubstructure, RigidMotion, Substructure
 
 FORMATS = ("mtx", "npz", "mat", "op4")
 INDEX = "model.json"

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import RigidMotion
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS
@@ -23,7 +22,7 @@ from femsub.io.nastran_systems import NAMES, Systems
 from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
 from femsub.io.sierra import read_cbr
-from femsub.model import SHARED, DofMap, ReducedSubstructure, Substructure
+from femsub.model import SHARED, DofMap, ReducedSubstructure, RigidMotion, Substructure
 
 NETCDF = (".nc", ".nc4")  # of Sierra/SD
 ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)

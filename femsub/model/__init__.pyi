@@ -11,6 +11,7 @@ from .bands import (
     widened as widened,
     within as within,
 )
+from .constraints import Freed as Freed, freed as freed
 from .contact import (
     Contact as Contact,
     Contacts as Contacts,
@@ -23,6 +24,7 @@ from .contact import (
     kinks_of as kinks_of,
     small_matrices as small_matrices,
 )
+from .digits import rounding_of as rounding_of
 from .dof_map import LARGEST as LARGEST, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, STILL as STILL, Estimate as Estimate
 from .origin import SHARED as SHARED, Origin as Origin
@@ -31,6 +33,34 @@ from .pencil import (
     contact_matrix as contact_matrix,
     look_at_the_order as look_at_the_order,
     projected as projected,
+)
+from .rigid_motion import (
+    MIXED as MIXED,
+    SOFT as SOFT,
+    Carried as Carried,
+    Damped as Damped,
+    Joined as Joined,
+    RigidMotion as RigidMotion,
+    Rubbing as Rubbing,
+    Scaled as Scaled,
+    Touched as Touched,
+    annihilates_a_translation as annihilates_a_translation,
+    bare as bare,
+    changed as changed,
+    coordinates as coordinates,
+    costs as costs,
+    costs_nothing as costs_nothing,
+    driven as driven,
+    elastic_forces as elastic_forces,
+    found as found,
+    is_rigid as is_rigid,
+    loose_by_places as loose_by_places,
+    pieces as pieces,
+    rigid_count as rigid_count,
+    rounding as rounding,
+    size_of_products as size_of_products,
+    soft_springs as soft_springs,
+    units as units,
 )
 from .substructure import (
     ReducedSubstructure as ReducedSubstructure,

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.algebra import RigidMotion, Touched, driven, found, of_places, units
 from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.model.contact import Contacts, columns_of, contacts_of, small_matrices
+from femsub.model.rigid_motion import RigidMotion, Touched, by_places, driven, energy_units, found
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
@@ -36,7 +36,7 @@ def check_held(model: Substructure, contacts: Contacts, noun: str = "the part") 
     if motion is None or not motion.count:
         return
     columns = [columns_of(model, contact) for contact, _ in rubbing]
-    unit = units(model.M.diagonal(), model.K.diagonal())[0]
+    unit = energy_units(model)
     free = driven(motion, [(W, *terms) for W, (_, terms) in zip(columns, rubbing, strict=True)], unit)
     if free is None or not free.shape[1]:
         return
@@ -54,20 +54,13 @@ def check_held(model: Substructure, contacts: Contacts, noun: str = "the part") 
 def floating(model: Substructure, contacts: Contacts) -> RigidMotion | None:
     """The rigid motion with K z = 0 under contacts, whether or not friction drives it (zᵀK ≠ 0); None where it is not known."""
     motion = found(model.rigid_motion, by_places) or by_places(model)
-    unit = units(model.M.diagonal(), model.K.diagonal())[0]
+    unit = energy_units(model)
     for contact in contacts_of(contacts):
         if motion is None or not motion.count:
             return motion
         W, damping, stiffness = small_matrices(model, contact)
         motion = Touched(damping, W, stiffness, unit, left=False)(motion)
     return motion
-
-
-def by_places(part: Any) -> RigidMotion | None:
-    """The rigid motion of a full part by the places of its DOF; None where they are not known."""
-    if part.dofs is None or part.dofs.no_rigid:
-        return None
-    return of_places(part.dofs.rigid(), part.D, part.K, units(part.M.diagonal(), part.K.diagonal())[0])
 
 
 def _against(model: Substructure, name: str, u: Array) -> str:

@@ -11,16 +11,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import (
-    Carried,
-    Damped,
-    Freed,
     Frozen,
-    Scaled,
-    Touched,
     as_matrix,
-    changed,
     equilibration,
-    freed,
     halves,
     is_symmetric,
     norm,
@@ -34,6 +27,8 @@ from femsub.algebra import (
 )
 from femsub.checks import Array, Matrix, limit_of, positive_number, real_array
 from femsub.errors import InputError, warn
+from femsub.model.constraints import Freed, freed
+from femsub.model.rigid_motion import Carried, Damped, Scaled, Touched, changed
 
 EVEN = 4.0  # largest entry of an unsymmetric K where its diagonal has been scaled to about 1, and shows the units
 LIGHT = 0.1  # damping ratio up to which a DOF is lightly damped

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import Carried, Frozen, RigidMotion, as_matrix, is_symmetric, rows_of_zeros, same, shared, translations
+from femsub.algebra import Frozen, as_matrix, is_symmetric, rows_of_zeros, same, shared, translations
 from femsub.checks import Array, Matrix, check_band, instance, mapping, real_array, whole_numbers, word
 from femsub.errors import InputError, empty_dofs_error, unknown_name, warn
 from femsub.model.bands import beyond
@@ -20,6 +20,7 @@ from femsub.model.estimate import SHARE, Estimate
 from femsub.model.held import check_held, floating
 from femsub.model.origin import Origin
 from femsub.model.pencil import Pencil
+from femsub.model.rigid_motion import Carried, RigidMotion
 
 if TYPE_CHECKING:
     from femsub.model.affine import Affine

@@ -38,19 +38,7 @@ from .receptance import (
     frequency_response as frequency_response,
     port_responses as port_responses,
 )
-from .rounding import rounding_of as rounding_of
-from .shift_invert import (
-    IN_PARTS as IN_PARTS,
-    RIGID as RIGID,
-    ShiftInvert as ShiftInvert,
-    annihilates_a_translation as annihilates_a_translation,
-    bare as bare,
-    costs_nothing as costs_nothing,
-    hangs_softly as hangs_softly,
-    motion_of as motion_of,
-    rounding_ratio as rounding_ratio,
-    units as units,
-)
+from .shift_invert import IN_PARTS as IN_PARTS, ShiftInvert as ShiftInvert, motion_of as motion_of
 from .static_shapes import (
     DEPENDENT as DEPENDENT,
     NOISE as NOISE,

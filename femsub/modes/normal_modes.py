@@ -49,7 +49,8 @@ from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_erro
 from femsub.modes.shift_invert import IN_PARTS, ShiftInvert
 
 if TYPE_CHECKING:
-    from femsub.algebra import Carried, CountBeside
+    from femsub.algebra import CountBeside
+    from femsub.model import Carried
 
 log = logging.getLogger(__name__)
 

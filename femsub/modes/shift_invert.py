@@ -16,49 +16,49 @@ import scipy.sparse as sp
 
 from femsub.algebra import (
     SINGULAR,
-    Carried,
+    SUMS,
     Difference,
     Handle,
-    RigidMotion,
-    elastic_forces,
     factorise,
     factors_made,
     forget_factor,
-    found,
     has_room_to_count,
-    links,
     one_thread,
     orthonormal,
     phase,
-    pieces,
     rank_of_mass,
     search_columns,
     shared,
     shared_factor,
     smooth_shape,
-    strains,
     translations,
     unit_length,
 )
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, SingularMatrixError, warn
-from femsub.modes.rounding import rounding_of
+from femsub.model import (
+    MIXED,
+    SOFT,
+    Carried,
+    RigidMotion,
+    annihilates_a_translation,
+    bare,
+    costs,
+    costs_nothing,
+    elastic_forces,
+    found,
+    is_rigid,
+    pieces,
+    rigid_count,
+    rounding,
+    soft_springs,
+    units,
+)
 
 if TYPE_CHECKING:
     from femsub.algebra import CountBeside
     from femsub.model import Substructure
 
-SOFT = EPS**0.5  # half of all digits: a spring, or the energy of a mode, is soft below this share of the stiffness around it
-RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ is a rigid-body mode without a part of others, in any system of units
-FORCE = SOFT / 16  # the same of one that a soft spring may have mixed with others; soft modes that cost as little have more
-ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
-DISTINCT = 1e3  # times ENERGY: above it, three columns of one inverse iteration have no part of a shape with an energy below it
-SUMMED = 100  # times ENERGY: the rounding of an entry of VᵀKV, where 1.4e-13 was seen
-SURE = 1 + 1e-9  # factor by which k_ij² exceeds k_ii k_jj where no rounding of these can be the reason
-GAP = 2e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that of the first elastic mode
-MIXED = 0.1  # the same where motions that stretch soft springs are known by these, and of a motion that others are mixed into
-WIDE = 64 * EPS, 1e-6  # energy ratio up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
-WRITTEN = 1e-4  # the gap (ratio of ω²) where the energy is within the rounding of a K with fewer digits
 BLURRED = 1e-3  # relative change of ω² by rounding in K from which K alone gives none, but K Z = 0 may
 LARGE = 10_000  # DOF from which the graph of K is used for the first shift
 COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
@@ -205,11 +205,10 @@ class ShiftInvert:
         x = np.random.default_rng(2).standard_normal((self.K.shape[0], 3))
         for _ in range(3):
             x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
-            force, size = _forces(self.K, x)
-            energy = _energy_ratio(x, force, size)
-            if (energy > DISTINCT * max(ENERGY, self.unit)).all():  # one solve brings out what costs nothing
+            force, energy = costs(self.K, x)
+            if (energy > self.unit**0.5).all():  # one solve brings out what costs nothing
                 return False
-        return bool(_nothing(_rounding_ratio(self.K, force, size), energy, self.unit).any())
+        return bool(is_rigid(force, energy, self.unit).any())
 
     def _float(self, search: Callable[[], float]) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
@@ -278,10 +277,18 @@ class ShiftInvert:
             # Ritz vectors of rigid motion still contain rounding of stiff modes: one more solve removes it.
             cleaned = unit_length(self.factor.solve(self.M @ x))
             cleaned[loose] = 0.0  # such a DOF causes no force, and `own` spans its motion
-            values, cleaned = self._turned(values, cleaned)
+            # Beside a soft spring a solve has the rounding of stiff ones over its stiffness, which mixes rigid motion and soft
+            # modes: those of little energy are turned among themselves once more.
+            values, low = values.copy(), np.flatnonzero(np.abs(costs(self.K, cleaned)[1]) < SOFT)
+            y = orthonormal(cleaned[:, low], self.M.__matmul__)[0]
+            if y.shape[1] == len(low):
+                energy = y.T @ (self.K @ y)
+                values[low], turn = np.linalg.eigh((energy + energy.T) / 2)
+                cleaned[:, low] = unit_length(y @ turn)
             order = np.argsort(np.abs(values), kind="stable")
             values, cleaned, noise = values[order], cleaned[:, order], noise[order]
-            count = self._chosen(values, cleaned)
+            cost = costs(self.K, cleaned)
+            count, self.shares = rigid_count(self.K, values, cleaned, cost, self.unit), np.abs(cost[1])
             if count < len(values) or block >= n - len(loose):
                 break
             block *= 2
@@ -291,7 +298,7 @@ class ShiftInvert:
         self.rigid = np.hstack([own, self.rigid])
         rest = values[count:]
         if (rest < -noise[count:]).any():
-            share = -energy_ratio(self.K, cleaned[:, count + int(rest.argmin())][:, None])[0]
+            share = -cost[1][count + int(rest.argmin())]
             why = f"too large for rounding{_known(self.unit)}" if share > self.unit else \
                 f"as rounding{_known(self.unit)} may make it, but the next modes are too near to tell rigid motion from them"
             raise SingularMatrixError(
@@ -304,42 +311,6 @@ class ShiftInvert:
         self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
 
-    def _turned(self, values: Array, x: Array) -> tuple[Array, Array]:
-        """ω² (k,) and shapes (n, k), those of little energy turned among themselves once more.
-
-        Beside a soft spring a solve has the rounding of stiff ones over its stiffness: rigid motion and soft modes are mixed.
-        """
-        values, x = values.copy(), x.copy()
-        low = np.flatnonzero(np.abs(energy_ratio(self.K, x)) < SOFT)
-        y = orthonormal(x[:, low], self.M.__matmul__)[0]
-        if y.shape[1] == len(low):
-            energy = y.T @ (self.K @ y)
-            values[low], turn = np.linalg.eigh((energy + energy.T) / 2)
-            x[:, low] = unit_length(y @ turn)
-        return values, x
-
-    def _chosen(self, values: Array, x: Array) -> int:
-        """How many of the modes x (n, k) are rigid: ω² in `values`, smallest first."""
-        size, found, self.shares = np.abs(values), 0, np.abs(energy_ratio(self.K, x))
-        free = costs_nothing(self.K, x)
-        softly = bool(free.any() and self._links.nnz)
-        for limit, gap in ((0.0, GAP), WIDE, (self.unit, WRITTEN)):
-            elastic = ~costs_nothing(self.K, x, limit)
-            count = most = int(np.argmax(elastic)) if elastic.any() else len(size)
-            while count and softly and strains(self._links, x[:, :count], self._pieces, 1 / units(self.K)):
-                count -= 1
-            if limit and count == len(size):
-                continue  # nothing shows a gap
-            if limit == WIDE[0] and (softly or not free[:count].any()):
-                continue  # soft springs inside make such a gap; or all stands on one mount that is soft, but not rounding
-            wanted = gap if count == most else MIXED
-            while 0 < count < len(size) and size[count - 1] > wanted * size[count]:
-                if softly and self.shares[count - 1] <= EPS < MIXED * self.shares[count]:
-                    break
-                count -= 1
-            found = max(found, count)
-        return found
-
     def _by_translations(self, Z: Array) -> tuple[Array, int]:
         """Rigid-body modes Z (n, k) turned such that translations come first, without rounding; and how many these are."""
         t = translations(len(Z))
@@ -350,19 +321,9 @@ class ShiftInvert:
         turn = np.linalg.eigh(rest.T @ (self.M @ rest))[1][:, t.shape[1]:]
         return np.hstack([t, orthonormal(rest @ turn, self.M.__matmul__, t)[0]]), t.shape[1]
 
-    @property
-    def _pieces(self) -> Array:
-        """Which of the pieces that are joined by soft springs at most each DOF belongs to, (n,)."""
-        return _softly_joined(self.K, self.unit)[0]
-
-    @property
-    def _links(self) -> Matrix:
-        """These springs, as far as they are no rounding themselves."""
-        return _softly_joined(self.K, self.unit)[1] if _has_soft_entries(self.K, self.unit) else sp.csr_array(self.K.shape)
-
     def _told(self, values: Array, x: Array, count: int) -> str:
         cost = self.shares[:count].max(initial=0.0)
-        if cost <= (EPS if count and self._links.nnz else ENERGY):
+        if cost <= (EPS if count and soft_springs(self.K, self.unit).nnz else SUMS):
             return ""
         omega = np.sqrt(np.abs(values[:count + 1]))
         beyond = f"the next mode lies at ω = {omega[count]:.5g}" if count < len(omega) else "no other mode is known so far"
@@ -534,7 +495,7 @@ class ShiftInvert:
         has the energy of each by itself.
         """
         for _ in range(2):
-            forces, size = elastic_forces(self.K, V, self.rigid, self._pieces)
+            forces, size = elastic_forces(self.K, V, self.rigid, pieces(self.K))
             turn = np.linalg.eigh((V.T @ forces + forces.T @ V) / 2)[1]
             V = V @ turn
         forces, size = forces @ turn, size @ np.abs(turn)
@@ -621,115 +582,6 @@ def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
         return sp.csr_array(matrix[rows][:, rows]) if sp.issparse(matrix) else matrix[np.ix_(rows, rows)]
 
     return shared((matrix,), ("block", rows.tobytes()), made, lambda it: 12.0 * it.nnz if sp.issparse(it) else it.nbytes)
-
-
-def rounding(K: Matrix) -> float:
-    """The relative rounding of the entries of K, see `rounding_of`; computed once."""
-    return _translated(K)[0]
-
-
-def annihilates_a_translation(K: Matrix, unit: float = 0.0) -> bool:
-    """Whether a uniform motion of every s-th DOF has no elastic energy: a cheap test for a floating component."""
-    return bool(_nothing(*_translated(K)[1:], unit).any())
-
-
-def hangs_softly(K: Matrix) -> bool:
-    """Whether pieces are joined by springs alone that are nearly rounding beside their own stiffness."""
-    unit = rounding(K)
-    return _has_soft_entries(K, unit) and bool(_softly_joined(K, unit)[1].nnz)
-
-
-def _has_soft_entries(K: Matrix, unit: float) -> bool:
-    """Whether there are entries that may be soft springs; without them no graph is needed."""
-    entries, diagonal = sp.coo_array(K), K.diagonal()
-    size = np.abs(entries.data) / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))[np.stack(entries.coords)].prod(axis=0)
-    return bool(((size > _dust(K, unit)) & (size <= SOFT)).any())
-
-
-def _softly_joined(K: Matrix, unit: float) -> tuple[Array, Matrix]:
-    """The piece of each DOF, (n,), and the springs between pieces; computed once."""
-    def found() -> tuple[Array, Matrix]:
-        piece = pieces(K, SOFT)
-        return piece, links(K, piece, _dust(K, unit))
-
-    return shared((K,), ("pieces", unit), found, lambda both: both[0].nbytes + 12.0 * both[1].nnz)
-
-
-def _dust(K: Matrix, unit: float) -> float:
-    """The share of the stiffness around it up to which an entry is rounding: those of a dense K may be sums of products."""
-    return max(ENERGY, unit) * (1.0 if sp.issparse(K) else SUMMED)
-
-
-def _translated(K: Matrix) -> tuple[float, Array, Array]:
-    """What translations tell of K: the rounding of its entries, and the two ratios of `costs_nothing`; computed once."""
-    def found() -> tuple[float, Array, Array]:
-        t = translations(K.shape[0])
-        forces = _forces(K, t)
-        return rounding_of(K, t, forces), _rounding_ratio(K, *forces), _energy_ratio(t, *forces)
-
-    return shared((K,), "translations", found)
-
-
-def units(K: Matrix) -> Array:
-    """1/sqrt(k_ii), shape (n,): scales that make forces and moments comparable."""
-    diagonal = K.diagonal()
-    return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
-
-
-def costs_nothing(K: Matrix, x: Array, unit: float = 0.0) -> Array:
-    """Which columns have Kx = 0 within rounding, bool, shape (k,): rigid-body motion, but not a mode on a soft mount.
-
-    `unit` is the rounding of the entries of K, if it is more than eps: it bounds both ratios.
-    """
-    forces = _forces(K, x)
-    return _nothing(_rounding_ratio(K, *forces), _energy_ratio(x, *forces), unit)
-
-
-def _nothing(rounding: Array, energy: Array, unit: float) -> Array:
-    return (rounding < max(FORCE, unit)) & (energy <= max(ENERGY, unit))
-
-
-def _forces(K: Matrix, x: Array) -> tuple[Array, Array]:
-    """Kx and |K||x|."""
-    return K @ x, abs(K) @ np.abs(x)
-
-
-def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
-    """Which DOF of these rows K gives no stiffness but rounding: rows of zeros, and rows that no K ≥ 0 can have; bool (m,).
-
-    K ≥ 0 has k_ij² ≤ k_ii k_jj. Where k_ij is larger, and rounding beside k_jj, the rounding of row i is of its size. Contact
-    normals that are tilted by rounding make such rows.
-    """
-    diagonal, entries = K.diagonal(), sp.coo_array(K[rows])
-    own = diagonal[rows]
-    (at, j), size = entries.coords, np.abs(entries.data)
-    rounding = (np.arange(len(diagonal))[rows][at] != j) & (size <= ENERGY * diagonal[j])
-    rounding &= size**2 > SURE * np.maximum(own[at], 0.0) * diagonal[j]
-    known, most = np.zeros(len(own)), np.zeros(len(own))
-    np.maximum.at(known, at[rounding], size[rounding])
-    np.maximum.at(most, at, size)
-    return np.asarray(most <= known)
-
-
-def energy_ratio(K: Matrix, x: Array) -> Array:
-    """xᴴKx / |x|ᵀ|K||x| of each column, (k,); 0 where nothing acts."""
-    return _energy_ratio(x, *_forces(K, x))
-
-
-def _energy_ratio(x: Array, force: Array, size: Array) -> Array:
-    energy, scale = np.einsum("ij,ij->j", x.conj(), force).real, np.einsum("ij,ij->j", np.abs(x), size)
-    return np.divide(energy, scale, out=np.zeros_like(energy), where=scale > 0)
-
-
-def rounding_ratio(K: Matrix, x: Array) -> Array:
-    """‖SKx‖ / ‖S|K||x|‖ of each column, (k,), with S = diag(1/√k_ii); 0 where nothing acts."""
-    return _rounding_ratio(K, *_forces(K, x))
-
-
-def _rounding_ratio(K: Matrix, force: Array, size: Array) -> Array:
-    unit = units(K)[:, None]
-    scale = np.linalg.norm(unit * size, axis=0)
-    return np.divide(np.linalg.norm(unit * force, axis=0), scale, out=np.zeros(force.shape[1]), where=scale > 0)
 
 
 def _known(unit: float) -> str:

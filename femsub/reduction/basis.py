@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import RigidMotion, phase, shared_zeros, times, undamped
+from femsub.algebra import phase, shared_zeros, times
 from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
-from femsub.modes import ShiftInvert, count_deferred, independent, units
+from femsub.modes import ShiftInvert, count_deferred, independent
 
 if TYPE_CHECKING:
-    from femsub.model import Estimate, Pencil, Substructure
+    from femsub.model import Estimate, Substructure
     from femsub.modes import NormalModes
 
 COLUMNS = 64  # columns of V that are processed at a time
@@ -224,17 +224,6 @@ def labelled(statics: Statics, kept: Kept, V: Array, matrices: tuple[Array, Arra
     factorisations += 0 if kept.inside else kept.found.factorisations
     return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, {}, factorisations, interface,
                  rigid=statics.rigid_in(kept.rigid, len(M)))
-
-
-def free_first(q: Array, motion: Array, pencil: Pencil | None) -> RigidMotion:
-    """Coordinates q (r, k) of a rigid motion (n, k), with those first that D of the component does not damp."""
-    if pencil is None or not q.shape[1] or not pencil.norms[1]:
-        return RigidMotion(q, q.shape[1])
-    unit = units(pencil.M)
-    far = (np.abs(motion) / unit[:, None]).max(axis=0)
-    turn, free = undamped(pencil.D, motion / far, unit)
-    turn = turn / far[:, None]
-    return RigidMotion(q @ turn[:, np.append(free, np.setdiff1d(np.arange(len(turn)), free))], len(free))
 
 
 def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array, coupling: Array) -> tuple[Array, Array]:

@@ -10,25 +10,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import (
-    SAME,
-    SMALL,
-    WORK,
-    RigidMotion,
-    check_memory,
-    kept_free,
-    one_thread,
-    size_of_products,
-    units as energy_units,
-    without,
-)
+from femsub.algebra import SMALL, WORK, check_memory, kept_free, one_thread, units as energy_units, without
 from femsub.checks import EPS, Array, instance
 from femsub.errors import ConditionWarning, InputError, InputTypeError, PortWarning, SingularMatrixError, warn
-from femsub.model import SHARE, Affine, Pencil, ReducedSubstructure, Substructure
-from femsub.modes import IN_PARTS, motion_of, rounding_ratio, units
-from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, free_first, projected, square, structural
+from femsub.model import (
+    SHARE,
+    Affine,
+    Pencil,
+    ReducedSubstructure,
+    RigidMotion,
+    Substructure,
+    coordinates,
+    costs,
+    size_of_products,
+    units,
+)
+from femsub.modes import IN_PARTS, motion_of
+from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, projected, square, structural
 from femsub.reduction.craig_bampton import DIGITS
-from femsub.reduction.estimates.nested import Nested
+from femsub.reduction.estimates.nested import Nested, free_first
 from femsub.reduction.frequency_bounds import origin_of
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.wider import Wider
@@ -195,37 +195,28 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
 
 
 def damping(sub: Substructure, basis: Basis, D: Array) -> tuple[Array, RigidMotion | None, Array]:
-    """VᵀDV without the rounding of rigid motion, this motion, and G: the rounding of D is up to EPS G Gᵀ."""
+    """VᵀDV without the rounding of rigid motion, this motion, and G: the rounding of D is up to EPS G Gᵀ.
+
+    The motion is known as the method, or else the component, knows it. What a component carries is looked for in the span of V.
+    """
     V = basis.V
     carried = np.abs(V).T @ sub.noise if sub.noise.shape[1] else np.zeros((V.shape[1], 0))  # |V| takes as much memory as V
     noise = np.hstack([carried, size_of_products(sub.D, V)])
     if sub.pencil.symmetric[1]:
         D = (D + D.T) / 2
-    q, motion = _known(sub, basis)
+    q: Array | None = None
+    if basis.rigid is not None and basis.motion is not None:
+        q, Z = basis.rigid, basis.motion
+        if sub.rigid_motion is None and (costs(sub.K, Z)[0] > STILL).any():
+            return D, None, noise
+    elif (motion := motion_of(sub.rigid_motion)) is not None:
+        q, Z = coordinates(V, motion.shapes, units(sub.M)), motion.shapes
+    else:
+        return D, None, noise
     if q is None:
         return D, None, noise
-    found = free_first(q, motion, sub.pencil)
+    found = free_first(q, Z, sub.M, sub.D)
     return without(D, found.undamped, energy_units(basis.M.diagonal(), basis.K.diagonal())[0]), found, noise
-
-
-def _known(sub: Substructure, basis: Basis) -> tuple[Array | None, Array]:
-    """The coordinates q of the rigid motion, and the motion itself: as the method, or else the component, knows it.
-
-    What a component carries is looked for in the span of V.
-    """
-    if basis.rigid is not None and basis.motion is not None:
-        known = sub.rigid_motion is not None or (rounding_ratio(sub.K, basis.motion) <= STILL).all()
-        return basis.rigid if known else None, basis.motion
-    carried = motion_of(sub.rigid_motion)
-    if carried is None:
-        return None, basis.V[:, :0]
-    unit = units(sub.M)[:, None]
-    scaled, wanted = basis.V / unit, carried.shapes / unit
-    size = np.linalg.norm(scaled, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    q = np.linalg.lstsq(scaled / size, wanted, rcond=None)[0]
-    left = np.linalg.norm(wanted - scaled / size @ q, axis=0)
-    return (q / size[:, None] if (left <= SAME * np.linalg.norm(wanted, axis=0)).all() else None), carried.shapes
 
 
 def work(task: Task) -> float:

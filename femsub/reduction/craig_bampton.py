@@ -10,22 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import FEW, divided, fork_pays, one_thread, without
+from femsub.algebra import FEW, ROUNDING, SUMS, divided, fork_pays, one_thread, without
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, InputError, warn
-from femsub.modes import (
-    IN_PARTS,
-    RIGID,
-    ShiftInvert,
+from femsub.model import (
     annihilates_a_translation,
     bare,
-    costs_nothing,
-    hangs_softly,
-    motion_of,
-    rounding_ratio,
+    costs,
+    loose_by_places,
+    rounding,
+    soft_springs,
     units,
 )
-from femsub.modes.shift_invert import rounding
+from femsub.modes import IN_PARTS, ShiftInvert, motion_of
 from femsub.reduction.basis import Partition, Statics, zeros
 from femsub.reduction.method import Method
 
@@ -33,8 +30,6 @@ if TYPE_CHECKING:
     from femsub.model import Substructure
 
 DIGITS = 1e-4  # relative rounding error of the condensed stiffness, or of ω² of a mode, above which `reduce` warns
-CLEAR = 4e-15  # below this energy ratio a motion is certainly rigid (see `rounding_ratio`)
-STILL = 1e-9  # of its largest motion, up to which an interface is at rest in a rigid-body motion
 SOFT = 1e-4  # eigenvalues of the scaled condensed stiffness below this may be rounding, and are examined
 
 
@@ -78,7 +73,7 @@ class CraigBampton(Method):
 
     def part(self, sub: Substructure) -> Partition:
         """The interior. Where the positions of the DOF show that the interface does not hold it, no factor is made."""
-        if loose := _loose_motions(sub):
+        if loose := loose_by_places(sub, sub.interface):
             raise _not_held(sub, loose)
         return super().part(sub)
 
@@ -103,25 +98,6 @@ def _not_held(sub: Substructure, count: int) -> InputError:
     return InputError(f"the interface does not hold {sub.name!r}: with its {len(sub.interface)} DOF fixed, {count} rigid-body "
                       "modes remain. Craig-Bampton's constraint modes need a held component. Add interface DOF, or use "
                       "CraigChang")
-
-
-def _loose_motions(sub: Substructure) -> int:
-    """How many rigid-body motions leave the interface at rest and cost no energy, as far as positions of DOF tell; else 0."""
-    b, dofs = sub.interface, sub.dofs
-    if dofs is None or dofs.points is None or dofs.size != sub.size or not 0 < len(b) < sub.size:
-        return 0
-    try:
-        R = dofs.rigid()
-    except InputError:  # a motion that is no displacement and no rotation
-        return 0
-    R = R[:, R.any(axis=0)]
-    Q, size, _ = np.linalg.svd(R / np.linalg.norm(R, axis=0), full_matrices=False)
-    Q = Q[:, size > STILL * size.max(initial=0.0)]
-    _, size, turn = np.linalg.svd(Q[b], full_matrices=len(b) < Q.shape[1])
-    still = turn[np.count_nonzero(size > STILL * size.max(initial=0.0)):]
-    at_rest = Q @ still.T
-    at_rest[b] = 0.0
-    return len(still) if len(still) and costs_nothing(sub.K, at_rest).all() else 0
 
 
 def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) -> tuple[Array, Array]:
@@ -153,15 +129,15 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
         values, vectors = np.linalg.eigh(unit[:, None] * condensed[np.ix_(own, own)] * unit)
     doubtful = np.flatnonzero(values <= SOFT)
     # ten times the limit of rigid-body modes: constraint modes also contain the rounding of their solve
-    ratio = rounding_ratio(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful])) if len(doubtful) else doubtful
-    rigid = doubtful[ratio < 10 * RIGID]
+    ratio = costs(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful]))[0] if len(doubtful) else doubtful
+    rigid = doubtful[ratio < 10 * ROUNDING]
     block = np.ix_(own, own)
     motions = np.zeros((len(loose), len(rigid)))
     # The forces beside those that cancel do not show which motions are rigid: a K written with few digits has as much of them in
     # any of its modes, a long slender part that is held in its first ones, a soft spring in those that stretch it.
-    near = ratio[ratio < 10 * RIGID]
-    if len(doubtful) and (rounding(sub.K) > EPS or hangs_softly(sub.K) or (
-            len(near) and near.max() > CLEAR and not annihilates_a_translation(sub.K))):
+    near = ratio[ratio < 10 * ROUNDING]
+    if len(doubtful) and (rounding(sub.K) > EPS or soft_springs(sub.K, rounding(sub.K)).nnz or (
+            len(near) and near.max() > SUMS and not annihilates_a_translation(sub.K))):
         Z = ShiftInvert(sub.K, sub.M, rows).rigid  # all that K says
         motions = np.zeros((len(loose), Z.shape[1]))
         motions[own] = Z[sub.interface[own] if isinstance(rows, slice) else np.searchsorted(rows, sub.interface[own])]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
-from femsub.modes import units
 from femsub.reduction.basis import Basis, Statics
 from femsub.reduction.craig_bampton import CraigBampton
 
@@ -50,8 +49,9 @@ class Hurty(CraigBampton):
         n_b, n_r = len(statics.condensed), 0 if statics.rigid is None else statics.rigid.shape[1]
         if statics.rigid is None or not n_r:
             return basis
-        unit = units(statics.part.sub.K)[statics.part.sub.interface, None]
-        holding = la.qr((statics.rigid / unit).T, mode="r", pivoting=True)[1][:n_r]  # DOF that just hold the part
+        stiffness = statics.part.sub.K.diagonal()[statics.part.sub.interface, None]
+        scaled = statics.rigid * np.where(stiffness > 0, stiffness, 1.0) ** 0.5
+        holding = la.qr(scaled.T, mode="r", pivoting=True)[1][:n_r]  # DOF that just hold the part
         redundant = np.setdiff1d(np.arange(n_b), holding)
         T = np.eye(len(basis.M))
         T[:n_b, :n_b] = 0.0

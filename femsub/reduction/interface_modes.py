@@ -15,8 +15,8 @@ from femsub.algebra import DEPENDENT, ROUNDING, comparable, congruent, groups
 from femsub.checks import DENSE, EPS, Array, Matrix
 from femsub.coupling import System, rows_of_parts, units_of_energy
 from femsub.errors import InputError, NotConvergedError
-from femsub.model import ReducedSubstructure, Substructure
-from femsub.modes import ShiftInvert, all_modes, units
+from femsub.model import ReducedSubstructure, Substructure, units
+from femsub.modes import ShiftInvert, all_modes
 from femsub.reduction.basis import Basis, Partition, Statics, square, structural, zeros
 from femsub.reduction.craig_bampton import condensed_stiffness
 from femsub.reduction.estimates.nested import ACCEPTED

@@ -10,8 +10,8 @@ import scipy.sparse as sp
 from femsub.algebra import FEW, is_symmetric, one_thread, orthonormal, unresisted
 from femsub.checks import Array
 from femsub.errors import NotConvergedError
-from femsub.model import Pencil, contact_matrix, in_band
-from femsub.modes import PortFunction, ShiftInvert, independent, lowest_modes, modes_below, port_responses, units
+from femsub.model import Pencil, contact_matrix, in_band, units
+from femsub.modes import PortFunction, ShiftInvert, independent, lowest_modes, modes_below, port_responses
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.stability.border import BESIDE, MARGIN, TOGETHER, Band, Border, ModalContact, dense_border
 

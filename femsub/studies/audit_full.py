@@ -10,7 +10,8 @@ import numpy as np
 
 from femsub.checks import EPS, Array, Matrix, Tally
 from femsub.errors import FemsubError
-from femsub.modes import ShiftInvert, lowest_modes, modes_under, motion_of, rounding_of
+from femsub.model import rounding_of
+from femsub.modes import ShiftInvert, lowest_modes, modes_under, motion_of
 from femsub.studies.audit_alone import FREE, STATED, factor, strain
 from femsub.studies.audit_model import (
     FAULT,
@@ -26,8 +27,7 @@ from femsub.studies.audit_model import (
 )
 
 if TYPE_CHECKING:
-    from femsub.algebra import RigidMotion
-    from femsub.model import Substructure
+    from femsub.model import RigidMotion, Substructure
     from femsub.modes import NormalModes
 
 SAME = 1e-6  # relative difference of matrices that are one

@@ -14,8 +14,7 @@ import scipy.sparse as sp
 from femsub.checks import EPS, Array
 
 if TYPE_CHECKING:
-    from femsub.algebra import RigidMotion
-    from femsub.model import DofMap
+    from femsub.model import DofMap, RigidMotion
 
 GOOD, FAULT, UNKNOWN = "good", "fault", "unknown"
 HELD_KIND, FREE_KINDS = "fixed-interface", ("free", "free and inertia relief")

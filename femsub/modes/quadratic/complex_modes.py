@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra import RigidMotion, reused_memory, unit_length
+from femsub.algebra import reused_memory, unit_length
 from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance, truth, until
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
-from femsub.model import Pencil, Substructure, beyond, look_at_the_order, usable_band
+from femsub.model import Pencil, RigidMotion, Substructure, beyond, look_at_the_order, usable_band
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil

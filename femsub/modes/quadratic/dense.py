@@ -17,21 +17,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import FEW, RigidMotion, is_symmetric, one_thread, undamped, unit_length, unresisted
+from femsub.algebra import FEW, ROUNDING, is_symmetric, one_thread, undamped, unit_length, unresisted
 from femsub.checks import EPS, Array
 from femsub.errors import InputError, SingularMatrixError
+from femsub.model import RigidMotion, costs, rounding, units
 from femsub.modes.dense import dense_modes
 from femsub.modes.quadratic import singular_mass
 from femsub.modes.quadratic.singular_mass import REGULAR
-from femsub.modes.shift_invert import (
-    RIGID,
-    ShiftInvert,
-    energy_ratio,
-    motion_of,
-    rounding,
-    rounding_ratio,
-    units,
-)
+from femsub.modes.shift_invert import ShiftInvert, motion_of
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -233,7 +226,7 @@ def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
     unit = rounding(K)
     if unit <= EPS:  # none, and no product with K, which takes a second of 83,000 DOF
         return np.zeros(X.shape[1], dtype=bool), unit
-    return np.abs(energy_ratio(K, X)) <= unit, unit
+    return np.abs(costs(K, X)[1]) <= unit, unit
 
 
 def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array, motion: RigidMotion | None) -> tuple[Array, Array]:
@@ -314,7 +307,7 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array, rigid: Array | No
     if lost.any():
         X, Y = X.copy(), Y.copy()
         X[:, at[lost]] = Y[:, at[lost]] = np.eye(len(X))[:, [int(np.abs(pencil.K).max(axis=0).argmax())]]
-    at = at[rounding_ratio(pencil.K, X[:, at]) > RIGID]
+    at = at[costs(pencil.K, X[:, at])[0] > ROUNDING]
     if rigid is not None and rigid.shape[1] and len(at):
         held = pencil.M @ X[:, at]
         size = np.einsum("ij,ij->j", X[:, at].conj(), held).real
@@ -334,7 +327,7 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array, rigid: Array | No
             x, y = (unit_length((part / np.abs(part).max())[:, None])[:, 0] for part in new)  # lengths may overflow
             if abs(value - before) <= 4 * EPS * abs(value):  # not before this step: an error of x is squared in λ
                 break
-        if not value or not np.isfinite([x, y]).all() or rounding_ratio(pencil.K, x[:, None])[0] <= RIGID:
+        if not value or not np.isfinite([x, y]).all() or costs(pencil.K, x[:, None])[0] <= ROUNDING:
             continue
         if (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
             values[i], X[:, i], Y[:, i] = value, x, y

@@ -19,7 +19,6 @@ import scipy.sparse as sp
 
 from femsub.algebra import (
     QUADRATIC,
-    Carried,
     Difference,
     Handle,
     SignsBeside,
@@ -45,7 +44,7 @@ from femsub.modes.quadratic.region import Contour, listed
 from femsub.modes.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
-    from femsub.model import Pencil
+    from femsub.model import Carried, Pencil
 
 log = logging.getLogger(__name__)
 

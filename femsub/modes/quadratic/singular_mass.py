@@ -19,7 +19,7 @@ from femsub.checks import EPS, Array
 from femsub.model import Pencil
 
 if TYPE_CHECKING:
-    from femsub.algebra import RigidMotion
+    from femsub.model import RigidMotion
 
 REGULAR = 1e12  # condition up to which a matrix is inverted
 UNSURE = 8.0  # factor about the limit of a rank within which a singular value may be rounding or not

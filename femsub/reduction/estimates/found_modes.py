@@ -11,8 +11,8 @@ import numpy as np
 from femsub.algebra import check_columns
 from femsub.checks import DENSE, EPS, Array, Matrix
 from femsub.modes import NormalModes, independent, lightest, lowest_modes
-from femsub.reduction.basis import COLUMNS, Kept, Statics, free_first, in_blocks
-from femsub.reduction.estimates.nested import Nested
+from femsub.reduction.basis import COLUMNS, Kept, Statics, in_blocks
+from femsub.reduction.estimates.nested import Nested, free_first
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -100,7 +100,8 @@ class FoundModes:
         inner = [statics.constraint[statics.part.rows], found.shapes, static]
         forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
         q = statics.rigid_in(found.rigid, len(M))
-        motion = None if q is None else free_first(q, span.times(q), self.pencil)  # D says which of it is not damped
+        D = None if self.pencil is None else self.pencil.D
+        motion = None if q is None else free_first(q, span.times(q), statics.part.sub.M, D)
         plain = Nested(M, K, None, len(statics.condensed), found.rigid, found.eigenvalues[found.rigid:], forces, statics.rounding,
                        lightest=lightest(statics.handle), motion=motion)
         if self.pencil is None:

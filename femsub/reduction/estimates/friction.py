@@ -22,13 +22,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import check_columns, orthonormal, unresisted
+from femsub.algebra import ROUNDING, check_columns, orthonormal, unresisted
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
-from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
+from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, units, upper, within
 from femsub.modes import (
     DEPENDENT,
-    RIGID,
     Coupling,
     EnergyBasis,
     Term,
@@ -37,7 +36,6 @@ from femsub.modes import (
     lowest_modes,
     solve,
     terms_of,
-    units,
 )
 from femsub.modes.quadratic.bars import bars
 from femsub.reduction.basis import Kept
@@ -87,9 +85,9 @@ class Larger:
         self.loads = shapes.T @ np.hstack([forces, search.loads])
         rest = self._without_rounding(np.hstack([handle.elastic_solve(forces, shapes), search.rest]))
         sigma = handle.sigma
-        terms = [Term(pencil.M, (sigma, 0.0, 1.0), 1.0, (0.0, 1 / (self.top**2 - sigma)), rounding=RIGID),
-                 *terms_of(pencil.D, (0.0, 1.0, 0.0), sampled=True, rounding=RIGID),
-                 *terms_of(self.N, (1.0, 0.0, 0.0), sampled=True, rounding=RIGID)]
+        terms = [Term(pencil.M, (sigma, 0.0, 1.0), 1.0, (0.0, 1 / (self.top**2 - sigma)), rounding=ROUNDING),
+                 *terms_of(pencil.D, (0.0, 1.0, 0.0), sampled=True, rounding=ROUNDING),
+                 *terms_of(self.N, (1.0, 0.0, 0.0), sampled=True, rounding=ROUNDING)]
         self.space = EnergyBasis(self.product, handle.factor.solve, terms, len(modes), deflate=self._without_rigid)
         self.space.add(modes[:, self.loose:], modes=True, unit=True)
         self.space.add(orthonormal(rest, self.product, modes)[0], unit=True)
@@ -123,7 +121,7 @@ class Larger:
         N, D, r = self.N, self.pencil.D * self.hi, self.found.rigid
         both = sp.vstack([N, D]) if sp.issparse(N) else np.vstack([N, D])
         Z, root = self.found.shapes[:, :r], np.sqrt(self.handle.M.diagonal())[:, None]
-        Z = np.where(root * np.abs(Z) > RIGID * np.linalg.norm(root * Z, axis=0), Z, 0.0)
+        Z = np.where(root * np.abs(Z) > ROUNDING * np.linalg.norm(root * Z, axis=0), Z, 0.0)
         Z, free = unresisted(both, Z, np.tile(units(self.handle.K), 2))
         self.found = replace(self.found, shapes=np.hstack([Z[:, ::-1], self.found.shapes[:, r:]]))
         self.loose = len(free)
@@ -321,7 +319,7 @@ class Larger:
 def _forces(load: Matrix, shapes: Array) -> Array:
     """The forces of a load on shapes, 0 where they are but rounding, as those of friction on rigid motion."""
     force = load @ shapes
-    return np.where(np.linalg.norm(force, axis=0) > RIGID * np.linalg.norm(abs(load) @ abs(shapes), axis=0), force, 0.0)
+    return np.where(np.linalg.norm(force, axis=0) > ROUNDING * np.linalg.norm(abs(load) @ abs(shapes), axis=0), force, 0.0)
 
 
 class FrictionSpace(Space):

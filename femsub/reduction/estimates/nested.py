@@ -18,10 +18,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from femsub.algebra import RigidMotion, negative_eigenvalues, without
+from femsub.algebra import negative_eigenvalues, without
 from femsub.checks import EPS, EQUAL, Array, Matrix
-from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
-from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve, units
+from femsub.model import SHARE, Estimate, Pencil, RigidMotion, beyond, in_band, moving, units, upper, within
+from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve
 from femsub.modes.quadratic.search import search
 
 if TYPE_CHECKING:
@@ -231,7 +231,7 @@ class Nested:
         kept = self._first + self.modes
         found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
         Z, D = found.shapes[:, :found.rigid], np.zeros((kept, kept)) if self.D is None else self.D[:kept, :kept]
-        return RigidMotion.of(Z, D, units(self.M[:kept, :kept]))
+        return free_first(Z, Z, self.M[:kept, :kept], D)
 
     @cached_property
     def largest(self) -> tuple[Array, Array]:
@@ -494,3 +494,8 @@ def _product(A: Array, X: Array, Y: Array) -> Array:
     """sqrt(xᴴAx · yᴴAy) for a positive semidefinite A, column by column."""
     x, y = (np.einsum("ij,ij->j", part.conj(), A @ part).real for part in (X, Y))
     return np.sqrt(np.maximum(x, 0.0) * np.maximum(y, 0.0))
+
+
+def free_first(q: Array, motion: Array, M: Matrix, D: Matrix | None) -> RigidMotion:
+    """Coordinates q (r, k) of a rigid motion (n, k), with those first that D does not damp; no D damps none."""
+    return RigidMotion.of(motion, D, units(M), q)

@@ -1,7 +1,15 @@
-"""Rigid motion of a model, carried from the full parts through reductions, joints and contacts: K Z = 0, and D Z = 0 of some.
+"""What is rigid: the motions Z with K Z = 0, and D Z = 0 of some. All else asks here.
 
-In a reduced or joined model, rounding in VᵀKV and VᵀDV may look like a soft mount or a damper. So the motions are not looked for
-there. Those of a full part are found once, from its own K. A basis, a joint or a contact says what becomes of them.
+Carried: in a reduced or joined model, rounding in VᵀKV and VᵀDV may look like a soft mount or a damper. So the motions are not
+looked for there. Those of a full part are found once, and a basis, a joint or a contact says what becomes of them (`Carried`).
+
+By K itself, of full parts alone: u is the relative rounding of K's entries, EPS or more (`rounding_of`). Two ratios say what a
+motion x costs (`costs`):
+
+    e = xᵀKx / |x|ᵀ|K||x|,   f = ‖SKx‖ / ‖S|K||x|‖ with S = diag(1/√k_ii).
+
+The energy e of rigid motion is the rounding of a sum of products, and so is that of a soft mount below u; but the forces of a
+soft mount add up in f, and those of rounding do not. `rigid_count` decides by both, and by the gap to the next mode.
 """
 
 from __future__ import annotations
@@ -18,19 +26,32 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from femsub.algebra.elimination import largest
-from femsub.algebra.matrices import block_diagonal, is_symmetric, same
-from femsub.algebra.processes.cache import shared
-from femsub.checks import Array, Matrix
+from femsub.algebra import (
+    DEPENDENT,
+    SUMS,
+    block_diagonal,
+    largest,
+    null_space,
+    same,
+    shared,
+    sizes,
+    translations,
+    undamped,
+    units as units_of_energy,
+)
+from femsub.checks import EPS, Array, Matrix
+from femsub.model.digits import rounding_of
 
 if TYPE_CHECKING:
-    from femsub.model import Substructure
+    from femsub.model.substructure import Substructure
 
-ROUNDING = 1e-13  # share of the forces that cancel in A z below which A z is rounding
-FREE = 1e-9  # a motion meets conditions that it violates by less than this, relative to the terms that cancel
-CLEAR = 1e-6  # and violates them from here on: between the two nothing can be said
-LEAST = 1e-3  # of the largest motion at unit energy: a DOF that moves less may do so by rounding
-SAME = 1e-9  # relative distance up to which coordinates describe a given motion
+SOFT = EPS**0.5  # half of all digits: a spring, or the energy of a mode, is soft below this share of the stiffness around it
+FORCE = SOFT / 16  # f of a rigid-body mode, which rounding may have mixed with others; soft modes of as little energy have more
+BENDING = (3.516 / 22.03) ** 2  # ω² of a cantilever's first bending mode over that of its second
+MIXED = 0.1  # the same ratio where soft springs show which modes are elastic, and the share of others in a rigid motion
+WIDE = 64 * EPS, 1e-6  # energy up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
+WRITTEN = 1e-4  # the gap where the energy is within the rounding of a K with fewer digits
+SUMMED = 100  # times SUMS: the rounding of an entry of VᵀKV, where 1.4e-13 was seen
 ENTRIES = 4_000_000  # numbers in a temporary
 
 
@@ -50,14 +71,18 @@ class RigidMotion:
         return replace(self if same(before[0], D) else Damped(D, M.diagonal())(self), belong=(D, K))
 
     @classmethod
-    def of(cls, shapes: Array, D: Matrix, unit: Array) -> RigidMotion:
-        """The motions with those first that D does not damp; `unit` (n,) scales the DOF."""
-        if not shapes.shape[1] or not (D.nnz if sp.issparse(D) else np.any(D)):
-            return cls(shapes, shapes.shape[1])
+    def of(cls, shapes: Array, D: Matrix | None, unit: Array, q: Array | None = None) -> RigidMotion:
+        """The motions with those first that D does not damp; `unit` (n,) scales the DOF.
+
+        Where their coordinates q (r, k) in a basis are given, shapes = V q, it is q that is returned.
+        """
+        q = shapes if q is None else q
+        if D is None or not shapes.shape[1] or not (D.nnz if sp.issparse(D) else np.any(D)):
+            return cls(q, q.shape[1])
         far = (np.abs(shapes) / unit[:, None]).max(axis=0)  # no motion is rounding beside a larger one
-        Z, free = unresisted(D, shapes / far, unit)
-        rest = np.setdiff1d(np.arange(Z.shape[1]), free)
-        return cls(Z[:, np.append(free, rest)], len(free))
+        turn, free = undamped(D, shapes / far, unit)
+        rest = np.setdiff1d(np.arange(len(turn)), free)
+        return cls(q / far @ turn[:, np.append(free, rest)], len(free))
 
     def record(self) -> dict[str, Any]:
         """The entries of a file."""
@@ -86,7 +111,9 @@ class RigidMotion:
         """Z turn, with the directions turn `free` first; None where one of the two is not known."""
         if turn is None or free is None:
             return None
-        return RigidMotion(self.shapes @ turn @ _first(free), free.shape[1])
+        if free.shape[1]:
+            turn = turn @ np.hstack([free, np.linalg.qr(free, mode="complete")[0][:, free.shape[1]:]])
+        return RigidMotion(self.shapes @ turn, free.shape[1])
 
 
 Decide: TypeAlias = "Callable[[Substructure], RigidMotion | None]"
@@ -150,12 +177,8 @@ class Restricted:
     rest: Array
 
     def __call__(self, motion: RigidMotion) -> RigidMotion | None:
-        Z, X = motion.shapes[self.rest], self.X.toarray() if sp.issparse(self.X) else self.X
-        size = np.linalg.norm(X, axis=0)
-        q = np.linalg.lstsq(X / size, Z, rcond=None)[0]
-        if np.linalg.norm(Z - X / size @ q) > SAME * np.linalg.norm(Z):
-            return None
-        return RigidMotion(q / size[:, None], motion.free)
+        q = coordinates(self.X, motion.shapes[self.rest], np.ones(len(self.rest)))
+        return None if q is None else RigidMotion(q, motion.free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +211,14 @@ class Touched:
         at = self.W.T @ motion.shapes  # the motion at the contact
         size = abs(self.W).T @ sizes(motion.shapes, self.unit)
         at, size = (np.asarray(A).reshape(-1, motion.count) for A in (at, size))
-        stiff, brake = (_resisted(C, at, size, self.left) for C in (self.stiffness, self.damping))
+        acting = []  # of K and D: C at the contact, with `left` Cᵀ below it, times the motion, and the sizes that cancel in that
+        for C in (self.stiffness, self.damping):
+            if np.ndim(C) == 0 and not sp.issparse(C):
+                C = np.eye(len(at)) if C else np.zeros((0, len(at)))
+            elif self.left:
+                C = sp.vstack([C, C.T]) if sp.issparse(C) else np.vstack([C, np.transpose(C)])
+            acting.append((C @ at, abs(C) @ size))
+        stiff, brake = acting
         loose = null_space(*stiff)
         if loose is None:
             return None
@@ -196,14 +226,6 @@ class Touched:
         more = np.eye(motion.count)[damped] @ loose, brake[0] @ loose
         own = sizes(loose, 1 / np.abs(motion.shapes / self.unit[:, None]).max(axis=0))
         return motion.mixed(loose, null_space(np.vstack(more), np.vstack([own[damped], brake[1] @ own])))
-
-
-def _resisted(C: Any, at: Array, size: Array, left: bool) -> tuple[Array, Array]:
-    """C at, and with `left` Cᵀ at below it, and the sizes that cancel in them."""
-    if np.ndim(C) == 0 and not sp.issparse(C):
-        return (at, size) if C else (at[:0], size[:0])
-    both = C if not left else sp.vstack([C, C.T]) if sp.issparse(C) else np.vstack([C, np.transpose(C)])
-    return both @ at, abs(both) @ size
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +276,7 @@ class Joined(Source):
         turn = null_space(*_stacked([(A @ Z, abs(A) @ size) for A in conditions], Z.shape[1]))
         if turn is None:
             return None
-        x = self._coordinates(Z @ turn)
+        x = coordinates(self.L, Z @ turn, self.unit)
         if x is None:
             return None
         damped = np.concatenate([np.arange(motion.count) >= motion.free for motion in own])
@@ -263,29 +285,28 @@ class Joined(Source):
         far = largest(sp.csr_array(size.T) @ sp.diags_array(1 / self.unit))
         return RigidMotion(x, 0).mixed(np.eye(turn.shape[1]), null_space(B @ turn, whole @ sizes(turn, 1 / far)))
 
-    def _coordinates(self, q: Array) -> Array | None:
-        """x with L x = q, or None where there is none: by least squares in units of energy, corrected twice."""
-        L = sp.csc_array(sp.diags_array(1 / self.unit) @ sp.csr_array(self.L))
-        q = q / self.unit[:, None]
+
+def coordinates(L: Matrix, q: Array, unit: Array) -> Array | None:
+    """x (k, r) with L x = q (n, r), by least squares in `unit` (n,) of the DOF; None where there is none."""
+    q = q / unit[:, None]
+    x = np.zeros((L.shape[1], q.shape[1]))
+    if sp.issparse(L):
+        L = sp.csc_array(sp.diags_array(1 / unit) @ sp.csr_array(L))
         used = np.flatnonzero(np.diff(L.indptr))  # multipliers move nothing
         L = L[:, used]
         gram = sp.csc_array(L.T @ L)
         scale = sp.diags_array(gram.diagonal() ** -0.5)
         factor = splu(sp.csc_array(scale @ gram @ scale))
-        x = np.zeros((len(used), q.shape[1]))
-        for _ in range(3):
-            x = x + scale @ factor.solve(np.ascontiguousarray(scale @ (L.T @ (q - L @ x))))
-        if (np.linalg.norm(q - L @ x, axis=0) > SAME * np.linalg.norm(q, axis=0)).any():
-            return None
-        whole = np.zeros((self.L.shape[1], q.shape[1]))
-        whole[used] = x
-        return whole
-
-
-def sizes(Z: Array, unit: Array, least: float = LEAST) -> Array:
-    """|Z| (n, r), but at least a share of what each column moves the DOF in all, in units (n,)."""
-    size = np.abs(Z)
-    return size + least * unit[:, None] * (size / unit[:, None]).max(axis=0, initial=0.0)
+        for _ in range(3):  # two corrections
+            x[used] += scale @ factor.solve(np.ascontiguousarray(scale @ (L.T @ (q - L @ x[used]))))
+        left = q - L @ x[used]
+    else:
+        L = L / unit[:, None]
+        size = np.linalg.norm(L, axis=0)
+        size = np.where(size > 0, size, 1.0)
+        x = np.linalg.lstsq(L / size, q, rcond=None)[0] / size[:, None]
+        left = q - L @ x
+    return x if (np.linalg.norm(left, axis=0) <= DEPENDENT * np.linalg.norm(q, axis=0)).all() else None
 
 
 def _stacked(blocks: list[tuple[Matrix, Matrix]], columns: int) -> tuple[Array, Array]:
@@ -295,39 +316,39 @@ def _stacked(blocks: list[tuple[Matrix, Matrix]], columns: int) -> tuple[Array, 
     return one, other
 
 
-def null_space(B: Array, size: Array) -> Array | None:
-    """N (r, k), the c with B c = 0, where `size` (m, r) ≥ |B| are the terms that cancel in B; None where rounding leaves it open.
-
-    Rows and columns are scaled by `size` first, so that neither units nor masses matter: by the factors that bring its entries
-    nearest to 1 in the mean of their logarithms, since a row that joins a large motion to a small one has the largest entry from
-    the large one alone.
-    """
-    r = B.shape[1]
-    rows = size.any(axis=1)
-    B, size = B[rows], size[rows]
-    if not len(B):
-        return np.eye(r)
-    there = size > 0
-    share = there / there.sum(axis=1, keepdims=True)
-    log = np.log(size, out=np.zeros_like(size), where=there)
-    log -= there * (share * log).sum(axis=1, keepdims=True)
-    columns = np.exp(np.linalg.lstsq(np.diag(there.sum(axis=0)) - there.T @ share, log.sum(axis=0), rcond=None)[0])
-    widest = (size / columns).max(axis=1, keepdims=True)
-    columns *= np.where(there.any(axis=0), (size / columns / widest).max(axis=0), 1.0)
-    B = B / widest / columns
-    small: Array = np.asarray(np.linalg.qr(B, mode="r")) if len(B) > r else B  # the svd makes a square matrix of all rows
-    values, V = np.linalg.svd(small, full_matrices=True)[1:]
-    values = np.append(values, np.zeros(r - len(values)))
-    if ((values > FREE) & (values < CLEAR)).any():
-        return None
-    return (V[values <= FREE] / columns).T
-
-
-def of_places(R: Array, D: Matrix, K: Matrix, unit: Array) -> RigidMotion | None:
-    """Of the motions R (n, k) of a rigid body those that K does not resist; None where rounding leaves it open."""
+def loose_by_places(part: Substructure, held: Array) -> int:
+    """How many motions of a rigid body leave the DOF `held` at rest and cost no energy, as far as places of DOF say; else 0."""
+    dofs = part.dofs
+    if dofs is None or dofs.no_rigid or dofs.size != part.size or not 0 < len(held) < part.size:
+        return 0
+    R = dofs.rigid()
     R = R[:, R.any(axis=0)]
-    free = null_space(K @ R, abs(K) @ np.abs(R))
-    return None if free is None else RigidMotion.of(R @ free, D, unit)
+    R, size, _ = np.linalg.svd(R / np.linalg.norm(R, axis=0), full_matrices=False)
+    R = R[:, size > DEPENDENT * size.max(initial=0.0)]  # of DOF on a line, or in one direction, motions are the same
+    still = null_space(R[held], sizes(R, energy_units(part))[held])
+    if still is None or not still.shape[1]:
+        return 0
+    at_rest = R @ still
+    at_rest[held] = 0.0
+    return still.shape[1] if costs_nothing(part.K, at_rest).all() else 0
+
+
+def energy_units(model: Substructure) -> Array:
+    """How far each DOF of a model moves at unit energy, (n,); see `units`."""
+    return units_of_energy(model.M.diagonal(), model.K.diagonal())[0]
+
+
+def by_places(part: Substructure) -> RigidMotion | None:
+    """The motions of a rigid body, by the places of a full part's DOF, that K does not resist.
+
+    None where places are not known, or rounding leaves it open.
+    """
+    if part.dofs is None or part.dofs.no_rigid:
+        return None
+    R = part.dofs.rigid()
+    R = R[:, R.any(axis=0)]
+    free = null_space(part.K @ R, abs(part.K) @ np.abs(R))
+    return None if free is None else RigidMotion.of(R @ free, part.D, energy_units(part))
 
 
 Rubbing: TypeAlias = "tuple[Matrix, Matrix, Matrix, Array]"
@@ -344,7 +365,7 @@ def driven(motion: RigidMotion, contacts: Sequence[Rubbing], unit: Array) -> Arr
 
     def annulled(by: int, moved: list[tuple[Array, Array]]) -> Array | None:
         terms = [(contact[by] @ u, abs(contact[by]) @ size) for contact, (u, size) in zip(contacts, moved, strict=True)]
-        return null_space(*map(np.vstack, zip(*terms, strict=True)))
+        return null_space(np.vstack([B for B, _ in terms]), np.vstack([size for _, size in terms]))
 
     loose = annulled(1, at_contacts(motion.shapes))
     if loose is None or not loose.shape[1]:
@@ -366,50 +387,6 @@ def driven(motion: RigidMotion, contacts: Sequence[Rubbing], unit: Array) -> Arr
     return None if rest is None else Z @ rest
 
 
-def _first(free: Array) -> Array:
-    """A regular (r, r) whose first columns are those of `free` (r, k)."""
-    r, k = free.shape
-    if not k:
-        return np.eye(r)
-    return np.hstack([free, np.linalg.qr(free, mode="complete")[0][:, k:]])
-
-
-def unresisted(A: Matrix, Z: Array, unit: Array) -> tuple[Array, Array]:
-    """The motions Z (n, r) rotated such that as many as possible have Az = 0, and the indices of those; `unit` scales the DOF.
-
-    A may be several matrices below each other, and `unit` as often the same.
-    """
-    turn, free = undamped(A, Z, unit)
-    return Z @ turn, free
-
-
-def undamped(A: Matrix, Z: Array, unit: Array) -> tuple[Array, Array]:
-    """The rotation (r, r) of `unresisted`, and the indices of the motions with Az = 0."""
-    turn = np.linalg.svd(unit[:, None] * (A @ Z), full_matrices=False)[2].T
-    size = sizes(Z, unit[:len(Z)], 1.0).sum(axis=1)  # of all: one at rest at the dashpot has no scale
-    scale = np.linalg.norm(unit * (abs(A) @ size))
-    return turn, np.flatnonzero(np.linalg.norm(unit[:, None] * (A @ (Z @ turn)), axis=0) <= ROUNDING * scale)
-
-
-def without(A: Array, Z: Array, unit: Array) -> Array:
-    """PᵀAP (n, n) with PZ = 0: A Z is rounding and becomes 0. P is orthogonal in the given units of the coordinates.
-
-    Of an A that is not symmetric, only its product with Z is removed.
-    """
-    if not Z.shape[1]:
-        return A
-    scaled = Z / unit[:, None]
-    force = A @ Z
-    if not force.any():
-        return A
-    # ZᵀG = I; motions may depend on each other where only some of the coordinates are looked at
-    G = np.linalg.pinv(scaled, rcond=SAME).T / unit[:, None]
-    if not is_symmetric(A):
-        return A - force @ G.T
-    result = A - force @ G.T - G @ force.T + G @ (Z.T @ force) @ G.T
-    return (result + result.T) / 2
-
-
 def size_of_products(A: Matrix, V: Matrix) -> Array:
     """g (r, 1) with |v_i|ᵀ|A||v_j| ≤ g_i g_j: one rounding in each entry of A changes VᵀAV by at most EPS g gᵀ.
 
@@ -427,14 +404,135 @@ def size_of_products(A: Matrix, V: Matrix) -> Array:
     return np.sqrt(np.einsum("i,ij,ij->j", weight, V, V, optimize=False)).reshape(-1, 1)  # V² would take as much memory as V
 
 
-def pieces(K: Matrix, weak: float) -> Array:
-    """Which piece each DOF belongs to, (n,): pieces hold together by |k_ij| > weak √(k_ii k_jj)."""
-    entries = sp.coo_array(K)
+def rounding(K: Matrix) -> float:
+    """The relative rounding u of the entries of K, see `rounding_of`; computed once."""
+    return _translated(K)[0]
+
+
+def annihilates_a_translation(K: Matrix, unit: float = 0.0) -> bool:
+    """Whether a uniform motion of every s-th DOF has no elastic energy: a cheap test for a floating component."""
+    return bool(is_rigid(*_translated(K)[1:], unit).any())
+
+
+def _translated(K: Matrix) -> tuple[float, Array, Array]:
+    """The rounding of K's entries, and the `costs` of translations; computed once."""
+    def found() -> tuple[float, Array, Array]:
+        t = translations(K.shape[0])
+        forces = K @ t, abs(K) @ t
+        return rounding_of(K, t, forces), *costs(K, t, forces)
+
+    return shared((K,), "translations", found)
+
+
+def units(K: Matrix) -> Array:
+    """1/sqrt(k_ii), shape (n,): scales that make forces and moments comparable."""
+    diagonal = K.diagonal()
+    return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
+
+
+def costs(K: Matrix, x: Array, forces: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
+    """f and e of each column of x (n, k), (k,) each; 0 where nothing acts. `forces` are Kx and |K||x|, where they are known."""
+    force, size = (K @ x, abs(K) @ np.abs(x)) if forces is None else forces
+    unit = units(K)[:, None]
+    energy, whole = np.einsum("ij,ij->j", x.conj(), force).real, np.einsum("ij,ij->j", np.abs(x), size)
+    length, scale = (np.linalg.norm(unit * part, axis=0) for part in (force, size))
+    return (np.divide(length, scale, out=np.zeros(len(scale)), where=scale > 0),
+            np.divide(energy, whole, out=np.zeros_like(energy), where=whole > 0))
+
+
+def is_rigid(force: Array, energy: Array, unit: float = 0.0) -> Array:
+    """Which of the `costs` are those of rigid-body motion, but not of a mode on a soft mount, bool, shape (k,).
+
+    `unit` is the rounding of the entries of K, if it is more than eps: it bounds both ratios.
+    """
+    return (force < max(FORCE, unit)) & (energy <= max(SUMS, unit))
+
+
+def costs_nothing(K: Matrix, x: Array, unit: float = 0.0) -> Array:
+    """Which columns of x (n, k) have Kx = 0 within rounding, bool, shape (k,); see `is_rigid`."""
+    return is_rigid(*costs(K, x), unit)
+
+
+def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
+    """Which DOF of these rows K gives no stiffness but rounding: rows of zeros, and rows that no K ≥ 0 can have; bool (m,).
+
+    K ≥ 0 has k_ij² ≤ k_ii k_jj. Where k_ij is larger, and rounding beside k_jj, the rounding of row i is of its size. Contact
+    normals that are tilted by rounding make such rows.
+    """
+    diagonal, entries = K.diagonal(), sp.coo_array(K[rows])
+    own = diagonal[rows]
+    (at, j), size = entries.coords, np.abs(entries.data)
+    rounding = (np.arange(len(diagonal))[rows][at] != j) & (size <= SUMS * diagonal[j])
+    rounding &= size**2 > (1 + SOFT) * np.maximum(own[at], 0.0) * diagonal[j]
+    known, most = np.zeros(len(own)), np.zeros(len(own))
+    np.maximum.at(known, at[rounding], size[rounding])
+    np.maximum.at(most, at, size)
+    return np.asarray(most <= known)
+
+
+def pieces(K: Matrix) -> Array:
+    """Which piece each DOF belongs to, (n,): pieces hold together by |k_ij| > SOFT √(k_ii k_jj). Computed once."""
+    def found() -> Array:
+        entries = sp.coo_array(K)
+        strong = _strengths(K, entries) > SOFT
+        graph = sp.coo_array((np.ones(np.count_nonzero(strong)), tuple(at[strong] for at in entries.coords)), shape=K.shape)
+        return np.asarray(connected_components(sp.csr_array(graph), directed=False)[1])
+
+    return shared((K,), "pieces", found, lambda piece: piece.nbytes)
+
+
+def soft_springs(K: Matrix, unit: float) -> Matrix:
+    """The springs that alone join pieces, and are nearly rounding beside their stiffness, sparse (n, n); computed once.
+
+    Entries of a dense K may be sums of products, and are rounding up to SUMMED times as large.
+    """
+    def found() -> Matrix:
+        entries = sp.coo_array(K)
+        dust = max(SUMS, unit) * (1.0 if sp.issparse(K) else SUMMED)
+        size = _strengths(K, entries)
+        if not ((size > dust) & (size <= SOFT)).any():  # then no graph is needed
+            return sp.csr_array(K.shape)
+        return links(K, pieces(K), dust)
+
+    return shared((K,), ("soft springs", unit), found, lambda link: 12.0 * link.nnz)
+
+
+def _strengths(K: Matrix, entries: Matrix) -> Array:
+    """|k_ij| / √(k_ii k_jj) of each entry, (nnz,)."""
+    scale = units(K)
     i, j = entries.coords
-    scale = _scale(K)
-    strong = np.abs(entries.data) > weak * scale[i] * scale[j]
-    graph = sp.coo_array((np.ones(np.count_nonzero(strong)), (i[strong], j[strong])), shape=K.shape)
-    return np.asarray(connected_components(sp.csr_array(graph), directed=False)[1])
+    return np.asarray(np.abs(entries.data) * scale[i] * scale[j])
+
+
+def rigid_count(K: Matrix, values: Array, x: Array, cost: tuple[Array, Array], unit: float) -> int:
+    """How many of the modes x (n, k) are rigid, with their ω² in `values`, smallest first, and their `costs`.
+
+    `unit` is the rounding of K's entries.
+
+    A mode is rigid if its energy is only rounding and its ω² lies well below the next. The gap is needed: the first bending mode
+    of a long beam may be within rounding, too, but the second is at most 40 times higher. The wider the gap, the more rounding is
+    believed.
+    """
+    size, found = np.abs(values), 0
+    force, energy = cost
+    share, free, link = np.abs(energy), is_rigid(force, energy), soft_springs(K, unit)
+    softly = bool(free.any() and link.nnz)
+    for limit, gap in ((0.0, BENDING), WIDE, (unit, WRITTEN)):
+        elastic = ~is_rigid(force, energy, limit)
+        count = most = int(np.argmax(elastic)) if elastic.any() else len(size)
+        while count and softly and strains(link, x[:, :count], pieces(K), 1 / units(K)):
+            count -= 1
+        if limit and count == len(size):
+            continue  # nothing shows a gap
+        if limit == WIDE[0] and (softly or not free[:count].any()):
+            continue  # soft springs inside make such a gap; or all stands on one mount that is soft, but not rounding
+        wanted = gap if count == most else MIXED
+        while 0 < count < len(size) and size[count - 1] > wanted * size[count]:
+            if softly and share[count - 1] <= EPS < MIXED * share[count]:
+                break
+            count -= 1
+        found = max(found, count)
+    return found
 
 
 def _alike(piece: Array) -> Iterator[tuple[Array, Array]]:
@@ -465,10 +563,10 @@ def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, 
 
     Beside a soft spring KX is rounding: the entries of K are known, but not their sums, which K Z = 0 says.
     """
-    scale = _scale(K)[:, None]
+    scale = 1 / units(K)[:, None]
     own, moved = np.zeros((int(piece.max(initial=0)) + 1, Z.shape[1], X.shape[1])), X.copy()
     for of, at in _alike(piece):
-        inverse = np.linalg.pinv(scale[at] * Z[at], rcond=SAME)
+        inverse = np.linalg.pinv(scale[at] * Z[at], rcond=DEPENDENT)
         for _ in range(2):  # what the first step leaves of it is rounding of X
             change = inverse @ (scale[at] * moved[at])
             own[of], moved[at] = own[of] + change, moved[at] - Z[at] @ change
@@ -489,42 +587,39 @@ def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, 
     return forces, sizes
 
 
-def _scale(K: Matrix) -> Array:
-    diagonal = K.diagonal()
-    return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-
-
 def links(K: Matrix, piece: Array, dust: float) -> Matrix:
     """The entries of K that join pieces, and are no rounding: |k_ij| > dust √(k_ii k_jj); sparse (n, n)."""
     entries = sp.coo_array(K)
     i, j = entries.coords
-    scale = _scale(K)
-    between = (piece[i] != piece[j]) & (np.abs(entries.data) > dust * scale[i] * scale[j])
+    between = (piece[i] != piece[j]) & (_strengths(K, entries) > dust)
     return sp.csr_array((entries.data[between], (i[between], j[between])), shape=K.shape)
 
 
-def strains(link: Matrix, X: Array, piece: Array, scale: Array) -> bool:
+def strains(link: Matrix, X: Array, piece: Array, scale: Array, rest: float = 1e-6, least: float = 1e-3) -> bool:
     """Whether a combination of the motions X (n, k), in which one piece rests, moves it by the springs that lead there.
+
+    A piece rests that moves up to the share `rest` of the largest of its motions: X has the rounding of a solve. It is moved if
+    more than the share `least` of the forces that cancel is left.
 
     Between stiff pieces a soft spring may be rounding beside their own stiffness, and so may the energy of X. The entries that
     join them have all their digits. `scale` (n,) is 1 over the units of the DOF.
     """
     k = X.shape[1]
-    U, rest = np.zeros_like(X), np.zeros((int(piece.max(initial=0)) + 1, k, k))
+    U, still = np.zeros_like(X), np.zeros((int(piece.max(initial=0)) + 1, k, k))
     for of, at in _alike(piece):
         moved = scale[at, None] * X[at]
         size, V = np.linalg.svd(np.linalg.qr(moved, mode="r"), full_matrices=True)[1:]
         size = np.pad(size, ((0, 0), (0, k - size.shape[1])))
-        moves = size > CLEAR * size.max(axis=1, initial=0.0, keepdims=True)
+        moves = size > rest * size.max(axis=1, initial=0.0, keepdims=True)
         over = np.divide(1.0, size, out=np.zeros_like(size), where=moves)
         U[at] = moved @ (V.transpose(0, 2, 1) * over[:, None]) / scale[at, None]
-        rest[of] = V.transpose(0, 2, 1) * ~moves[:, None]
+        still[of] = V.transpose(0, 2, 1) * ~moves[:, None]
     entries = sp.coo_array(link)
     order = np.argsort(piece[entries.row], kind="stable")
     i, j, stiffness = entries.row[order], entries.col[order], entries.data[order, None]
-    for part, of, start in _in_blocks(np.append(0, np.cumsum(np.bincount(piece[i], minlength=len(rest)))), k * k):
-        Y = np.einsum("ek,ekj->ej", X[j[part]], rest[of])
+    for part, of, start in _in_blocks(np.append(0, np.cumsum(np.bincount(piece[i], minlength=len(still)))), k * k):
+        Y = np.einsum("ek,ekj->ej", X[j[part]], still[of])
         work = (U[i[part]] * stiffness[part])[:, :, None] * Y[:, None]
-        if (np.abs(np.add.reduceat(work, start)) > LEAST * np.add.reduceat(np.abs(work), start)).any():
+        if (np.abs(np.add.reduceat(work, start)) > least * np.add.reduceat(np.abs(work), start)).any():
             return True
     return False

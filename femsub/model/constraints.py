@@ -8,14 +8,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.elimination import LEAST, Equations, comparable, eliminate, masked, product, units
-from femsub.algebra.matrices import is_symmetric, rows_of_zeros, same, unit_length
-from femsub.algebra.rigid_motion import Restricted, changed
+from femsub.algebra import (
+    Equations,
+    comparable,
+    eliminate,
+    is_symmetric,
+    known_sums,
+    product,
+    rows_of_zeros,
+    same,
+    unit_length,
+    units,
+)
 from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError, empty_dofs_error
+from femsub.model.rigid_motion import Restricted, changed
 
 if TYPE_CHECKING:
-    from femsub.model import Pencil
+    from femsub.model.pencil import Pencil
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +125,7 @@ def _projected(pencil: Pencil, rest: Array, X: Matrix, Y: Matrix) -> Pencil:
         own = A[rest][:, rest] if sp.issparse(A) else A[np.ix_(rest, rest)]
         found = product(Y.T, product(own, X))
         size = product(abs(Y.T), product(abs(own), abs(X)))
-        found = masked(found, abs(found) > LEAST * size)
+        found = known_sums(found, size)
         return (found + found.T) / 2 if X is Y and is_symmetric(own) else found
 
     found = type(pencil)(*(between(A) for A in (pencil.M, pencil.D, pencil.K)))
