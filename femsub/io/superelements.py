@@ -22,14 +22,13 @@ from femsub.io.nastran_systems import NAMES, Systems
 from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
 from femsub.io.sierra import read_cbr
-from femsub.model import SHARED, DofMap, ReducedSubstructure, RigidMotion, Substructure
+from femsub.model import SHARED, DofMap, ReducedSubstructure, Substructure, of_few_digits
 
 NETCDF = (".nc", ".nc4")  # of Sierra/SD
 ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
 ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
 RIGID = 5e-10  # of the largest entry: forces that ten digits leave in rigid motion; a softer support counts as none
-CLEAR = 0.01  # of the energy of the next motion: what rounding may cost rigid motion
 MOST = 3_000_000  # points that the lists of a file may name
 
 
@@ -399,7 +398,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
         method=f"{deck.program} superelement{number} with {kept} modes", cutoff=cutoff, full_interface=np.arange(nb),
         full_dofs=_map(nodes, [*labels, *(f"q{direction or ''}" for _, direction in scalar), *names],
                        where if np.isfinite(where).all() else None), interface_dofs=dofs,
-        rigid_motion=_rigid(M, D, K, dofs, raw.written),
+        rigid_motion=of_few_digits(M, D, K, dofs, RIGID, raw.written),
         sets={BOUNDARY: np.arange(nb)} | {str(grid): np.flatnonzero(dofs.nodes == grid) for grid in dict.fromkeys(nodes[:nb])})
 
 
@@ -418,43 +417,6 @@ def _highest(path: Path, name: str, K: Array, M: Array) -> float:
 def _map(nodes: list[int], labels: list[str], where: Array | None) -> DofMap:
     known = tuple(dict.fromkeys((*DIRECTIONS, *labels)))
     return DofMap(nodes, [known.index(label) for label in labels], known, where)
-
-
-def _rigid(M: Array, D: Array | None, K: Array, dofs: DofMap, written: bool) -> RigidMotion | None:
-    """The rigid motions that K does not resist: of the six that follow from the places of the boundary grids, else of K itself.
-
-    K has lost some digits, so that its rigid motions are no motions without any force. Each DOF is measured in the unit of its
-    own stiffness. A `written` K has lost up to RIGID of each entry, and what it resists less than that, far less than any other
-    motion, is rigid.
-    """
-    unit = np.where(K.diagonal() > 0, K.diagonal(), 1.0) ** -0.5
-    if len(dofs.labels) > len(DIRECTIONS) or dofs.points is None:
-        free = _resisted_least(K, unit) if written else unit[:0]
-    else:
-        x, y, z = (dofs.points - dofs.points.mean(axis=0)).T
-        zero, one, count = np.zeros(dofs.size), np.ones(dofs.size), dofs.components
-        table = np.array([[one, zero, zero, zero, z, -y], [zero, one, zero, -z, zero, x], [zero, zero, one, y, -x, zero],
-                          *(np.eye(6)[k][:, None] * one for k in range(3, 6))])
-        scaled = table[count, :, np.arange(dofs.size)] / unit[:dofs.size, None]
-        size = np.linalg.norm(scaled, axis=0)
-        U, values, _ = np.linalg.svd(scaled[:, size > 0] / size[size > 0], full_matrices=False)
-        Z = np.zeros((len(K), int(np.count_nonzero(values > RIGID * values.max(initial=0.0)))))
-        Z[:dofs.size] = unit[:dofs.size, None] * U[:, :Z.shape[1]]
-        resisted, turn = np.linalg.svd(unit[:, None] * (K @ Z), full_matrices=False)[1:]
-        free = Z @ turn.T[:, resisted <= RIGID * np.sqrt(len(K))]
-    if not free.size:
-        return None
-    return RigidMotion.of(free, np.zeros_like(K) if D is None else D, np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny)))
-
-
-def _resisted_least(K: Array, unit: Array) -> Array:
-    """Motions (n, k) that cost no more than half of the tenth digit of each entry may; none if others cost hardly more."""
-    A = K * np.outer(unit, unit)
-    values, U = np.linalg.eigh(A)
-    noise = RIGID * np.linalg.norm(np.abs(A), 2)
-    count = int(np.count_nonzero(values <= noise))
-    clear = count < len(values) and noise <= CLEAR * values[count]
-    return unit[:, None] * U[:, :count if clear else 0]
 
 
 def _extra(raw: _Raw, order: Array, boundary: set[tuple[int, int]], T: Any) -> tuple[list[tuple[int, int]], Array]:

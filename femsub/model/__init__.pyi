@@ -55,6 +55,7 @@ from .rigid_motion import (
     found as found,
     is_rigid as is_rigid,
     loose_by_places as loose_by_places,
+    of_few_digits as of_few_digits,
     pieces as pieces,
     rigid_count as rigid_count,
     rounding as rounding,

@@ -43,6 +43,7 @@ from femsub.checks import EPS, Array, Matrix
 from femsub.model.digits import rounding_of
 
 if TYPE_CHECKING:
+    from femsub.model.dof_map import DofMap
     from femsub.model.substructure import Substructure
 
 SOFT = EPS**0.5  # half of all digits: a spring, or the energy of a mode, is soft below this share of the stiffness around it
@@ -331,6 +332,34 @@ def loose_by_places(part: Substructure, held: Array) -> int:
     at_rest = R @ still
     at_rest[held] = 0.0
     return still.shape[1] if costs_nothing(part.K, at_rest).all() else 0
+
+
+def of_few_digits(M: Array, D: Array | None, K: Array, dofs: DofMap, lost: float, written: bool) -> RigidMotion | None:
+    """The rigid motions that K of a superelement, the DOF of its interface first, does not resist; None where there are none.
+
+    K has lost some digits, so that its rigid motions are no motions without any force. Where the places of the DOF are known, they
+    are those of a rigid body that K resists up to `lost`, each DOF measured in the unit of its own stiffness. Else they are found
+    from a `written` K, which has lost up to `lost` of each entry, if the next motion costs far more.
+    """
+    unit = units(K)
+    if not dofs.no_rigid:
+        scaled = dofs.rigid() / unit[:dofs.size, None]
+        size = np.linalg.norm(scaled, axis=0)
+        U, values, _ = np.linalg.svd(scaled[:, size > 0] / size[size > 0], full_matrices=False)
+        Z = np.zeros((len(K), int(np.count_nonzero(values > lost * values.max(initial=0.0)))))
+        Z[:dofs.size] = unit[:dofs.size, None] * U[:, :Z.shape[1]]
+        resisted, turn = np.linalg.svd(unit[:, None] * (K @ Z), full_matrices=False)[1:]
+        free = Z @ turn.T[:, resisted <= lost * np.sqrt(len(K))]
+    elif written:
+        A = K * np.outer(unit, unit)
+        values, U = np.linalg.eigh(A)
+        noise = lost * np.linalg.norm(np.abs(A), 2)
+        count = int(np.count_nonzero(values <= noise))
+        clear = count < len(values) and noise <= MIXED**2 * values[count]
+        free = unit[:, None] * U[:, :count if clear else 0]
+    else:
+        return None
+    return RigidMotion.of(free, D, np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))) if free.size else None
 
 
 def energy_units(model: Substructure) -> Array:
