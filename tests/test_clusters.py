@@ -11,7 +11,8 @@ from clustered import evaluate, make
 import femsub as fs
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
 from femsub.algebra import petsc
-from femsub.model.bands import DOUBLE, EDGE, REAL, beyond, in_band, moving, upper, widened, within
+from femsub.checks import EQUAL
+from femsub.model.bands import DOUBLE, REAL, beyond, in_band, moving, upper, widened, within
 from femsub.modes.dense import dense_modes
 from femsub.modes.quadratic.multiplicity import clear_radius, clusters, distinct, joined
 
@@ -39,9 +40,9 @@ def test_models_that_failed_once(number: int) -> None:
 
 
 def test_edges_belong_to_the_band() -> None:
-    omega = np.array([1.0, 1.0 * (1 - 0.5 * EDGE), 1.0 - 1e-4, 2.0, 2.0 * (1 + 0.5 * EDGE), 2.0 + 1e-4])
+    omega = np.array([1.0, 1.0 * (1 - 0.5 * EQUAL), 1.0 - 1e-4, 2.0, 2.0 * (1 + 0.5 * EQUAL), 2.0 + 1e-4])
     assert np.array_equal(in_band(omega, (1.0, 2.0)), [True, True, False, True, True, False])
-    values = np.array([-0.1 + 1j, -0.1 * (1 + EDGE) + 1j, -0.2 + 1j, 0.3 + 1j, -0.05 + 1.5j, -0.05 + 2.5j])
+    values = np.array([-0.1 + 1j, -0.1 * (1 + EQUAL) + 1j, -0.2 + 1j, 0.3 + 1j, -0.05 + 1.5j, -0.05 + 2.5j])
     assert np.array_equal(in_band(values, (1.0, 2.0), (-0.1, 0.1)), [True, True, False, False, True, False])
     assert np.array_equal(in_band(values, (1.0, 2.0)), [True, True, True, True, True, False])
     assert not in_band(np.zeros(0), (1.0, 2.0)).size and np.array_equal(in_band(np.zeros(2), (0.0, 1.0)), [True, True])
@@ -61,8 +62,8 @@ def test_a_split_double_eigenvalue_is_in_or_out_as_one() -> None:
 
 
 def test_other_filters_have_the_same_edges() -> None:
-    omega = 2.0 * (1 + EDGE * np.array([-1.0, 0.0, 0.9, 1.1]))
-    assert np.array_equal(beyond(omega, 2.0), ~in_band(omega, (0.0, 2.0)) | (omega > 2 * (1 + EDGE)))
+    omega = 2.0 * (1 + EQUAL * np.array([-1.0, 0.0, 0.9, 1.1]))
+    assert np.array_equal(beyond(omega, 2.0), ~in_band(omega, (0.0, 2.0)) | (omega > 2 * (1 + EQUAL)))
     assert np.array_equal(beyond(omega, 2.0), [False, False, False, True]) and not beyond(omega, np.inf).any()
     values = np.array([-1.0 + 1j, -3.0 + 1j, 1j, 3j, -1.0 - 0.5 * REAL * 1j, -1.0 - 2 * REAL * 1j, 0.0])
     assert np.array_equal(within(values, (0.0, 2.0)), in_band(values, (0.0, 2.0), (-2.0, 2.0)))

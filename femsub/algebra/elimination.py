@@ -33,7 +33,7 @@ class Equations:
     owner : ndarray of int, shape (m,)
         Which joint each equation belongs to, for messages.
     size : sparse, shape (m, n)
-        The sizes of what was added up to each entry, which tell what is left of a cancellation; `eliminate` keeps them.
+        The sizes of what was added up to each entry, which show what is left of a cancellation; `eliminate` keeps them.
     """
 
     A: Matrix

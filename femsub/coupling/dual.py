@@ -9,21 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import ROUNDING, Equations, congruent, eliminate, independent, product, units
-from femsub.checks import Array, Matrix
+from femsub.algebra import DEPENDENT, ROUNDING, Equations, congruent, eliminate, independent, product, units
+from femsub.checks import DENSE, EPS, Array, Matrix
 from femsub.errors import InputError, MissedModesError
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
-STIFF = 1e-10  # relative residual flexibility at a joint below which the joint is made exact
-SOFT = 1e4 * STIFF  # above it no combination of joint forces is near to being stiff
-RIGID = 1e-8  # ω² below this share of the shift is rigid motion
+SOFT = 1e4 * DEPENDENT  # relative residual flexibility above which no combination of joint forces is near to being stiff
 SHIFT = 1e-4  # the shift, relative to a typical ω²
-INFINITE = 1e-14  # ω² is infinite if 1/(ω² + shift) is below this share of the largest
-UNSURE = 1e-13  # relative stiffness without mass below which its sign, and so the number of finite modes, may be rounding
-MOST = 4000  # largest number of coordinates for a full decomposition
+INFINITE = 64 * EPS  # ω² is infinite if 1/(ω² + shift) is below this share of the largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +109,7 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, own: Matrix, com
         return _beside(L, F, sp.csr_array(sp.diags_array(size)), A, unit, owner)
     values, turn = np.linalg.eigh((flexibility + flexibility.T) / 2)
     turn = size[:, None] * turn
-    stiff = values <= STIFF
+    stiff = values <= DEPENDENT
     exact = eliminate(Equations(sp.csr_array(turn[:, stiff].T @ AL.toarray()), unit, np.zeros(len(unit), dtype=bool),
                                 owner[np.abs(turn[:, stiff]).argmax(axis=0)]), refuse)
     return _beside(sp.csr_array(L @ exact.L), F, sp.csr_array(turn[:, ~stiff]), A, exact.unit, owner)
@@ -144,7 +140,7 @@ def _yielding(L: Matrix, unit: Array, own: Matrix, compliance: Array, K: Matrix)
     scale = compliance ** -0.5
     flexibility = congruent(K, own).toarray() * np.outer(scale, scale)
     values, turn = np.linalg.eigh(flexibility)
-    turn = scale[:, None] * turn[:, values > STIFF]
+    turn = scale[:, None] * turn[:, values > DEPENDENT]
     return (sp.csr_array(sp.hstack([L, product(own, sp.csr_array(turn))])),
             np.append(unit, np.einsum("ij,ij->j", turn, congruent(K, own) @ turn) ** -0.5), slice(L.shape[1], None))
 
@@ -158,9 +154,9 @@ def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: A
 
 def check_span(size: int, name: str) -> None:
     """An InputError where a system is too large for `finite_span`, before anything is made dense for it."""
-    if size > MOST:
+    if size > DENSE:
         raise InputError(f"{name!r} has {size} coordinates. Dual Craig-Bampton parts take a decomposition of all of them, up to "
-                         f"{MOST}: reduce the other parts too, or reduce those by CraigChang, which spans the same space")
+                         f"{DENSE}: reduce the other parts too, or reduce those by CraigChang, which spans the same space")
 
 
 def finite_span(M: Array, D: Array, K: Array, multipliers: int,
@@ -202,14 +198,15 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int,
     finite = np.abs(theta) > INFINITE * np.abs(theta).max()
     omega2 = np.full(len(theta), -np.inf)
     omega2[finite] = 1 / theta[finite] - shift
-    good = np.flatnonzero(omega2 > -RIGID * shift)
+    good = np.flatnonzero(omega2 > -EPS**0.5 * shift)  # half of the digits of a rigid motion's θ = 1/shift are kept
     good = good[np.argsort(omega2[good], kind="stable")]
     bare, null = np.linalg.eigh(turn[:, ~kept].T @ stiffness @ turn[:, ~kept])
-    _check_count(len(good), int(kept.sum()) - multipliers + int(np.count_nonzero(bare < -UNSURE)), int(np.count_nonzero(~finite)))
-    known = np.abs(bare) > UNSURE
+    expected = int(kept.sum()) - multipliers + int(np.count_nonzero(bare < -ROUNDING))
+    _check_count(len(good), expected, int(np.count_nonzero(~finite)))
+    known = np.abs(bare) > ROUNDING  # else its sign may be rounding, and with it the number of finite modes
     still = _responses(turn[:, ~kept] @ null[:, known], bare[known], B @ sp.diags_array(unit))
     X = unit[:, None] * np.hstack([(back @ V[:, good]) / theta[good], still])
-    rigid = np.flatnonzero(omega2[good] < RIGID * shift)
+    rigid = np.flatnonzero(omega2[good] < EPS**0.5 * shift)
     matrices = congruent(M, X), congruent(D, X), congruent(K, X)
     matrices[2][rigid], matrices[2][:, rigid] = 0.0, 0.0
     matrices[0][len(good):], matrices[0][:, len(good):] = 0.0, 0.0
@@ -222,10 +219,10 @@ def _responses(N: Array, stiffness: Array, B: Matrix) -> Array:
     at = (B @ N).T
     flexibility = at.T @ (at / stiffness[:, None])
     size, whole = flexibility.diagonal(), B.multiply(B).sum(axis=1)
-    soft = size > STIFF * whole
+    soft = size > DEPENDENT * whole
     scale = np.where(soft, np.where(soft, size, 1.0) ** -0.5, 0.0)
     values, turn = np.linalg.eigh(flexibility * np.outer(scale, scale))
-    clear = values > STIFF
+    clear = values > DEPENDENT
     return N @ (at / stiffness[:, None]) @ (scale[:, None] * turn[:, clear] / np.sqrt(values[clear]))
 
 

@@ -1,7 +1,6 @@
 from .affine import Affine as Affine
 from .bands import (
     DOUBLE as DOUBLE,
-    EDGE as EDGE,
     REAL_ROOT as REAL_ROOT,
     beyond as beyond,
     distance_outside as distance_outside,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from femsub.checks import EPS, Array
+from femsub.checks import EPS, EQUAL, Array
 
-EDGE = 1e-9  # an eigenvalue up to EDGE |λ| beyond an edge is still in the band: room for rounding
 DOUBLE = 1e-6  # two eigenvalues closer than DOUBLE |λ| are one double eigenvalue split by rounding: both are in, or none
 LEAST = 1e-2  # in these two tolerances |λ| counts as at least LEAST hi: near 0 the rounding exceeds any share of |λ|
 REAL = 1e-7  # λ is real if |Im λ| / |λ| is smaller: rounding turns two equal real eigenvalues into a pair
@@ -17,7 +16,7 @@ Range = tuple[float, float]
 def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
     """Which values are in the band: lo ≤ ω ≤ hi, or lo ≤ Im λ ≤ hi and, with `re` = (a, b), a ≤ Re λ ≤ b; bool, shape (k,).
 
-    The edges belong to the band. Values up to EDGE |λ| beyond an edge are in as well, since rounding moves them.
+    The edges belong to the band. Values up to EQUAL |λ| beyond an edge are in as well, since rounding moves them.
     Rounding splits a double eigenvalue by about the square root of EPS. So a value within DOUBLE |λ| of one that is in the
     band is in, too. The conjugate of a complex λ counts as such a neighbour: a double real eigenvalue may have become a
     pair a ± bi with a small b. In both rules a |λ| below LEAST hi counts as LEAST hi.
@@ -30,11 +29,11 @@ def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
     """
     size = np.maximum(np.abs(values), LEAST * band[1] if np.isfinite(band[1]) else 0.0)
     outside = distance_outside(values, band, re)
-    result = outside <= EDGE * size
+    result = outside <= EQUAL * size
     beside = np.flatnonzero(~result & (outside <= DOUBLE * size))
     if len(beside):
         mirrored = values.conj()
-        members = np.append(values[result], mirrored[distance_outside(mirrored, band, re) <= EDGE * size])
+        members = np.append(values[result], mirrored[distance_outside(mirrored, band, re) <= EQUAL * size])
         result[beside] = _distance(values[beside], members) <= DOUBLE * size[beside]
     return result
 
@@ -46,7 +45,7 @@ def within(values: Array, band: Range) -> Array:
 
 def beyond(omega: Array | float, limit: Array | float) -> Array:
     """Which ω lie above a limit, by more than rounding."""
-    return np.asarray(omega > limit * (1 + EDGE))
+    return np.asarray(omega > limit * (1 + EQUAL))
 
 
 def upper(values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""How well the entries of K are known: what tells the rounding of a written or roughly assembled K from a soft mount."""
+"""How well the entries of K are known: what distinguishes the rounding of a written or roughly assembled K from a soft mount."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
 
-ROUGH = 1e-13  # sums of rows that are smaller are rounding of a good assembly
+ROUGH = 512 * EPS  # sums of rows that are smaller are rounding of a good assembly
 SEEN = 1e-6  # largest share of K's entries that is taken for rounding
 ALONG = 0.5  # share of the absolute sum from which forces add up, as those of a mount do; those of rounding do not
 SLACK = 4.0  # rounding of K along rotations may be larger than along translations
 MANY = 200_000  # entries of a sparse K from which some are left out at once
 SAMPLE, FEW = 2000, 10  # entries that are looked at; different ones that are needed
-TYPICAL, HALF = 0.125, 4.0  # of the last digit, since many roundings of either sign add up in a mode; half of it, relative
+TYPICAL = 0.125  # of the last digit, since many roundings of either sign add up in a mode
 DIGITS = range(5, 15)  # decimal digits of a written K; numbers with fewer may be round by themselves
 MOST = 0.95  # of the entries; springs added later may have more digits
-DUST = 1e-14  # of the largest entry: smaller ones are rounding themselves
-BITS = 24  # of a number in single precision
+DUST = 64 * EPS  # of the largest entry: smaller ones are rounding themselves
+BITS = np.finfo(np.float32).nmant + 1  # of a number in single precision
 
 
 def rounding_of(K: Matrix, t: Array, forces: tuple[Array, Array] | None = None) -> float:
@@ -35,7 +35,7 @@ def rounding_of(K: Matrix, t: Array, forces: tuple[Array, Array] | None = None) 
     written = max(map(_written, (entries, entries[entries < 0])))  # columns of a fixed width leave negative ones a digit less
     if (along.sum(axis=0) > ALONG * np.abs(along).sum(axis=0)).any():
         # springs to the ground; or a regular mesh, where rounding is the same at many nodes: at most half of the last digit
-        return written if most <= HALF * written else EPS
+        return written if most <= 0.5 / TYPICAL * written else EPS
     return max(EPS, written, SLACK * most)
 
 

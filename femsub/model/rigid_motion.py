@@ -335,11 +335,11 @@ def loose_by_places(part: Substructure, held: Array) -> int:
 
 
 def of_few_digits(M: Array, D: Array | None, K: Array, dofs: DofMap, lost: float, written: bool) -> RigidMotion | None:
-    """The rigid motions that K of a superelement, the DOF of its interface first, does not resist; None where there are none.
+    """The rigid motions that K of a superelement does not resist; None where there are none. Interface DOF come first.
 
-    K has lost some digits, so that its rigid motions are no motions without any force. Where the places of the DOF are known, they
-    are those of a rigid body that K resists up to `lost`, each DOF measured in the unit of its own stiffness. Else they are found
-    from a `written` K, which has lost up to `lost` of each entry, if the next motion costs far more.
+    K has lost some digits, so that its rigid motions are no motions without any force. Where the places of the DOF are known,
+    they are those of a rigid body that K resists up to `lost`, each DOF measured in the unit of its own stiffness. Else they are
+    found from a `written` K, which has lost up to `lost` of each entry, if the next motion costs far more.
     """
     unit = units(K)
     if not dofs.no_rigid:

@@ -25,7 +25,7 @@ OFTEN = 16  # the Ritz values are looked at when so small a part of the basis is
 ROWS = 50_000
 PASSES = 30  # of orthogonalisation of one block; two or three are usual
 SPREAD = 3e5  # ratio of the highest to the lowest θ up to which rounding in T and X leaves 1e-12 of λ, and 3e-11 as a residual
-LOST = 1e-13  # loss of orthogonality by cancellation up to which one pass is enough
+LOST = 512 * EPS  # loss of orthogonality by cancellation up to which one pass is enough
 
 
 def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1, known: Array | None = None,

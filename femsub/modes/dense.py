@@ -13,7 +13,7 @@ ORTHOGONAL = 1e-12  # deviation of ΦᵀMΦ from I above which modes are orthogo
 ROWS = 20_000  # rows of Φ processed at a time
 NEAR = 1e-6  # relative distance of ω² of neighbours that are refined together
 BESIDE = 1e-10  # relative distance of the shift from ω²: on it K - σM would be singular
-TURNS, SETTLED = 6, 1e-14  # steps of inverse iteration, each with a new shift; relative change of λ at which it ends
+TURNS, SETTLED = 6, 64 * EPS  # steps of inverse iteration, each with a new shift; relative change of λ at which it ends
 
 
 def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:

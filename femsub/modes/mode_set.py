@@ -38,7 +38,7 @@ class ModeSet(Frozen):
     dofs : DofMap
         Node and direction of each row, with places where they are known.
     notes : sequence of str
-        What the reader has to tell.
+        Remarks of the reader.
 
     Raises
     ------

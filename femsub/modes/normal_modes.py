@@ -33,7 +33,7 @@ from femsub.algebra import (
     times,
     without_signs,
 )
-from femsub.checks import EPS, Array, Matrix, Tally, shown, whole_number
+from femsub.checks import DENSE, EPS, EQUAL, Array, Matrix, Tally, shown, whole_number
 from femsub.errors import (
     ConditionWarning,
     FemsubError,
@@ -44,7 +44,7 @@ from femsub.errors import (
     SingularMatrixError,
     warn,
 )
-from femsub.model import EDGE, Substructure, in_band, usable_band, widened
+from femsub.model import Substructure, in_band, usable_band, widened
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
 from femsub.modes.shift_invert import IN_PARTS, ShiftInvert
 
@@ -56,8 +56,8 @@ log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-12  # of Krylov-Schur, relative to the eigenvalue of the shift-inverted problem
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
-GOOD = 1e-14  # scaled residual above which a mode is refined, if any mode is poor
-SHARP, BLURRED = 1e-8, 100  # relative error of ω² from which a mode is poor, if it is as many times that of rounding in K
+GOOD = 64 * EPS  # scaled residual above which a mode is refined, if any mode is poor
+SHARP, BLURRED = EPS**0.5, 100  # relative error of ω² from which a mode is poor, if it is as many times that of rounding in K
 BLOCK_TOLERANCE = 1e-9  # of block Lanczos, which ends with a step of inverse iteration: residuals are 1e-13 to 1e-11 then
 HEAVY = 100  # nonzeros of the factor per row from which block solves are faster
 LOST = 0.1  # relative change of ω² by rounding in K above which there is a warning
@@ -65,8 +65,6 @@ BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn un
 BEYOND_WANTED = 1e-4  # error of modes that are not listed, and only show where a limit of the count may lie
 GAP = 1e-6  # relative gap of neighbouring ω² below which they are a cluster: no inertia is counted inside it
 SURE = 3.0  # times the bound of its error that a limit keeps from an approximate ω²
-SAME = 1e-14  # relative difference of a limit from its square root squared
-DENSE = 3000  # DOF up to which LAPACK is used if a large part of all modes is wanted
 COLUMNS = 16  # modes whose residuals are computed at a time: fresh memory takes longer than the products
 
 
@@ -361,9 +359,9 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
 
 
 def _count(handle: ShiftInvert, limit: float, make_room: Callable[[], None] | None = None) -> int:
-    """The number of ω² below the limit, from the process that counts beside where it was told this limit; see `modes_under`."""
+    """The number of ω² below the limit, from the process beside that counts, if it counts up to this limit; see `modes_under`."""
     beside, handle.beside = handle.beside, None
-    counted = beside.answer() if beside is not None and isclose(limit, beside.value or 0.0, rel_tol=SAME) else None
+    counted = beside.answer() if beside is not None and isclose(limit, beside.value or 0.0, rel_tol=4 * EPS) else None
     return modes_under(handle.K, handle.M, limit, make_room) if counted is None else counted
 
 
@@ -506,7 +504,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
         if count > 0 and modes.frequencies[-1] > reach:  # one was missed, or lies on the edge: a second count decides
             modes = lowest_modes(handle, count, known=modes)
         highest = float(modes.frequencies.max(initial=0.0))
-        if count >= 0 and highest < reach * (1 - EDGE):
+        if count >= 0 and highest < reach * (1 - EQUAL):
             modes = replace(modes, counted=(reach, below), tally=Tally(len(modes.eigenvalues), below))
             _remember(K, M, reach**2, modes)
             return modes

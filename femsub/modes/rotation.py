@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from femsub.algebra import Frozen
-from femsub.checks import Array, Matrix, choice, finite_number, instance, real_array
+from femsub.checks import POSITION, Array, Matrix, choice, finite_number, instance, real_array
 from femsub.components import KINDS, Material, Mesh, Pattern, at_points, boundary_faces, corner_nodes, materials_of, node_rows
 from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
 from femsub.model import TRANSLATIONS, Substructure
@@ -34,7 +34,6 @@ SLANT = 0.2  # of a surface's normal along the circumference that a coarse mesh 
 TINY = np.finfo(float).tiny
 UNBALANCED = 1e-2  # share of the centrifugal load, or of its moments, that may be unbalanced; a round body's mesh has much less
 SWIRL = 0.1  # share of the static displacement along the circumference above which supports are not round
-MOVED = 1e-6  # distance, as a share of the mesh's size, between a DOF's place and its node's that counts as rounding
 OTHER_MASS = 10.0  # ratio of the part's masses to those of mesh and material that a lumped mass does not explain
 
 
@@ -195,7 +194,7 @@ def _rows(part: Substructure, mesh: Mesh) -> Array:
     nodes = node_rows(mesh, dofs.nodes)
     if dofs.points is not None:
         apart = np.abs(dofs.points - mesh.points[nodes]).max(axis=1)
-        if apart.max() > MOVED * np.ptp(mesh.points, axis=0).max():
+        if apart.max() > POSITION * np.ptp(mesh.points, axis=0).max():
             raise InputError(f"node {dofs.nodes[apart.argmax()]} of {part.name!r} lies {apart.max():.3g} from its place in the "
                              f"mesh {mesh.name!r}. Give the mesh that the part was made from")
     return 3 * nodes + dofs.components

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import (
+    ROUNDING,
     SINGULAR,
     SUMS,
     Difference,
@@ -34,7 +35,7 @@ from femsub.algebra import (
     translations,
     unit_length,
 )
-from femsub.checks import EPS, Array, Matrix
+from femsub.checks import DENSE, EPS, Array, Matrix
 from femsub.errors import ConditionWarning, SingularMatrixError, warn
 from femsub.model import (
     MIXED,
@@ -62,14 +63,11 @@ if TYPE_CHECKING:
 BLURRED = 1e-3  # relative change of ω² by rounding in K from which K alone gives none, but K Z = 0 may
 LARGE = 10_000  # DOF from which the graph of K is used for the first shift
 COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
-CONVERGED = 1e-13  # an elastic solution has converged if the next correction changes it by less
-COUNTED = 3000  # DOF up to which the rank of M is computed, and the rigid motion of each full part of a system
 BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
 IN_PARTS = ("Make pieces that hang together softly the parts of a system (couple, Spring), which knows their rigid motion, or "
             "support each piece. Likely causes are also elements too thin or too small for a slender part")
 NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no rigid motion. Likely causes: a mount so soft "
                 f"that it is rounding beside the parts' stiffness, or {BY_MULTIPLIERS}")
-SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
 class ShiftInvert:
@@ -96,7 +94,7 @@ class ShiftInvert:
         self.rigid: Array
         self.lowest: float  # approximate ω² of the first elastic mode; inf if no search for rigid-body modes was needed
         self.unit: float
-        self.note: str  # what is told of modes that are rigid only within the rounding of K's entries
+        self.note: str  # the warning about modes that are rigid only within the rounding of K's entries
         self.exact: int  # how many of the rigid-body modes, the first ones, are known without rounding
         self.doubt: float  # the relative change of the lowest elastic ω² by one rounding in each entry of K; 0 if none was sought
         (self.sigma, self.rigid, self.lowest, self.unit, self.note, self.exact, self.doubt) = shared(
@@ -256,7 +254,7 @@ class ShiftInvert:
         of the others could be compared with, so the other motions are sought beside it.
         """
         loose = self.loose
-        n, block = self.K.shape[0], SEEDS
+        n, block = self.K.shape[0], 6 + 6 + 2  # motions of a rigid body, room for those of a mechanism, and a guard
         own = np.zeros((n, len(loose)))
         own[loose, np.arange(len(loose))] = 1.0
         own = orthonormal(own, self.M.__matmul__)[0]
@@ -300,11 +298,11 @@ class ShiftInvert:
         if (rest < -noise[count:]).any():
             share = -cost[1][count + int(rest.argmin())]
             why = f"too large for rounding{_known(self.unit)}" if share > self.unit else \
-                f"as rounding{_known(self.unit)} may make it, but the next modes are too near to tell rigid motion from them"
+                f"as rounding{_known(self.unit)} may make it, but the next modes are too near to show which are rigid motion"
             raise SingularMatrixError(
                 f"K has a negative eigenvalue, ω² = {rest.min():.3g}: {share:.1e} of the energy of the forces that cancel in "
                 f"this mode, {why}. Check that K belongs to a stable component, and that its file holds all digits (17)")
-        self.note = self._told(values, cleaned, count)
+        self.note = self._warning(values, cleaned, count)
         self.doubt = self.unit / float(self.shares[count]) if count < len(values) and self.shares[count] else 0.0
         if not len(rest) and self.elastic > 0:
             return self.lowest_elastic()
@@ -321,7 +319,7 @@ class ShiftInvert:
         turn = np.linalg.eigh(rest.T @ (self.M @ rest))[1][:, t.shape[1]:]
         return np.hstack([t, orthonormal(rest @ turn, self.M.__matmul__, t)[0]]), t.shape[1]
 
-    def _told(self, values: Array, x: Array, count: int) -> str:
+    def _warning(self, values: Array, x: Array, count: int) -> str:
         cost = self.shares[:count].max(initial=0.0)
         if cost <= (EPS if count and soft_springs(self.K, self.unit).nnz else SUMS):
             return ""
@@ -331,7 +329,7 @@ class ShiftInvert:
                 f"(ω² of either sign: {values[:count].min():.2g} to {values[:count].max():.2g}). Their energy is at most "
                 f"{cost:.0e} of that of the forces that cancel in them, within rounding{_known(self.unit)}, "
                 f"and {beyond}. Write K with all digits (17) to be sure; a support as soft "
-                "as that cannot be told from rounding")
+                "as that looks like rounding")
 
     def lowest_elastic(self) -> float:
         """ω² of the first elastic mode by subspace iteration with the rigid-body modes deflated.
@@ -347,7 +345,7 @@ class ShiftInvert:
             self.blurred = blur > BLURRED
         elif blur > 1 and self.unit == EPS:
             raise SingularMatrixError(f"rounding in the entries of K may change ω² = {self.lowest:.3g} of the first elastic mode "
-                                      f"by {blur:.1g} times as much, so that it cannot be told from rigid motion. {IN_PARTS}")
+                                      f"by {blur:.1g} times as much, so it may be rigid motion. {IN_PARTS}")
         if self.blurred:
             self.lowest, self.doubt = (float(each[0]) for each in self.sharpened(x, self.rigid[:, :0])[0:3:2])
         return self.lowest
@@ -388,7 +386,7 @@ class ShiftInvert:
         """The number of finite ω²: the rank of M.
 
         It is the number of DOF with mass, unless several DOF share one mass. Then M, scaled to a unit diagonal, has
-        eigenvalues at 0; these are computed up to COUNTED DOF.
+        eigenvalues at 0; these are computed up to `DENSE` DOF.
         """
         return shared((self.M,), "rank", self._rank_of_mass)
 
@@ -396,7 +394,7 @@ class ShiftInvert:
         massive = np.flatnonzero(self.M.diagonal())
         M = self.M[massive][:, massive] if len(massive) < self.M.shape[0] else self.M
         diagonal = np.count_nonzero(M.data if sp.issparse(M) else M) == np.count_nonzero(M.diagonal())
-        if diagonal or len(massive) > COUNTED:
+        if diagonal or len(massive) > DENSE:
             return len(massive)
         above = Difference(M, sp.diags_array(M.diagonal(), format="csr") if sp.issparse(M) else np.diag(M.diagonal()), SINGULAR)
         try:
@@ -409,7 +407,7 @@ class ShiftInvert:
     def loose(self) -> Array:
         """DOF with mass and without stiffness, but for rounding beside the diagonal of K.
 
-        Where that is not exactly 0, a soft mount in other units cannot be told from rounding.
+        Where that is not exactly 0, a soft mount in other units looks like rounding.
         """
         few = np.flatnonzero((self.K.diagonal() == 0) & (self.M.diagonal() > 0))
         return few[bare(self.K, few)]
@@ -550,7 +548,7 @@ class ShiftInvert:
             before, step = step, np.linalg.norm(change, axis=0) / np.where(size > 0, size, 1.0)
             going &= step < before / 2  # a correction that does not contract is rounding
             rate = max(rate, float((step[going] / before[going]).max(initial=0.0)))
-            going &= rate * step > CONVERGED
+            going &= rate * step > ROUNDING  # what the next correction may change
         return self.deflate(x, basis)
 
 
@@ -561,7 +559,7 @@ def motion_of(carried: Carried) -> RigidMotion | None:
 
 def _of_full(part: Substructure) -> RigidMotion | None:
     """The rigid motion of a part that carries none, by its own K; None of a large one, or where it is not clear."""
-    if part.size > COUNTED:
+    if part.size > DENSE:
         return None
     if not (part.K.nnz if sp.issparse(part.K) else part.K.any()):  # masses that springs join to others
         Z = np.eye(part.size)

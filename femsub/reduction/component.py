@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import SMALL, WORK, check_memory, kept_free, one_thread, units as energy_units, without
-from femsub.checks import EPS, Array, instance
+from femsub.checks import EPS, EQUAL, Array, instance
 from femsub.errors import ConditionWarning, InputError, InputTypeError, PortWarning, SingularMatrixError, warn
 from femsub.model import (
     SHARE,
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
-STILL = 1e-9  # ‖KZ‖ relative to its terms above which a method's rigid motion is none
 PART_OF_A_CUT = ("K of this part is indefinite, as it may be where matrices were cut. Reduce such parts by "
                  "CraigBampton(modes=...) or Guyan(), or cut the mesh")
 PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
@@ -58,9 +57,9 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
             statics = method.statics(replace(part, alone=True), part.factored(method.modes or 0), turned.extra)
             return finished(task, part, finished_basis(turned, statics, method.kept(statics, turned.pencil)))
     except SingularMatrixError as error:
-        told = str(error).removeprefix(f"{sub.name!r}: ")
+        reason = str(error).removeprefix(f"{sub.name!r}: ")
         is_cut = any(sub.name in key.split("+") for key in sub.sets)  # as `cut` names what its parts share
-        raise SingularMatrixError(f"{sub.name!r}: " + (f"{PART_OF_A_CUT} ({told})" if is_cut else told)) from None
+        raise SingularMatrixError(f"{sub.name!r}: " + (f"{PART_OF_A_CUT} ({reason})" if is_cut else reason)) from None
 
 
 def finished(task: Task, part: Partition, basis: Basis) -> ReducedSubstructure:
@@ -207,7 +206,7 @@ def damping(sub: Substructure, basis: Basis, D: Array) -> tuple[Array, RigidMoti
     q: Array | None = None
     if basis.rigid is not None and basis.motion is not None:
         q, Z = basis.rigid, basis.motion
-        if sub.rigid_motion is None and (costs(sub.K, Z)[0] > STILL).any():
+        if sub.rigid_motion is None and (costs(sub.K, Z)[0] > EQUAL).any():
             return D, None, noise
     elif (motion := motion_of(sub.rigid_motion)) is not None:
         q, Z = coordinates(V, motion.shapes, units(sub.M)), motion.shapes
