@@ -28,7 +28,7 @@ from femsub.model import (
 from femsub.modes import IN_PARTS, motion_of
 from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, projected, square, structural
 from femsub.reduction.craig_bampton import DIGITS
-from femsub.reduction.estimates.nested import Nested, free_first
+from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.frequency_bounds import origin_of
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.wider import Wider
@@ -204,17 +204,18 @@ def damping(sub: Substructure, basis: Basis, D: Array) -> tuple[Array, RigidMoti
     if sub.pencil.symmetric[1]:
         D = (D + D.T) / 2
     q: Array | None = None
+    unit = units(sub.M)
     if basis.rigid is not None and basis.motion is not None:
         q, Z = basis.rigid, basis.motion
         if sub.rigid_motion is None and (costs(sub.K, Z)[0] > EQUAL).any():
             return D, None, noise
     elif (motion := motion_of(sub.rigid_motion)) is not None:
-        q, Z = coordinates(V, motion.shapes, units(sub.M)), motion.shapes
+        q, Z = coordinates(V, motion.shapes, unit), motion.shapes
     else:
         return D, None, noise
     if q is None:
         return D, None, noise
-    found = free_first(q, Z, sub.M, sub.D)
+    found = RigidMotion.of(Z, sub.D, unit, q)
     return without(D, found.undamped, energy_units(basis.M.diagonal(), basis.K.diagonal())[0]), found, noise
 
 
