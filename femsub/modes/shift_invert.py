@@ -427,6 +427,10 @@ class ShiftInvert:
         """Whether the model carries its rigid motion."""
         return self._given is not None
 
+    def motion(self, D: Matrix) -> RigidMotion:
+        """The rigid-body modes, with those first that D does not damp."""
+        return RigidMotion.of(self.rigid, D, units(self.M))
+
     @property
     def floating(self) -> bool:
         return self.rigid.shape[1] > 0
@@ -562,13 +566,11 @@ def _of_full(part: Substructure) -> RigidMotion | None:
     if part.size > DENSE:
         return None
     if not (part.K.nnz if sp.issparse(part.K) else part.K.any()):  # masses that springs join to others
-        Z = np.eye(part.size)
-    else:
-        try:
-            Z = ShiftInvert(part.K, part.M).rigid
-        except SingularMatrixError:
-            return None
-    return RigidMotion.of(Z, part.D, units(part.M))
+        return RigidMotion.of(np.eye(part.size), part.D, units(part.M))
+    try:
+        return ShiftInvert(part.K, part.M).motion(part.D)
+    except SingularMatrixError:
+        return None
 
 
 def _block(matrix: Matrix, rows: Array | slice) -> Matrix:

@@ -36,9 +36,9 @@ class Shifted:
         self.rigid: Array = np.zeros((pencil.size, 0))
         self.handle: ShiftInvert | None = None  # for a floating model: K - σM, positive definite
         symmetric = pencil.symmetric[0] and pencil.symmetric[2]
-        self.carried = motion_of(pencil.rigid_motion)
+        self.motion = motion_of(pencil.rigid_motion)
         try:
-            if symmetric and self.carried is not None and self.carried.count:
+            if symmetric and self.motion is not None and self.motion.count:
                 raise SingularMatrixError("K has rigid motion")
             self.factor = self._factor(0.0, symmetric)
             self.scale = self._scale()
@@ -81,6 +81,9 @@ class Shifted:
         if symmetric:
             handle = ShiftInvert(self.pencil.K, self.pencil.M, carried=self.pencil.rigid_motion)
             self.rigid = handle.rigid
+            if self.motion is None:
+                self.motion = handle.motion(self.pencil.D)
+                self.rigid = self.motion.shapes
             if self.pencil.size <= KEPT:
                 self.handle = handle
             return 0.5 * float(lowest_modes(handle, 1).frequencies[-1])
@@ -122,13 +125,8 @@ class Shifted:
 
         Their number is n_r plus the number of rigid motions that D does not damp.
         """
-        Z = self.rigid
-        if self.carried is not None:
-            number = self.carried.zeros
-        else:
-            braking = np.linalg.svd(Z.T @ (self.pencil.D @ Z), compute_uv=False)
-            scale = self.pencil.norms[1] * float((Z**2).sum(axis=0).max())
-            number = Z.shape[1] + int(np.count_nonzero(braking <= 1e-14 * scale))
+        assert self.motion is not None
+        Z, number = self.rigid, self.motion.zeros
         order = np.argsort(np.abs(values), kind="stable")
         listed = np.cumsum(1 + (values[order].imag != 0))
         drop = order[:int(np.searchsorted(listed, number)) + 1]
