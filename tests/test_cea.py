@@ -17,10 +17,10 @@ from benchmarks.lattices import lattice, membrane
 from femsub.algebra.petsc import has_cholmod
 from femsub.checks import Tally
 from femsub.modes import match
-from femsub.modes.quadratic import correction, cost, dense, newton
+from femsub.modes.quadratic import correction, dense, newton, search
 from femsub.modes.quadratic.complex_modes import with_bars
 from femsub.modes.quadratic.region import Region
-from femsub.modes.quadratic.search import Found
+from femsub.modes.quadratic.search import SearchResult
 from femsub.stability import port_root
 from femsub.stability.border import dense_border
 
@@ -150,7 +150,7 @@ def test_overdamped_modes_are_among_the_wanted_ones() -> None:
     ("winding", "2 eigenvalues in .* missing, by the winding number")])
 def test_a_missed_eigenvalue_is_noticed(way: str, by: str, counted_by: Callable[[str], None],
                                         monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.modes.quadratic import certificate, sparse
+    from femsub.modes.quadratic import search, sparse
 
     counted_by(way)
 
@@ -173,7 +173,7 @@ def test_a_missed_eigenvalue_is_noticed(way: str, by: str, counted_by: Callable[
             not_for_lapack(patch)
         exact = fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
         assert exact.evidence == ("certified" if way == "projection" else "confirmed")
-        forgetful(certificate, "right_pairs")
+        forgetful(search, "right_pairs")
         searched = fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
     assert searched.evidence == exact.evidence and np.allclose(searched.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
     forgetful(sparse, "quadratic_modes")
@@ -383,12 +383,12 @@ def test_another_search_takes_the_place_of_one_step(monkeypatch: pytest.MonkeyPa
     ours = [fs.complex_modes(sub, BELT, **ask) for ask in asks]
     asked = []
 
-    def by_scipy(pencil: fs.Pencil, region: Region, evidence: bool | None) -> Found:
+    def by_scipy(pencil: fs.Pencil, region: Region, evidence: bool | None) -> SearchResult:
         asked.append(region)
         P, n = pencil.dense(), pencil.size
         companion = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(P.M, P.K), -np.linalg.solve(P.M, P.D)]])
         values, X = np.linalg.eig(companion)
-        return Found(values, X[:n] / np.linalg.norm(X[:n], axis=0), X[:n].conj(), values, Tally(0))
+        return SearchResult(values, X[:n] / np.linalg.norm(X[:n], axis=0), X[:n].conj(), values, Tally(0))
 
     monkeypatch.setattr("femsub.modes.quadratic.complex_modes.search", by_scipy)
     for ask, own in zip(asks, ours, strict=True):
@@ -631,12 +631,12 @@ def test_a_sparse_model_is_certified_as_a_dense_one_is(seed: int, monkeypatch: p
 
 def test_the_predicted_cost_is_that_of_the_cheaper_way() -> None:
     """PEP is for few eigenvalues of many; columns to be counted make it dearer; repeated searches add up."""
-    assert cost.by_pep(1500, 40) < cost.SHARE < cost.by_pep(1500, 400)
-    assert cost.by_pep(1000, 100) < cost.by_pep(1000, 100, 14) < cost.by_pep(1000, 100, 40)
-    budget = cost.Budget(1000, True)
+    assert search.by_pep(1500, 40) < search.SHARE < search.by_pep(1500, 400)
+    assert search.by_pep(1000, 100) < search.by_pep(1000, 100, 14) < search.by_pep(1000, 100, 40)
+    budget = search.Budget(1000, True)
     assert budget.covers(100) and [budget.spend(100) for _ in range(4)] == [True, True, False, False]
-    assert cost.Budget(3000, False, False).spend(3000, 40)
-    sparse_one = cost.Budget(1000, False)  # all of LAPACK's cost, whose turn it is then
+    assert search.Budget(3000, False, False).spend(3000, 40)
+    sparse_one = search.Budget(1000, False)  # all of LAPACK's cost, whose turn it is then
     assert sparse_one.covers(400) and not budget.covers(400) and not sparse_one.covers(1000)
 
 

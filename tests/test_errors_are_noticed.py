@@ -13,7 +13,7 @@ from benchmarks.lattices import membrane, membrane_eigenvalues
 from femsub import algebra
 from femsub.model import pencil
 from femsub.modes import normal_modes
-from femsub.modes.quadratic import certificate, dense, port_function, sparse
+from femsub.modes.quadratic import dense, port_function, search, sparse
 from femsub.stability import growing_border
 
 BELT = fs.Belt(slope=-0.2677)
@@ -169,13 +169,13 @@ def test_a_ghost_does_not_make_up_for_a_missed_pair(way: str, ask: dict, counted
     sub = membrane(16).with_damping(0.01 * membrane(16).K)
     exact = fs.complex_modes(sub, **ask)
     with monkeypatch.context() as planted:
-        after(planted, certificate, "right_pairs", twice(1))
+        after(planted, search, "right_pairs", twice(1))
         after(planted, sparse, "quadratic_modes", twice(3))  # as many as there are, one of them twice and its neighbour lost
         modes = fs.complex_modes(sub, **ask)
         assert modes.evidence == "certified"  # by LAPACK, where no other count is possible
         assert np.allclose(modes.eigenvalues, exact.eigenvalues, rtol=1e-9)
     monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 100)  # not for LAPACK
-    after(monkeypatch, certificate, "right_pairs", twice(1))
+    after(monkeypatch, search, "right_pairs", twice(1))
     after(monkeypatch, sparse, "quadratic_modes", twice(3))
     with pytest.raises(fs.MissedModesError, match="winding number" if way == "winding" else "independent count"):
         fs.complex_modes(fs.chain(200, damping=0.0).with_damping(0.01 * fs.chain(200).K), evidence=True,

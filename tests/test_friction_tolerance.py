@@ -243,7 +243,7 @@ def test_the_shift_is_part_of_the_coupling() -> None:
     found = of_sliding(Rub(mu=0.0))
     sigma, mass = found.handle.sigma, found.space.terms[0]
     assert found.loose == 1 and sigma < 0 and mass.weights == (sigma, 0.0, 1.0)
-    V, K = found.space.V, found.space.pencil.K
+    V, K = found.space.V, found.space.matrices[0]
     np.testing.assert_allclose(K, V.T @ found.pencil.K @ V, atol=1e-12 * np.abs(K).max())
 
 

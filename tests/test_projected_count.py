@@ -19,9 +19,9 @@ from femsub.algebra import factors_made, fork_pays
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes.quadratic import dense, projected_pairs, sparse
 from femsub.modes.quadratic.energy_basis import Coupling
-from femsub.modes.quadratic.projected_count import Count, Projection
+from femsub.modes.quadratic.projected_count import Projection
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
-from femsub.modes.quadratic.region import Contour
+from femsub.modes.quadratic.region import Contour, Count
 
 DAMPING = ("parts", "dashpots", "gyroscopic", "any", "parts and gyroscopic", "none")
 
@@ -355,8 +355,7 @@ def test_a_count_that_is_possible_is_made_and_one_that_is_not_names_what_it_need
     contour = Contour(sides=(-0.2, 0.2, 0.2))
     found = count(pencil, contour)
     assert found is not None and found.number == np.count_nonzero(contour.encloses(values)) > 2 and found.size >= 210
-    for module in ("search", "certificate"):
-        monkeypatch.setattr(f"femsub.modes.quadratic.{module}.QUADRATIC", 40)
+    monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 40)
     pencil, values = strongly_damped(50)
     with pytest.warns(fs.FemsubWarning, match=r"the basis needs \d+ shapes, \d+ of them strongly damped, and the limit is 40"):
         assert fs.complex_modes(pencil, band=(0.0, 0.2)).evidence == "not checked"

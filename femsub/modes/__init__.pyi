@@ -10,7 +10,6 @@ from .normal_modes import (
 )
 from .quadratic.complex_modes import ComplexModes as ComplexModes, beside_the_full as beside_the_full, with_bars as with_bars
 from .quadratic.correction import corrected as corrected, slope as slope
-from .quadratic.cost import Budget as Budget
 from .quadratic.dense import (
     ModalForm as ModalForm,
     definite_form as definite_form,
@@ -32,6 +31,7 @@ from .quadratic.matching import (
 from .quadratic.multiplicity import assigned as assigned, clusters as clusters, match as match
 from .quadratic.port_function import PortFunction as PortFunction
 from .quadratic.region import Region as Region, region_of as region_of
+from .quadratic.search import Budget as Budget
 from .quadratic.singular_mass import REGULAR as REGULAR
 from .receptance import (
     FrequencyResponse as FrequencyResponse,

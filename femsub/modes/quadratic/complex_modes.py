@@ -16,7 +16,7 @@ from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
 from femsub.modes.quadratic.region import region_of
-from femsub.modes.quadratic.search import Found, search
+from femsub.modes.quadratic.search import SearchResult, search
 
 if TYPE_CHECKING:
     from femsub.model import Contacts
@@ -280,7 +280,7 @@ def _listed(model: Substructure | Pencil, contacts: Contacts, pencil: Pencil, co
     return result
 
 
-def _still(found: Found, motion: RigidMotion | None) -> Found:
+def _still(found: SearchResult, motion: RigidMotion | None) -> SearchResult:
     """λ = 0 for rigid motion that friction drives, K z = 0 but zᵀK ≠ 0: LAPACK's are off by rounding, and the nearest to 0."""
     if motion is None or (lacking := motion.zeros - int(np.count_nonzero(found.values == 0))) <= 0:
         return found

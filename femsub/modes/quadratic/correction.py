@@ -66,7 +66,8 @@ def left_slope(pencil: Pencil, value: complex, y: Array) -> Array:
 def corrected(pencil: Pencil, value: complex, x: Array, y: Array, solver: Solver) -> tuple[Array, Array]:
     """Better vectors x and y of unit length."""
     x, y = solver.solve(slope(pencil, value, x)), solver.solve(left_slope(pencil, value, y).conj(), transposed=True).conj()
-    with np.errstate(all="ignore"):  # overflow is the caller's to see
+    with np.errstate(all="ignore"):  # what is not finite is the caller's to see; lengths may overflow
+        x, y = x / np.abs(x).max(), y / np.abs(y).max()
         return x / np.linalg.norm(x), y / np.linalg.norm(y)
 
 

@@ -23,6 +23,7 @@ from femsub.errors import InputError, SingularMatrixError
 from femsub.model import RigidMotion, costs, rounding, units
 from femsub.modes.dense import dense_modes
 from femsub.modes.quadratic import singular_mass
+from femsub.modes.quadratic.correction import corrected, solver_near
 from femsub.modes.quadratic.singular_mass import REGULAR
 from femsub.modes.shift_invert import ShiftInvert, motion_of
 
@@ -317,14 +318,11 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array, rigid: Array | No
         value, x, y = 0.0, X[:, i], Y[:, i] if Y[:, i].any() else X[:, i].conj()
         for _ in range(STEPS):
             value, before = _smaller_root(*(np.vdot(y, A @ x) for A in (pencil.M, pencil.D, pencil.K))), value
-            try:
-                near = pencil.at(value * (1 + BESIDE))
-                new = np.linalg.solve(near, x), np.linalg.solve(near.T, y)
-            except np.linalg.LinAlgError:
+            solver = solver_near(pencil, value * (1 + BESIDE))
+            new = (x, y) if solver is None else corrected(pencil, value, x, y, solver)
+            if solver is None or not np.isfinite(new).all():
                 break
-            if not all(np.isfinite(part).all() and part.any() for part in new):
-                break
-            x, y = (unit_length((part / np.abs(part).max())[:, None])[:, 0] for part in new)  # lengths may overflow
+            x, y = new if np.iscomplexobj(X) else (new[0].real, new[1].real)  # P is real there
             if abs(value - before) <= 4 * EPS * abs(value):  # not before this step: an error of x is squared in λ
                 break
         if not value or not np.isfinite([x, y]).all() or costs(pencil.K, x[:, None])[0] <= ROUNDING:

@@ -16,10 +16,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.algebra import Difference, counting, factorise, inertia, one_thread, orthonormal, shared_factor
-from femsub.checks import Array, Matrix, Tally
+from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.modes.quadratic.damping_split import Split
-from femsub.modes.quadratic.region import listed
+from femsub.modes.quadratic.region import Contour, Count
 
 SAFE = 0.5  # required margin on the contour; the theorem needs 1
 ROUNDS = 12  # largest number of enrichments until the margin is safe
@@ -78,38 +78,6 @@ def _turning_below(parts: Split, skew: Matrix, radius: float) -> int:
     return negative // 2
 
 
-@dataclass(frozen=True)
-class Count:
-    """The count: `number` eigenvalues have |λ| < radius, conjugates included. It is valid if `margin` < 1.
-
-    `size` is the size of the projected pencil, `solves` the number of right-hand sides solved.
-    """
-
-    radius: float
-    number: int
-    margin: float
-    size: int
-    solves: int
-
-    @property
-    def disc(self) -> tuple[float, int]:
-        """The radius and the number."""
-        return self.radius, self.number
-
-    @property
-    def where(self) -> str:
-        """The region, for messages."""
-        return f"|λ| < {self.radius:.6g}"
-
-    def tally(self, values: Array) -> Tally:
-        """Those of λ, Im λ ≥ 0 listed, in the disc against the count: a sampled one with contacts, of inertia alone without."""
-        return Tally(listed(values[np.abs(values) < self.radius]), self.number, sampled=self.size > 0)
-
-    @property
-    def is_valid(self) -> bool:
-        return self.margin < 1
-
-
 def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | None:
     """The number of zeros of det P in |s| < R by Rouché's theorem, independent of the eigensolver's result.
 
@@ -145,8 +113,9 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
     R = at.radius
     if not (abs(parts.alpha) < R / 2 and abs(parts.beta) * R < 0.5 and mu < R**2 / 4):
         return None
+    none = np.zeros(0)
     if parts.W.shape[1] == 0:
-        return Count(R, 2 * at.below, 0.0, 0, 0)
+        return Count(Contour(R), 2 * at.below, none, 0, 0.0)
     basis = _Basis(parts, solve, mu)
     basis.add(np.hstack([X.real, basis.static]))
     for turn in range(ROUNDS):
@@ -168,7 +137,7 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
             basis.add(basis.residuals(small, s[peaks]))
         if basis.size == before:
             break
-    return Count(R, number, worst, basis.size, basis.solves)
+    return Count(Contour(R), number, none, basis.size, worst, True, basis.solves)
 
 
 class _Basis:

@@ -36,7 +36,6 @@ import scipy.linalg as la
 
 from femsub.algebra import FEW, halves, one_thread, orthonormal, times
 from femsub.checks import EPS, Array, Matrix
-from femsub.model import Pencil
 from femsub.modes.normal_modes import ACCEPTED
 from femsub.modes.quadratic.region import Contour
 
@@ -163,7 +162,8 @@ class EnergyBasis:
         if not k:
             return False
         beside = self.V.T @ Anew
-        self.energy = np.block([[self.energy, beside], [beside.T, new.T @ Anew]])
+        own = new.T @ Anew
+        self.energy = np.block([[self.energy, beside], [beside.T, (own + own.T) / 2]])
         self.V = np.hstack([self.V, new]) if m else new
         inside = np.zeros((len(self.terms), m + k, m + k))
         inside[:, :m, :m] = self.inside
@@ -241,16 +241,10 @@ class EnergyBasis:
 
     @property
     def matrices(self) -> Array:
-        """K, D and M of VᵀP(s)V = K + sD + s²M, shape (3, m, m)."""
+        """K, D and M of P_U = K + sD + s²M, shape (3, m, m), symmetric where those of P are."""
         found = np.einsum("ik,iab->kab", np.reshape([term.weights for term in self.terms], (-1, 3)), self.inside)
         found[0] += self.energy
         return found
-
-    @property
-    def pencil(self) -> Pencil:
-        """VᵀP(s)V, with I in place of VᵀAV."""
-        K, D, M = self.matrices
-        return Pencil(M, D, K - self.energy + np.eye(self.size))
 
     def image(self, i: int, x: Array) -> Array:
         """T_iVx, (n, k)."""

@@ -26,7 +26,7 @@ from femsub.model import Pencil
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.multiplicity import match
-from femsub.modes.quadratic.search import Found
+from femsub.modes.quadratic.search import SearchResult
 
 MOST = 2000  # DOF up to which LAPACK's time is accepted
 
@@ -65,7 +65,7 @@ class LossyPencil(Pencil):
     def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
         return super().magnitude(eigenvalues, shapes) + np.abs(self.H) @ np.abs(shapes)
 
-    def all_modes(self) -> Found:
+    def all_modes(self) -> SearchResult:
         """All solutions, each pair side by side.
 
         An eigenvalue of P₊ whose Im λ is within its error bar lies on the axis, if P₀ has one there within both bars.
@@ -101,7 +101,7 @@ class LossyPencil(Pencil):
         found, X_all, Y_all = (np.concatenate([pair, part[..., still]], axis=-1)
                                for pair, part in zip(pairs, (real, X_real, Y_real), strict=True))
         known = np.concatenate([values, values.conj(), real])
-        return Found(found, X_all, Y_all, known, Tally(len(found), None if doubt else len(found)))
+        return SearchResult(found, X_all, Y_all, known, Tally(len(found), None if doubt else len(found)))
 
     def _upper_modes(self) -> tuple[Array, Array, Array]:
         """The 2n eigenvalues of P₊, right and left shapes (n, 2n) of unit length."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -35,12 +34,12 @@ from femsub.algebra import (
     solved,
     translations,
 )
-from femsub.checks import Array, Matrix, Tally
+from femsub.checks import Array, Matrix
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.modes.block_lanczos import block_lanczos
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, modes_below
 from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term
-from femsub.modes.quadratic.region import Contour, listed
+from femsub.modes.quadratic.region import Contour, Count
 from femsub.modes.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
@@ -59,31 +58,6 @@ ROUNDS = 8  # of enrichment
 
 
 Bounds = tuple[Array, float, float]  # shapes of strong damping, d and g: see `Projection`
-
-
-@dataclass(frozen=True)
-class Count:
-    """`number` eigenvalues lie inside the contour, conjugates included; `values` are those of the projection, nearly the same."""
-
-    contour: Contour
-    number: int
-    values: Array = field(repr=False)
-    size: int  #: of the projection
-    margin: float  #: 1 is the limit of the theorem
-
-    @property
-    def where(self) -> str:
-        """The region, for messages."""
-        return self.contour.where
-
-    @property
-    def disc(self) -> tuple[float, int] | None:
-        """The radius of a disc, and the number."""
-        return (self.contour.radius, self.number) if self.contour.sides is None else None
-
-    def tally(self, values: Array) -> Tally:
-        """What a search has found inside, by λ with Im λ ≥ 0, against the number."""
-        return Tally(listed(values[self.contour.encloses(values)]), self.number)
 
 
 class Projection(EnergyBasis):

@@ -159,8 +159,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     rows, mirrored = _representatives(modes, chosen)
     pencil = full.linearised(contacts)
     full.refuse_empty(pencil.D, pencil.K)
-    K, by = _held(full, rom, pencil, contacts)
-    space = _Space(pencil, K, by)
+    space = _Space(pencil, *_held(full, rom, pencil, contacts))
     values, X = modes.eigenvalues[rows], V @ modes.shapes[:, rows]
     down = values.imag < 0
     values, X = np.where(down, values.conj(), values), np.where(down, X.conj(), X)
@@ -172,7 +171,8 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     for step in range(steps + 1):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConditionWarning)  # of digits that K lacks: it is a projection here
-            small, xs, ys = dense.solve(space.pencil)
+            K, D, M = space.matrices
+            small, xs, ys = dense.solve(Pencil(M, D, K))
         at, taken = _matched(values, q, small, xs, still)
         twin = np.where(taken >= 0, taken, twin)
         values, q = np.where(still, 0.0, small[at]), np.where(still, q, xs[:, at])
@@ -201,7 +201,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     Y = X.conj() if left is None else space.V @ left
     Y = Y / np.linalg.norm(Y, axis=0)
     return _result(full, pencil, modes, chosen, (values, X, Y, share, twin, down), rows, mirrored,
-                   (step, by.factorisations, space.solves), by.whole)
+                   (step, space.by.factorisations, space.solves), space.by.whole)
 
 
 def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> tuple[Matrix, ByWhole | ByParts]:

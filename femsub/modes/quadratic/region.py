@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.algebra import QUADRATIC
-from femsub.checks import Array, check_band, interval, whole_number
+from femsub.checks import Array, Tally, check_band, interval, whole_number
 from femsub.errors import InputError
 from femsub.model import in_band
 
@@ -66,6 +66,31 @@ class Contour:
 def listed(values: Array) -> int:
     """The number of eigenvalues represented: a λ with Im λ > 0 counts twice."""
     return len(values) + int(np.count_nonzero(values.imag))
+
+
+@dataclass(frozen=True)
+class Count:
+    """`number` eigenvalues lie inside the contour, conjugates included, by an independent count.
+
+    `values` are nearly all of them, where they are known. A `sampled` count is one from points of the contour.
+    """
+
+    contour: Contour
+    number: int
+    values: Array = field(repr=False)
+    size: int  #: of the small problem
+    margin: float  #: 1 is the limit of the theorem
+    sampled: bool = False
+    solves: int = 0  #: right-hand sides that were solved for
+
+    @property
+    def disc(self) -> tuple[float, int] | None:
+        """The radius of a disc, and the number."""
+        return (self.contour.radius, self.number) if self.contour.sides is None else None
+
+    def tally(self, values: Array) -> Tally:
+        """What a search has found inside, by λ with Im λ ≥ 0, against the number."""
+        return Tally(listed(values[self.contour.encloses(values)]), self.number, sampled=self.sampled)
 
 
 @dataclass(frozen=True)

@@ -91,14 +91,16 @@ class Larger:
         self.space = EnergyBasis(self.product, handle.factor.solve, terms, len(modes), deflate=self._without_rigid)
         self.space.add(modes[:, self.loose:], modes=True, unit=True)
         self.space.add(orthonormal(rest, self.product, modes)[0], unit=True)
-        values, X, Y = solve(self.space.pencil)
+        K, D, M = self.space.matrices
+        values, X, Y = solve(Pencil(M, D, K))
         keep = within(values, (0.0, ROOM * hi)) & upper(values)
         answers = self._answers(values[keep], X[:, keep], Y[:, keep])
         held = np.hstack([modes[:, :self.loose], self.space.V])
         self.space.add(orthonormal(answers, self.product, held)[0], unit=True)
         self.U = np.hstack([modes[:, :self.loose], self.space.V])
         self.rest = self.U.T @ self.product(rest)
-        self.small = self.space.pencil
+        K, D, M = self.space.matrices
+        self.small = Pencil(M, D, K)
         self.values, self.X, self.Y = solve(self.small)
         slope = np.einsum("ij,ij->j", self.Y.conj(), (self.small.M @ self.X) * (2 * self.values) + self.small.D @ self.X)
         with np.errstate(divide="ignore", invalid="ignore"):
