@@ -11,7 +11,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.lattices import lattice
+from benchmarks.lattices import lattice, membrane
 from femsub.algebra.factor import factorise
 from femsub.algebra.petsc import SparseFactor
 from femsub.modes import match
@@ -427,3 +427,25 @@ def test_where_no_projection_counts_no_wider_disc_is_tried(monkeypatch: pytest.M
     with pytest.warns(fs.FemsubWarning, match="no eigenvalue is missing: all are strongly damped"):
         found = fs.complex_modes(pencil, count=4)
     assert len(asked) == 1 and len(found) == 4 and found.evidence == "not checked"
+
+
+@pytest.mark.parametrize("evidence", [None, True])
+def test_a_disc_whose_radius_is_not_known_is_not_passed_over_in_silence(
+        evidence: bool | None, counted_by: Callable[[str], None], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The warning has the reason. A search that nobody can check is repeated only where a count is asked for."""
+    counted_by("projection")
+    sub, searches, nearest = membrane(12), [], sparse.Shifted.nearest  # with double eigenvalues
+
+    def unknown(*_: object) -> float:
+        raise fs.NotConvergedError("4 restarts are not enough")
+
+    def counting(self: sparse.Shifted, count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        searches.append(count)
+        return nearest(self, count, seed)
+
+    monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 100)  # not for LAPACK
+    monkeypatch.setattr(search, "about_radius", unknown)
+    monkeypatch.setattr(sparse.Shifted, "nearest", counting)
+    with pytest.warns(fs.FemsubWarning, match="the radius of a disc with 8 eigenvalues is not known: 4 restarts are not enough"):
+        found = fs.complex_modes(sub.with_damping(0.01 * sub.K), count=8, evidence=evidence)
+    assert found.evidence == "not checked" and (len(searches) == 1) == (evidence is None)
