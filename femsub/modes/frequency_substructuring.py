@@ -9,7 +9,7 @@ For an error δ of the receptances, with T = I - Y B_fᵀ Z B on the left and S 
 
     δY_c = T δ S - T δ B_fᵀ (B (Y + δ) B_fᵀ)⁻¹ B δ S.
 
-The first term takes the noise of measurements along (`noise`), the second tells how far it may be trusted.
+The first term takes the noise of measurements along (`noise`), the second shows how far it may be trusted.
 
 Where a part moves far more than the joined parts do, Y_c is a small difference of large terms. Their rounding is in the bound.
 """
@@ -121,23 +121,18 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
     second = joined.second_order(places)
     noise = tuple(one.through(joined.left[:, :, rows], joined.right[:, columns], second < LOST)
                   for part, rows, columns in places for one in part.noise)
-    _told(omega, second)
+    many = second > LOUD  # first order says too little of the noise
+    if many.any():
+        worst = int(second.argmax())
+        warn(f"the noise is too large for first order at {int(many.sum())} of {len(omega)} frequencies, most at ω = "
+             f"{omega[worst]:.5g} rad/time: terms of second order are {second[worst]:.2g} of the first, so scatter, ellipses "
+             f"and covariance are too small there (unknown from {LOST:g} on). Measure more often, or leave these frequencies out")
     bound = joined.bounded(bound)
     whole = all(part.tally.counted is not None for part in given.values())
     known = int(np.count_nonzero(~loose(joined.Y, bound, tol))) if whole else None
     return FrequencyResponse(omega, joined.Y, bound, second, tuple(responses), tuple(loads),
                              np.zeros(len(omega), dtype=bool), tally=Tally(len(omega), known), noise=noise,
                              cutoff=min(part.cutoff for part in given.values()))
-
-
-def _told(omega: Array, second: Array) -> None:
-    """A warning where first order says too little of the noise."""
-    many = second > LOUD
-    if many.any():
-        worst = int(second.argmax())
-        warn(f"the noise is too large for first order at {int(many.sum())} of {len(omega)} frequencies, most at ω = "
-             f"{omega[worst]:.5g} rad/time: terms of second order are {second[worst]:.2g} of the first, so scatter, ellipses "
-             f"and covariance are too small there (unknown from {LOST:g} on). Measure more often, or leave these frequencies out")
 
 
 def _joint(joint: Any, parts: Mapping[str, FrequencyResponse]) -> tuple[str, str]:
@@ -245,7 +240,7 @@ def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str,
         Measured, or computed at the places of the sensors.
     point : array_like, shape (3,)
     sensors, impacts : mapping of str to (place, direction)
-        By names of responses and of loads: x and d, three numbers each. At least six that tell all motions. By default the
+        By names of responses and of loads: x and d, three numbers each. At least six that determine all motions. By default the
         impacts are at the sensors.
     name : str
         Of the point: its motions are 'point.ux' to 'point.rz'. Responses and loads that are not named here stay.
@@ -314,8 +309,8 @@ def _at_point(what: str, given: Mapping[str, tuple[Any, Any]], names: Sequence[s
     scaled = R / np.array([1.0, 1.0, 1.0, reach, reach, reach])
     values = np.linalg.svd(scaled, compute_uv=False)
     if len(R) < 6 or values[-1] < 1e-8:
-        raise InputError(f"{what} must tell all six motions of the point, but these {len(R)} leave some of them unknown. Add "
-                         "some at other places or along other directions")
+        raise InputError(f"{what} must determine all six motions of the point, but these {len(R)} leave some of them unknown. "
+                         "Add some at other places or along other directions")
     T = np.linalg.pinv(scaled) / np.array([1.0, 1.0, 1.0, reach, reach, reach])[:, None]
     kept = [one for one in names if one not in given]
     whole = np.zeros((6 + len(kept), len(names)))

@@ -157,11 +157,11 @@ class FrequencyResponse(Frozen):
             if not all(isinstance(one, str) for one in own) or len(set(own)) < len(own):
                 raise InputError(f"{what} must be names, each of them once, not {shown(own)}")
         if (h.ndim == 4) + (level is not None) + (scatter is not None) > 1:
-            raise InputError("give one of level, scatter and repeated measurements: each tells the noise")
+            raise InputError("give one of level, scatter and repeated measurements: each states the noise")
         deviations = None
         if h.ndim == 4:
             if len(h) < 2:
-                raise InputError("repeated measurements are at least two; one alone tells nothing of the noise")
+                raise InputError("repeated measurements are at least two; one alone shows nothing of the noise")
             deviations, h = h - h.mean(axis=0), h.mean(axis=0)
         elif level is not None:
             scatter = positive_number("level", level) * np.abs(h)
@@ -169,10 +169,10 @@ class FrequencyResponse(Frozen):
             scatter = real_array("scatter", scatter)
             if scatter.shape != shape or scatter.min(initial=0.0) < 0:
                 raise InputError(f"scatter must be of shape {shape}, none of it negative, but its shape is {scatter.shape}")
-        told = scatter is not None or deviations is not None
+        noisy = scatter is not None or deviations is not None
         return cls(np.array(omega), np.array(h, dtype=complex), np.zeros(shape), np.zeros(len(omega)), names[0], names[1],
                    np.zeros(len(omega), dtype=bool),
-                   noise=(Noise.of(*shape[1:], scatter=scatter, deviations=deviations),) if told else ())
+                   noise=(Noise.of(*shape[1:], scatter=scatter, deviations=deviations),) if noisy else ())
 
     @property
     def repeated(self) -> int:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
 
 
-class Solver(Protocol):
+class Inverse(Protocol):
     """A factor of a complex matrix P."""
 
     def solve(self, B: Array, transposed: bool = False) -> Array:
@@ -42,7 +42,7 @@ class _Dense:
         return np.asarray(after * la.lapack.zgetrs(*self.lu, before * B, trans=int(transposed))[0])
 
 
-def solver_near(pencil: Pencil, value: complex) -> Solver | None:
+def solver_near(pencil: Pencil, value: complex) -> Inverse | None:
     """P(λ)⁻¹, or that of a λ beside it, where P(λ) itself is singular; None if both are, as beside rigid motion."""
     for beside in (0.0, 1e6 * EPS):  # so near that both are one for a correction, and far enough that P is regular
         try:
@@ -63,7 +63,7 @@ def left_slope(pencil: Pencil, value: complex, y: Array) -> Array:
     return np.asarray(2 * np.conj(value) * (pencil.M.T @ y) + pencil.D.T @ y if value else pencil.M.T @ y)
 
 
-def corrected(pencil: Pencil, value: complex, x: Array, y: Array, solver: Solver) -> tuple[Array, Array]:
+def corrected(pencil: Pencil, value: complex, x: Array, y: Array, solver: Inverse) -> tuple[Array, Array]:
     """Better vectors x and y of unit length."""
     x, y = solver.solve(slope(pencil, value, x)), solver.solve(left_slope(pencil, value, y).conj(), transposed=True).conj()
     with np.errstate(all="ignore"):  # what is not finite is the caller's to see; lengths may overflow

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 SLOW = 0.1  # ‖λq‖ of a state of length 1 below which q follows from Ωq
 STILL = 1e-12  # ‖λq‖ below which the rigid part of q would be rounding
-BESIDE = 1e-12  # a shift so far off λ, relatively: on it P(λ) may be singular
 STEPS = 8  # of inverse iteration for a lost λ, at most
 SOLVED = 1e-10  # backward error of an eigenpair that LAPACK has found
 APART = 1e-3  # relative distance of two eigenvalues that are certainly not one
@@ -318,7 +317,7 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array, rigid: Array | No
         value, x, y = 0.0, X[:, i], Y[:, i] if Y[:, i].any() else X[:, i].conj()
         for _ in range(STEPS):
             value, before = _smaller_root(*(np.vdot(y, A @ x) for A in (pencil.M, pencil.D, pencil.K))), value
-            solver = solver_near(pencil, value * (1 + BESIDE))
+            solver = solver_near(pencil, value)
             new = (x, y) if solver is None else corrected(pencil, value, x, y, solver)
             if solver is None or not np.isfinite(new).all():
                 break

@@ -25,7 +25,6 @@ SAFE = 0.5  # required margin on the contour; the theorem needs 1
 ROUNDS = 12  # largest number of enrichments until the margin is safe
 SURE = 100.0  # safety factor on the estimated distance of the nearest undamped mode
 CLOSE = 1e8  # inverse relative distance at which a mode counts as on the edge
-TINY = 1e-300
 Solve = Callable[[Array], Array]
 
 
@@ -55,7 +54,7 @@ def edge(parts: Split, radius: float) -> Edge:
     x = np.random.default_rng(13).standard_normal((parts.M.shape[0], 2))
     for _ in range(2):
         x = handle.solve(parts.M @ (x / length))
-        length = np.sqrt(np.maximum(np.einsum("ij,ij->j", x, parts.M @ x), TINY))
+        length = np.sqrt(np.maximum(np.einsum("ij,ij->j", x, parts.M @ x), np.finfo(float).tiny))
     below, near = handle.negative_pivots, 1 + 2 * radius**2 * float(length.max())
     handle.close()
     if not near < CLOSE:
@@ -219,7 +218,7 @@ class _Small:
         A = np.block([[zero, eye], [-R**2 * M, -R * D]])
         B = np.block([[eye, zero], [zero, K]])
         alpha, beta = la.eigvals(A, B, homogeneous_eigvals=True, check_finite=False)
-        return R * beta / np.where(np.abs(alpha) > TINY, alpha, TINY)
+        return R * beta / np.where(np.abs(alpha) > np.finfo(float).tiny, alpha, np.finfo(float).tiny)
 
     def _amplitudes(self, s: Array) -> tuple[Array, Array]:
         """1/((1 + βs)(1 + (ζ - μ)θ)) per mode, shape (len(s), m), and (1 + βs)(ζ - μ)."""
@@ -254,7 +253,7 @@ class _Small:
         R2 = self.radius**2
         zeta = self.parts.squared(s)
         shift = zeta - self.mu
-        least = np.where(shift.real >= 0, 1.0, np.abs(shift.imag) / np.maximum(np.abs(shift), TINY))
+        least = np.where(shift.real >= 0, 1.0, np.abs(shift.imag) / np.maximum(np.abs(shift), np.finfo(float).tiny))
         bound = SURE * self.near
         off = np.abs(zeta + R2) / R2
         close = np.where(off * bound < 0.5, 1 / (2 * bound), 0.0)
@@ -265,7 +264,7 @@ class _Small:
         p, R = self.parts, self.radius
         decay = p.alpha + p.beta * R**2
         crossing = np.pi - np.arctan2(np.sqrt(max(R**2 - decay**2 / 4, 0.0)), decay / 2)
-        theta = np.maximum(self.theta, TINY)
+        theta = np.maximum(self.theta, np.finfo(float).tiny)
         omega = np.sqrt(np.maximum(1 / theta - self.mu, 0.0))
         centres = np.append(self.eigenvalues, 1j * omega)
         centres = centres[(np.abs(np.abs(centres) - R) < 0.5 * R) & (centres.imag >= 0)]

@@ -50,7 +50,11 @@ def mended(pencil: Pencil, values: Array, X: Array, Y: Array) -> Mended:
     if not len(values):
         return Mended(values, X, Y, done, done)
     bar = bars(pencil, values, X, Y).error_bar
-    poor = _is_poor(pencil, values, X, Y, bar)
+    # a poor error bar is large, and larger than rounding explains
+    size, left = np.abs(values), np.abs(Y)
+    rounding, residual = EPS * pencil.magnitude(values, X), np.abs(pencil.residual(values, X))
+    poor = (bar > POOR * size) & (size > 0)
+    poor &= np.einsum("ij,ij->j", left, residual) > FLOOR * np.einsum("ij,ij->j", left, rounding)
     for k in np.flatnonzero(poor):
         around = done & (np.abs(values - values[k]) <= max(AROUND * abs(values[k]), bar[k]))
         others = values[around], X[:, around], Y[:, around]
@@ -63,15 +67,6 @@ def mended(pencil: Pencil, values: Array, X: Array, Y: Array) -> Mended:
             continue
         values[k], X[:, k], Y[:, k], done[k] = *found, True
     return Mended(values, X, Y, done, poor & ~done & (bar > VAGUE * np.abs(values)))
-
-
-def _is_poor(pencil: Pencil, values: Array, X: Array, Y: Array, bar: Array) -> Array:
-    """Whether an error bar is large, and larger than rounding explains."""
-    size = np.abs(values)
-    poor = (bar > POOR * size) & (size > 0)
-    rounding, residual = EPS * pencil.magnitude(values, X), np.abs(pencil.residual(values, X))
-    left = np.abs(Y)
-    return poor & (np.einsum("ij,ij->j", left, residual) > FLOOR * np.einsum("ij,ij->j", left, rounding))
 
 
 def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Array, Array, Array]

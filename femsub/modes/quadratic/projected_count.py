@@ -1,6 +1,6 @@
 """The number of eigenvalues in a rectangle or disc, for damping and friction of any rank: projection on the undamped modes.
 
-A brake is often projected on its undamped modes, and the result trusted. Here a bound of what the projection leaves out tells
+A brake is often projected on its undamped modes, and the result trusted. Here a bound of what the projection leaves out shows
 whether the number of its eigenvalues is right. All factors are real and positive definite, so any size can be counted.
 """
 
@@ -49,12 +49,10 @@ log = logging.getLogger(__name__)
 
 REACH = 2.5  # undamped modes are kept up to so many times the largest Im λ
 LIFTS = (0.0, 0.2, 1.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
-MORE, ROUGH, FEW_RESTARTS = 4, 1e-4, 4  # modes beyond half of the eigenvalues, tolerance of θ and restarts for a radius
 MOTION = 1e-9  # quotient relative to the largest up to which a shape is rigid motion, or nearly
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
 COLUMNS = 500  # of n numbers that are needed at most while a process looks for strong damping
 DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
-ROUNDS = 8  # of enrichment
 
 
 Bounds = tuple[Array, float, float]  # shapes of strong damping, d and g: see `Projection`
@@ -121,8 +119,11 @@ class Projection(EnergyBasis):
         check_room("the count by projection", 8.0 * (3 * p * p + 24) * (m + new.shape[1])**2)  # products, and the eigenproblem
         return super().add(new - self.free @ (self.momenta.T @ new), modes=modes, unit=unit)
 
-    def on(self, choose: Callable[[Array], Contour]) -> Count | None:
-        """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without."""
+    def on(self, choose: Callable[[Array], Contour], rounds: int = 8) -> Count | None:
+        """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without.
+
+        `rounds` of enrichment at most. One is usual, and each makes the eigenproblem of VᵀPV larger.
+        """
         self.why = ""
         c = self.coercivity(self.outer.side, self.outer.top)
         if c <= 0:
@@ -131,7 +132,7 @@ class Projection(EnergyBasis):
         if not self.size:
             self.why = "it has no shape besides rigid motion"
             return None
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             try:
                 small = Coupling.of(self, self.outer.size)
                 contour = choose(small.values)
@@ -222,7 +223,8 @@ def about_radius(pencil: Pencil, number: int) -> float:
     if not np.isfinite(lift):
         raise SingularMatrixError("no motion has both stiffness and mass")
     factor = shared_factor(sp.csr_array(K + lift * M), "definite")
-    values = block_lanczos(factor, M, 0.0, number // 2 + MORE, tol=ROUGH, restarts=FEW_RESTARTS)[0]
+    # some modes more than half of the eigenvalues, and four digits of the last, are enough for a radius that may grow
+    values = block_lanczos(factor, M, 0.0, number // 2 + 4, tol=1e-4, restarts=4)[0]
     return float(np.sqrt(max(values[-1] - lift, lift / 16)))
 
 

@@ -94,7 +94,7 @@ class Refined:
 def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | System,
            contacts: Contacts = None, *, which: Sequence[int] | None = None, tol: float = 1e-8,
            steps: int = 20) -> Refined:
-    """Refine the complex modes of a reduced model to those of the full model, and tell how far each λ moves.
+    """Refine the complex modes of a reduced model to those of the full model, and return how far each λ moves.
 
     P(λ)x = 0 of the full model is solved by x ← x - A⁻¹P(λ)x from x = Vq, with A = K - σM factorised once, for all modes
     together. This is residual inverse iteration with a fixed real factor. By itself it converges only for the lowest mode:
@@ -133,7 +133,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     InputError, InputTypeError
         `full`, `modes` and `rom` do not belong together, or a row does not exist.
     NotConvergedError
-        Not converged within `steps`; the message tells the error reached.
+        Not converged within `steps`; the message has the error reached.
 
     Warns
     -----
@@ -270,7 +270,7 @@ class _Space(EnergyBasis):
 
 
 def _shares(start: Array, q: Array, values: Array, moved: Array, own: Array) -> Array:
-    """The share of each starting shape in the space of the refined modes that the reduced model cannot tell from its own, (k,).
+    """The share of each starting shape in the space of the refined modes that the reduced model does not separate from it, (k,).
 
     `own` are the modes that are nobody's twin.
     """

@@ -126,18 +126,15 @@ def region_of(pencil: Pencil, count: Any, band: Any, re: Any) -> Region:
         count, most = whole_number("count", count), 2 * pencil.size
         if not 1 <= count <= most:
             raise InputError(f"count must be between 1 and {most}, the number of eigenvalues of {pencil.size} DOF, not {count}")
-    region = Region(count, None if band is None else _rectangle(band, re))
+    box = None
+    if band is not None:
+        lo, hi = check_band(band)
+        box = (*((-hi, hi) if re is None else interval("re", re)), lo, hi)
+    region = Region(count, box)
     if region.is_all and pencil.is_sparse and pencil.size > QUADRATIC:
         raise InputError(f"a sparse model of {pencil.size} DOF has {2 * pencil.size} eigenvalues: ask for count=20 or "
                          "band=(lo, hi)")
     return region
-
-
-def _rectangle(band: Any, re: Any) -> Box:
-    lo, hi = check_band(band)
-    if re is None:
-        return -hi, hi, lo, hi
-    return *interval("re", re), lo, hi
 
 
 def _nearest(values: Array, count: int | None) -> Array:

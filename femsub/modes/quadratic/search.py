@@ -54,7 +54,6 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 HEAVY = 100.0  # d_ii / sqrt(m_ii k_ii) from which on an error beside ‖D‖ is worth Newton steps on a large model
-DISCS, WIDER = 3, 1.25  # attempts at a disc that holds the eigenvalues nearest to 0, and how much wider the next one is
 MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hours and backward errors grow
 SHARE = 0.1  # of LAPACK's cost that a search by PEP may have: if it fails, so much is lost, and LAPACK comes after it
 
@@ -385,17 +384,16 @@ class _Nearest(_Evidence):
             self.why = f"the model has {pencil.size} DOF, and above {KEPT} none is made unasked, because of its second factor"
         self.tried = wanted and self.parts is None and pencil.is_sparse and pencil.size > QUADRATIC
         if self.tried:  # a disc is widened until it holds the nearest; in the units given a uniform motion is one of a body
-            radius, attempts = 0.0, DISCS
+            radii: list[float] = []
             try:
-                radius = about_radius(given, number)
+                radii = (about_radius(given, number) * np.array([1.0, 1.25, 1.5])).tolist()  # the first is mostly wide enough
             except (SingularMatrixError, NotConvergedError, NotEnoughMemoryError) as error:
-                self.why, attempts = f"the radius of a disc with {number} eigenvalues is not known: {error}", 0
-            for _ in range(attempts):
+                self.why = f"the radius of a disc with {number} eigenvalues is not known: {error}"
+            for radius in radii:
                 self.short = False
                 self.count = self.projected(Contour(radius), partial(self._behind, Contour(radius)))
                 if not self.short:
                     break
-                radius *= WIDER
             self.pairs = self._pairs()
         # The eigenvalues nearest to a shift are not exactly those nearest to 0, so a few more are computed. A count needs a
         # gap behind the last one, and therefore the next one.

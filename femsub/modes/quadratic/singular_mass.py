@@ -38,7 +38,7 @@ def _regular(A: Array) -> bool:
 class Parts:
     """UᵀMV = diag(Σ, 0, 0) and, on the null space of M, UᵀDV = diag(Δ, 0): three groups of coordinates q = (q₁, q_a, q_b).
 
-    U and V (n, n) are regular, and equal if M and D are symmetric. `clear` tells whether no rank depends on rounding.
+    U and V (n, n) are regular, and equal if M and D are symmetric. `clear` says whether no rank depends on rounding.
     """
 
     U: Array
