@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import Handle, SparseFactor, Transposed, quadratic_modes, shared_factor
-from femsub.checks import Array
+from femsub.checks import EQUAL, Array
 from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.model import costs
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.quadratic.multiplicity import distinct, joined, match
 from femsub.modes.shift_invert import ShiftInvert, motion_of
@@ -112,8 +113,7 @@ class Shifted:
             values, X = self._zeros(values, X)
         elif self.shift:
             still = np.flatnonzero(np.abs(values) < 1e-5 * self.shift)
-            scale = np.linalg.norm(abs(pencil.K) @ np.abs(X[:, still]), axis=0)
-            still = still[np.linalg.norm(pencil.K @ X[:, still], axis=0) <= 1e-9 * scale]
+            still = still[costs(pencil.K, X[:, still])[0] <= EQUAL]
             both = still[values[still].imag != 0]  # their conjugates are 0 as well
             values[still] = 0.0
             if len(both):
