@@ -270,7 +270,8 @@ class EnergyBasis:
         weighted = [np.ascontiguousarray(x * (term.sign * weight.conj() if adjoint else weight)).view(float)
                     for term, weight in zip(self.terms, weights, strict=True)]
         assert self.lost.size and self._seen.size == self.size
-        unit = max((size * float(np.abs(weighted[i][at]).max()) for i, at, size, _ in self._outside), default=0.0) or 1.0
+        sizes = [size * float(np.abs(weighted[i][at]).max(initial=0.0)) for i, at, size, _ in self._outside]
+        unit = max(sizes, default=0.0) or 1.0
         total = np.zeros((len(self.V), 2 * x.shape[1]), dtype=np.float32)
         for i, at, size, block in self._outside:
             total += block @ (weighted[i][at] * (size / unit)).astype(np.float32)
