@@ -7,6 +7,7 @@ import io
 import json
 import logging
 import os
+import signal
 import sys
 import warnings
 from collections import Counter
@@ -22,8 +23,8 @@ from femsub.app.scene import SCENES, Result, Scene, built, load
 from femsub.checks import installed_by, package
 from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, printable
 
-READER_GONE = 141  # the exit status of a command whose output nobody reads any more
-INTERRUPTED = 130  # the exit status of what Ctrl-C ends
+#: exit statuses as of a shell, 128 and the number of the signal: nobody reads the output any more; Ctrl-C
+READER_GONE, INTERRUPTED = 128 + signal.SIGPIPE, 128 + signal.SIGINT
 FOLDERS = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}  # how shells complete a folder
 SCENE_NAME = "a name from `femsub scenes`"
 

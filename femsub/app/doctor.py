@@ -13,16 +13,14 @@ import scipy.sparse as sp
 
 import femsub
 from femsub.algebra import available, inertia, libraries, own_processors, petsc, processors, variable
-from femsub.checks import installed_by
+from femsub.checks import DENSE, EQUAL, installed_by
 from femsub.errors import FemsubError
 
 OPTIONAL = "matplotlib", "scikit-fem", "meshio", "plotly", "pyyeti"
 PACKAGES = {"MUMPS": "mumps", "CHOLMOD": "suitesparse", "METIS": "metis", "Scotch": "ptscotch"}  # as PETSc calls them
-LITTLE = 2e9  # bytes of memory below which models of some 10,000 solid DOF do not fit
 #: by packages that are missing, broken, or do not fit each other
 THROWN = (ArithmeticError, AttributeError, FemsubError, ImportError, LookupError, OSError, RuntimeError, SystemError, TypeError,
           ValueError, np.linalg.LinAlgError)
-WRONG = 1e-12  # a relative residual of small systems above which a factorisation is not what it should be
 
 
 @dataclass
@@ -96,7 +94,7 @@ def _petsc(found: Findings) -> None:
         K = sp.csr_array(A - shift * sp.eye_array(n))
         x = petsc.SparseFactor(K, kind).solve(b)
         residual = float(np.linalg.norm(K @ x - b) / (np.linalg.norm(x) * 4 + np.linalg.norm(b)))
-        if not residual <= WRONG:
+        if not residual <= EQUAL:
             found.wrong.append(f"a {kind} factorisation has a residual of {residual:.0e}: PETSc and its packages do not fit each "
                                f"other, or its BLAS is broken. {petsc.installation()}")
     count = inertia(sp.csr_array(A - 0.5 * sp.eye_array(n)))
@@ -127,7 +125,7 @@ def _blas(found: Findings) -> None:
     A = np.random.default_rng(0).standard_normal((300, 300))
     Q = np.linalg.qr(A)[0]
     off = float(np.abs(Q.T @ Q - np.eye(300)).max())
-    if not off <= WRONG:
+    if not off <= EQUAL:
         found.wrong.append(f"NumPy's BLAS is broken: QᵀQ of a QR decomposition is {off:.0e} off; try OPENBLAS_CORETYPE=Haswell, "
                            f"and install NumPy anew: {installed_by('numpy')}")
 
@@ -138,6 +136,7 @@ def _memory(found: Findings) -> None:
         found.add("memory", "unknown on this system")
         return
     found.add("memory", f"{free / 1e9:.1f} GB available to this process")
-    if free < LITTLE:
+    # all modes of a dense model: the two matrices of its linearisation, of twice its size, and the vectors of both sides
+    if free < 4 * 8 * (2 * DENSE)**2:
         found.wrong.append(f"only {free / 1e9:.1f} GB of memory are available: end other programs, or raise the container's "
                            "limit")

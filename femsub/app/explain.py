@@ -14,8 +14,6 @@ from femsub.app.keys import Declared, defaults_of, item_kind, keys_of, kinds, ty
 from femsub.app.scene import scene_of
 from femsub.app.schema import FILE
 
-WIDTH = 80
-
 
 def keys_text(name: str) -> str:
     """Every key of a scene: its type, unit, default and meaning."""
@@ -104,4 +102,4 @@ def _docstring(kind: type, indent: str = "") -> list[str]:
 
 
 def _paragraph(text: str, indent: str = "") -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
+    return textwrap.wrap(text, width=80, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)

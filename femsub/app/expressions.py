@@ -17,11 +17,10 @@ from typing import Any
 
 from numpy.polynomial import Polynomial
 
-from femsub.checks import parsing
+from femsub.checks import EQUAL, parsing
 from femsub.errors import InputError
 
 LONGEST = 500  # characters of an expression
-LEAF = 1e-9  # of the range of a parameter: how near to a place without a value two values may lie
 PIECES = 10000  # ranges tried at most
 OPERATORS: dict[type, Callable[[Any, Any], Any]] = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
                                                     ast.Div: operator.truediv, ast.Pow: lambda a, b: _power(a, b)}
@@ -125,7 +124,7 @@ class Expression:
             except ArithmeticError as error:
                 middle = (lo + hi) / 2
                 self({**values, parameter: middle})
-                if hi - lo > LEAF * (between[1] - between[0]) and lo < middle < hi:
+                if hi - lo > EQUAL * (between[1] - between[0]) and lo < middle < hi:
                     left += [(middle, hi), (lo, middle)]
                 elif isinstance(error, _UndefinedError) and error.singular:
                     raise self._undefined({**values, parameter: middle}, error) from None

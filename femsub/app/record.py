@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from femsub.app.inputs import RESULTS, results_of
 from femsub.app.keys import keys_of
 from femsub.app.report import machine, remove, results, to_json, versions, write
-from femsub.app.scene import SCENES, Progress, Result, Scene
+from femsub.app.scene import SCENES, Progress, Result, Scene, first_of
 from femsub.checks import hash_of, installed_by, is_there, resolved
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.io import texts_read
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 PAPER = ("the conference paper that compares Hurty/Craig-Bampton and Craig-Chang on a chain of masses on a belt "
          "(section Vehicle Noise and Vibration)")
 OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of what scenes write
-NAMED = 5  # files that a message lists
 
 
 class Record:
@@ -86,7 +85,7 @@ class Record:
         remove(self.folder, {name: known for name, known in self.last.items() if name not in names | inputs})
         strange = sorted({path.name for path in self.folder.iterdir() if path.suffix in OURS} - names - inputs)
         if strange:
-            warn(f"{self.folder} also holds files that are not of this run: {_listed(strange)}", FemsubWarning)
+            warn(f"{self.folder} also holds files that are not of this run: {first_of(strange)}", FemsubWarning)
         return written
 
     def _kind(self) -> str:
@@ -107,7 +106,7 @@ class Record:
         if (known["scene"], known["inputs"].get("scene", kind)) != (self.scene.name, kind):
             others = [path.name for path in sorted(self.folder.iterdir()) if path.suffix in OURS]
             raise InputError(f"the output folder {self.folder} holds the results of another scene, {known['scene']!r} "
-                             f"({_listed(others)}); choose another folder for --out, or delete them")
+                             f"({first_of(others)}); choose another folder for --out, or delete them")
         return {name: known["sha256"].get(name) for name in known["written"] if isinstance(name, str)}
 
     def _place(self, path: Path) -> str:
@@ -160,8 +159,3 @@ def _named_file(path: Path) -> tuple[Path, str]:
         return path, ""
     file, _, matrix = path.name.rpartition(":")
     return path.with_name(file), f":{matrix}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = len(names) - NAMED
-    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")

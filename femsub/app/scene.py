@@ -58,14 +58,19 @@ SCENES = {
     "audit": ("audit", "anybody's reduced model from files: what is right, wrong, and cannot be known"),
 }
 OWN = ".py"  #: ending of a file with a scene of your own
-MOST_REPEATS = 1000
 LONGEST_NAME = 100
-HIGHEST = 1e100  # end of a band
+RIGID = 6  # rigid motions that a part has at most
 PAGE = "page"  # the output that is made of the others
 #: of the literature, and of Python's MacNeal
 SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-bampton", "mac-neal": "macneal"}
 #: Keys that scenes of nonlinear models do not have.
 NO_SLOPE = {"slope": "the nonlinear model needs a friction law, i.e. law, eps and speed, not a slope"}
+
+
+def first_of(names: Sequence[str], kind: str = "", most: int = 5) -> str:
+    """'a, b, c, d, e and 2 more', so that a sentence stays one; `kind` is what they are."""
+    more = f" and {len(names) - most} more {kind}".rstrip() if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def method_keys(_: object) -> Iterable[str]:
@@ -95,7 +100,7 @@ class Scene:
                              "report.html in the folder given by --out; 'page' alone: all of the default, and the page",
                              choices=lambda scene: (*scene.OUTPUTS, *scene.ON_REQUEST, PAGE))
     figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
-    repeats: int = key(5, "runs per time that is measured", least=1, most=MOST_REPEATS)
+    repeats: int = key(5, "runs per time that is measured", least=1, most=1000)
     units: str = key("", "the units of all numbers: 'SI' (m, kg, s, N) or 'mm-t-s' (mm, t, s, N); with them Hz stands beside "
                      "rad/s in what is printed, written and drawn; nothing is converted", choices=lambda _: SYSTEMS,
                      otherwise="no unit is claimed", example="SI")
@@ -115,8 +120,9 @@ class Scene:
             raise InputError(f"methods is empty; valid: {', '.join(reduction.METHODS)}")
         self.put(methods=[_known(name, reduction.METHODS) for name in self.methods], law=_known(self.law, coupling.LAWS))
         check_keys(self)
-        if max(getattr(self, "band", None) or [0.0]) > HIGHEST:
-            raise InputError(f"band must end below {HIGHEST:g}, so that the squares of its frequencies are finite; it is "
+        highest = sys.float_info.max**(1 / 3)
+        if max(getattr(self, "band", None) or [0.0]) > highest:
+            raise InputError(f"band must end below {highest:.3g}, so that the cubes of its frequencies are finite; it is "
                              f"{shown(self.band)}")  # type: ignore[attr-defined]
 
     def put(self, **values: Any) -> None:

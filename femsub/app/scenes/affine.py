@@ -23,7 +23,6 @@ BETWEEN = [0.005, 0.2]  # of the example
 #: the example's factors, by its matrices
 EXAMPLE = {"M": {"M": "1"}, "D": {"D1": "1", "DR": "mu / speed", "DG": "speed"},
            "K": {"K1": "1", "KR": "mu", "Kgeo": "speed**2"}}
-MU = 0.4  # of the example
 
 
 @dataclass(frozen=True)
@@ -44,6 +43,9 @@ class FixedKeys:
     value: float = key(0.0, "its value")
 
 
+FRICTION = FixedKeys("mu", 0.4)  # of the example
+
+
 @dataclass(frozen=True)
 class AffineScene(FlutterScene):
     """A pencil λ² Σ θ M + λ Σ θ D + Σ θ K of your own matrices, each with a factor θ of named parameters, over one of them.
@@ -61,8 +63,8 @@ class AffineScene(FlutterScene):
                             required_with="M", example=[TermKeys("K1.mtx"), TermKeys("KR.mtx", "mu"),
                                                         TermKeys("Kgeo.mtx", "speed**2")])
     parameter: str = key("", "the parameter that changes", otherwise="the one that fixed has no value for", example="speed")
-    fixed: list[FixedKeys] = key([], "values of the other parameters", otherwise="none; mu = 0.4 in the example",
-                                 example=[FixedKeys("mu", 0.4)])
+    fixed: list[FixedKeys] = key([], "values of the other parameters", example=[FRICTION],
+                                 otherwise=f"none; {FRICTION.name} = {FRICTION.value:g} in the example")
     between: list[float] = key([], "the range of the parameter", form="[lo, hi]", required_with="M", example=BETWEEN,
                                otherwise="that of the example")
     band: list[float] = key([], "the frequencies that are looked at", unit="rad/time", least=0, form="[lo, hi]",
@@ -119,7 +121,7 @@ class AffineScene(FlutterScene):
     def values(self) -> dict[str, float]:
         """Those of the parameters that do not change."""
         given = {one.name: one.value for one in self.fixed}
-        return given if self.M or self.parameter == "mu" else {"mu": MU, **given}
+        return given if self.M or self.parameter == FRICTION.name else {FRICTION.name: FRICTION.value, **given}
 
     @cached_property
     def over(self) -> str:

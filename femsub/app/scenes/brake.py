@@ -31,11 +31,10 @@ from femsub import (
     study,
     track,
 )
-from femsub.app.figures import shapes_figure
 from femsub.app.keys import key
-from femsub.app.scene import Picture, Progress, Result, Scene, Shown, run_outputs
+from femsub.app.scene import RIGID, Picture, Progress, Result, Scene, Shown, run_outputs
 from femsub.app.scenes.joined_parts import by_kind
-from femsub.app.scenes.outputs import DRAWN, least_stable, motion_files, page_mode, vtu
+from femsub.app.scenes.outputs import least_stable, lowest_figure, motion_files, page_mode, vtu
 from femsub.checks import NOT_CHECKED, Array
 from femsub.coupling import brake_meshes, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
@@ -59,7 +58,6 @@ if TYPE_CHECKING:
     from femsub.app.scene import Writer
 
 PADS = ("inboard", "outboard")
-WITHIN = 1e-2  # relative error of the critical μ that the recommended model may have
 UNUSED = "the friction of a brake is Coulomb's, with mu, pressure and turning"
 
 
@@ -101,6 +99,7 @@ class BrakeScene(Scene):
     methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang", "rubin"])
     modes: list[int] = key([60, 100], "numbers of real modes of the brake in contact; each part keeps as many of its "
                            "own", least=1)
+    tolerance: float = key(1e-2, "relative error of the critical μ that the recommended model may have", above=0)
     units: str = "SI"
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("unstable", "error-time", "flutter")
@@ -198,7 +197,7 @@ class Brake:
         methods: list[Any] = []
         for name in scene.methods:
             for modes in scene.modes:
-                kept = {part: min(modes, len(sub.interior) - 6) for part, sub in system.parts.items()}
+                kept = {part: min(modes, len(sub.interior) - RIGID) for part, sub in system.parts.items()}
                 room = sum(kept.values()) + len(system.interface)
                 methods.append(({part: METHODS[name](count) for part, count in kept.items()},
                                 self.contact_modes(min(modes, room - 1))))
@@ -302,8 +301,7 @@ def _unstable(brake: Brake) -> Result:
     titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g} 1/s" for row in rows]
     names = [f"{row['hertz']:.5g} Hz" for row in rows]
     title = f"{scene.name}: unstable modes at μ = {mu:g}, at the phase of the largest displacement"
-    drawn.append(Picture("unstable", partial(shapes_figure, mesh, fields[..., :DRAWN].real, titles[:DRAWN], title,
-                                             {"contact": brake.contact_nodes})))
+    drawn.append(Picture("unstable", partial(lowest_figure, mesh, fields.real, titles, title, {"contact": brake.contact_nodes})))
     shown = {f"{part} {name}": getattr(fields[..., i], attribute) for i, name in enumerate(names)
              for part, attribute in (("real-part", "real"), ("imaginary-part", "imag"))}
     phases = {f"phase {name}": np.degrees(np.angle(fields[..., i])) for i, name in enumerate(names)}
@@ -342,11 +340,12 @@ def _error_time(brake: Brake) -> Result:
         "it has no critical μ in the range"
     head = (f"Reduced models against the full one, which takes {found.full.solution.median:.1f} s per μ; {known}. Parts reduced "
             "by a method are then reduced by contact modes")
-    rows, best, words = [row.flat() for row in (found.full, *found.rows)], found.recommended(WITHIN), found.recommendation(WITHIN)
+    rows = [row.flat() for row in (found.full, *found.rows)]
+    best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
     data = {"error-time": {"parameter": "mu", "values": scene.full, "rows": rows, "left_out": found.left_out,
                            "recommendation": words, "recommended": best.flat() if best else None}}
     return Result(data, [head, str(found), words, Table("error-time", rows, title="Error against run time"),
-                         friction_errors_chart(found, scene.name, "error-time"), study_choice(found, WITHIN)])
+                         friction_errors_chart(found, scene.name, "error-time"), study_choice(found, scene.tolerance)])
 
 
 def _flutter(brake: Brake) -> Result:

@@ -35,14 +35,12 @@ from femsub.studies import (
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
 
-MOST = 10**7  # masses
-
 
 @dataclass(frozen=True)
 class MassKeys(Scene):
     """The chain of `femsub.chain`."""
 
-    n: int = key(10, "number of masses", least=1, most=MOST)
+    n: int = key(10, "number of masses", least=1, most=10**7)
     masses: float | list[float] = key(1.0, "the masses: one value, or n of them", unit="mass", above=0)
     springs: float | list[float] = key(1.0, "the springs: one value, or n of them; the first holds mass 1", unit="force/length",
                                        least=0)

@@ -13,14 +13,12 @@ from femsub.app.scenes.joined_parts import JoinedScene, compared
 from femsub.coupling import cut_chain
 from femsub.errors import InputError
 
-MOST = 10**6  # masses
-
 
 @dataclass(frozen=True)
 class ChainPartsScene(JoinedScene, MassKeys):
     """The paper's chain in several parts. A mass at a cut belongs to both parts, half to each."""
 
-    n: int = key(10, "number of masses", least=3, most=MOST)
+    n: int = key(10, "number of masses", least=3, most=10**6)
     springs: float | list[float] = key(1.0, "the springs: one value, or n of them", unit="force/length", above=0)
     parts: list[int] = key([2, 3, 5], "numbers of parts to cut it into", least=2, distinct=True)
     band: list[float] = key([], "the frequencies in which models are compared", unit="rad/time", least=0, form="[lo, hi]",

@@ -12,14 +12,13 @@ import numpy as np
 
 from femsub import Mesh, NormalModes, ReducedSubstructure, Substructure, displacements, normal_modes, reduce
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Scene
+from femsub.app.scene import RIGID, Progress, Scene
 from femsub.checks import Array
 from femsub.components import node_rows
 from femsub.errors import InputError, PortWarning
 from femsub.reduction import METHODS, Method
 
-UP_TO, MARGIN = 8, 0.02  # the band's default: so much above that mode
-LISTED = 14  # normal modes that are listed and written
+MARGIN = 0.02  # relative distance of the end of the band's default from the modes below and above it
 SI_DEFAULTS = ("E", "rho")  # of a scene that makes its component; other units need other numbers
 
 
@@ -30,8 +29,10 @@ class ComponentScene(Scene):
     modes: list[int] = key([10, 20], "numbers of modes to compare, for each method", least=0)
     ports: bool = key(True, "whether the static response to the contact joins each basis")
     band: list[float] = key([], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]",
-                            otherwise=f"from 0 to {100 * MARGIN:g} % above elastic mode {UP_TO}, or above the cluster that it "
-                            "belongs to", example=[0.0, 1e4])
+                            otherwise=f"from 0 to {100 * MARGIN:g} % above the last of elastic modes, or above the cluster that "
+                            "it belongs to", example=[0.0, 1e4])
+    elastic: int = key(8, "elastic modes that are listed, beside up to six rigid ones, and that the default of band holds; on "
+                       "springs so many frequencies are compared", least=1, most=1000)
     tolerance: float = key(1e-3, "relative error of the growth rates, or of the receptance, that the recommended model may have",
                            above=0)
     frequencies: int = key(400, "frequencies of the band at which receptances are compared", least=2, most=100_000)
@@ -76,7 +77,7 @@ class Work:
     @cached_property
     def normal(self) -> NormalModes:
         self.say("normal modes")
-        return normal_modes(self.sub, count=max(1, min(LISTED, self.sub.size - 6)))
+        return normal_modes(self.sub, count=max(1, min(RIGID + self.scene.elastic, self.sub.size - RIGID)))
 
     @cached_property
     def band(self) -> tuple[tuple[float, float], str]:
@@ -84,7 +85,7 @@ class Work:
         if self.scene.band:
             return (self.scene.band[0], self.scene.band[1]), "as given"
         omega = self.normal.frequencies[self.normal.rigid:]
-        last = min(UP_TO, len(omega)) - 1
+        last = min(self.scene.elastic, len(omega)) - 1
         while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * MARGIN) * omega[last]:
             last += 1
         return (0.0, float((1 + MARGIN) * omega[last])), f"to {100 * MARGIN:g} % above elastic mode {last + 1}"

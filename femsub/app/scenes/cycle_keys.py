@@ -19,8 +19,6 @@ from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.motion import PARAMETERS, of_signal, onsets, sliding, with_parameter
 from femsub.studies import Table, bifurcation_chart, column, cycles_verdict, label
 
-NEAR = 0.05  # frequencies of two models that differ by less belong to the same mode
-
 
 @dataclass(frozen=True)
 class CycleKeys(Scene):
@@ -39,6 +37,8 @@ class CycleKeys(Scene):
     dots_from: str = key("blow", "'blow': from the sliding equilibrium with a blow that moves the contact at the belt's speed; "
                          "'cycle': from a stable cycle of its branches next to that value, with velocities raised by 5 %, and no "
                          "dot where there is none (for models whose integration is slow)", choices=lambda _: ("blow", "cycle"))
+
+    near: float = key(0.05, "relative difference of frequencies up to which cycles of two models belong to one mode", above=0)
 
     WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
 
@@ -82,7 +82,7 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
                 if start is None:
                     raise NotConvergedError("no reduced model gave a cycle to start from")
                 cycle = harmonic_balance(model, scene.rubbing, start=start)
-                if abs(cycle.omega / family - 1) > NEAR:
+                if abs(cycle.omega / family - 1) > scene.near:
                     raise NotConvergedError(f"only another cycle was found, at ω = {cycle.omega:.5g}")
             except (NotConvergedError, NoCycleError) as error:
                 here.append(row | {"why": str(error)})
@@ -130,7 +130,7 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
                 found.append({"model": name, "family": family, "why": str(error)})
                 continue
             begins = traced.hopf.omega if traced.hopf else traced.omega[0]
-            if abs(begins / family - 1) > NEAR:
+            if abs(begins / family - 1) > scene.near:
                 found.append({"model": name, "family": family, "why": f"its nearest mode begins at ω = {begins:.5g}"})
                 continue
             found.append({"model": name, "family": family, "branch": traced, "missed": missed,

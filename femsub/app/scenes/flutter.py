@@ -11,7 +11,7 @@ import numpy as np
 
 from femsub import Affine, CriticalValue, Tracked, critical_value, track
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Result, Scene, run_outputs
+from femsub.app.scene import Progress, Result, Scene, first_of, run_outputs
 from femsub.errors import InputError
 from femsub.studies import Table, Verdict, column, flutter_chart, span
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from femsub.stability import Crossing
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
-TOLD = 5  # open intervals that are listed
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,9 @@ def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], la
                              "width": one.width, "evidence": item.evidence})
     columns = ["model", column("stability", form="s"), column("value", label, "s", cell=_digits), column("kind", form="s"),
                "omega", *([column("exact", "closed form", ".10f"), column("error", "error", ".0e")] if exact else []), "evidence"]
-    left = [line for name, item in found.items() for line in _left_open(name, item)]
+    left = [f"{name}: not excluded are further crossings in "
+            f"{first_of([f'{lo:.9g} to {hi:.9g}' for lo, hi in item.open], 'intervals')}."
+            for name, item in found.items() if item.open]
     places = {name: [list(one) for one in item.open] for name, item in found.items()}
     return Result({"critical-value": rows, "not_excluded": places}, [
         f"Where stability is lost, over {label}:", Table("critical-value", rows, columns, "Critical values"), *left,
@@ -105,15 +106,6 @@ def _digits(row: Mapping[str, Any]) -> str | None:
     """Up to 10 places behind the point, none of them below the width."""
     value, width = row["value"], row["width"]
     return None if value is None else f"{value:.{min(max(-int(np.floor(np.log10(width or 1e-10))), 0), 10)}f}"
-
-
-def _left_open(name: str, item: CriticalValue) -> list[str]:
-    """What was not excluded, in words."""
-    if not item.open:
-        return []
-    places = ", ".join(f"{lo:.9g} to {hi:.9g}" for lo, hi in item.open[:TOLD])
-    more = len(item.open) - TOLD
-    return [f"{name}: not excluded are further crossings in {places}{f' and {more} more intervals' if more > 0 else ''}."]
 
 
 def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, Sequence[Crossing]], label: str, title: str,

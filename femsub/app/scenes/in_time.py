@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,11 +39,6 @@ from femsub.studies import (
     spectra_chart,
     table_rows,
 )
-
-LISTED = 3  # frequencies in the table
-FAINT, STILL = 1e-6, 1e-3  # of the belt's speed: growth is followed from one to the other, where the model is linear
-ROUNDS = 12.0  # periods for the growth at least
-REACH = 1.3  # spectra are drawn up to so many times the highest frequency listed
 
 
 @dataclass(frozen=True)
@@ -86,47 +81,56 @@ def most_unstable(found: ComplexModes) -> int | None:
     return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None
 
 
-def growth(models: Sequence[tuple[str, Substructure]], belt: Belt) -> Result:
-    """From the most unstable complex mode, a millionth of the belt's speed: the growth measured in time beside Re λ."""
+def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, faint: float = 1e-6, still: float = 1e-3) -> Result:
+    """Growth of the most unstable complex mode below a model's cut-off, measured in time, beside Re λ.
+
+    Parameters
+    ----------
+    models : sequence of (str, Substructure)
+        'full' or the method's key, and the model.
+    belt : Belt
+    faint, still : float
+        Of the belt's speed: the mode's velocity at the begin, and that up to which it is followed. There the model is linear.
+    """
     rows: list[dict[str, Any]] = []
     with Interruptible() as work:
         for kind, model in models:
-            rows.append(_grown(kind, model, belt))
+            row: dict[str, Any] = {"model": kind, "size": model.size}
+            modes = complex_modes(model, belt)
+            above = {"above": float(modes.eigenvalues[modes.above_cutoff].real.max()) if modes.above_cutoff.any() else None}
+            at = most_unstable(modes)
+            if at is None:  # too few modes: what grows lies above this model's cut-off
+                rows.append(row | dict.fromkeys(("growth", "growth_of_cea", "omega", "omega_of_cea", "error")) | above)
+                continue
+            # from a velocity `faint` until it should be `still`, and for a dozen periods at least
+            value, shape, speed = complex(modes.eigenvalues[at]), modes.shapes[:, at], abs(belt.speed or 1.0)
+            shape = shape * (faint * speed / max(float(np.abs(model.port("belt").T @ shape * value).max()), 1e-300))
+            start = sliding(model, belt).perturbed(shape.real, (value * shape).real)
+            period = 2 * np.pi / value.imag
+            end = max(np.log(still / faint) / value.real, 12 * period)
+            run = whole(transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda"))
+            found = growth_rate(run.t, run.velocity("belt"), below=2 * still * speed)
+            rows.append(row | {"growth": found.rate, "growth_of_cea": value.real, "omega": found.omega,
+                               "omega_of_cea": value.imag, "error": abs(found.rate / value.real - 1)} | above)
     columns = ["model", "size", column("growth", "growth in time", ".5g"), column("growth_of_cea", "Re λ", ".5g"),
                column("error", "error", ".0e"), column("omega", "ω in time", ".5g"),
                column("omega_of_cea", "Im λ", ".5g", unit="rad/time"), column("above", "Re λ above cut-off", ".5g")]
-    head = f"Growth of the most unstable mode below the cut-off, from {FAINT:g} of the belt's speed"
+    head = f"Growth of the most unstable mode below the cut-off, from {faint:g} of the belt's speed"
     if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
         head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
     return Result({"growth": rows} | ({} if work.complete else {"complete": False}), [head, Table(
         "growth", rows, columns, "Growth in time", 2, "no mode grows below the cut-off, or none lies above it")])
 
 
-def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
-    """The row of one model."""
-    row: dict[str, Any] = {"model": kind, "size": model.size}
-    modes = complex_modes(model, belt)
-    above = {"above": float(modes.eigenvalues[modes.above_cutoff].real.max()) if modes.above_cutoff.any() else None}
-    at = most_unstable(modes)
-    if at is None:  # too few modes: what grows lies above this model's cut-off
-        return row | dict.fromkeys(("growth", "growth_of_cea", "omega", "omega_of_cea", "error")) | above
-    value, shape, speed = complex(modes.eigenvalues[at]), modes.shapes[:, at], abs(belt.speed or 1.0)
-    shape = shape * (FAINT * speed / max(float(np.abs(model.port("belt").T @ shape * value).max()), 1e-300))
-    start = sliding(model, belt).perturbed(shape.real, (value * shape).real)
-    period = 2 * np.pi / value.imag
-    end = max(np.log(STILL / FAINT) / value.real, ROUNDS * period)
-    run = whole(transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda"))
-    found = growth_rate(run.t, run.velocity("belt"), below=2 * STILL * speed)
-    return row | {"growth": found.rate, "growth_of_cea": value.real, "omega": found.omega, "omega_of_cea": value.imag,
-                  "error": abs(found.rate / value.real - 1)} | above
+def strongest(peaks: Sequence[float] | None) -> list[float] | None:
+    """The frequencies of the three largest peaks of a spectrum, which come first in it; None where there is no spectrum."""
+    return None if peaks is None else [float(at) for at in peaks[:3]]
 
 
 def found_table(rows: Sequence[dict[str, Any]]) -> Table:
     """The table of what was seen: the rows of tracks."""
-    def first(row: Mapping[str, Any]) -> list[float] | None:
-        return None if row["peaks"] is None else [float(at) for at in row["peaks"]][:LISTED]
-
-    columns = ["model", "size", "rms", column("peaks", "peaks (rad/time)", ".5g", unit="rad/time", cell=first), "sticking",
+    columns = ["model", "size", "rms", column("peaks", "peaks (rad/time)", ".5g", unit="rad/time",
+                                              cell=lambda row: strongest(row["peaks"])), "sticking",
                "energy_residual", "seconds",
                column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
     return Table("models", rows, columns, "Models in time", 2, "the run, or its window, was too short")
@@ -144,9 +148,8 @@ def verdict(tracks: Sequence[Track]) -> Verdict:
 
 def highest(tracks: Sequence[Track]) -> float:
     """How far up spectra are drawn: the same for all."""
-    tops = [float(np.max(item.spectrum.peaks[:LISTED])) for item in tracks if item.spectrum is not None
-            and len(item.spectrum.peaks)]
-    return REACH * max(tops, default=1.0)
+    tops = [at for item in tracks for at in strongest(item.row["peaks"]) or []]
+    return 1.3 * max(tops, default=1.0)  # the highest peak stands clear of the edge
 
 
 def signals(tracks: Sequence[Track]) -> Result:

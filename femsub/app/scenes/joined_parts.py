@@ -23,7 +23,7 @@ from femsub import (
 )
 from femsub.app.figures import parts_figure
 from femsub.app.keys import key
-from femsub.app.scene import Picture, Progress, Result, Scene, Shown, method_keys, other_method_names, run_outputs
+from femsub.app.scene import RIGID, Picture, Progress, Result, Scene, Shown, method_keys, other_method_names, run_outputs
 from femsub.app.scenes.outputs import Drawn, mode_rows, mode_views, vtu
 from femsub.checks import Array
 from femsub.modes import NEAR, match
@@ -44,8 +44,6 @@ from femsub.studies import (
 if TYPE_CHECKING:
     from femsub.model import Contacts
 
-RIGID = 6  # rigid-body modes that a part has at most
-LISTED = 20  # frequencies that are printed; the table in the file has all
 
 
 class Over(NamedTuple):
@@ -70,6 +68,7 @@ class JoinedScene(Scene):
                             required=True, example=[0.0, 1e4])
     tolerance: float = key(1e-3, "relative error of the growth rates, or of the critical μ, that the recommended model may have",
                            above=0)
+    listed: int = key(20, "natural frequencies that are printed; the table that --out writes has all in the band", least=1)
 
 
 class Choice(NamedTuple):
@@ -99,7 +98,8 @@ def compared(scene: JoinedScene, system: System, contacts: Contacts, title: str,
     data |= {"parameter": over.parameter, "values": over.values} if over else {}
     return Result({name: data}, [
         f"{title}: {system!r}", str(found), *_full_words(found), *_port_words(found), words,
-        *_frequencies_told(frequencies, best, f"{name}-frequencies"), Table(name, flat, title="Methods, error against run time"),
+        *_frequencies_told(scene, frequencies, best, f"{name}-frequencies"),
+        Table(name, flat, title="Methods, error against run time"),
         (friction_errors_chart if over else errors_chart)(found, title, name),
         study_choice(found, scene.tolerance, name.removeprefix("methods").strip("-").replace("-", " "))])
 
@@ -117,15 +117,15 @@ def _frequencies(scene: JoinedScene, system: System, model: Substructure | None)
     return rows
 
 
-def _frequencies_told(rows: Sequence[Mapping[str, Any]], best: Row | None, name: str) -> list[str | Table]:
+def _frequencies_told(scene: JoinedScene, rows: Sequence[Mapping[str, Any]], best: Row | None, name: str) -> list[str | Table]:
     """The lowest of them as a table."""
     if not rows:
         return []
     reduced = [column("reduced", "reduced ω", ".6g"), "error"] if best is not None else []
     of = f", and of {best.label} with {best.size} DOF" if best is not None else ""
     return [f"natural frequencies of the full system in the band{of}, in rad/time:",
-            Table(name, rows, ("mode", "omega", *reduced), "Natural frequencies", most=LISTED),
-            *[f"and {len(rows) - LISTED} more"] * (len(rows) > LISTED)]
+            Table(name, rows, ("mode", "omega", *reduced), "Natural frequencies", most=scene.listed),
+            *[f"and {len(rows) - scene.listed} more"] * (len(rows) > scene.listed)]
 
 
 def _full_words(found: Study) -> list[str]:
@@ -248,7 +248,7 @@ def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh],
     shown: list[Shown] = [
         f"Normal modes of {system.name!r} in the band in rad/time, {found.rigid} of them rigid; {found.evidence}",
         Table("modes", rows, ("mode", "omega", "residual", *[column("reference", "reference ω", ".9g"), column(
-            "difference", "rel. difference", ".1e")][:2 * bool(reference)]), "Normal modes", most=LISTED), *compared]
+            "difference", "rel. difference", ".1e")][:2 * bool(reference)]), "Normal modes", most=scene.listed), *compared]
     if bare := [name for name in system.parts if meshes and name not in meshes]:
         shown.append(f"not drawn, since they have no mesh: {', '.join(bare)}")
     if not meshes or not scene.figures:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -27,7 +27,7 @@ from femsub import (
 from femsub.app.figures import shapes_figure
 from femsub.app.moving import mode_file
 from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
-from femsub.app.scenes.component import UP_TO, ComponentScene, Work
+from femsub.app.scenes.component import ComponentScene, Work
 from femsub.checks import Array
 from femsub.model import in_band
 from femsub.modes import beside_the_full, listed, relative_error
@@ -51,10 +51,8 @@ from femsub.studies import (
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
 
-DRAWN = 6  # modes of a picture
 NO_GROWTH = "no eigenvalue up to ω"
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of springs to the own static stiffness at the interface
-PHASES = 12  # of a period, in which a complex mode is written
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 
 Part = Callable[[Work], Result]
@@ -110,16 +108,20 @@ def mode_rows(found: NormalModes) -> list[dict[str, Any]]:
 def mode_views(scene: Scene, frequencies: Array, drawn: Mapping[str, Drawn], marks: Mapping[str, Array]
                ) -> tuple[list[Picture], dict[str, Writer]]:
     """A picture of the lowest modes and a VTU file of all, for each mesh and the shapes on it (nodes, 3, k)."""
-    titles = [f"mode {i}: ω = {omega:.5g} rad/time" for i, omega in enumerate(frequencies[:DRAWN], 1)]
+    titles = [f"mode {i}: ω = {omega:.5g} rad/time" for i, omega in enumerate(frequencies, 1)]
     fields = [f"mode-{i:02d} {scene.system.frequency(omega)}" for i, omega in enumerate(frequencies, 1)]
     pictures: list[Picture] = []
     files: dict[str, Writer] = {}
     for kind, (mesh, shapes) in drawn.items():
         name = f"modes-{kind}" if len(drawn) > 1 else "modes"
-        pictures.append(Picture(name, partial(
-            shapes_figure, mesh, shapes[..., :DRAWN], titles, f"{scene.name}: normal modes", marks)))
+        pictures.append(Picture(name, partial(lowest_figure, mesh, shapes, titles, f"{scene.name}: normal modes", marks)))
         files[f"{name}.vtu"] = partial(vtu, mesh, dict(zip(fields, np.moveaxis(shapes, -1, 0), strict=True)))
     return pictures, files
+
+
+def lowest_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, marks: Mapping[str, Array], most: int = 6) -> Any:
+    """A picture of the first `most` of real shapes (nodes, 3, k): more would be too small to be seen."""
+    return shapes_figure(mesh, shapes[..., :most], titles[:most], title, marks)
 
 
 def page_mode(scene: Scene, mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str, Writer]:
@@ -250,10 +252,11 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
                   files | (motion_files(mesh, shape, value.imag, named) if value.imag > 0 else {}))
 
 
-def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str = "least-stable") -> dict[str, Writer]:
-    """Re(u e^(iωt)) over one period: a .pvd file, which ParaView animates, and the file of each phase that it lists."""
+def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str = "least-stable",
+                 phases: int = 12) -> dict[str, Writer]:
+    """Re(u e^(iωt)) at so many `phases` of a period: a .pvd file, which ParaView animates, and the file of each phase in it."""
     bare = Mesh(mesh.points, mesh.cells, mesh.kind)
-    times = {f"{title}/phase-{k:02d}.vtu": 2 * np.pi * k / PHASES / omega for k in range(PHASES)}
+    times = {f"{title}/phase-{k:02d}.vtu": 2 * np.pi * k / phases / omega for k in range(phases)}
 
     def phase(time: float, file: BinaryIO) -> None:
         vtu(bare, {f"displacement {named}": (shape * np.exp(1j * omega * time)).real}, file)
@@ -336,7 +339,7 @@ def _springs(work: Work) -> Result:
     rows: list[dict[str, Any]] = []
     for ratio in RATIOS:
         work.say(f"interface on springs of {ratio:g} times its own stiffness")
-        count = min(UP_TO, min(rom.size for _, rom in work.reduced))
+        count = min(work.scene.elastic, min(rom.size for _, rom in work.reduced))
         exact = _frequencies(sub, ratio * own, count)
         for method, rom in work.reduced:
             found = _frequencies(rom, ratio * own, count)

@@ -11,15 +11,13 @@ from femsub.app.scenes.joined_parts import MeshedScene, run_parts
 from femsub.app.scenes.plate import PlateKeys
 from femsub.errors import InputError
 
-MOST = 1000  # parts
-
 
 @dataclass(frozen=True)
 class PlatePartsScene(MeshedScene, PlateKeys):
     """A steel plate of 0.4 m x 0.3 m x 2 mm, clamped along one side, or your own mesh, cut into parts."""
 
     elements: list[int] = field(default_factory=lambda: [24, 18])
-    parts: int = key(8, "the number of parts, chosen so that they share little", least=2, most=MOST)
+    parts: int = key(8, "the number of parts, chosen so that they share little", least=2, most=1000)
     sets: list[str] = key([], "instead of parts: groups of cells of the mesh, each of which is a part", otherwise="parts",
                           example=["left-half", "right-half"])
     modes: list[int] = field(default_factory=lambda: [2, 4])

@@ -12,7 +12,6 @@ from femsub.app.scene import Progress, Result
 from femsub.app.scenes.joined_parts import MeshedScene, run_parts
 from femsub.checks import Array
 
-MOST = 16  # times finer: some 10 million DOF
 #: name: (lengths, place of the corner nearest to the origin, bricks along x, y, z), in m
 PIECES = {
     "base": ((0.30, 0.20, 0.020), (0.0, 0.0, 0.0), (4, 2, 1)),
@@ -36,7 +35,7 @@ class SolidPartsScene(MeshedScene):
     head and the cover.
     """
 
-    fineness: int = key(1, "how many times finer the meshes are along each edge", least=1, most=MOST)
+    fineness: int = key(1, "how many times finer the meshes are along each edge", least=1, most=16)  # 16: some 10 million DOF
     kind: str = key("hexahedron20", "the kind of bricks", choices=lambda _: ("hexahedron", "hexahedron20", "hexahedron27"))
     E: float = key(2.1e11, "Young's modulus", unit="Pa", above=0)
     nu: float = key(0.3, "Poisson's ratio", above=-1, below=0.5)

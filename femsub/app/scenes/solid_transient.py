@@ -20,10 +20,7 @@ from femsub.modes import relative_error
 from femsub.motion import project
 from femsub.studies import Table, column, label, period_chart
 
-POINTS = 40  # of the recorded grid, per period
 SETTLED = 1 / 4  # of the long run, at its end: where its spectrum is taken
-TIMED = 5  # a reduced run is so short that a single one says little
-
 
 @dataclass(frozen=True)
 class SolidTransientScene(SolidScene):
@@ -39,9 +36,11 @@ class SolidTransientScene(SolidScene):
     rayleigh: list[float] = field(default_factory=lambda: [5.0, 2e-6])
     force: float = 20000.0
     modes: list[int] = field(default_factory=lambda: [10, 20, 40])
+    repeats: int = 5
     impulse: float = key(0.1, "the blow with which the long run begins", unit="kg·m/s")
     periods: float = key(400.0, "of the long run", unit="periods", least=4)
     compared: float = key(12.0, "of the runs side by side; amplitudes are compared over the second half", unit="periods", least=4)
+    points: int = key(40, "of the grid that is recorded, per period", least=8)
     tol: float = key(1e-7, "error control of reduced models (femsub.transient)", above=0)
     full_tol: float = key(3e-5, "error control of full models (femsub.transient)", above=0)
 
@@ -64,7 +63,7 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
                          f"{belt.force:g}; take a larger force, less damping or another speed")
     value = complex(modes.eigenvalues[at])
     rate, omega, period = value.real, value.imag, 2 * np.pi / value.imag
-    step = period / POINTS
+    step = period / scene.points
 
     def saying(name: str) -> Callable[[str], None]:
         return lambda text: work.say(f"{name}, {text}")
@@ -103,9 +102,9 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
         for kind, modes, model in models:
             start = state if kind == "full" else State(*(project(model, work.sub.M, part) for part in
                                                          (state.displacement, state.velocity)))
-            tol, method, times = (scene.full_tol, "alpha", 1) if kind == "full" else (scene.tol, "lsoda", TIMED)
+            tol, method, times = (scene.full_tol, "alpha", 1) if kind == "full" else (scene.tol, "lsoda", scene.repeats)
             say = saying(f"{label(kind)} with {model.size} DOF")
-            runs = [whole(transient(model, belt, (0.0, scene.compared * period), start=start, step=period / POINTS, tol=tol,
+            runs = [whole(transient(model, belt, (0.0, scene.compared * period), start=start, step=period / scene.points, tol=tol,
                                     method=method, progress=say)) for _ in range(times)]
             v = runs[0].velocity("belt")
             amplitude = float(v[len(v) // 2:].std())
