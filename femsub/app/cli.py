@@ -98,7 +98,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.command == "audit":
             return _run(options, lambda: built(keys(options)))
         if options.command == "doctor":
-            return _doctor()
+            try:
+                from femsub.app.doctor import report
+            except ImportError as error:  # NumPy or SciPy itself
+                return _fail(f"{error}; install what femsub needs: {installed_by('numpy', 'scipy')}", 1)
+            return report()
         _say(_printed(options))
         return 0
     except FemsubError as error:
@@ -111,14 +115,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return READER_GONE
     except KeyboardInterrupt:
         return _fail("interrupted; nothing was written", INTERRUPTED)
-
-
-def _doctor() -> int:
-    try:
-        from femsub.app.doctor import report
-    except ImportError as error:  # NumPy or SciPy itself
-        return _fail(f"{error}; install what femsub needs: {installed_by('numpy', 'scipy')}", 1)
-    return report()
 
 
 def _say(text: str) -> None:
@@ -150,10 +146,6 @@ def _printed(options: argparse.Namespace) -> str:
             from femsub.app.schema import scene_schema, schema
 
             return json.dumps(scene_schema(options.scene) if options.scene else schema(), indent=1, ensure_ascii=False)
-    return _completion(options.shell)
-
-
-def _completion(shell: str) -> str:
     shtab = package("shtab", "completion scripts are written by shtab", "shtab")
     names = " ".join(SCENES)
     preamble = {
@@ -165,7 +157,7 @@ _femsub_scene_or_file() {{
 }}""",
         "zsh": f"""_femsub_scene() {{ compadd {names}; }}
 _femsub_scene_or_file() {{ _femsub_scene; _files -g '*.(toml|py|json)'; }}"""}
-    return shtab.complete(_parser(), shell, preamble=preamble)
+    return shtab.complete(_parser(), options.shell, preamble=preamble)
 
 
 def printable_record(record: logging.LogRecord) -> bool:

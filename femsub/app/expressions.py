@@ -51,7 +51,16 @@ class Expression:
             raise InputError(f"scene key {self.where!r}: {self.text!r} has {min(strange)} in it, but only {TAKEN} may "
                              "stand there")
         for node in ast.walk(self._tree):
-            self._check(node)
+            if isinstance(node, ast.Constant):
+                good = isinstance(node.value, (int, float)) and not isinstance(node.value, bool)
+            elif isinstance(node, ast.Call):
+                good = isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and len(node.args) == 1 and not node.keywords
+            else:
+                good = isinstance(node, (ast.Name, ast.BinOp, ast.UnaryOp, ast.Load, *OPERATORS, *SIGNS))
+            if not good:
+                found = "^ (write ** for powers)" if isinstance(node, ast.BitXor) else \
+                    ast.unparse(node) if isinstance(node, ast.expr) else type(node).__name__
+                raise InputError(f"scene key {self.where!r}: {self.text!r} has {found} in it, but only {TAKEN} may stand there")
 
     @cached_property
     def _tree(self) -> ast.expr:
@@ -62,18 +71,6 @@ class Expression:
             reason = error.msg if isinstance(error, SyntaxError) else type(error).__name__
             raise InputError(f"scene key {self.where!r} must be an expression such as '1 / speed', not {self.text!r} "
                              f"({reason})") from None
-
-    def _check(self, node: ast.AST) -> None:
-        if isinstance(node, ast.Constant):
-            good = isinstance(node.value, (int, float)) and not isinstance(node.value, bool)
-        elif isinstance(node, ast.Call):
-            good = isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and len(node.args) == 1 and not node.keywords
-        else:
-            good = isinstance(node, (ast.Name, ast.BinOp, ast.UnaryOp, ast.Load, *OPERATORS, *SIGNS))
-        if not good:
-            found = "^ (write ** for powers)" if isinstance(node, ast.BitXor) else \
-                ast.unparse(node) if isinstance(node, ast.expr) else type(node).__name__
-            raise InputError(f"scene key {self.where!r}: {self.text!r} has {found} in it, but only {TAKEN} may stand there")
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +32,14 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
     if known is None or not known["inputs"]:
         raise InputError(f"{path} does not hold the inputs of a run; name a scene, a scene file, or the results.json of a run "
                          "with --out")
-    keys = _mapped(known["inputs"], lambda value: value)
+    keys = _table(known["inputs"])
     if str(keys.get("scene", "")).endswith(".py") and not any(item["path"] == keys["scene"] for item in known["files"]):
         raise InputError(f"{path} names the Python file {keys['scene']}, but not its SHA-256; it is not run")
     for item in known["files"]:
         place = path.parent / item["path"]
         if not place.is_file():
             place = path.parent / place.name
-            keys = _mapped(keys, partial(_moved, item["path"], place.name))
+            keys = _table(keys, item["path"], place.name)
         if not place.is_file():
             raise InputError(f"{path} needs the file {item['path']}, which is neither there nor beside it")
         now = hash_of(place)
@@ -70,15 +68,14 @@ def results_of(path: Path) -> dict[str, Any] | None:
     return known if fit and isinstance(known["inputs"].get("units", ""), str) else None
 
 
-def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
-    """Tables whose values are changed, without the keys that were left out, which take their defaults."""
+def _table(value: Any, file: str = "", name: str = "") -> Any:
+    """A table without the keys that were left out, which take their defaults; values that name the file give its new name.
+
+    'model.mat:K' names the matrix K in a file.
+    """
     if isinstance(value, list):
-        return [_mapped(item, change) for item in value]
+        return [_table(item, file, name) for item in value]
     if isinstance(value, dict):
-        return {key: _mapped(item, change) for key, item in value.items() if item not in (None, "", [])}
-    return change(value)
-
-
-def _moved(old: str, new: str, value: Any) -> Any:
-    """The value that named a file by its new name; 'model.mat:K' names the matrix K in it."""
-    return new + value[len(old):] if isinstance(value, str) and (value == old or value.startswith(f"{old}:")) else value
+        return {key: _table(item, file, name) for key, item in value.items() if item not in (None, "", [])}
+    named = name and isinstance(value, str) and (value == file or value.startswith(f"{file}:"))
+    return name + value[len(file):] if named else value

@@ -129,8 +129,8 @@ def keys_of(kind: type) -> dict[str, Declared]:
     hints = _types(kind)
     found: dict[str, Declared] = {}
     for item in dataclasses.fields(kind):
-        known = next((data["key"] for one in kind.__mro__ if (field := getattr(one, "__dataclass_fields__", {}).get(item.name))
-                      and "key" in (data := field.metadata)), None)
+        fields = (getattr(one, "__dataclass_fields__", {}).get(item.name) for one in kind.__mro__)
+        known = next((field.metadata["key"] for field in fields if field is not None and "key" in field.metadata), None)
         if known is not None and item.name not in getattr(kind, "WITHOUT", {}):
             default = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
             found[item.name] = Declared(item.name, hints[item.name], default, known)
@@ -190,7 +190,19 @@ def values_of(kind: type, table: Mapping[str, Any], where: str = "") -> dict[str
             unknown.append(where + name)
             continue
         try:
-            values[name] = _value(kind, table, name, where)
+            if name not in declared:
+                raise InputError(f"scene key {where + name!r}: {kind.WITHOUT[name]}")  # type: ignore[attr-defined]
+            one, value = declared[name], table[name]
+            if value == []:
+                raise InputError(f"scene key {where + name!r} is an empty list; leave the key out to take its default")
+            if one.in_hertz and isinstance(value, list):  # ends in hertz become rad per second
+                ends = [(end, HERTZ.fullmatch(end) if isinstance(end, str) else None) for end in value]
+                for end, hertz in ends:
+                    if hertz and not table.get("units"):
+                        raise InputError(f"scene key {where + name!r}: {end!r} is given in hertz, which needs the unit of time: "
+                                         "give units, e.g. units = \"SI\"")
+                value = [2 * pi * float(hertz[1]) * (1000 if hertz[2] else 1) if hertz else end for end, hertz in ends]
+            values[name] = _typed(where + name, value, one.type)
         except FemsubError as error:
             wrong.append(error)
     if unknown:
@@ -199,29 +211,6 @@ def values_of(kind: type, table: Mapping[str, Any], where: str = "") -> dict[str
     if wrong:
         raise wrong[0] if len(wrong) == 1 else InputError("; ".join(map(str, wrong)))
     return values
-
-
-def _value(kind: type, table: Mapping[str, Any], name: str, where: str) -> Any:
-    """The value of a key in a table, of the type that is declared."""
-    if name in getattr(kind, "WITHOUT", {}):
-        raise InputError(f"scene key {where + name!r}: {kind.WITHOUT[name]}")  # type: ignore[attr-defined]
-    one, value = keys_of(kind)[name], table[name]
-    if value == []:
-        raise InputError(f"scene key {where + name!r} is an empty list; leave the key out to take its default")
-    if one.in_hertz and isinstance(value, list):
-        value = [_radians(where + name, end, table) for end in value]
-    return _typed(where + name, value, one.type)
-
-
-def _radians(name: str, value: Any, table: Mapping[str, Any]) -> Any:
-    """The end of a band in rad per second, if it is given in hertz."""
-    found = HERTZ.fullmatch(value) if isinstance(value, str) else None
-    if found is None:
-        return value
-    if not table.get("units"):
-        raise InputError(f"scene key {name!r}: {value!r} is given in hertz, which needs the unit of time: give units, e.g. "
-                         "units = \"SI\"")
-    return 2 * pi * float(found[1]) * (1000 if found[2] else 1)
 
 
 def check_keys(scene: Any, where: str = "") -> None:
@@ -246,18 +235,14 @@ def check_keys(scene: Any, where: str = "") -> None:
         if known.distinct and (twice := [item for item in value if value.count(item) > 1]):
             raise InputError(f"{name}: {twice[0]!r} is listed {value.count(twice[0])} times")
         for place, item in enumerate(value if isinstance(value, list) else [value], 1):
-            _bounded(name, item, one, f" in place {place}" if isinstance(value, list) and len(value) > 1 else "")
+            if one.type in (int, list[int]):
+                whole_number(name, item, least=known.least, most=known.most)  # type: ignore[arg-type]
+            elif isinstance(item, (int, float)) and not known.admits(item):
+                words = {"above 0": "be positive", "at least 0": "not be negative"}.get(known.bounds, f"be {known.bounds}")
+                where_in_list = f" in place {place}" if isinstance(value, list) and len(value) > 1 else ""
+                raise InputError(f"{name} must {words}, but is {shown(item)}{where_in_list}")
             if known.choices is not None and isinstance(item, str):
                 choice(name.removesuffix("s") if isinstance(value, list) else name, item, known.choices(type(scene)))
-
-
-def _bounded(name: str, value: Any, one: Declared, place: str) -> None:
-    known = one.key
-    if one.type in (int, list[int]):
-        whole_number(name, value, least=known.least, most=known.most)  # type: ignore[arg-type]
-    elif isinstance(value, (int, float)) and not known.admits(value):
-        words = {"above 0": "be positive", "at least 0": "not be negative"}.get(known.bounds, f"be {known.bounds}")
-        raise InputError(f"{name} must {words}, but is {shown(value)}{place}")
 
 
 def _fits(value: Any, kind: Any) -> bool:

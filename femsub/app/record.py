@@ -52,7 +52,10 @@ class Record:
         self.inputs: dict[str, Any] = {"scene": self._kind()} | {name: keys[name] for name in keys_of(type(scene))}
         self.files = self._described([Path(scene.own)] if scene.own else [])
         for table, name in _file_keys(type(scene), self.inputs):
-            path, matrix = _named_file(Path(keys.get("folder", ".")) / table[name])
+            path, matrix = Path(keys.get("folder", ".")) / table[name], ""
+            if not path.is_file() and ":" in path.name:  # 'model.mat:K' names the matrix K in a file
+                file, _, matrix = path.name.rpartition(":")
+                path, matrix = path.with_name(file), f":{matrix}"
             self.files += self._described([path])
             table[name] = self._place(path) + matrix
 
@@ -151,11 +154,3 @@ def _file_keys(kind: type, table: dict[str, Any]) -> Iterator[tuple[dict[str, An
         if one.table is not None and value:
             for item in value if isinstance(value, list) else [value]:
                 yield from _file_keys(one.table, item)
-
-
-def _named_file(path: Path) -> tuple[Path, str]:
-    """The file and ':K' of 'model.mat:K', where no file has the whole as its name."""
-    if path.is_file() or ":" not in path.name:
-        return path, ""
-    file, _, matrix = path.name.rpartition(":")
-    return path.with_name(file), f":{matrix}"

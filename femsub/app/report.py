@@ -129,19 +129,14 @@ def results(result: Result, units: Units = UNKNOWN, left_out: Sequence[str] = ()
         tables[name] = {"title": units.said(one.title), "columns": [
             {"key": at.key, "head": units.said(at.head), "unit": units.said(at.unit), "meaning": at.meaning, "role": at.role}
             for at in replace(one, rows=rows, only=()).every], **({"place": place} if place else {"rows": rows})}
+    undone = [f"The output {name} failed: {reason}." for name, reason in result.data.get("failed", {}).items()]
+    if not result.data.get("complete", True):
+        undone.append("The run was interrupted. What came after is missing.")
+    if left_out:
+        undone.append(f"Outputs of this scene that were not asked for: {', '.join(left_out)}.")
     charts = [units.with_hertz(chart.plain(units.known)) for chart in result.charts]
     return {**units.with_hertz(result.data), "tables": tables, "charts": charts,
-            "verdict": answer([*result.shown, _undone(result, left_out)]).said(units.said)}
-
-
-def _undone(result: Result, left_out: Sequence[str]) -> Remark:
-    """What was not asked for, failed or was interrupted."""
-    said = [f"The output {name} failed: {reason}." for name, reason in result.data.get("failed", {}).items()]
-    if not result.data.get("complete", True):
-        said.append("The run was interrupted. What came after is missing.")
-    if left_out:
-        said.append(f"Outputs of this scene that were not asked for: {', '.join(left_out)}.")
-    return Remark(unchecked=said)
+            "verdict": answer([*result.shown, Remark(unchecked=undone)]).said(units.said)}
 
 
 def _place(data: Mapping[str, Any], rows: Any) -> list[str]:

@@ -374,14 +374,10 @@ def _check_trust(own: Path, source: Path, trusted: Sequence[str]) -> None:
 
 def scene_of(name: str) -> tuple[type[Scene], Callable[[Any, Progress], Result]]:
     """The class of a built-in scene, or of one in a Python file, and the function that runs it."""
-    if isinstance(name, str) and name.endswith(OWN):
-        return _own_scene(Path(name))
-    module = import_module(f"femsub.app.scenes.{SCENES[choice('scene', name, SCENES)][0]}")
-    return module.SCENE, module.run
-
-
-def _own_scene(path: Path) -> tuple[type[Scene], Callable[[Any, Progress], Result]]:
-    """SCENE and run of a Python file."""
+    if not isinstance(name, str) or not name.endswith(OWN):
+        module = import_module(f"femsub.app.scenes.{SCENES[choice('scene', name, SCENES)][0]}")
+        return module.SCENE, module.run
+    path = Path(name)
     if not path.is_file():
         raise InputError(f"there is no scene file {path}")
     spec = spec_from_file_location(f"scene_{path.stem}", path)

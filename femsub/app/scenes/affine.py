@@ -95,7 +95,8 @@ class AffineScene(FlutterScene):
         factors = [factor for terms in self.terms.values() for factor in terms.values()]
         for factor in factors:
             factor.check_over(self.over, (self.between[0], self.between[1]), self.values)
-        if all((line := factor.lines(self.over, self.values)) and not line[1] for factor in factors):
+        lines = [factor.lines(self.over, self.values) for factor in factors]
+        if all(line and not line[1] for line in lines):
             raise InputError(f"scene key {self.names[self.over]!r}: no factor changes with {self.over!r}, which cancels. Change "
                              "the expression, or name another parameter")
 
@@ -135,18 +136,20 @@ class AffineScene(FlutterScene):
 
     def model(self) -> Affine:
         """The pencil over the parameter that changes."""
-        matrices = self._matrices()
-        return Affine(*([term for name, one in terms.items() for term in self._split(one, matrices[name])] or None
-                        for terms in self.terms.values()))
+        matrices, sums = self.matrices(), []
+        for terms in self.terms.values():
+            added: list[tuple[Any, Matrix]] = []
+            for name, one in terms.items():
+                A, line = matrices[name], one.lines(self.over, self.values)
+                if line is None:
+                    added.append((Factor(one, self.over, tuple(self.values.items())), A))
+                else:  # a straight line in the parameter stands as such, so that it can be certified
+                    parts = ((1.0, line[0]), (self.over, line[1]))
+                    added += [(theta, factor * A) for theta, factor in parts if factor] or [(0.0, A)]
+            sums.append(added or None)
+        return Affine(*sums)
 
-    def _split(self, one: Expression, A: Matrix) -> list[tuple[Any, Matrix]]:
-        """Terms of an `Affine`: a straight line in the parameter as such, which can be certified, and else a function."""
-        line = one.lines(self.over, self.values)
-        if line is None:
-            return [(Factor(one, self.over, tuple(self.values.items())), A)]
-        return [(theta, factor * A) for theta, factor in ((1.0, line[0]), (self.over, line[1])) if factor] or [(0.0, A)]
-
-    def _matrices(self) -> Mapping[str, Matrix]:
+    def matrices(self) -> Mapping[str, Matrix]:
         """By the names of `terms`, checked, all of one size."""
         if not self.M:
             return disc_pair()
@@ -169,13 +172,10 @@ def run(scene: AffineScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     progress(f"{scene.name}: reading the matrices")
     model = scene.model()
-    sums = {sum_: " + ".join(_said(name, one) for name, one in terms.items()) for sum_, terms in scene.terms.items() if terms}
+    sums = {sum_: " + ".join(name if one.text == "1" else f"({one.text}) {name}" for name, one in terms.items())
+            for sum_, terms in scene.terms.items() if terms}
     data = {"parameter": scene.over, "fixed": scene.values, "sums": sums, "dof": model.size, "band": scene.band or None}
     at = "".join(f", {name} = {value:g}" for name, value in scene.values.items())
     text = [f"{model.size} DOF{at}", *(f"{sum_} = {said}" for sum_, said in sums.items())]
     band = (scene.band[0], scene.band[1]) if scene.band else None
     return flutter(scene, {scene.name: model}, scene.over, {}, scene.over, data, progress, band=band, text=text)
-
-
-def _said(name: str, one: Expression) -> str:
-    return name if one.text == "1" else f"({one.text}) {name}"

@@ -122,7 +122,11 @@ class Brake:
     def __init__(self, scene: BrakeScene, progress: Progress) -> None:
         self.scene, self.say = scene, lambda text: progress(f"{scene.name}: {text}")
         self.say("building the parts")
-        self.meshes = self._meshes()
+        self.meshes: dict[str, Mesh] = brake_meshes(scene.size) if not scene.disc else {
+            name: read_mesh(Path(scene.folder) / getattr(scene, name)) for name in ("disc", *PADS)}
+        for name, surface in zip(PADS, scene.tracks, strict=True):
+            met = opposite(self.meshes[name], scene.face, self.meshes["disc"], surface)
+            self.meshes["disc"] = self.meshes["disc"].with_sets(**{f"under-{name}": met})
         self.system.check_held(self.contacts(1.0), "the pad")
 
     @property
@@ -134,17 +138,6 @@ class Brake:
     def system(self) -> System:
         """The full model."""
         return self.joined({name: self.part(name) for name in ("disc", *PADS)})
-
-    def _meshes(self) -> dict[str, Mesh]:
-        scene = self.scene
-        if scene.disc:
-            found = {name: read_mesh(Path(scene.folder) / getattr(scene, name)) for name in ("disc", *PADS)}
-        else:
-            found = brake_meshes(scene.size)
-        for name, surface in zip(PADS, scene.tracks, strict=True):
-            met = opposite(found[name], scene.face, found["disc"], surface)
-            found["disc"] = found["disc"].with_sets(**{f"under-{name}": met})
-        return found
 
     def part(self, name: str) -> Substructure:
         """The disc or a pad by itself."""
@@ -277,13 +270,21 @@ def _unstable(brake: Brake) -> Result:
     modes = brake.counted
     chosen = modes.unstable
     chosen = chosen[np.argsort(modes.eigenvalues[chosen].imag)]
-    shares = _energy_shares(system, modes.shapes[:, chosen])
+    # the share of each part in the kinetic energy
+    energy = {name: np.einsum("ik,ik->k", u.conj(), system.parts[name].M @ u).real
+              for name, u in system.expand(modes.shapes[:, chosen]).items()}
+    total = sum(energy.values())
+    shares = {name: one / total for name, one in energy.items()}
     rows = [{"mu": mu, "omega": value.imag, "hertz": value.imag / (2 * np.pi), "growth": value.real, "error_bar": bar,
              "damping": -2 * value.real / abs(value), **{f"energy_{name}": float(one[i]) for name, one in shares.items()}}
             for i, (value, bar) in enumerate(zip(modes.eigenvalues[chosen], modes.error_bar[chosen], strict=True))]
     head = (f"Unstable modes of the full model at μ = {mu:g} in the band: {len(rows)} of {len(modes)}; completeness "
             f"{modes.evidence}")
-    paged = _mode_file(brake, modes, mu)
+    # the least stable mode of the full model, for a page
+    paged: dict[str, Writer] = {}
+    if (at := least_stable(modes)) is not None:
+        (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, [at]]).items()
+        paged = page_mode(scene, mesh, fields[..., 0], f" of the full model at μ = {mu:g}", modes.eigenvalues[at])
     data = {"unstable": rows, "completeness": modes.evidence}
     complete = Remark.of_completeness(modes.evidence, f" at μ = {mu:g}")
     if not rows:
@@ -297,7 +298,9 @@ def _unstable(brake: Brake) -> Result:
     if not scene.figures:
         return Result(data, drawn, paged)
     (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, chosen]).items()
-    fields = fields * np.exp(-1j * np.angle(_largest(fields)))
+    flat = fields.reshape(-1, fields.shape[-1])
+    largest = np.take_along_axis(flat, np.abs(flat).argmax(axis=0)[None], axis=0)[0]  # displacement of each mode
+    fields = fields * np.exp(-1j * np.angle(largest))
     titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g} 1/s" for row in rows]
     names = [f"{row['hertz']:.5g} Hz" for row in rows]
     title = f"{scene.name}: unstable modes at μ = {mu:g}, at the phase of the largest displacement"
@@ -308,29 +311,6 @@ def _unstable(brake: Brake) -> Result:
     worst = int(np.argmax([row["growth"] for row in rows]))
     motion = motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst], "most-unstable")
     return Result(data, drawn, {**paged, "unstable.vtu": partial(vtu, mesh, shown | phases), **motion})
-
-
-def _mode_file(brake: Brake, modes: ComplexModes, mu: float) -> dict[str, Writer]:
-    """The least stable mode of the full model, for a page."""
-    at = least_stable(modes)
-    if at is None:
-        return {}
-    (_, (mesh, fields)), = by_kind(brake.system, brake.meshes, modes.shapes[:, [at]]).items()
-    return page_mode(brake.scene, mesh, fields[..., 0], f" of the full model at μ = {mu:g}", modes.eigenvalues[at])
-
-
-def _largest(fields: Array) -> Array:
-    """Of complex fields (nodes, 3, k) the entry of largest size, (k,)."""
-    flat = fields.reshape(-1, fields.shape[-1])
-    return np.asarray(np.take_along_axis(flat, np.abs(flat).argmax(axis=0)[None], axis=0)[0])
-
-
-def _energy_shares(system: System, shapes: Array) -> dict[str, Array]:
-    """The share of each part in the kinetic energy of complex shapes, {name: (k,)}."""
-    moved = system.expand(shapes)
-    energy = {name: np.einsum("ik,ik->k", u.conj(), system.parts[name].M @ u).real for name, u in moved.items()}
-    total = sum(energy.values())
-    return {name: one / total for name, one in energy.items()}
 
 
 def _error_time(brake: Brake) -> Result:

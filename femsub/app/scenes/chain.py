@@ -236,7 +236,12 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
             modes = complex_modes(model, belt, band=band)
             if exact is None:
                 exact = modes
-                files = files or _mode_file(scene, exact)
+                at = least_stable(exact)
+                if not files and at is not None and scene.n > 1:  # for a page: the chain lies along x, and its masses move so
+                    nodes = np.arange(scene.n)
+                    line = Mesh(nodes[:, None] + 1.0, np.stack([nodes[:-1], nodes[1:]], axis=1), "line")
+                    u = exact.shapes[:, at, None] * np.array([1.0, 0.0, 0.0])
+                    files = page_mode(scene, line, u, f" of the full model, belt under m{scene.belt}", exact.eigenvalues[at])
             limit = min(model.cutoff, float(exact.frequencies.max(initial=0.0)))
             models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size, "cutoff": model.cutoff,
                            **comparable(exact, modes, limit)})
@@ -251,17 +256,6 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
     data = {"belt": scene.belt, "models": models, "rows": rows}
     return Result({"eigenvalues": data}, [head, said, Table("eigenvalues", rows, title="Eigenvalues"), eigenvalue_chart(
         panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}"), stability_remark(models)], files)
-
-
-def _mode_file(scene: ChainScene, modes: ComplexModes) -> dict[str, Writer]:
-    """The least stable mode for a page: masses that move along the chain, which lies along x."""
-    at = least_stable(modes)
-    if at is None or scene.n == 1:
-        return {}
-    nodes = np.arange(scene.n)
-    line = Mesh(nodes[:, None] + 1.0, np.stack([nodes[:-1], nodes[1:]], axis=1), "line")
-    u = modes.shapes[:, at, None] * np.array([1.0, 0.0, 0.0])
-    return page_mode(scene, line, u, f" of the full model, belt under m{scene.belt}", modes.eigenvalues[at])
 
 
 def _error_time(scene: ChainScene, progress: Progress) -> Result:

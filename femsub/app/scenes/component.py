@@ -29,10 +29,10 @@ class ComponentScene(Scene):
     modes: list[int] = key([10, 20], "numbers of modes to compare, for each method", least=0)
     ports: bool = key(True, "whether the static response to the contact joins each basis")
     band: list[float] = key([], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]",
-                            otherwise=f"from 0 to {100 * MARGIN:g} % above the last of elastic modes, or above the cluster that "
-                            "it belongs to", example=[0.0, 1e4])
-    elastic: int = key(8, "elastic modes that are listed, beside up to six rigid ones, and that the default of band holds; on "
-                       "springs so many frequencies are compared", least=1, most=1000)
+                            otherwise=f"from 0 to {100 * MARGIN:g} % above the last of so many modes as elastic says, or above "
+                            "the cluster that it belongs to", example=[0.0, 1e4])
+    elastic: int = key(8, "elastic modes that are listed beside up to six rigid ones; the default of band holds them, and the "
+                       "output joined-interface compares as many frequencies", least=1, most=1000)
     tolerance: float = key(1e-3, "relative error of the growth rates, or of the receptance, that the recommended model may have",
                            above=0)
     frequencies: int = key(400, "frequencies of the band at which receptances are compared", least=2, most=100_000)

@@ -116,9 +116,21 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
 
 def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], say: Progress) -> Result:
     families, first = _families(scene, models, band)
-    limits = _range(scene, first)
+    # the range: as given, or from the first Hopf point, where F μ' = first, to the scene's own value and a quarter beyond
+    belt, now = scene.rubbing, float(getattr(scene.rubbing, scene.parameter))
+    if scene.between:
+        limits = scene.between[0], scene.between[1]
+    elif scene.parameter == "speed":
+        limits = min(0.5 * now, 3 * now), max(0.5 * now, 3 * now)
+    else:
+        assert belt.slope is not None
+        begins = first / belt.force if scene.parameter == "slope" else first / belt.slope
+        ends = now + 0.25 * (now - begins)
+        edge = begins - 0.02 * (ends - begins)
+        limits = min(edge, ends), max(edge, ends)
+    # the branches; large models start from the others' cycles
     found: list[dict[str, Any]] = []
-    for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):  # large ones start from the others' cycles
+    for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):
         for family in families:
             say(f"branch of {label(name)} from ω = {family:.4g}")
             begun = time.perf_counter()
@@ -129,9 +141,9 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
             except (NotConvergedError, NoCycleError) as error:
                 found.append({"model": name, "family": family, "why": str(error)})
                 continue
-            begins = traced.hopf.omega if traced.hopf else traced.omega[0]
-            if abs(begins / family - 1) > scene.near:
-                found.append({"model": name, "family": family, "why": f"its nearest mode begins at ω = {begins:.5g}"})
+            omega = traced.hopf.omega if traced.hopf else traced.omega[0]
+            if abs(omega / family - 1) > scene.near:
+                found.append({"model": name, "family": family, "why": f"its nearest mode begins at ω = {omega:.5g}"})
                 continue
             found.append({"model": name, "family": family, "branch": traced, "missed": missed,
                           "seconds": time.perf_counter() - begun})
@@ -143,9 +155,9 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
             for row in item["branch"].rows()]
     lines: list[dict[str, Any]] = []
     special = []
-    ends: dict[str, list[str]] = {}
+    ended: dict[str, list[str]] = {}
     for item in found:
-        ends.setdefault(item["why"] if "why" in item else item["branch"].ended, []).append(
+        ended.setdefault(item["why"] if "why" in item else item["branch"].ended, []).append(
             f"{label(item['model'])} from ω = {item['family']:.4g}")
         lines.append({"model": item["model"], "family": item["family"]})
         if "why" in item:
@@ -161,41 +173,23 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
     columns = ("model", "family", column("begins", "Hopf point at", ".6g"), column("error", form=".0e"),
                column("critical", form="s"), column("cycles", form="d"), column("stable", form="d", role=""),
                column("seconds", form=".1f"))
-    data = {"branches": [{key: value for key, value in item.items() if key != "branch"} |
-                         (_plain(item["branch"]) if "branch" in item else {}) for item in found], "transients": dots}
-    now = float(getattr(scene.rubbing, scene.parameter))
-    return Result(data, [
+    records: list[dict[str, Any]] = []
+    for item in found:
+        records.append({key: value for key, value in item.items() if key != "branch"})
+        if "branch" in item:
+            traced, hopf = item["branch"], item["branch"].hopf
+            records[-1] |= {"hopf": hopf and {"value": hopf.value, "omega": hopf.omega, "limit": hopf.limit, "error": hopf.error,
+                                              "supercritical": hopf.supercritical},
+                            "special": [vars(point) for point in traced.special], "ended": traced.ended, "points": traced.rows()}
+    return Result({"branches": records, "transients": dots}, [
         f"Branches over the {scene.parameter}",
         Table("", lines, columns, keys=2, none="no branch was found, or it does not begin at a Hopf point"),
-        *(f"ended: {why}: {', '.join(names)}" for why, names in ends.items()),
+        *(f"ended: {why}: {', '.join(names)}" for why, names in ended.items()),
         *(f"{label(item['model'])} near ω = {item['family']:.4g}: no cycle at {scene.parameter} = {gap[scene.parameter]:.5g}: "
           f"{gap['why']}" for item in found for gap in item.get("missed", [])),
         *["Special points"] * bool(special), *special,
         Table("branches", rows, title="Branches, point by point"), Table("transients", dots, title="Transients"),
         bifurcation_chart([item for item in found if "branch" in item], dots, scene.parameter, families, now, scene.name)])
-
-
-def _plain(traced: Branch) -> dict[str, Any]:
-    hopf = traced.hopf
-    return {"hopf": None if hopf is None else {"value": hopf.value, "omega": hopf.omega, "limit": hopf.limit, "error": hopf.error,
-                                               "supercritical": hopf.supercritical},
-            "special": [vars(point) for point in traced.special], "ended": traced.ended, "points": traced.rows()}
-
-
-def _range(scene: CycleKeys, first: float) -> tuple[float, float]:
-    """From the first Hopf point, where F μ' = first, to the scene's own value and a quarter beyond."""
-    if scene.between:
-        return scene.between[0], scene.between[1]
-    belt = scene.rubbing
-    value = float(getattr(belt, scene.parameter))
-    if scene.parameter == "speed":
-        lo, hi = sorted((0.5 * value, 3 * value))
-        return lo, hi
-    assert belt.slope is not None
-    begins = first / belt.force if scene.parameter == "slope" else first / belt.slope
-    ends = value + 0.25 * (value - begins)
-    lo, hi = sorted((begins - 0.02 * (ends - begins), ends))
-    return lo, hi
 
 
 def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: Substructure,

@@ -85,21 +85,16 @@ def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], la
             f"{first_of([f'{lo:.9g} to {hi:.9g}' for lo, hi in item.open], 'intervals')}."
             for name, item in found.items() if item.open]
     places = {name: [list(one) for one in item.open] for name, item in found.items()}
-    return Result({"critical-value": rows, "not_excluded": places}, [
-        f"Where stability is lost, over {label}:", Table("critical-value", rows, columns, "Critical values"), *left,
-        _verdict(rows, between)])
-
-
-def _verdict(rows: Sequence[Mapping[str, Any]], between: tuple[float, float]) -> Verdict:
-    lost = sum(row["stability"] == "lost" for row in rows)
-    decides = []
+    lost, decides = sum(row["stability"] == "lost" for row in rows), []
     for row in rows:
         at = "" if row["value"] is None else f" at {row['value']:.8g} by {row['kind']}"
         closed = "" if row["value"] is None or row["exact"] is None else f" The closed form gives {row['exact']:.8g}."
         decides.append(f"{row['model']}: stability is {row['stability']}{at} ({row['evidence']}).{closed}")
-    return Verdict(decides, ["Values of the parameter outside the range were not searched."], "found",
-                   f"{lost} loss{'es' * (lost != 1)} of stability from {between[0]:g} to {between[1]:g}. The model is small as "
-                   "it is, so that nothing is reduced.", "Where is stability lost?")
+    return Result({"critical-value": rows, "not_excluded": places}, [
+        f"Where stability is lost, over {label}:", Table("critical-value", rows, columns, "Critical values"), *left,
+        Verdict(decides, ["Values of the parameter outside the range were not searched."], "found",
+                f"{lost} loss{'es' * (lost != 1)} of stability from {between[0]:g} to {between[1]:g}. The model is small as "
+                "it is, so that nothing is reduced.", "Where is stability lost?")])
 
 
 def _digits(row: Mapping[str, Any]) -> str | None:

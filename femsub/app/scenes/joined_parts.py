@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from femsub import (
     CraigBampton,
     Mesh,
     ReducedSubstructure,
-    Substructure,
     System,
     displacements,
     normal_modes,
@@ -30,8 +29,6 @@ from femsub.modes import NEAR, match
 from femsub.reduction import METHODS, PORT_LIMIT, Method
 from femsub.studies import (
     Remark,
-    Row,
-    Study,
     Table,
     all_frequencies,
     column,
@@ -84,95 +81,74 @@ def compared(scene: JoinedScene, system: System, contacts: Contacts, title: str,
 
     With `over` it is one of friction over mu: the parts are reduced, and then the system to contact modes.
     """
-    rows = _methods(scene, system, choices or {})
-    methods: list[Any] = [parts for parts, _ in rows] if over is None else [*_with_contact_modes(system, rows, contacts)]
+    made = _methods(scene, system, choices or {})
+    methods: list[Any] = [parts for parts, _ in made]
+    if over is not None:  # the system is then reduced to as many contact modes; and these are tried alone
+        methods = []
+        for each, count in made:
+            room = sum((each[name].modes or 0) + len(sub.interface) if name in each else sub.size
+                       for name, sub in system.parts.items())
+            methods.append((each, ContactModes(min(count, room - 1), contacts=contacts)))
+        methods += [ContactModes(min(count, system.size - 1), contacts=contacts)
+                    for count in dict.fromkeys(count for _, count in made)]
     found = study(system, methods, (scene.band[0], scene.band[1]), contacts=contacts, ports=scene.ports, repeats=scene.repeats,
                   held=over is None, progress=progress, **(over._asdict() if over else {}))
     best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
     flat = [row.flat() for row in (found.full, *found.rows)]
     parts = [{"part": part, "size": sub.size, "interface": len(sub.interface)} for part, sub in system.parts.items()]
-    frequencies = [] if over else _frequencies(scene, system, None if best is None else found.models[found.rows.index(best)])
+    # natural frequencies of the full system in the band, and beside them those of the recommended model
+    frequencies: list[dict[str, Any]] = []
+    said: list[Shown] = []
+    if not over:
+        own = elastic(normal_modes(system, band=(scene.band[0], scene.band[1])))
+        frequencies = [{"mode": i, "omega": omega} for i, omega in enumerate(own, start=1)]
+    if frequencies and best is not None:
+        theirs = all_frequencies(found.models[found.rows.index(best)])
+        for at, to in zip(*match(own, theirs), strict=True):
+            if abs(theirs[to] - own[at]) <= NEAR * own[at]:
+                frequencies[at] |= {"reduced": theirs[to], "error": abs(theirs[to] - own[at]) / own[at]}
+    if frequencies:
+        of = "" if best is None else f", and of {best.label} with {best.size} DOF"
+        columns = ("mode", "omega", *([] if best is None else [column("reduced", "reduced ω", ".6g"), "error"]))
+        said = [f"natural frequencies of the full system in the band{of}, in rad/time:",
+                Table(f"{name}-frequencies", frequencies, columns, "Natural frequencies", most=scene.listed),
+                *[f"and {len(frequencies) - scene.listed} more"] * (len(frequencies) > scene.listed)]
+    # what the errors are relative to, and what `reduce` warns of, once for all rows
+    notes: list[str] = []
+    if not np.isnan(found.full.critical):
+        notes.append(f"full: critical {found.symbol} {found.full.critical:.6g}, largest Re λ in the band {found.full.growth:.6g}")
+    worst = max(found.rows, key=lambda row: row.port_error, default=None)
+    if worst is not None and worst.port_error > PORT_LIMIT:
+        notes.append(f"the static response to the belt is off by up to {100 * worst.port_error:.2g} % ({worst.label} with "
+                     f"{worst.size} DOF). Set ports = true, or put the contact into the interface")
     data: dict[str, Any] = {"system": repr(system), "parts": parts, "rows": flat, "left_out": found.left_out,
                             "recommendation": words, "recommended": None if best is None else best.flat(),
                             "frequencies": frequencies}
     data |= {"parameter": over.parameter, "values": over.values} if over else {}
     return Result({name: data}, [
-        f"{title}: {system!r}", str(found), *_full_words(found), *_port_words(found), words,
-        *_frequencies_told(scene, frequencies, best, f"{name}-frequencies"),
-        Table(name, flat, title="Methods, error against run time"),
+        f"{title}: {system!r}", str(found), *notes, words, *said, Table(name, flat, title="Methods, error against run time"),
         (friction_errors_chart if over else errors_chart)(found, title, name),
         study_choice(found, scene.tolerance, name.removeprefix("methods").strip("-").replace("-", " "))])
 
 
-def _frequencies(scene: JoinedScene, system: System, model: Substructure | None) -> list[dict[str, Any]]:
-    """The natural frequencies of the full system in the band, and beside them those of a reduced model."""
-    own = elastic(normal_modes(system, band=(scene.band[0], scene.band[1])))
-    rows: list[dict[str, Any]] = [{"mode": i, "omega": omega} for i, omega in enumerate(own, start=1)]
-    if model is None:
-        return rows
-    theirs = all_frequencies(model)
-    for at, to in zip(*match(own, theirs), strict=True):
-        if abs(theirs[to] - own[at]) <= NEAR * own[at]:
-            rows[at] |= {"reduced": theirs[to], "error": abs(theirs[to] - own[at]) / own[at]}
-    return rows
-
-
-def _frequencies_told(scene: JoinedScene, rows: Sequence[Mapping[str, Any]], best: Row | None, name: str) -> list[str | Table]:
-    """The lowest of them as a table."""
-    if not rows:
-        return []
-    reduced = [column("reduced", "reduced ω", ".6g"), "error"] if best is not None else []
-    of = f", and of {best.label} with {best.size} DOF" if best is not None else ""
-    return [f"natural frequencies of the full system in the band{of}, in rad/time:",
-            Table(name, rows, ("mode", "omega", *reduced), "Natural frequencies", most=scene.listed),
-            *[f"and {len(rows) - scene.listed} more"] * (len(rows) > scene.listed)]
-
-
-def _full_words(found: Study) -> list[str]:
-    """What the errors are relative to."""
-    if np.isnan(found.full.critical):
-        return []
-    return [f"full: critical {found.symbol} {found.full.critical:.6g}, largest Re λ in the band {found.full.growth:.6g}"]
-
-
-def _port_words(found: Study) -> list[str]:
-    """What `reduce` warns of, once for all rows."""
-    worst = max(found.rows, key=lambda row: row.port_error, default=None)
-    if worst is None or worst.port_error <= PORT_LIMIT:
-        return []
-    return [f"the static response to the belt is off by up to {100 * worst.port_error:.2g} % ({worst.label} with {worst.size} "
-            "DOF). Set ports = true, or put the contact into the interface"]
-
-
 def _methods(scene: JoinedScene, system: System, choices: Mapping[str, Choice]) -> list[tuple[dict[str, Method], int]]:
-    """For each row a mapping of parts to methods, and its number of modes."""
+    """For each row a mapping of parts to methods, with so many modes or all that a part has, and its number of modes."""
     made: dict[tuple[tuple[str, Method], ...], int] = {}
     for name in scene.methods:
         for row, count in enumerate(scene.modes):
-            mapping = {part: _made(sub, own.method or name, own.modes[min(row, len(own.modes) - 1)] if own.modes else count)
-                       for part, sub in system.parts.items() if (own := choices.get(part, Choice())).method != "full"}
+            mapping: dict[str, Method] = {}
+            for part, sub in system.parts.items():
+                own = choices.get(part, Choice())
+                if own.method == "full":
+                    continue
+                kind, modes = METHODS[own.method or name], own.modes[min(row, len(own.modes) - 1)] if own.modes else count
+                room = len(sub.interior)
+                if not kind.held:  # of a free part; its rigid motions are counted only where so many modes are asked for
+                    many = modes > sub.size - RIGID
+                    room = sub.size - (normal_modes(sub, count=min(1, sub.size)).rigid if many else RIGID)
+                mapping[part] = kind(min(modes, max(room, 0)))
             made.setdefault(tuple(mapping.items()), count)
     return [(dict(pairs), count) for pairs, count in made.items()]
-
-
-def _with_contact_modes(system: System, rows: Sequence[tuple[Mapping[str, Method], int]], contacts: Contacts
-                        ) -> Iterator[tuple[Mapping[str, Method], Method] | Method]:
-    """Each row's reduction of the parts and then of the system to so many contact modes; and contact modes alone."""
-    for parts, count in rows:
-        room = sum((parts[name].modes or 0) + len(sub.interface) if name in parts else sub.size
-                   for name, sub in system.parts.items())
-        yield parts, ContactModes(min(count, room - 1), contacts=contacts)
-    for count in dict.fromkeys(count for _, count in rows):
-        yield ContactModes(min(count, system.size - 1), contacts=contacts)
-
-
-def _made(part: Substructure, key: str, modes: int) -> Method:
-    """The method with so many modes, or with all that the part has."""
-    kind = METHODS[key]
-    if kind.held:
-        return kind(min(modes, len(part.interior)))
-    room = part.size - (normal_modes(part, count=min(1, part.size)).rigid if modes > part.size - RIGID else RIGID)
-    return kind(min(modes, max(room, 0)))
 
 
 @dataclass(frozen=True)
@@ -198,22 +174,18 @@ def run_parts(scene: MeshedScene, system: System, meshes: Mapping[str, Mesh], he
 
 def picture(meshes: Mapping[str, Mesh], title: str) -> Result:
     """The parts in colours, parts.png; and parts.vtu with the number of the part, counted from 1, at each node."""
-    rows = [{"part": name, "nodes": len(mesh.points), "cells": len(mesh.cells), "kind": mesh.kind}
-            for name, mesh in meshes.items()]
+    rows: list[dict[str, Any]] = [{"part": name, "nodes": len(mesh.points), "cells": len(mesh.cells), "kind": mesh.kind}
+                                  for name, mesh in meshes.items()]
     columns = ("part", column("nodes", form="d"), column("cells", form="d"), column("kind", form="s"))
     drawn = Picture("parts", lambda: parts_figure(meshes, title))
-    return Result({"parts": rows}, [Table("parts", rows, columns, "Parts"), drawn], {"parts.vtu": partial(_vtu, meshes)})
-
-
-def _vtu(meshes: Mapping[str, Mesh], file: BinaryIO) -> None:
-    first = next(iter(meshes.values()))
     nodes, cells = (np.cumsum([0, *(len(values) for values in each)]) for each in
                     zip(*((mesh.points, mesh.cells) for mesh in meshes.values()), strict=True))
     whole = Mesh(np.vstack([mesh.points for mesh in meshes.values()]),
-                 np.vstack([mesh.cells + start for mesh, start in zip(meshes.values(), nodes, strict=False)]), first.kind,
+                 np.vstack([mesh.cells + start for mesh, start in zip(meshes.values(), nodes, strict=False)]), rows[0]["kind"],
                  groups={name: np.arange(a, b) for name, a, b in zip(meshes, cells, cells[1:], strict=False)})
     number = np.repeat(np.arange(1.0, len(meshes) + 1), np.diff(nodes))
-    vtu(whole, {"part": number}, file)
+    return Result({"parts": rows}, [Table("parts", rows, columns, "Parts"), drawn],
+                  {"parts.vtu": partial(vtu, whole, {"part": number})})
 
 
 def chosen_modes(scene: JoinedScene, system: System, name: str, progress: Progress) -> Result:
@@ -242,34 +214,29 @@ def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh],
     """
     found = normal_modes(system, band=(scene.band[0], scene.band[1]))
     rows = mode_rows(found)
-    compared = _with_reference(rows, found.rigid, reference)
+    remarks: list[Remark] = []
+    if reference:  # beside the elastic frequencies that are nearest
+        own, theirs = found.frequencies[found.rigid:], np.array(reference)
+        apart: list[float] = []
+        for at, to in zip(*match(own, theirs), strict=True):
+            difference = abs(float(own[at] / theirs[to] - 1))
+            if difference <= NEAR:
+                rows[found.rigid + at] |= {"reference": float(theirs[to]), "difference": difference}
+                apart.append(difference)
+        within = f", within {max(apart):.1e}" if apart else ""
+        remarks = [Remark([f"{len(apart)} of {len(theirs)} reference frequencies are met by modes of the system{within}."])]
     if not rows:
         return Result({"modes": rows}, [f"{scene.name}: the system has no normal mode in the band"])
     shown: list[Shown] = [
         f"Normal modes of {system.name!r} in the band in rad/time, {found.rigid} of them rigid; {found.evidence}",
         Table("modes", rows, ("mode", "omega", "residual", *[column("reference", "reference ω", ".9g"), column(
-            "difference", "rel. difference", ".1e")][:2 * bool(reference)]), "Normal modes", most=scene.listed), *compared]
+            "difference", "rel. difference", ".1e")][:2 * bool(reference)]), "Normal modes", most=scene.listed), *remarks]
     if bare := [name for name in system.parts if meshes and name not in meshes]:
         shown.append(f"not drawn, since they have no mesh: {', '.join(bare)}")
     if not meshes or not scene.figures:
         return Result({"modes": rows}, shown)
     pictures, files = mode_views(scene, found.frequencies, by_kind(system, meshes, found.shapes), {})
     return Result({"modes": rows}, [*shown, *pictures], files)
-
-
-def _with_reference(rows: list[dict[str, Any]], rigid: int, reference: Sequence[float]) -> list[Remark]:
-    """Puts frequencies of another program beside the elastic ones that are nearest, and says how far they are apart."""
-    if not reference:
-        return []
-    own, theirs = np.array([row["omega"] for row in rows[rigid:]]), np.array(reference)
-    apart: list[float] = []
-    for at, to in zip(*match(own, theirs), strict=True):
-        difference = abs(float(own[at] / theirs[to] - 1))
-        if difference <= NEAR:
-            rows[rigid + at] |= {"reference": float(theirs[to]), "difference": difference}
-            apart.append(difference)
-    within = f", within {max(apart):.1e}" if apart else ""
-    return [Remark([f"{len(apart)} of {len(theirs)} reference frequencies are met by modes of the system{within}."])]
 
 
 def by_kind(system: System, meshes: Mapping[str, Mesh], shapes: Array) -> dict[str, Drawn]:

@@ -140,8 +140,9 @@ def _critical(work: Work) -> Result:
         work.say(f"critical slope, {label(name)} with {model.size} DOF")
         slope, omega, reason = first_loss(model, work.belt, "slope", None, band)
         full = rows[0]["slope"] if rows else slope
+        port_error = model.port_error.get("belt", 0.0) if isinstance(model, ReducedSubstructure) else 0.0
         rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
-                     "error": relative_error(slope, full), "port_error": _port_error(model), "reason": reason})
+                     "error": relative_error(slope, full), "port_error": port_error, "reason": reason})
     work.slopes = [row["slope"] for row in rows]
     columns = ("model", "modes", "size", column("slope", "critical slope"), column("omega", "at ω", ".5g"), "error",
                "port_error")
@@ -152,10 +153,6 @@ def _critical(work: Work) -> Result:
     return Result({"critical-slope": rows}, ["Critical slopes dμ/dv in the band",
                                              Table("critical-slope", rows, columns, "Critical slopes", keys=3), *notes,
                                              critical_slopes_chart(rows)])
-
-
-def _port_error(model: Substructure) -> float:
-    return model.port_error.get("belt", 0.0) if isinstance(model, ReducedSubstructure) else 0.0
 
 
 def _eigenvalues(work: Work) -> Result:
@@ -170,7 +167,10 @@ def _eigenvalues(work: Work) -> Result:
         item = {"model": name, "modes": modes, "size": model.size, "evidence": found.evidence,
                 "cutoff": model.cutoff, **comparable(exact, found, min(band[1], model.cutoff))}
         if isinstance(model, ReducedSubstructure) and at is not None and len(found):
-            item["shape_error"] = _shape_error(work.sub, model.expand(_counterpart(found, exact, at)[1]), exact.shapes[:, at])
+            # ‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖ in the norm of M: the sine of the angle between the shapes
+            x, y, M = model.expand(_counterpart(found, exact, at)[1]), exact.shapes[:, at], work.sub.M
+            rest = x - y * (np.vdot(y, M @ x) / np.vdot(y, M @ y))
+            item["shape_error"] = float(np.sqrt(abs(np.vdot(rest, M @ rest)) / abs(np.vdot(x, M @ x))))
         spectra.append(item)
     head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: completeness {exact.evidence})"
     said = Table("eigenvalues", spectra, ("model", "modes", "size", "up_to", "counted", "full_counted",
@@ -209,12 +209,6 @@ def least_stable(modes: ComplexModes) -> int | None:
 def _counterpart(found: ComplexModes, exact: ComplexModes, at: int) -> tuple[complex, Array]:
     nearest = int(np.argmin(np.abs(found.eigenvalues - exact.eigenvalues[at])))
     return complex(found.eigenvalues[nearest]), found.shapes[:, nearest]
-
-
-def _shape_error(sub: Substructure, x: Array, y: Array) -> float:
-    """‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖ in the norm of M: the sine of the angle between two shapes."""
-    rest = x - y * (np.vdot(y, sub.M @ x) / np.vdot(y, sub.M @ y))
-    return float(np.sqrt(abs(np.vdot(rest, sub.M @ rest)) / abs(np.vdot(x, sub.M @ x))))
 
 
 def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, Substructure, ComplexModes]) -> Result:

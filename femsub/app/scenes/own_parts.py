@@ -80,22 +80,19 @@ class PartKeys:
     modes: list[int] = key([], "numbers of modes for this part, model by model", least=0, otherwise="modes of the scene",
                            example=[5, 10])
 
-    def _check(self) -> None:
-        given = [name for name in ("M", "mesh", "file") if getattr(self, name)]
-        if len(given) != 1:
-            found = f"{' and '.join(given)} are given" if given else "none is given"
+    def model(self, folder: str) -> tuple[Substructure, Mesh | None]:
+        """The part, with the port "belt" if it has a contact, and its mesh. Of matrices the interface is the set 'interface'."""
+        sources = [name for name in ("M", "mesh", "file") if getattr(self, name)]
+        if len(sources) != 1:
+            are = f"{' and '.join(sources)} are given" if sources else "none is given"
             raise InputError(f"the part {self.name!r} needs one of the matrices M and K, a mesh, or the file of a superelement, "
-                             f"but {found}")
+                             f"but {are}")
         if not self.file and not self.interface:
             raise InputError(f"the part {self.name!r} has no interface: name where it is joined")
         if self.mesh and self.port:
             raise InputError(f"the part {self.name!r} has a mesh: name its contact, not a port")
         if not self.mesh and self.contact:
             raise InputError(f"the part {self.name!r} has matrices: name its port, not a contact")
-
-    def model(self, folder: str) -> tuple[Substructure, Mesh | None]:
-        """The part, with the port "belt" if it has a contact, and its mesh. Of matrices the interface is the set 'interface'."""
-        self._check()
         if self.mesh:
             mesh = read_mesh(Path(folder) / self.mesh)
             return solid(mesh, Material(self.E, self.nu, self.rho), supports=motions(self.supports), name=self.name,
@@ -228,7 +225,8 @@ def run(scene: OwnPartsScene, progress: Progress, more: Mapping[str, Callable[[S
     joined = f"{len(scene.joints)} joint{'s' * (len(scene.joints) != 1)}"
     text = [f"{scene.name}: {len(parts)} parts, {joined}" + (f", {scene.friction_words}" if rubbing else "")]
     text += [repr(sub) for sub in (*parts.values(), *surfaces)]
-    outputs = {"methods": lambda: compared(scene, system, [*surfaces, *belt], scene.name, "methods", progress, choices, over),
+    outputs = {"methods": lambda: compared(scene, system, [*surfaces, *belt], scene.name, "methods", progress,
+                                           choices=choices, over=over),
                "modes": lambda: system_modes(scene, system, meshes, scene.reference)}
     own = {name: partial(output, system) for name, output in (more or {}).items()}
     return run_outputs(scene.outputs, lambda output: (outputs | own)[output](), data, text)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from femsub import Material, Mesh, Substructure, annulus, solid
+from femsub import Material, Mesh, Substructure, annulus, read_mesh, solid
 from femsub.app.keys import key
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
@@ -55,35 +54,31 @@ class SolidScene(ComponentScene):
             self.fill(supports=["inner"], interface=["mounts"], contact="contact")
 
     def component(self) -> tuple[Substructure, Mesh]:
-        mesh = self._mesh()
-        sub = solid(mesh, self._material(), supports=motions(self.supports), interface=motions(self.interface),
+        # the material: one, or one of each group
+        count, values = max(1, len(self.groups)), [getattr(self, name) for name in ("E", "nu", "rho")]
+        for name, value in zip(("E", "nu", "rho"), values, strict=True):
+            if isinstance(value, list) and len(value) != count:
+                raise InputError(f"{name} must be one number, or one for each of groups ({count}), but there are {len(value)}")
+        made = [Material(*constants) for constants in
+                zip(*(value if isinstance(value, list) else [value] * count for value in values), strict=True)]
+        material = dict(zip(self.groups, made, strict=True)) if self.groups else made[0]
+        # the mesh: that of the file, or the disc with its contact and three mounts
+        if self.mesh:
+            mesh = read_mesh(Path(self.folder) / self.mesh, kind=self.kind or None)
+        else:
+            kind = self.kind or "hexahedron20"
+            mesh = annulus(self.radii[0], self.radii[1], self.thickness, self.elements, kind, name=self.name)
+            radius, angle = np.hypot(*mesh.points[:, :2].T), np.arctan2(mesh.points[:, 1], mesh.points[:, 0])
+            width, sector = (self.radii[1] - self.radii[0]) / self.elements[0], 2 * np.pi / self.elements[1]
+            top = mesh.sets["top"]
+            patch = top[(radius[top] > self.radii[1] - 1.01 * width) & (np.abs(angle[top]) < 1.01 * sector)]
+            edge = np.intersect1d(mesh.sets["outer"], mesh.sets["bottom"])
+            around = np.exp(1j * angle[edge])
+            mounts = [edge[np.argmin(np.abs(around - np.exp(2j * np.pi * place)))] for place in (1 / 6, 1 / 2, 5 / 6)]
+            mesh = mesh.with_sets(contact=patch, mounts=mounts)
+        sub = solid(mesh, material, supports=motions(self.supports), interface=motions(self.interface),
                     ports={"belt": (self.contact, self.direction)}, rayleigh=(self.rayleigh[0], self.rayleigh[1]), name=self.name)
         return sub, mesh
-
-    def _material(self) -> Material | Mapping[str, Material]:
-        values = {name: getattr(self, name) for name in ("E", "nu", "rho")}
-        count = max(1, len(self.groups))
-        each = {name: value if isinstance(value, list) else [value] * count for name, value in values.items()}
-        for name, value in each.items():
-            if len(value) != count:
-                raise InputError(f"{name} must be one number, or one for each of groups ({count}), but there are {len(value)}")
-        made = [Material(*constants) for constants in zip(*each.values(), strict=True)]
-        return dict(zip(self.groups, made, strict=True)) if self.groups else made[0]
-
-    def _mesh(self) -> Mesh:
-        if self.mesh:
-            from femsub.io import read_mesh
-
-            return read_mesh(Path(self.folder) / self.mesh, kind=self.kind or None)
-        made = annulus(self.radii[0], self.radii[1], self.thickness, self.elements, self.kind or "hexahedron20", name=self.name)
-        radius, angle = np.hypot(*made.points[:, :2].T), np.arctan2(made.points[:, 1], made.points[:, 0])
-        width, sector = (self.radii[1] - self.radii[0]) / self.elements[0], 2 * np.pi / self.elements[1]
-        top = made.sets["top"]
-        patch = top[(radius[top] > self.radii[1] - 1.01 * width) & (np.abs(angle[top]) < 1.01 * sector)]
-        edge = np.intersect1d(made.sets["outer"], made.sets["bottom"])
-        around = np.exp(1j * angle[edge])
-        mounts = [edge[np.argmin(np.abs(around - np.exp(2j * np.pi * place)))] for place in (1 / 6, 1 / 2, 5 / 6)]
-        return made.with_sets(contact=patch, mounts=mounts)
 
 
 SCENE, run = SolidScene, run_component

@@ -56,8 +56,17 @@ def meshes(fineness: int = 1, kind: str = "hexahedron20") -> dict[str, Mesh]:
     for name, (lengths, corner, bricks) in PIECES.items():
         mesh = block(lengths, [fineness * count for count in bricks], kind, name=name)
         made[name] = replace(mesh, points=mesh.points + np.array(corner))
-    for below, above in GLUED:
-        made[below] = _under(made[below], made[above], above)
+    for below, above in GLUED:  # the faces of a top that lie below another mesh, if only in part, are a set of its name
+        mesh, top = made[below], made[below].sets["top"]
+        chosen = np.ones(len(top), dtype=bool)
+        for axis in (0, 1):
+            places, other = mesh.points[:, axis], made[above].points[:, axis]
+            size = float(np.ptp(places[mesh.cells[0]]))  # the edge of the first brick
+            lines = np.linspace(places.min(), places.max(), round(np.ptp(places) / size) + 1)
+            low = lines[lines <= other.min() + 0.01 * size].max()
+            high = lines[lines >= other.max() - 0.01 * size].min()
+            chosen &= np.abs(places[top] - (low + high) / 2) <= (high - low) / 2 + 0.01 * size
+        made[below] = mesh.with_sets(**{above: top[chosen]})
     for post in POSTS:
         made[post] = made[post].with_sets(head=_nearest(made[post], "top", made[post].points.mean(axis=0)))
         made["cover"] = made["cover"].with_sets(**{post: _nearest(made["cover"], "bottom", made[post].points.mean(axis=0))})
@@ -67,24 +76,6 @@ def meshes(fineness: int = 1, kind: str = "hexahedron20") -> dict[str, Mesh]:
 def _nearest(mesh: Mesh, side: str, place: Array) -> Array:
     """The node of a side that is nearest to an axis along z."""
     return mesh.sets[side][[np.hypot(*(mesh.points[mesh.sets[side]] - place)[:, :2].T).argmin()]]
-
-
-def _under(mesh: Mesh, other: Mesh, name: str) -> Mesh:
-    """The mesh with a set of that name: the faces of its top that lie below another mesh, if only in part."""
-    top = mesh.sets["top"]
-    chosen = np.ones(len(top), dtype=bool)
-    for axis in (0, 1):
-        places, size = mesh.points[:, axis], _size(mesh, axis)
-        lines = np.linspace(places.min(), places.max(), round(np.ptp(places) / size) + 1)
-        low = lines[lines <= other.points[:, axis].min() + 0.01 * size].max()
-        high = lines[lines >= other.points[:, axis].max() - 0.01 * size].min()
-        chosen &= np.abs(places[top] - (low + high) / 2) <= (high - low) / 2 + 0.01 * size
-    return mesh.with_sets(**{name: top[chosen]})
-
-
-def _size(mesh: Mesh, axis: int) -> float:
-    """The edge of the first brick along x, y or z."""
-    return float(np.ptp(mesh.points[mesh.cells[0], axis]))
 
 
 def assembly(found: dict[str, Mesh], material: Material, bolts: float,

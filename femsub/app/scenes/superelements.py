@@ -55,8 +55,11 @@ def _parts(scene: SuperelementsScene, progress: Progress, system: System) -> Res
             continue
         progress(f"{scene.name}: checking {name}")
         found = audit(part, units=scene.units)
+        dofs, full = part.interface_dofs, part.full_dofs
+        frames = [at for at, label in enumerate(full.labels) if "@" in label] if full else []  # which the files do not say
         rows.append({"part": name, "size": part.size, "interface": len(part.interface_numbers), "modes": part.modes,
-                     "cutoff": part.cutoff, "recovered": len(part.V), **_grids(part), "trusted": found.trusted,
+                     "cutoff": part.cutoff, "recovered": len(part.V), "grids": len(np.unique(dofs.nodes)) if dofs else None,
+                     "own_frame": int(np.isin(full.components, frames).sum()) if full else None, "trusted": found.trusted,
                      "faults": len(found.faults), "unknown": len(found.unknown)})
         checks += [{"part": name, **row} for row in found.tables[0].rows]
         masses += [f"{name}: {one.said}" for one in found.findings if one.what == "mass and inertia"]
@@ -66,11 +69,3 @@ def _parts(scene: SuperelementsScene, progress: Progress, system: System) -> Res
     return Result({"superelements": rows, "checks": checks}, [
         "Superelements as they were read, and checked by themselves:", table, *masses,
         Table("checks", checks, (), "Checks of superelements"), Remark(faults, unknown)])
-
-
-def _grids(part: ReducedSubstructure) -> dict[str, int | None]:
-    """How many grids the interface has, and how many motions are recovered in frames that the files do not say."""
-    dofs, full = part.interface_dofs, part.full_dofs
-    own = [at for at, label in enumerate(full.labels) if "@" in label] if full else []
-    return {"grids": len(np.unique(dofs.nodes)) if dofs else None,
-            "own_frame": int(np.isin(full.components, own).sum()) if full else None}
