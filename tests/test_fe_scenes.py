@@ -370,3 +370,11 @@ def test_a_model_without_a_slope_takes_nothing_from_the_others(tmp_path: Path, c
     assert "reaches above the cut-off" in said
     few = next(row for row in data["eigenvalues"] if (row["model"], row["modes"]) == ("craig-bampton", 2))
     assert few["up_to"] == few["cutoff"] < data["band"][1] and few["full_counted"] < data["eigenvalues"][0]["counted"]
+
+
+def test_the_key_elastic_says_what_is_listed_compared_and_in_the_band(tmp_path: Path) -> None:
+    scene, run = load(scene_file(tmp_path, SMALL["beam"] + 'elastic = 3\noutputs = ["modes", "critical-slope"]\n'))
+    found = run(scene, lambda _: None).data
+    omega = [row["omega"] for row in found["modes"]["rows"]]
+    assert len(omega) == 6 + 3  # as many as a free beam may have; this one has no rigid motion
+    assert found["band"] == pytest.approx((0.0, 1.02 * omega[2]), rel=1e-12)

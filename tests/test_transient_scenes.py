@@ -177,3 +177,16 @@ def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path
     data = json.loads((out / "results.json").read_text())
     assert data["complete"] is False and [row["size"] for row in data["growth"]] == [18]
     assert "error-time" not in data and "spectrum" in data
+
+
+def test_a_reduced_solid_runs_as_often_as_repeats_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from femsub.app.scenes import solid_transient
+
+    runs: list[int] = []
+    monkeypatch.setattr(solid_transient, "transient", lambda model, *args, **options: runs.append(model.size) or
+                        fs.transient(model, *args, **options))
+    text = DISC.replace("150", "4").replace("[8, 20]", "[20]") + 'elements = [2, 12, 1]\nrepeats = 2\noutputs = ["error-time"]\n'
+    scene, run = load(scene_file(tmp_path, text))
+    rows = run(scene, lambda _: None).data["error-time"]
+    small = rows[1]["size"]
+    assert runs == [small, rows[0]["size"], small, small]
