@@ -199,7 +199,7 @@ def test_components_and_materials_are_sets(tmp_path: Path) -> None:
     ("        8        0        5", "        9        0        5", "announces 9 nodes"),
     ("N,R5.3,LOC,       -1,\n", "", None),
     ("SOLID,99,12", "SOLID,99,13", "NBLOCK announces 13"), ("SOLID,99,2\n", "SOLID,99,3\n", "EBLOCK announces 3"),
-    ("ET,3,185", "ET,3,174", "no elements that are cells: 2 elements of type 174"), ("ET,3,185\n", "", "which no ET tells"),
+    ("ET,3,185", "ET,3,174", "no elements that are cells: 2 elements of type 174"), ("ET,3,185\n", "", "which no ET defines"),
     ("NODE,       2", "NODE,       3", "announces 3 numbers, but has 2"), ("       -14", "        -9", "goes from 11 to 9"),
     ("       -1\nCM", "CM", None), ("       16       17       18\n", "       16       17       99\n", "names node 99"),
     ("CMBLOCK,ONE,ELEM,       1\n", "", "command of its block is lost"),

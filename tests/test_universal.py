@@ -188,7 +188,7 @@ def test_a_mode_that_lacks_a_node(tmp_path: Path) -> None:
     other = new_mode(40j, shape)
     cut = other.replace(numbers(9) + other.split(numbers(9))[1].split("    -1")[0], "")
     (tmp_path / "new.uff").write_text(other + cut)
-    with pytest.raises(fs.InputError, match="does not tell how node 9 moves"):
+    with pytest.raises(fs.InputError, match="does not say how node 9 moves"):
         fs.read_modes(tmp_path / "new.uff")
 
 

@@ -46,7 +46,7 @@ def read_text_matrix(path: Path) -> TextMatrix:
                          of a pair beside whole ones, a row without its diagonal, a last line without its end, a
                          row number far beyond the entries
     it cannot know       whether a digit is wrong; whether lines are gone, where one triangle lost entries beside
-                         the diagonal or the last rows are gone: the file tells no count (M and K are compared)
+                         the diagonal or the last rows are gone: the file has no count (M and K are compared)
     ===================  =======================================================================================
 
     Raises

@@ -27,7 +27,7 @@ WORDS = 103  # of four bytes: the first record with its length and type, that is
 FULL, RESULT = 4, 12  # kinds of files, by the first word of the standard header
 MODAL = 2  # the type of a modal analysis
 NOTHING = 2.0 ** 100  # in place of a value that there is not
-LENGTH, LONG = 26, slice(96, 98)  # words that tell the length of the file, in words
+LENGTH, LONG = 26, slice(96, 98)  # words with the length of the file, in words
 #: the process: its memory is limited, and it takes the reader's modules without their __init__, which loads VTK for some 5 s
 BEGIN = f"""
 import resource, sys, types
@@ -40,7 +40,7 @@ bare = types.ModuleType("{MODULE}")
 bare.__path__ = list(find_spec("{MODULE}").submodule_search_locations)
 sys.modules["{MODULE}"] = bare
 """
-#: records of the result file as they are; what they mean is told by `read_rst`
+#: records of the result file as they are; `read_rst` interprets them
 SETS = """
 from ansys.mapdl.reader import _binary_reader, _rst_keys
 from ansys.mapdl.reader.common import parse_header
@@ -187,14 +187,14 @@ def _long(low: Any, high: Any) -> int:
 
 
 def read_rst(path: Path) -> tuple[Array, Array, Array, Array, Array, list[str]]:
-    """λ (k,) and shapes (m, k) of a .rst file, node, direction (0 to 5) and place of each row, and what there is to tell.
+    """λ (k,) and shapes (m, k) of a .rst file, node, direction (0 to 5) and place of each row, and notes.
 
     ===================  =======================================================================================
     it reads             real modes of a modal analysis (ANTYPE,MODAL): motions of nodes, compressed or not
     it turns             motions in a frame of a node's own into those along the global axes
     it leaves out        temperatures, pressures and other DOF that are no motions; nodes without a solution
     it refuses           other analyses, complex modes, cyclic sectors, one of several files of a distributed run, a file that
-                         is shorter than its header tells, whatever the reader crashes at
+                         is shorter than its header says, whatever the reader crashes at
     it cannot know       units
     ===================  =======================================================================================
 
@@ -264,9 +264,9 @@ def _checked(path: Path, kind: int, ending: str) -> Path:
     if len(head) < WORDS or head[0] != 100 or head[2] != kind:
         raise InputError(f"{path} is no {ending} file of Ansys, or one of a machine with the other order of bytes")
     words = head[2:]
-    told = max(int(words[LENGTH]), int(words[LONG][0]) % 2 ** 32 + (int(words[LONG][1]) << 32))
-    if path.stat().st_size < 4 * told:
-        raise InputError(f"{path} announces {4 * told} bytes, but has {path.stat().st_size}; it is cut short or damaged")
+    size = max(int(words[LENGTH]), int(words[LONG][0]) % 2 ** 32 + (int(words[LONG][1]) << 32))
+    if path.stat().st_size < 4 * size:
+        raise InputError(f"{path} announces {4 * size} bytes, but has {path.stat().st_size}; it is cut short or damaged")
     return path
 
 

@@ -55,7 +55,7 @@ def read_cdb(path: Path) -> tuple[Any, list[str]]:
     ==============  ==========================================================================================================
     reads           NBLOCK, EBLOCK of solids, planes, shells, beams and MESH200 with their degenerate forms, straight and curved
                     edges, ET, ETBLOCK, KEYOPT, CMBLOCK of nodes and elements
-    skips, tells    elements of other types (contact, masses, loads on surfaces), blocks that are not SOLID, frames of nodes,
+    skips, reports  elements of other types (contact, masses, loads on surfaces), blocks that are not SOLID, frames of nodes,
                     which matter to motions alone
     refuses         nodes in another coordinate system than the global one (CSYS, LOCAL), nodes or elements that come by the
                     commands N and E, numbers given twice, elements without some of their nodes in the middle of edges, a block
@@ -69,7 +69,7 @@ def read_cdb(path: Path) -> tuple[Any, list[str]]:
         What is refused, by command and number.
     """
     check_end(path, last_words=("FINI", "FINISH", "/GO", "/EOF", "SAVE", "SOLVE"))
-    deck = _Deck(path)
+    deck = _Archive(path)
     if not deck.numbers or not deck.elements:
         count = sum(map(len, deck.elements.values()))
         raise InputError(f"{path} has {len(deck.numbers)} nodes in NBLOCK and {count} elements in EBLOCK"
@@ -101,7 +101,7 @@ class _Element(NamedTuple):
     nodes: list[int]
 
 
-class _Deck:
+class _Archive:
     """The blocks of an archive."""
 
     def __init__(self, path: Path) -> None:
@@ -229,13 +229,13 @@ class _Deck:
             raise InputError(f"{self.path}: {what} announces {announced:.30} entries, but has {found}: is it cut short?")
 
 
-def _cells(deck: _Deck) -> Iterator[tuple[str, list[_Element], Array]]:
+def _cells(deck: _Archive) -> Iterator[tuple[str, list[_Element], Array]]:
     """Kind, elements and their nodes in meshio's order, of each family's forms."""
     for (kind, count), some in deck.elements.items():
         number = deck.types.get(kind)
         family = _MESHES.get(deck.options.get(kind, 0)) if number == MESH200 else _FAMILY.get(number or 0)
         if family is None:
-            known = f"type {number}" if number else f"type number {kind}, which no ET tells"
+            known = f"type {number}" if number else f"type number {kind}, which no ET defines"
             deck.notes[f"{len(some)} element{'s' * (len(some) != 1)} of {known} skipped"] += 1
             continue
         family = "triangle" if family == "face" and count in (3, 6) else family

@@ -20,7 +20,7 @@ from femsub.io.model_folder import read_model
 from femsub.io.superelements import ENDINGS, read_superelement
 from femsub.model import DofMap, ReducedSubstructure, Substructure
 
-#: Words in the names of files, and of matrices in them, that tell what they hold; 'sti' and 'mas' are CalculiX'.
+#: Words in the names of files, and of matrices in them, that name what they hold; 'sti' and 'mas' are CalculiX'.
 NAMES = {"M": {"m", "mas", "mass", "masse", "maa", "mff", "mgg"}, "K": {"k", "sti", "stiff", "stiffness", "kaa", "kff", "kgg"}}
 
 
@@ -58,7 +58,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         map and ports follow. `interface` and `ports` count from 0 in the files' rows. An interface DOF or a port that needs such
         a DOF is refused.
     cutoff : float, optional
-        Of a superelement, in rad per unit of time: up to which frequency its author kept modes. Its files do not tell it.
+        Of a superelement, in rad per unit of time: up to which frequency its author kept modes. Its files do not contain it.
 
     Returns
     -------

@@ -23,7 +23,7 @@ _VTK_COUNTS = re.compile(rb"^(POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKU
 
 
 def meshio() -> Any:
-    """The package meshio, or an error that tells how to install it."""
+    """The package meshio, or an error that says how to install it."""
     found = package("meshio", "mesh files need meshio", "meshio")
     for kind in ("wedge15", "pyramid13"):  # known to its readers, but without a dimension
         found._mesh.topological_dimension.setdefault(kind, 3)

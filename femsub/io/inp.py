@@ -52,7 +52,7 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
                     \\*NFILL (equal intervals), \\*NCOPY, \\*NMAP (RECTANGULAR, CYLINDRICAL), \\*ELGEN, \\*ELCOPY, \\*INCLUDE and
                     INPUT= (files beside the one that names them, or beside this one); blank and missing fields as 0, Fortran
                     exponents, a byte-order mark, Latin-1; the mesh of a part, or of an instance
-    skips, tells    elements that are no cells (MASS, SPRING, ...); nodes, elements and sets that only the assembly has; more
+    skips, reports  elements that are no cells (MASS, SPRING, ...); nodes, elements and sets that only the assembly has; more
                     nodes on a line than an element has; nodes and elements of sets that the file does not give; nodes given
                     twice at the same place
     refuses         several parts or instances, one that is moved, \\*SYSTEM, nodes in cylindrical coordinates; other options
@@ -70,12 +70,12 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     """
     import meshio
 
-    found = Found(path)
+    found = Contents(path)
     _collect(path, found)
     if not found.nodes or not found.elements:
-        told = ", ".join(f"{count} of type {kind}" for kind, count in found.skipped.items())
-        if told and found.nodes:
-            raise InputError(f"{path} has only elements of types that femsub does not read: {told}")
+        others = ", ".join(f"{count} of type {kind}" for kind, count in found.skipped.items())
+        if others and found.nodes:
+            raise InputError(f"{path} has only elements of types that femsub does not read: {others}")
         also = ": it continues another run (*RESTART, READ), whose file has the mesh" if found.continues else ""
         raise InputError(f"{path} has no {'*ELEMENT' if found.nodes else '*NODE'} data{also}")
     numbers, points = found.all_nodes()
@@ -102,7 +102,7 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     return mesh, notes
 
 
-def _collect(path: Path, found: Found) -> None:
+def _collect(path: Path, found: Contents) -> None:
     for keyword, options, data in _blocks(path, found.notes):
         if keyword == "SYSTEM" and data.strip():
             raise InputError(f"{path} has a *SYSTEM, which moves coordinates; write the nodes in the global system")
@@ -146,7 +146,7 @@ Part: TypeAlias = "Array | Range | NodesOf"
 
 
 @dataclass
-class Found:
+class Contents:
     """The content of a file, by the file's numbers."""
 
     path: Path
@@ -328,7 +328,7 @@ def _ended(path: Path, text: str, alone: bool) -> None:
 
 # ---- what is listed
 
-def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+def _nodes(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     path = found.path
     if options.get("SYSTEM", "R").upper() != "R":
         raise InputError(f"{path} gives nodes in cylindrical or spherical coordinates; write them as x, y, z")
@@ -351,7 +351,7 @@ def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) ->
     yield whole
 
 
-def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+def _elements(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     path, kind_here = found.path, options.get("TYPE", "").upper()
     kind = next((kinds.get(int(match[1])) for family, kinds in _FAMILIES
                  if (match := re.match(rf"(?:{family})(\d{{1,9}})(?!\d)", kind_here))), None)
@@ -384,7 +384,7 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
     yield table[:, 0]
 
 
-def _skip(found: Found, kind: str, data: str) -> Array:
+def _skip(found: Contents, kind: str, data: str) -> Array:
     """The numbers of elements that are not cells."""
     lines = [line for line in data.split("\n") if line.strip()]
     heads = [line.split(",")[0] for line, above in zip(lines, ["", *lines], strict=False) if not above.rstrip().endswith(",")]
@@ -394,7 +394,7 @@ def _skip(found: Found, kind: str, data: str) -> Array:
     return numbers
 
 
-def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+def _set(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     sort = keyword.removesuffix("SET")
     name = options.get(keyword, "")
     what = f"{found.path}: *{keyword} {name}"
@@ -433,7 +433,7 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> I
 
 # ---- generated nodes and elements; for the lines see the Abaqus Keywords Reference Guide, under the keyword
 
-def _line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+def _line_of_nodes(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     """Nodes between two, on a straight line or (LINE=C) on an arc about a third.
 
     Columns: first node, last node, step of the numbers, centre as a node, or its coordinates, normal of the arc.
@@ -469,7 +469,7 @@ def _line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data:
         yield numbers
 
 
-def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+def _nodes_between(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     """Equal intervals from each node of one set to the node of another with the same index."""
     what = f"{found.path}: *NFILL"
     for line in filter(str.strip, data.split("\n")):
@@ -491,7 +491,7 @@ def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data:
         yield np.concatenate([low, high, numbers])
 
 
-def _copied_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+def _copied_nodes(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     what = f"{found.path}: *NCOPY"
     old, change = found.members("N", options.get("OLD SET", ""), "*NCOPY"), _integer(what, options, "CHANGE NUMBER")
     points = found.place("*NCOPY", old)
@@ -535,7 +535,7 @@ def _reflected(what: str, how: str, data: str, points: Array) -> Array:
     return a + (2 * along_n - arms if how == "LINE" else arms - 2 * along_n)
 
 
-def _mapped_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterable[Part]:
+def _mapped_nodes(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterable[Part]:
     """Local coordinates, scaled, into the global system; a is the origin, and a, b and c lie in a plane.
 
     RECTANGULAR: x from a to b, y towards c. CYLINDRICAL (r, θ in degrees, z): z from a to b, θ = 0 towards c.
@@ -557,7 +557,7 @@ def _mapped_nodes(found: Found, keyword: str, options: Mapping[str, str], data: 
     return ()
 
 
-def _rows_of_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+def _rows_of_elements(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     """Elements like a master, in rows, rows of rows and layers.
 
     Columns: master; count, step of nodes, step of elements along the row; the same three for rows; for layers.
@@ -574,7 +574,7 @@ def _rows_of_elements(found: Found, keyword: str, options: Mapping[str, str], da
         yield master + grid @ element
 
 
-def _copied_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+def _copied_elements(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     what = f"{found.path}: *ELCOPY"  # REFLECT changes the order of nodes in a cell, which is checked and mended for every cell
     old = found.members("EL", options.get("OLD SET", ""), "*ELCOPY")
     shift = _integer(what, options, "ELEMENT SHIFT")
@@ -582,7 +582,7 @@ def _copied_elements(found: Found, keyword: str, options: Mapping[str, str], dat
     yield old + shift
 
 
-def _copy_elements(found: Found, what: str, old: Array, node: Array, element: Array) -> None:
+def _copy_elements(found: Contents, what: str, old: Array, node: Array, element: Array) -> None:
     """Copies of elements, one for each pair of increments of node numbers and element number."""
     left = np.setdiff1d(old, np.concatenate([np.zeros(0, dtype=np.int64), *(numbers for _, numbers, _ in found.elements)]))
     if len(left):
@@ -596,7 +596,7 @@ def _copy_elements(found: Found, what: str, old: Array, node: Array, element: Ar
 
 #: keyword: what brings its nodes, elements or members, which option names the set of these, and the options that are read
 #: where others would mean something else
-_MAKERS: dict[str, tuple[Callable[[Found, str, Mapping[str, str], str], Iterable[Part]], str, tuple[str, ...]]] = {
+_MAKERS: dict[str, tuple[Callable[[Contents, str, Mapping[str, str], str], Iterable[Part]], str, tuple[str, ...]]] = {
     "NODE": (_nodes, "NSET", ()), "ELEMENT": (_elements, "ELSET", ()), "NSET": (_set, "NSET", ()), "ELSET": (_set, "ELSET", ()),
     "NGEN": (_line_of_nodes, "NSET", ("LINE", "NSET")), "NFILL": (_nodes_between, "NSET", ("NSET",)),
     "NCOPY": (_copied_nodes, "NEW SET", ("CHANGE NUMBER", "OLD SET", "NEW SET", "SHIFT", "REFLECT")),

@@ -63,7 +63,7 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
     else:
         _check_old(path, content)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # SciPy 1.18 tells that the type of sparse matrices will change
+        warnings.simplefilter("ignore")  # SciPy 1.18 warns that the type of sparse matrices will change
         loaded = loadmat(BytesIO(content))
     found: dict[str, Matrix] = {}
     for name, _, kind in whosmat(BytesIO(content)):

@@ -21,8 +21,8 @@ from femsub.io.matrix_market import read_market
 from femsub.io.op4 import read_op4
 
 NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
-HEAD = 4096  # bytes at a file's beginning that tell whether it is text of a matrix
-DECK = 1 << 20  # bytes that tell whether it has cards of Nastran
+HEAD = 4096  # bytes at a file's beginning that show whether it is text of a matrix
+DECK = 1 << 20  # bytes that show whether it has cards of Nastran
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
 ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4, .op2 and .pch (Nastran), "
            ".full (Ansys), .m (Sierra/SD); text of Matrix Market, Abaqus and CalculiX may have any ending")

@@ -116,8 +116,8 @@ def _header(path: Path) -> _Header:
         size = file.seek(0, io.SEEK_END) - start
     sizes = line.split()
     if not re.fullmatch(rb"(\d{1,18} ){3}" if layout == "coordinate" else rb"(\d{1,18} ){2}", b" ".join(sizes) + b" "):
-        told = "rows, columns and entries" if layout == "coordinate" else "rows and columns"
-        raise InputError(f"{path}: line {lines} must tell {told}, but is {line.decode('ascii', 'replace').strip()!r:.100}")
+        wanted = "rows, columns and entries" if layout == "coordinate" else "rows and columns"
+        raise InputError(f"{path}: line {lines} must have {wanted}, but is {line.decode('ascii', 'replace').strip()!r:.100}")
     rows, columns = int(sizes[0]), int(sizes[1])
     if symmetry != "general" and rows != columns:
         raise InputError(f"{path} is {symmetry}, but has {rows} rows and {columns} columns")

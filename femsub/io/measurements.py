@@ -13,7 +13,7 @@ from femsub.checks import Array, choice, path_of
 from femsub.errors import InputError
 from femsub.io.damage import unreadable_refused
 from femsub.io.mesh_text import as_numbers, whole
-from femsub.io.universal import NUMBERS, OF_MESHES, DataSet, apart, data_sets, nodes_of, told
+from femsub.io.universal import NUMBERS, OF_MESHES, DataSet, apart, data_sets, nodes_of, origin_of
 from femsub.modes import FrequencyResponse, ModeSet
 
 FUNCTION, HEAD = 58, 11  # the data set, and the lines before its numbers
@@ -46,7 +46,8 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
     ===================  =======================================================================================
 
     A response or load is named by node and direction, '12:uz'; directions against an axis are turned. A frequency of 0 is left
-    out, where velocity and acceleration tell nothing. Of a pair that is there several times, each is a repeated measurement.
+    out: velocity and acceleration determine no displacement there. Of a pair that is there several times, each is a repeated
+    measurement.
 
     Parameters
     ----------
@@ -239,7 +240,7 @@ def read_modes(path: str | Path) -> ModeSet:
     nodes = sorted({node for mode in found for node in mode.values})
     if short := [mode for mode in found if not mode.old and len(mode.values) < len(nodes)]:
         missing = next(node for node in nodes if node not in short[0].values)
-        raise InputError(f"{file}: the mode of {abs(short[0].eigenvalue) / 2 / np.pi:g} Hz does not tell how node {missing} "
+        raise InputError(f"{file}: the mode of {abs(short[0].eigenvalue) / 2 / np.pi:g} Hz does not say how node {missing} "
                          "moves, as another mode does")
     width = max(len(value) for mode in found for value in mode.values.values())
     table = np.zeros((len(nodes), width, len(found)), dtype=complex)
@@ -257,7 +258,7 @@ def read_modes(path: str | Path) -> ModeSet:
     if fewer := sum(len(mode.values) < len(nodes) for mode in found):
         notes.append(f"{fewer} mode{'s do' if fewer > 1 else ' does'} not list all nodes: motions of the others are taken as 0")
     return ModeSet.of(np.array([mode.eigenvalue for mode in found]), shapes if shapes.imag.any() else shapes.real,
-                      np.repeat(nodes, width), np.tile(np.arange(width), len(nodes)), points, [*told(sets), *notes])
+                      np.repeat(nodes, width), np.tile(np.arange(width), len(nodes)), points, [*origin_of(sets), *notes])
 
 
 class _Mode(NamedTuple):
@@ -299,14 +300,14 @@ def _eigenvalue(where: str, numbers: Array, analysis: int, old: bool) -> complex
         if len(numbers) < need:
             raise InputError(f"{where} has {len(numbers)} real parameters, but frequency and damping need {need}")
         omega, viscous, structural = 2 * np.pi * numbers[at[0]], numbers[at[1]], numbers[at[2]]
-        ratio = viscous or structural / 2  # some programs tell the same damping in both ways
+        ratio = viscous or structural / 2  # some programs give the same damping in both ways
         if not (np.isfinite(omega) and omega >= 0 and -1 < ratio < 1):
             raise InputError(f"{where} has the frequency {numbers[at[0]]:g} Hz and the damping ratio {ratio:g}")
         return complex(-ratio * omega, omega * np.sqrt(1 - ratio**2))
     first = 0 if old else 6
     value = complex(*numbers[first:first + 2]) if len(numbers) > first + 1 else complex(np.nan)
     if not np.isfinite(value):
-        raise InputError(f"{where} does not tell its complex eigenvalue")
+        raise InputError(f"{where} does not give its complex eigenvalue")
     return complex(value.real, abs(value.imag))
 
 

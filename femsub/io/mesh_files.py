@@ -32,7 +32,7 @@ _TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": BODIES, "medit:ref":
 _WRITERS = {".vtu": ("vtu", True), ".vtk": ("vtk", True), ".msh": ("gmsh", True), ".inp": ("abaqus", False)}
 _OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": read_nastran,
         ".node": read_tetgen, ".ele": read_tetgen}  # readers that are not meshio's
-HEAD = 1 << 20  # bytes at a file's beginning that tell whose it is
+HEAD = 1 << 20  # bytes at a file's beginning that show whose it is
 #: lines of Nastran's decks, and of Abaqus' and CalculiX', whatever the file is called
 _NASTRAN = re.compile(rb"(?mi)^(CEND\b|[ \t]*BEGIN[ \t]+BULK\b|[ \t]*INCLUDE[ \t]+['\"]|GRID\*?[ \t,]+\d)")
 _ARCHIVE = re.compile(rb"(?mi)^[ \t]*[NE]BLOCK[ \t]*,")  # of Ansys
@@ -54,7 +54,7 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     """Read a mesh file: the cells of the highest dimension with their named sets, checked (see `mesh_checks.checked`).
 
     Abaqus and CalculiX .inp, Nastran .bdf, Ansys .cdb, Gmsh .msh, TetGen and universal files (.unv, .uff) have their own
-    readers; meshio reads all other formats. Decks and universal files may have any name: their content tells which they are.
+    readers; meshio reads all other formats. Decks and universal files may have any name: their content shows which they are.
     Tables of what each reads, refuses and cannot detect stand at the readers: `femsub.io.inp.read_inp`,
     `femsub.io.nastran.read_nastran`, `femsub.io.cdb.read_cdb`, `femsub.io.gmsh.read_gmsh`, `femsub.io.universal.read_universal`,
     `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension only define

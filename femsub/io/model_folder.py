@@ -213,7 +213,7 @@ def read_model(folder: Path) -> Substructure:
 
 @contextmanager
 def _fitting(path: Path, what: str) -> Iterator[None]:
-    """Tell that an entry of model.json is damaged if what it holds cannot be made."""
+    """Refuses an entry of model.json from which its object cannot be made."""
     try:
         yield
     except InputError as error:
@@ -362,7 +362,7 @@ def _check_entries(path: Path, where: str, table: Mapping[str, Any], checks: tup
 def _check_files(path: Path, folder: Path, about: Mapping[str, Any]) -> None:
     named = {place.partition(":")[0] for place in about["files"].values()} | ({about["dofs"]} if "dofs" in about else set())
     if named != set(about[HASHES]):
-        raise _damaged(path, f"it tells hashes of {', '.join(sorted(about[HASHES])) or 'no file'}, but names "
+        raise _damaged(path, f"it has hashes of {', '.join(sorted(about[HASHES])) or 'no file'}, but names "
                              f"{', '.join(sorted(named))}")
     for name, expected in about[HASHES].items():
         file = newest(folder, name)

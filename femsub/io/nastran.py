@@ -61,7 +61,7 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
                     continuations with and without marks, capitals or not, 1.5-3 for 1.5E-3; blank coordinates as 0, a
                     blank property as the element's number, if others have one; INCLUDE (files beside the one that names
                     them, or beside this one)
-    skips, tells    elements that are no cells: CONM2, CELAS2, RBE2, ...; that ENDDATA is missing; points given twice alike
+    skips, reports  elements that are no cells: CONM2, CELAS2, RBE2, ...; that ENDDATA is missing; points given twice alike
     refuses         elements given twice, points at two places; nodes missing in a card or in the file; continuations of
                     cells and points out of their order; replication (=); superelements; other solids (CIHEX3, ...) and
                     nearly known names

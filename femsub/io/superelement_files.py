@@ -226,8 +226,8 @@ def trust(model: Substructure) -> str:
     """One line for the head of a file: up to where the model may be trusted."""
     limit = "complete, without a cut-off" if np.isinf(model.cutoff) else f"cut-off {model.cutoff:.6g} rad per unit of time"
     estimate = model.estimate if isinstance(model, ReducedSubstructure) else None
-    told = "no estimate of its error" if estimate is None else f"estimated error {estimate.worst:.1e} to {estimate.band[1]:.6g}"
-    return f"{limit}, {told}: see {VALIDITY}"
+    error = "no estimate of its error" if estimate is None else f"estimated error {estimate.worst:.1e} to {estimate.band[1]:.6g}"
+    return f"{limit}, {error}: see {VALIDITY}"
 
 
 def _ordered(model: Substructure, places: Places) -> dict[str, Array]:
@@ -300,7 +300,7 @@ def _set_lines(places: Places) -> list[str]:
 
 
 def _tug1(recovered: list[tuple[int, int]], size: int) -> Iterator[str]:
-    """DTI cards that tell the rows of MUG1."""
+    """DTI cards with the rows of MUG1."""
     if recovered:
         yield from _card("DTI", "TUG1", 0, 6 * len(recovered), size, 32767, 0, 7, 0, "PHIP", "", 7, "", "", "REAL", 1, "ENDREC")
         yield from _card("DTI", "TUG1", 1, *(word for column in range(1, size + 1) for word in (column, 0.0)), "ENDREC")
@@ -423,7 +423,7 @@ def _undamped(model: Substructure, program: str) -> None:
     D = model.D.data if sp.issparse(model.D) else model.D
     if np.any(D) or model.H is not None:
         raise InputError(f"{model.name!r} has damping, and {program} has no matrix for it: write "
-                         "model.with_damping(None).with_structural_damping(None), and tell the damping there")
+                         "model.with_damping(None).with_structural_damping(None), and give the damping there")
 
 
 def _write_triplets(file: BinaryIO, matrix: Array, keep: Array, labels: Array) -> None:
@@ -435,7 +435,7 @@ def _write_triplets(file: BinaryIO, matrix: Array, keep: Array, labels: Array) -
 def _exudyn(model: Substructure, full: Substructure | None, name: str) -> dict[str, Writer]:
     """What `ObjectFFRFreducedOrderInterface.LoadFromFile` of Exudyn takes, version 1 of its files."""
     if not isinstance(model, ReducedSubstructure) or full is None or full.dofs is None or full.dofs.points is None:
-        raise InputError("Exudyn needs a reduced model, and the full one, full=, with a DOF map that tells where its nodes are")
+        raise InputError("Exudyn needs a reduced model, and the full one, full=, with a DOF map with the places of its nodes")
     _undamped(model, "Exudyn's file")
     dofs = full.dofs
     if full.size != len(model.V) or set(dofs.labels) - set(DIRECTIONS[:3]):

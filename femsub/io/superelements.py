@@ -68,7 +68,7 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     if ending not in (".op4", ".op2", ".asm", ".pch"):
         deck.add(path)
     if not deck.cards:
-        raise InputError(f"{path} has neither {path.stem}.asm nor {path.stem}.pch beside it, which tell the DOF of a "
+        raise InputError(f"{path} has neither {path.stem}.asm nor {path.stem}.pch beside it, which list the DOF of a "
                          f"superelement. Copy them there, or read its matrices alone, "
                          f"read_component('{path.name}:maa', '{path.name}:kaa')")
     if op2:
@@ -128,7 +128,7 @@ class _Deck:
         return found
 
     def order(self) -> list[tuple[int, int]]:
-        """(grid, direction) of the rows, as EXTRN tells them, else the grids that SECONCT joins with six directions each."""
+        """(grid, direction) of the rows, as EXTRN lists them, else the grids that SECONCT joins with six directions each."""
         found: list[tuple[int, int]] = []
         scalar = self.scalar()
         for card, fields in self.of("EXTRN"):
@@ -148,7 +148,7 @@ class _Deck:
             raise InputError(f"{self.path}: SECONCT joins the point {lost[0]}, which EXTRN does not have: {self.path.stem}.asm "
                              "and .pch belong to different runs, or a line of EXTRN is lost")
         if not (found or joined):
-            raise InputError(f"{self.path}: neither EXTRN nor SECONCT tells the order of the DOF. Copy {self.path.stem}.pch "
+            raise InputError(f"{self.path}: neither EXTRN nor SECONCT gives the order of the DOF. Copy {self.path.stem}.pch "
                              "beside it, which EXTSEOUT writes with EXTBULK")
         return found or joined
 
@@ -201,7 +201,7 @@ class _Deck:
         return Systems(self.path, numbers, system, where, by_nodes, by_points), {grid: cd for grid, (_, _, cd) in grids.items()}
 
     def recovered(self) -> list[tuple[int, int, int]]:
-        """(grid, count of directions, first row of MUG1 from 1), as DTI TUG1 tells them."""
+        """(grid, count of directions, first row of MUG1 from 1), as DTI TUG1 lists them."""
         found: list[tuple[int, int, int]] = []
         for card, fields in self.of("DTI"):
             if fields[:2] == ["TUG1", "2"]:
@@ -274,7 +274,7 @@ def _in_order(found: Mapping[str, Matrix | Dmig], rows: list[tuple[int, int]]) -
 
 
 def _from_matrices(deck: _Deck, file: Path, found: Mapping[str, Matrix]) -> _Raw:
-    """The matrices of a file, whose rows are in the order that the cards tell."""
+    """The matrices of a file, whose rows are in the order that the cards give."""
     end, rows = _pair(file, found), deck.order()
     K, M = (_dense(file, found[f"{letter}{end}"]) for letter in "km")
     if len(rows) != len(K):
@@ -310,13 +310,13 @@ def _from_dmig(deck: _Deck) -> _Raw:
         return whole
 
     recovery, names, table = np.zeros((0, len(rows))), list[tuple[int, int]](), found.get("mug1t")
-    if (told := deck.recovered()) and (table is None or table.columns[:, 0].max() < told[-1][2]):
-        warn(f"{deck.path}: DTI TUG1 names {len(told)} grids to recover, but MUG1T has no motion of the last, {told[-1][0]}: it "
-             "does not move, or the file is cut short")
+    if (grids := deck.recovered()) and (table is None or table.columns[:, 0].max() < grids[-1][2]):
+        warn(f"{deck.path}: DTI TUG1 names {len(grids)} grids to recover, but MUG1T has no motion of the last, {grids[-1][0]}: "
+             "it does not move, or the file is cut short")
     if table is not None and {(int(grid), int(direction)) for grid, direction in table.rows} <= place.keys():
         at = [place[int(grid), int(direction)] for grid, direction in table.rows]
         columns = {int(column): number for number, column in enumerate(table.columns[:, 0])}
-        listed = [(grid, direction + 1, columns[row + direction]) for grid, count, row in told
+        listed = [(grid, direction + 1, columns[row + direction]) for grid, count, row in grids
                   for direction in range(min(count, 6)) if row + direction in columns]
         recovery = np.zeros((len(listed), len(rows)))
         recovery[:, at] = _dense(deck.path, table.matrix).T[[column for _, _, column in listed]]
@@ -407,7 +407,7 @@ def _highest(path: Path, name: str, K: Array, M: Array) -> float:
     k, m = K.diagonal(), M.diagonal()
     highest = float(np.sqrt((k[m > 0] / m[m > 0]).max(initial=0.0)))
     if highest:
-        warn(f"{path} does not tell up to which frequency modes were kept. The cut-off of {name!r} is that of its highest modal "
+        warn(f"{path} does not say up to which frequency modes were kept. The cut-off of {name!r} is that of its highest modal "
              f"coordinate, {highest:.5g} rad/time; residual vectors among them make it too high. Give cutoff=")
         return highest
     warn(f"{path} has no modal coordinates, so that {name!r} counts as a full model. If it was condensed, give cutoff=")

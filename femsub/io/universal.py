@@ -63,8 +63,8 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
     ==============  ==========================================================================================================
     reads           nodes (2411, 15), elements (2412) with straight and curved edges, groups (2467, 2477, 2452, 2435); where there
                     are no elements, the trace lines of a test model (82) as lines with a group for each
-    tells           who wrote it (151), units (164): nothing is converted
-    skips, tells    other data sets, elements that are no cells, members of groups that are neither nodes nor elements
+    reports         who wrote it (151), units (164): nothing is converted
+    skips, reports  other data sets, elements that are no cells, members of groups that are neither nodes nor elements
     refuses         nodes (15) whose coordinates are in a system that is turned or moved (18), nodes and elements given twice, an
                     element of the wrong number of nodes, a data set without its end
     cannot know     whether nodes or elements are missing between two others: the format counts nothing. The unit of
@@ -93,7 +93,7 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
                 traces.setdefault(name, []).extend(line)
         elif kind not in (NODES, OLD_NODES, SYSTEMS, EXPORT, HEADER, UNITS):
             notes[f"data set {kind} skipped"] += 1
-    notes.update(told(sets))
+    notes.update(origin_of(sets))
     numbers, points = nodes_of(path, sets)
     if not len(numbers) or not (elements or traces):
         raise InputError(f"{path} has {len(numbers)} nodes (data sets 2411, 15), {len(elements)} types of elements (2412) and "
@@ -198,7 +198,7 @@ def _bytes_of(head: bytes) -> int:
     return count * (width + (even == 0)) * int(name[1])
 
 
-def told(sets: list[DataSet]) -> list[str]:
+def origin_of(sets: list[DataSet]) -> list[str]:
     """The program that wrote the file (data set 151) and its units (164), in words."""
     said = []
     for kind, lines, *_ in sets:
