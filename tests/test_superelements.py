@@ -142,7 +142,7 @@ def test_dmig_with_grids_is_a_superelement(tmp_path: Path) -> None:
     (("3.000000000D+00", "3.0000x0000D+00"), "not a number"), (("3.000000000D+00", "3.00000000D+999"), "beyond all numbers"),
     (("DMIG    MAAX           0", "DMIG    MAAY           0"), "no head"),
     (("SPOINT,11,THRU,12", "SPOINT,11,THRU,99999999"), "too many"),
-    (("SPOINT,11,THRU,12", "SPOINT,1,THRU,2500000\nSPOINT,1,THRU,2500000"), "too many"),
+    (("SPOINT,11,THRU,12", "SPOINT,1,THRU,6000000\nSPOINT,1,THRU,6000000"), "too many"),
     (("       0       6       2", "       0       5       2"), "form 5"),
     (("KAAX                          11", "KAAX                            "), "not a whole number"),
     (("*                      2               1-1.0", "*                      1               1-1.0"), "twice"),

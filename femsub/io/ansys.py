@@ -20,14 +20,13 @@ from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.atomic import scratch
 
 MODULE = "ansys.mapdl.reader"
-SECONDS = 600  # for a file
-MEMORY = 16  # GB of addresses that reading may take
 INTEGERS = -2**31  # the flags of a record of whole numbers; 0 are those of double precision
-WORDS = 103  # of four bytes: the first record with its length and type, that is the standard header
-FULL, RESULT = 4, 12  # kinds of files, by the first word of the standard header
-MODAL = 2  # the type of a modal analysis
+#: places in the standard header, the first record, in words of four bytes; the manual's item n is the word n + 1
+HEADER = {"length of the record": 0, "file number": 2, "file length": 28, "file length, low": 98, "file length, high": 99,
+          "next record": 103}
+KINDS = {".full": 4, ".rst": 12}  # file numbers
+ANALYSES = {"static": 0, "buckling": 1, "modal": 2, "harmonic": 3, "transient": 4}  # by KAN of a result file
 NOTHING = 2.0 ** 100  # in place of a value that there is not
-LENGTH, LONG = 26, slice(96, 98)  # words with the length of the file, in words
 #: the process: its memory is limited, and it takes the reader's modules without their __init__, which loads VTK for some 5 s
 BEGIN = f"""
 import resource, sys, types
@@ -85,7 +84,7 @@ def read_full(path: Path) -> dict[str, TextMatrix]:
     InputError
         See the table.
     """
-    stamp = _checked(path, FULL, ".full").stat()
+    stamp = _checked(path, ".full").stat()
     found = _matrices(path, stamp.st_mtime_ns, stamp.st_size)
     return {key: TextMatrix(item.matrix.copy(), item.labels) for key, item in found.items()}
 
@@ -151,7 +150,7 @@ def _whole(records: _Records, name: str, A: Any, unsymmetric: bool) -> tuple[Any
 @lru_cache(maxsize=1)  # K and M are asked for one after the other
 def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
     records = _Records(path)
-    head, at = records.integers("its header", WORDS)
+    head, at = records.integers("its header", HEADER["next record"])
     if len(head) < 37 or head[0] >= 0 or head[10] or not head[1] > 0:
         raise InputError(f"{path} holds a lumped mass, or was written by a frontal solver. Take consistent masses "
                          "(LUMPM,OFF) and another solver (EQSLV,SPARSE)")
@@ -186,8 +185,11 @@ def _long(low: Any, high: Any) -> int:
     return int(low) % 2**32 + (int(high) << 32)
 
 
-def read_rst(path: Path) -> tuple[Array, Array, Array, Array, Array, list[str]]:
+def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[Array, Array, Array, Array, Array, list[str]]:
     """λ (k,) and shapes (m, k) of a .rst file, node, direction (0 to 5) and place of each row, and notes.
+
+    PyAnsys' reader runs in a process of its own, since a damaged file may crash it, keep it busy for ever or ask for all memory.
+    It is ended after so many seconds, and gets so many GB of addresses: more than any file of modes needed so far.
 
     ===================  =======================================================================================
     it reads             real modes of a modal analysis (ANTYPE,MODAL): motions of nodes, compressed or not
@@ -205,10 +207,11 @@ def read_rst(path: Path) -> tuple[Array, Array, Array, Array, Array, list[str]]:
     MissingPackageError
         ansys-mapdl-reader is not installed.
     """
-    found = _asked(_checked(path, RESULT, ".rst"), SETS)
+    found = _asked(_checked(path, ".rst"), SETS, seconds, gigabytes)
     at, nodes, numbers = found["at"].astype(float), found["nodes"], found["numbers"].astype(np.int64)
-    if found["analysis"] != MODAL or not len(at):
-        raise InputError(f"{path} holds no modes: its analysis is of the type {found['analysis']}, a modal one is {MODAL}")
+    if found["analysis"] != ANALYSES["modal"] or not len(at):
+        raise InputError(f"{path} holds no modes: its analysis is of the type {found['analysis']}, a modal one is "
+                         f"{ANALYSES['modal']}")
     if found["cyclic"] > 1 or any(found[f"complex{mode}"] for mode in range(len(at))):
         raise InputError(f"{path} holds modes of a cyclic sector, or complex ones, which are not read: expand them (/EXPAND), or "
                          "solve for real modes of the whole")
@@ -254,29 +257,30 @@ def _place() -> ModuleSpec | None:
         return None
 
 
-def _checked(path: Path, kind: int, ending: str) -> Path:
+def _checked(path: Path, ending: str) -> Path:
     """The path, if the file begins as one of Ansys of this kind and is as long as it says, and the package for it is there."""
-    if kind == RESULT and _place() is None:
+    if ending == ".rst" and _place() is None:
         raise MissingPackageError(f"Ansys' {ending} files need PyAnsys' reader: {installed_by('ansys-mapdl-reader')}")
     if not path.is_file():
         raise InputError(f"there is no file {path}")
-    head = np.fromfile(path, "<i4", WORDS)
-    if len(head) < WORDS or head[0] != 100 or head[2] != kind:
+    words = np.fromfile(path, "<i4", HEADER["next record"])
+    head = {name: int(words[at]) for name, at in HEADER.items() if at < len(words)}
+    if len(words) < HEADER["next record"] or head["length of the record"] != 100 or head["file number"] != KINDS[ending]:
         raise InputError(f"{path} is no {ending} file of Ansys, or one of a machine with the other order of bytes")
-    words = head[2:]
-    size = max(int(words[LENGTH]), int(words[LONG][0]) % 2 ** 32 + (int(words[LONG][1]) << 32))
+    size = max(head["file length"], _long(head["file length, low"], head["file length, high"]))
     if path.stat().st_size < 4 * size:
         raise InputError(f"{path} announces {4 * size} bytes, but has {path.stat().st_size}; it is cut short or damaged")
     return path
 
 
-def _asked(path: Path, script: str) -> dict[str, Array]:
+def _asked(path: Path, script: str, seconds: float, gigabytes: int) -> dict[str, Array]:
     """The arrays that a script in a process of its own finds in a file of Ansys."""
     with scratch(float(path.stat().st_size)) as folder:
         target = folder / "found.npz"
-        done = completed([sys.executable, "-c", BEGIN + script, str(path.absolute()), str(target), str(MEMORY)], SECONDS)
+        command = [sys.executable, "-c", BEGIN + script, str(path.absolute()), str(target), str(gigabytes)]
+        done = completed(command, seconds)
         if done is None:
-            raise InputError(f"{path} was not read within {SECONDS} s; it may be damaged")
+            raise InputError(f"{path} was not read within {seconds:g} s; it may be damaged")
         if done.returncode or not target.is_file():
             last = (done.stderr.strip().splitlines() or [""])[-1]
             if last.startswith("ModuleNotFoundError"):

@@ -16,13 +16,13 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.damage import check_end
+from femsub.io.damage import MOST, check_end
 from femsub.io.foreign_meshes import meshio
 from femsub.io.mesh_text import as_numbers, once, rows_of, text_of, whole
 
-HEAD = 11  # fields of an element before its nodes: material, type, ..., count of nodes, 0, number
-MESH200 = 200
-MOST = 10_000_000  # members of a range in a component
+#: fields of an element in EBLOCK before its nodes
+FIELDS = ("material", "type", "real constant", "section", "coordinate system", "birth", "solid model", "shape", "nodes",
+          "not used", "number")
 _COMMAND = re.compile(r"(?i)[ \t]*(NBLOCK|EBLOCK|CMBLOCK|ETBLOCK|ET|KEYOPT?|CSYS|LOCAL|CLOCAL|CSWPLA|CS|N|EN?)[ \t]*,")
 #: families of element types by their numbers; others are no cells: contact, masses, springs, loads on surfaces
 _FAMILIES = {
@@ -31,9 +31,9 @@ _FAMILIES = {
     "face": {13, 25, 28, 41, 42, 43, 53, 55, 57, 63, 67, 75, 77, 78, 82, 83, 91, 93, 99, 121, 131, 132, 143, 157, 181, 182, 183,
              223, 230, 233, 238, 281},
     "triangle": {2, 35}, "line": {1, 3, 4, 8, 10, 16, 20, 23, 24, 33, 44, 54, 180, 188, 288}, "curve": {189, 289}}
-#: families of MESH200 by the first of its key options
-_MESHES = {0: "line", 1: "curve", 2: "line", 3: "curve", 4: "triangle", 5: "triangle", 6: "face", 7: "face", 8: "tetra",
-           9: "tetra", 10: "brick", 11: "brick"}
+#: elements whose family depends on the first of their key options: MESH200
+_MESHES = {200: {0: "line", 1: "curve", 2: "line", 3: "curve", 4: "triangle", 5: "triangle", 6: "face", 7: "face", 8: "tetra",
+                 9: "tetra", 10: "brick", 11: "brick"}}
 _FAMILY = {number: family for family, numbers in _FAMILIES.items() for number in numbers}
 #: of each family: nodes that are the same, and the cell with straight and with curved edges: where its nodes are in the element
 _FORMS: dict[str, list[tuple[tuple[tuple[int, int], ...], tuple[str, list[int]], tuple[str, list[int]]]]] = {
@@ -192,17 +192,18 @@ class _Archive:
         rows = self._block("EBLOCK")
         at, before = 0, sum(map(len, self.elements.values()))
         while at < len(rows):
-            head = whole(self.path, "EBLOCK", [field.strip() for field in rows[at]])
+            listed = whole(self.path, "EBLOCK", [field.strip() for field in rows[at]])
+            head, nodes = dict(zip(FIELDS, listed, strict=False)), listed[len(FIELDS):]
             at += 1
-            if len(head) < HEAD or head[8] < 1 or head[10] < 1:
+            if len(listed) < len(FIELDS) or head["nodes"] < 1 or head["number"] < 1:
                 raise InputError(f"{self.path}: {''.join(rows[at - 1]).strip()!r:.60} is no element of an EBLOCK")
-            nodes = head[HEAD:]
-            while len(nodes) < head[8] and at < len(rows) and len(nodes) >= 8:
-                nodes += whole(self.path, f"element {head[10]}", [field.strip() for field in rows[at]])
+            number, count = head["number"], head["nodes"]
+            while len(nodes) < count and at < len(rows) and len(nodes) >= 8:
+                nodes += whole(self.path, f"element {number}", [field.strip() for field in rows[at]])
                 at += 1
-            if len(nodes) != head[8]:
-                raise InputError(f"{self.path}: element {head[10]} announces {head[8]} nodes, but has {len(nodes)}")
-            self.elements.setdefault((head[1], head[8]), []).append(_Element(head[10], head[0], nodes))
+            if len(nodes) != count:
+                raise InputError(f"{self.path}: element {number} announces {count} nodes, but has {len(nodes)}")
+            self.elements.setdefault((head["type"], count), []).append(_Element(number, head["material"], nodes))
         self._counted("EBLOCK", words[4], sum(map(len, self.elements.values())) - before)
 
     def _component(self, words: list[str]) -> None:
@@ -233,7 +234,7 @@ def _cells(deck: _Archive) -> Iterator[tuple[str, list[_Element], Array]]:
     """Kind, elements and their nodes in meshio's order, of each family's forms."""
     for (kind, count), some in deck.elements.items():
         number = deck.types.get(kind)
-        family = _MESHES.get(deck.options.get(kind, 0)) if number == MESH200 else _FAMILY.get(number or 0)
+        family = _MESHES[number].get(deck.options.get(kind, 0)) if number in _MESHES else _FAMILY.get(number or 0)
         if family is None:
             known = f"type {number}" if number else f"type number {kind}, which no ET defines"
             deck.notes[f"{len(some)} element{'s' * (len(some) != 1)} of {known} skipped"] += 1

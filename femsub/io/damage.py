@@ -27,6 +27,10 @@ THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError
           RuntimeError, StopIteration, SyntaxError, TypeError, ValueError, Warning, lzma.LZMAError, struct.error,
           tokenize.TokenError, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error)
 
+#: Rows, nodes, elements or members of a set that a few numbers of a file may stand for. A model of so many nodes fits into no
+#: computer that femsub runs on, and a list of them takes 1 GB, which a damaged digit shall not ask for.
+MOST = 10_000_000
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -66,6 +70,12 @@ class Cursor:
         return np.frombuffer(self.content, kind, count, start)
 
 
+def head_of(path: Path, size: int = 1 << 20) -> bytes:
+    """The beginning of a file, by which its format is known: a MB, since comments may stand before the first keyword."""
+    with path.open("rb") as file:
+        return file.read(size)
+
+
 def check_room(path: Path, size: int) -> None:
     """Refuse a file that would not fit into memory, before reading it."""
     free = available()
@@ -75,7 +85,7 @@ def check_room(path: Path, size: int) -> None:
 
 def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = False) -> None:
     """Refuse a size (rows or columns; if dense, their product) far beyond the number of entries: a digit must be wrong."""
-    if (shape[0] * shape[1] if dense else max(shape)) > 10_000_000 + 100 * count or max(shape) >= 2 ** 31:
+    if (shape[0] * shape[1] if dense else max(shape)) > MOST + 100 * count or max(shape) >= 2 ** 31:
         raise InputError(f"{path} announces a matrix of {shape[0]} x {shape[1]}, but holds {count} entries. One of these "
                          "must be wrong; write it again")
 

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from enum import IntEnum
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,17 +17,24 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import TextMatrix
-from femsub.io.damage import check_end, check_lines
+from femsub.io.damage import check_end, check_extent, check_lines
 from femsub.io.nastran import entries_of
 
-SQUARE, SYMMETRIC, NUMBERED = 1, 6, 9  # forms of DMIG beside 2, rectangular; the columns of NUMBERED have numbers only
 #: cards of `write_superelement`
 WRITTEN = {"ASET1", "BEGIN SUPER", "BSET1", "DMIG", "DTI", "EXTRN", "GRID", "QSET1", "SEBULK", "SECONCT", "SPOINT"}
-FORMS = (SQUARE, 2, SYMMETRIC, NUMBERED)
 #: cards that begin with any name
 OTHERS = ("PARAM", "DTI", "DTABLE", "MDLPRM", "DOPTPRM", "AECOMP", "AECOMPL", "MONSUM",
           "MONPNT1", "MONPNT2", "MONPNT3", "MONDSP1")
 _REAL = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)([EDed][+-]?\d++|[+-]\d++)?", re.ASCII)
+
+
+class Form(IntEnum):
+    """Forms of matrices, of DMIG, OP2 and OP4 alike. Columns of NUMBERED have numbers, not grids."""
+
+    SQUARE = 1
+    RECTANGULAR = 2
+    SYMMETRIC = 6
+    NUMBERED = 9
 
 
 @dataclass(frozen=True)
@@ -131,7 +139,7 @@ def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
             if name in found:
                 raise InputError(f"{path} has two heads of the matrix {fields[0]}: it may hold two runs")
             form, kind = (whole(path, what, text) for text in fields[2:4])
-            if form not in FORMS or kind not in (1, 2, 3, 4):
+            if form not in [*Form] or kind not in (1, 2, 3, 4):
                 raise InputError(f"{path}: {what} has the form {form} and the type {kind}; forms are 1, 2, 6, 9, types 1 to 4")
             if fields[5:6] == ["1"]:
                 raise InputError(f"{path}: {what} has amplitude and phase; only real and imaginary parts are read")
@@ -145,7 +153,7 @@ def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
 
 def _column(path: Path, what: str, fields: list[str], entries: Entries) -> None:
     at = whole(path, what, fields[1], 1), whole(path, what, fields[2])
-    if entries.form == NUMBERED and entries.width and at[0] > entries.width:
+    if entries.form == Form.NUMBERED and entries.width and at[0] > entries.width:
         raise InputError(f"{path}: {what} announces {entries.width} columns, but has column {at[0]}")
     if not any(fields[4:]):
         raise InputError(f"{path}: {what} has the column {at[0]} {at[1] or ''} without an entry: the lines below it are lost")
@@ -163,21 +171,20 @@ def assembled(path: Path, name: str, entries: Entries) -> Dmig:
     if not entries.values:
         raise InputError(f"{path}: DMIG {name.upper()} has no entries; the file may be cut short")
     places = np.array(entries.places, dtype=np.int64)
-    if max(places[:, 1].max(), 0 if entries.form == NUMBERED else places[:, 3].max()) > 6:
+    if max(places[:, 1].max(), 0 if entries.form == Form.NUMBERED else places[:, 3].max()) > 6:
         raise InputError(f"{path}: DMIG {name.upper()} has a direction beyond 6")
     keys = places[:, 0::2] * 10 + places[:, 1::2]
-    if entries.form in (SQUARE, SYMMETRIC):
+    if entries.form in (Form.SQUARE, Form.SYMMETRIC):
         rows = columns = np.unique(keys)
     else:
         rows, columns = np.unique(keys[:, 0]), np.unique(keys[:, 1])
-        if entries.form == NUMBERED and entries.width:
-            if entries.width > 10_000_000 + 100 * len(keys):
-                raise InputError(f"{path}: DMIG {name.upper()} announces {entries.width} columns, but has {len(keys)} entries")
+        if entries.form == Form.NUMBERED and entries.width:
+            check_extent(path, (0, entries.width), len(keys))
             columns = np.arange(1, entries.width + 1) * 10
     i, j = np.searchsorted(rows, keys[:, 0]), np.searchsorted(columns, keys[:, 1])
     values: Array = np.array(entries.values) if entries.is_complex else np.array(entries.values).real
     matrix: Any = sp.coo_array((values, (i, j)), shape=(len(rows), len(columns)))
-    mirrored = entries.form == SYMMETRIC
+    mirrored = entries.form == Form.SYMMETRIC
     pairs = np.sort(np.stack([i, j]), axis=0) if mirrored else np.stack([i, j])
     if np.unique(pairs, axis=1).shape[1] < len(values):
         raise InputError(f"{path}: DMIG {name.upper()} has an entry twice" + (", or both of a pair, although it is symmetric"
@@ -185,7 +192,7 @@ def assembled(path: Path, name: str, entries: Entries) -> Dmig:
     if mirrored:
         matrix = matrix + sp.triu(matrix, 1).T + sp.tril(matrix, -1).T
     return Dmig(sp.csr_array(matrix), np.stack([rows // 10, rows % 10], axis=1), np.stack([columns // 10, columns % 10], axis=1),
-                entries.form in (SQUARE, SYMMETRIC))
+                entries.form in (Form.SQUARE, Form.SYMMETRIC))
 
 
 def labelled_dmig(path: Path) -> dict[str, TextMatrix]:

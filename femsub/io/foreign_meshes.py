@@ -14,10 +14,9 @@ import numpy as np
 
 from femsub.checks import Array, package
 from femsub.errors import InputError
-from femsub.io.damage import THROWN, check_end
+from femsub.io.damage import THROWN, check_end, check_room, head_of
 from femsub.io.mesh_text import as_numbers, text_of
 
-MOST = 200_000_000  # largest number of points of a grid that a VTK file defines by its dimensions only
 _VTK_COUNTS = re.compile(rb"^(POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKUP_TABLE|DIMENSIONS|[XYZ]_COORDINATES|SCALARS|"
                          rb"\S+ \d+ \d+ (?=[a-zA-Z]))([^\n]*)", re.MULTILINE | re.IGNORECASE)
 
@@ -110,8 +109,7 @@ class _Ending(io.BufferedReader):
 
 
 def _is_ansys(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(200).lstrip()[:1] == b"("
+    return head_of(path).lstrip()[:1] == b"("
 
 
 def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
@@ -124,7 +122,9 @@ def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
         numbers = [int(word.lstrip(b"0")[:18] or 0) for word in match[0].split()[1:] if word.isdigit()]
         key = match[1].upper()
         size = max(numbers, default=0) if key == b"CELLS" else float(np.prod([float(number or 1) for number in numbers]))
-        if size > (MOST if key == b"DIMENSIONS" else len(raw)):
+        if key == b"DIMENSIONS":  # a grid has no lists of points and cells; meshio makes 3 and 8 numbers of 8 bytes for each
+            check_room(path, (3 + 8) * 8 * int(size))
+        elif size > len(raw):
             raise InputError(f"{path} says {match[0].decode('latin-1').strip():.60}, but has {len(raw)} bytes: is it cut short "
                              "or damaged?")
         counts.setdefault(key, numbers[0] if numbers else -1)

@@ -16,11 +16,10 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.damage import Cursor
+from femsub.io.damage import Cursor, head_of
 from femsub.io.mesh_text import as_numbers, once, rows_of
 
 BODIES = ("point", "line", "surface", "volume")
-AHEAD = 4096  # elements of text that are looked at in one step
 VERSIONS = ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1")
 #: Gmsh's number of a kind: its name, nodes and dimension
 _KINDS = {15: ("vertex", 1, 0), 1: ("line", 2, 1), 8: ("line3", 3, 1), 2: ("triangle", 3, 2), 9: ("triangle6", 6, 2),
@@ -34,8 +33,7 @@ _ORDER = {"tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8], "hexahedron20": _HEXA, "hex
 
 def is_gmsh(path: Path) -> bool:
     """Whether a .msh file is Gmsh's; Ansys uses the same suffix."""
-    with path.open("rb") as file:
-        return b"$MeshFormat" in file.read(4096)
+    return b"$MeshFormat" in head_of(path)
 
 
 def read_gmsh(path: Path) -> tuple[Any, list[str]]:
@@ -291,8 +289,11 @@ def _alike(numbers: _Numbers, left: int) -> tuple[int, int, int]:
         raise numbers.found.wrong(f"$Elements ends where {left} elements should follow: is it cut short or damaged?")
     kind, tags = (int(value) for value in rest[1:3])
     width = max(3 + tags + _size(numbers.found, kind), 3)
-    heads = rest[:min(left, len(rest) // width, AHEAD) * width].reshape(-1, width)
-    same = (heads[:, 1:3] == (kind, tags)).all(axis=1)
+    most, seen = min(left, len(rest) // width), 1
+    heads = rest[:most * width].reshape(-1, width)[:, 1:3]
+    while seen < most and (heads[:seen] == (kind, tags)).all():  # twice as many each time: kinds may change at each element
+        seen = min(2 * seen, most)
+    same = (heads[:seen] == (kind, tags)).all(axis=1)
     return kind, len(same) if same.all() else int(same.argmin()), tags
 
 

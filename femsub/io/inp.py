@@ -19,13 +19,13 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
+from femsub.io.damage import MOST
 from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, once, rows_of, whole_numbers, without_copies
 
 #: keywords whose data define the mesh
 _MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 #: keywords that change a mesh in ways that are not read
 _CHANGING = ("IMPERFECTION", "IMPORT", "IMPORT ELSET", "IMPORT NSET", "SYMMETRIC MODEL GENERATION", "REFINE MESH", "PARAMETER")
-_MADE = 50_000_000  # largest number of nodes or elements that one line may generate
 _ITEM = re.compile(r'(?:[^,"]|"[^"]*"?)+')
 _PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9", 65: "triangle6"}
 #: how the name of an element begins, and what the number after that means
@@ -447,8 +447,8 @@ def _line_of_nodes(found: Contents, keyword: str, options: Mapping[str, str], da
         first, last, step = (int(value) for value in (*row[:2], row[2] or 1))
         if (last - first) % step or (last - first) // step < 1:
             raise InputError(f"{what}: {last} is not reached from {first} in steps of {step}")
-        if (last - first) // step > _MADE:
-            raise InputError(f"{what}: from {first} to {last} in steps of {step} are more than {_MADE} numbers")
+        if (last - first) // step > MOST:
+            raise InputError(f"{what}: from {first} to {last} in steps of {step} are more than {MOST} numbers")
         numbers = np.arange(first, last + np.sign(step), step)
         ends = found.place("*NGEN", numbers[[0, -1]])
         share = np.linspace(0.0, 1.0, len(numbers))[1:-1, None]
@@ -482,8 +482,8 @@ def _nodes_between(found: Contents, keyword: str, options: Mapping[str, str], da
         if len(low) != len(high) or not len(low) or count < 1:
             raise InputError(f"{what} fills {count} intervals between sets of {len(low)} and {len(high)} nodes, which cannot be "
                              "paired")
-        if count * max(len(low), step) > _MADE:
-            raise InputError(f"{what} makes more than {_MADE} nodes, or numbers as large")
+        if count * max(len(low), step) > MOST:
+            raise InputError(f"{what} makes more than {MOST} nodes, or numbers as large")
         share = (np.arange(1, count) / count)[None, :, None]
         start, end = (found.place("*NFILL", nodes)[:, None, :] for nodes in (low, high))
         numbers = (low[:, None] + step * np.arange(1, count)).ravel()
@@ -566,7 +566,7 @@ def _rows_of_elements(found: Contents, keyword: str, options: Mapping[str, str],
     for row in _rows(what, data, 10):
         master, steps = row[:1], row[1:].reshape(3, 3)
         count, node, element = np.where(steps == 0, 1, steps).T
-        if count.min() < 1 or np.prod(count.astype(float)) > _MADE:
+        if count.min() < 1 or np.prod(count.astype(float)) > MOST:
             raise InputError(f"{what} of element {master[0]} makes {' x '.join(map(str, count))} elements, which is none or too "
                              "many")
         grid = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)

@@ -10,6 +10,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Iterator
+from enum import IntEnum
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -22,10 +23,38 @@ from femsub.errors import InputError
 from femsub.io.damage import Cursor, check_extent, check_indices, check_room
 
 HDF = b"\x89HDF\r\n"
-#: kinds of data elements (mi...): numbers, names, whole ones; and of arrays (mx...): those of numbers
-_NUMBERS, _TEXT, _WHOLE, _DENSE = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13}, {1, 2, 16}, {5, 6}, range(6, 16)
-_SPARSE, _MATRIX, _PACKED = 5, 14, 15
-_COMPLEX = 0x0800  # in the flags of an array
+
+
+class Mi(IntEnum):
+    """Kinds of data elements in version 5, as MATLAB's MAT-File Format calls them."""
+
+    INT8 = 1
+    UINT8 = 2
+    INT16 = 3
+    UINT16 = 4
+    INT32 = 5
+    UINT32 = 6
+    SINGLE = 7
+    DOUBLE = 9
+    INT64 = 12
+    UINT64 = 13
+    MATRIX = 14
+    COMPRESSED = 15
+    UTF8 = 16
+
+
+class Flags(IntEnum):
+    """Of an array: the class in the last byte, of numbers from double to uint64, or sparse; and the bit of a complex one."""
+
+    SPARSE = 5
+    DOUBLE = 6
+    UINT64 = 15
+    CLASS = 0xFF
+    COMPLEX = 0x0800
+
+
+_TEXT, _WHOLE = {Mi.INT8, Mi.UINT8, Mi.UTF8}, {Mi.INT32, Mi.UINT32}
+_NUMBERS = {*Mi} - {Mi.MATRIX, Mi.COMPRESSED, Mi.UTF8}
 _FLOATS = {"double": np.float64, "single": np.float32}
 
 
@@ -112,15 +141,16 @@ def _matrices_only(path: Path, content: bytes) -> bytes:
         raise InputError(f"{path} cannot be read as a matrix: it is no MATLAB file, or cut short; write it again")
     kept = [content[:128]]
     for kind, data in _elements(path, content, order, 128):
-        if kind == _PACKED:
+        if kind == Mi.COMPRESSED:
             kind, data = _unpacked(path, data, order)
-        if kind != _MATRIX:
+        if kind != Mi.MATRIX:
             raise InputError(f"{path} holds an element of kind {kind} where a matrix should be; it is damaged")
         flags = _flags(path, data, order)
         if flags is None:
             continue
         parts = [kind for kind, _ in _elements(path, data, order, 16)]
-        wanted = [_WHOLE, _TEXT, *[_WHOLE] * (2 * (flags & 0xFF == _SPARSE)), *[_NUMBERS] * (1 + bool(flags & _COMPLEX))]
+        wanted = [_WHOLE, _TEXT, *[_WHOLE] * (2 * (flags & Flags.CLASS == Flags.SPARSE)),
+                  *[_NUMBERS] * (1 + bool(flags & Flags.COMPLEX))]
         if len(parts) != len(wanted) or any(kind not in known for kind, known in zip(parts, wanted, strict=True)):
             raise InputError(f"{path} is damaged: an array has parts of the kinds {parts}, not size, name and numbers")
         kept += [struct.pack(f"{order}2I", kind, len(data)), data]
@@ -137,7 +167,7 @@ def _elements(path: Path, content: bytes, order: str, place: int) -> Iterator[tu
             data = cursor.take("u1", 4)[:size]
         else:
             data = cursor.take("u1", size)
-            cursor.place += 0 if kind == _PACKED else -size % 8
+            cursor.place += 0 if kind == Mi.COMPRESSED else -size % 8
         if len(data) < size:
             raise InputError(f"{path} is damaged: {size} bytes in an element that holds four")
         yield kind, data.tobytes()
@@ -149,7 +179,7 @@ def _unpacked(path: Path, data: bytes, order: str) -> tuple[int, bytes]:
     try:
         head = stream.decompress(data, 24)
         kind, size = struct.unpack_from(f"{order}2I", head)
-        if kind != _MATRIX or _flags(path, head[8:], order) is None:
+        if kind != Mi.MATRIX or _flags(path, head[8:], order) is None:
             return kind, head[8:]
         check_room(path, size)
         body = head[8:] + stream.decompress(stream.unconsumed_tail, max(size - 16, 1))
@@ -164,9 +194,10 @@ def _unpacked(path: Path, data: bytes, order: str) -> tuple[int, bytes]:
 def _flags(path: Path, data: bytes, order: str) -> int | None:
     """An array's flags, which are its first element, or None if it is neither a full nor a sparse matrix."""
     kind, size, flags = Cursor(str(path), data).take(f"{order}u4", 3).tolist()
-    if (kind, size) != (6, 8):
+    if (kind, size) != (Mi.UINT32, 8):
         raise InputError(f"{path} is damaged: an array does not begin with its flags")
-    return flags if flags & 0xFF == _SPARSE or flags & 0xFF in _DENSE else None
+    numbers = Flags.DOUBLE <= flags & Flags.CLASS <= Flags.UINT64
+    return flags if numbers or flags & Flags.CLASS == Flags.SPARSE else None
 
 
 def _read_hdf(path: Path) -> dict[str, Matrix]:

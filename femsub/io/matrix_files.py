@@ -15,14 +15,12 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, parsing, path_of, word
 from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
-from femsub.io.damage import THROWN, check_extent, check_indices, check_room, unreadable_refused
+from femsub.io.damage import THROWN, check_extent, check_indices, check_room, head_of, unreadable_refused
 from femsub.io.matlab import read_matlab
 from femsub.io.matrix_market import read_market
 from femsub.io.op4 import read_op4
 
 NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
-HEAD = 4096  # bytes at a file's beginning that show whether it is text of a matrix
-DECK = 1 << 20  # bytes that show whether it has cards of Nastran
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
 ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4, .op2 and .pch (Nastran), "
            ".full (Ansys), .m (Sierra/SD); text of Matrix Market, Abaqus and CalculiX may have any ending")
@@ -115,9 +113,7 @@ def _labelled(path: Path) -> Callable[[Path], dict[str, TextMatrix]] | None:
         from femsub.io.ansys import read_full
 
         return read_full
-    with open(path, "rb") as file:
-        head = file.read(DECK)
-    if ending not in PUNCHES and not re.search(rb"(?mi)^[ \t]*DMIG[\s*,]", head):
+    if ending not in PUNCHES and not re.search(rb"(?mi)^[ \t]*DMIG[\s*,]", head_of(path)):
         return None
     from femsub.io.dmig import labelled_dmig
 
@@ -138,8 +134,7 @@ def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matr
     ending = path.suffix.lower()
     readers: dict[str, Callable[[Path], Any]] = {".npz": _npz, ".npy": _npy, ".mat": read_matlab, ".op4": read_op4}
     if ending not in readers:
-        with open(path, "rb") as file:
-            head = file.read(HEAD)
+        head = head_of(path)
         if ending == ".sub":
             raise InputError(f"{path}: superelements of Ansys (.sub) are not read. Write their matrices there with *DMAT and "
                              "*EXPORT in the format MMF, and read these (.mtx)")

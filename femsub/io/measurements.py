@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,21 +14,25 @@ from femsub.checks import Array, choice, path_of
 from femsub.errors import InputError
 from femsub.io.damage import unreadable_refused
 from femsub.io.mesh_text import as_numbers, whole
-from femsub.io.universal import NUMBERS, OF_MESHES, DataSet, apart, data_sets, nodes_of, origin_of
+from femsub.io.universal import NUMBERS, OF_MESHES, DataSet, Sets, apart, data_sets, nodes_of, origin_of
 from femsub.modes import FrequencyResponse, ModeSet
 
-FUNCTION, HEAD = 58, 11  # the data set, and the lines before its numbers
-RESPONSE = 4  # function type of data set 58
+HEADS = {Sets.FUNCTION: 11, Sets.DATA_AT_NODES: 8, Sets.ANALYSIS_DATA: 13}  # lines before the numbers of a data set
 FORCES = (13, 9)  # data types of the denominator: excitation force, reaction force
 QUANTITIES = {"displacement": 8, "velocity": 11, "acceleration": 12}  # data types of the numerator
 ORDERS = {8: 0, 11: 1, 12: 2}  # by these, how often the displacement is differentiated
 SILENT = {0: "unknown", 1: "general"}  # data types that do not name a quantity
 RECORD = {"f4": 6, "f8": 4}  # numbers on a full line of text, by precision
 DIRECTIONS = ("s", "ux", "uy", "uz", "rx", "ry", "rz")  # by number; scalar first
-OLD_SHAPES, SHAPES = 55, 2414  # data at nodes
-NORMAL, COMPLEX, OTHER_COMPLEX = 2, 3, 7  # analysis types of these: normal modes, complex ones of first and second order
 WIDTHS = {2: 3, 3: 6}  # values of a node, by the kind of data: translations in the global frame, and rotations
-SAME = 1e-6  # relative difference of frequencies that count as equal: text has six digits
+
+
+class Analysis(IntEnum):
+    """The analysis types of the data sets 55 and 2414 that are modes."""
+
+    NORMAL_MODE = 2
+    COMPLEX_FIRST_ORDER = 3
+    COMPLEX_SECOND_ORDER = 7
 
 
 @unreadable_refused
@@ -81,24 +86,24 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
     if not file.is_file():
         raise InputError(f"there is no file {file}")
     sets = list(data_sets(file))
-    functions = [one for one in sets if one.kind == FUNCTION]
-    if short := [one for one in functions if len(one.lines) < HEAD]:
-        raise InputError(f"{file}: a data set 58 has {len(short[0].lines)} lines, but its head alone has {HEAD}")
+    functions = [one for one in sets if one.kind == Sets.FUNCTION]
+    if short := [one for one in functions if len(one.lines) < HEADS[Sets.FUNCTION]]:
+        raise InputError(f"{file}: a data set 58 has {len(short[0].lines)} lines, but its head alone has {HEADS[Sets.FUNCTION]}")
     types = whole(file, "the sixth line of a data set 58, which begins with the type of the function (is a line above it lost?),",
                   [one.lines[5][:5].strip() for one in functions])
     for one in functions:
         whole(file, "the sixth line of a data set 58, which has whole numbers in its columns 6 to 30,",
               "".join(f"{one.lines[5][start:stop]} " for start, stop in ((5, 15), (15, 20), (20, 30))).split())
-    found = [one for one, kind in zip(functions, types, strict=True) if kind == RESPONSE]
+    found = [one for one, kind in zip(functions, types, strict=True) if kind == 4]  # frequency response functions
     if not found:
-        raise InputError(f"{file} holds no frequency response function (data set 58 of function type {RESPONSE}); its data sets "
+        raise InputError(f"{file} holds no frequency response function (data set 58 of function type 4); its data sets "
                          f"are {', '.join(map(str, sorted({one.kind for one in sets})))}")
     pairs: dict[tuple[str, str], list[Array]] = {}
     at: Array | None = None
     for one in found:
         pair, x, h = _receptance(file, one, *stated)
         at = x if at is None else at
-        if x.shape != at.shape or not np.allclose(x, at, rtol=SAME, atol=0):
+        if x.shape != at.shape or not np.allclose(x, at, rtol=1e-6, atol=0):  # text has six digits
             raise InputError(f"{file}: the response from {pair[1]} to {pair[0]} has other frequencies than the first one")
         pairs.setdefault(pair, []).append(h)
     responses, loads = (tuple(dict.fromkeys(pair[side] for pair in pairs)) for side in (0, 1))
@@ -174,7 +179,7 @@ def _listed(where: str, one: DataSet, name: str, announced: int) -> Array:
         if fill.strip(b" \t\r\n\0") or len(fill) >= 2 * size or len(one.values) < stop:
             raise InputError(f"{where} announces {stop} bytes of values, but has {len(one.values)}; it is damaged")
         return np.frombuffer(one.values[:stop], f"{one.order}{name}").astype(float)
-    lines = [apart(line) for line in one.lines[HEAD:] if line.strip()]
+    lines = [apart(line) for line in one.lines[HEADS[Sets.FUNCTION]:] if line.strip()]
     values = as_numbers(f"{where}: its values", " ".join(lines), float)
     if len(values) > announced and not values[announced:].any():
         longest = max(RECORD[name], *(len(line.split()) for line in lines[:-1]), 0)
@@ -229,7 +234,7 @@ def read_modes(path: str | Path) -> ModeSet:
 
         return ModeSet.of(*read_rst(file))
     sets = list(data_sets(file))
-    read = [(one, _mode(file, one) if one.kind in (OLD_SHAPES, SHAPES) else None) for one in sets]
+    read = [(one, _mode(file, one) if one.kind in (Sets.DATA_AT_NODES, Sets.ANALYSIS_DATA) else None) for one in sets]
     found = [mode for _, mode in read if mode is not None]
     left = Counter(one.kind for one, mode in read if mode is None and one.kind not in OF_MESHES)
     notes = [f"data set {kind} left out{f' ({count} times)' * (count > 1)}: no modes, or of a kind that is not read"
@@ -269,24 +274,23 @@ class _Mode(NamedTuple):
 
 def _mode(file: Path, one: DataSet) -> _Mode | None:
     """The mode in a data set, or None if it holds another analysis or other data."""
-    old = one.kind == OLD_SHAPES
+    old, begin = one.kind == Sets.DATA_AT_NODES, HEADS[Sets(one.kind)]
     head, real = (5, 7) if old else (8, 11)  # the line of the types, and that of the real parameters
-    if len(one.lines) < real + 1 + (not old):
+    if len(one.lines) < begin:
         raise InputError(f"{file}: a data set {one.kind} has {len(one.lines)} lines, which is less than its head")
     types = whole(file, f"the head of a data set {one.kind}", one.lines[head].split())
     if len(types) != 6:
         raise InputError(f"{file}: {one.lines[head].strip()!r:.60} should be six numbers (data set {one.kind})")
     _, analysis, kind, _, data, width = types
     located = old or one.lines[2].split() == ["1"]  # data at nodes
-    if analysis not in (NORMAL, COMPLEX, OTHER_COMPLEX) or kind not in WIDTHS or data not in NUMBERS or not located:
+    if analysis not in [*Analysis] or kind not in WIDTHS or data not in NUMBERS or not located:
         return None
     where = f"{file}: a mode (data set {one.kind})"
     if width != WIDTHS[kind]:
         raise InputError(f"{where} announces {width} values for each node, but has motions of {WIDTHS[kind]}")
-    begin = real + 1 if old else real + 2
     numbers = as_numbers(where, apart(" ".join(one.lines[real:begin])), float)
     announced = whole(file, where, one.lines[real - 1].split()[1:2]) if old else [12]
-    need = (4 if old else 6) if analysis == NORMAL else (2 if old else 8)
+    need = (4 if old else 6) if analysis == Analysis.NORMAL_MODE else (2 if old else 8)
     if announced and len(numbers) > announced[0] >= need:  # some programs announce 1, whatever follows
         raise InputError(f"{where} has {len(numbers)} real parameters, where {announced[0]} belong: is a number in two pieces?")
     return _Mode(_eigenvalue(where, numbers, analysis, old), _values_at_nodes(file, where, one.lines[begin:], width,
@@ -295,7 +299,7 @@ def _mode(file: Path, one: DataSet) -> _Mode | None:
 
 def _eigenvalue(where: str, numbers: Array, analysis: int, old: bool) -> complex:
     """λ of the real parameters: frequency [Hz] and ratios of damping of a normal mode, λ itself of a complex one."""
-    if analysis == NORMAL:
+    if analysis == Analysis.NORMAL_MODE:
         need, at = (4, (0, 2, 3)) if old else (6, (1, 4, 5))
         if len(numbers) < need:
             raise InputError(f"{where} has {len(numbers)} real parameters, but frequency and damping need {need}")

@@ -17,7 +17,7 @@ from femsub.components import CELLS, Mesh, checked
 from femsub.errors import InputError
 from femsub.io.atomic import scratch, write_whole
 from femsub.io.cdb import read_cdb
-from femsub.io.damage import unreadable_refused
+from femsub.io.damage import head_of, unreadable_refused
 from femsub.io.foreign_meshes import meshio, quietly, read_foreign, read_tetgen
 from femsub.io.gmsh import BODIES, is_gmsh, read_gmsh
 from femsub.io.inp import read_inp
@@ -32,7 +32,6 @@ _TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": BODIES, "medit:ref":
 _WRITERS = {".vtu": ("vtu", True), ".vtk": ("vtk", True), ".msh": ("gmsh", True), ".inp": ("abaqus", False)}
 _OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": read_nastran,
         ".node": read_tetgen, ".ele": read_tetgen}  # readers that are not meshio's
-HEAD = 1 << 20  # bytes at a file's beginning that show whose it is
 #: lines of Nastran's decks, and of Abaqus' and CalculiX', whatever the file is called
 _NASTRAN = re.compile(rb"(?mi)^(CEND\b|[ \t]*BEGIN[ \t]+BULK\b|[ \t]*INCLUDE[ \t]+['\"]|GRID\*?[ \t,]+\d)")
 _ARCHIVE = re.compile(rb"(?mi)^[ \t]*[NE]BLOCK[ \t]*,")  # of Ansys
@@ -163,8 +162,7 @@ def _reader(path: Path) -> Callable[[Path], tuple[Any, list[str]]]:
     if suffix == ".msh":
         return read_gmsh if is_gmsh(path) else read_foreign
     if suffix in (".inp", ".bdf", ".nas", ".fem", ".dat") or suffix not in meshio().extension_to_filetypes:
-        with path.open("rb") as file:
-            head = file.read(HEAD)
+        head = head_of(path)
         if _NASTRAN.search(head):
             return read_nastran
         if _KEYWORD.search(head):

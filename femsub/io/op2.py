@@ -13,7 +13,7 @@ from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.damage import Cursor, check_extent, check_partners
-from femsub.io.dmig import FORMS, NUMBERED, SYMMETRIC, Dmig, Entries, assembled
+from femsub.io.dmig import Dmig, Entries, Form, assembled
 
 DMIG = (114, 1, 120)  # words with which a record of DMIG entries begins
 #: and those of a superelement's other records: the card, and of how many words one is (0: all are one list)
@@ -23,7 +23,6 @@ CARDS = {(1627, 16, 463): ("EXTRN", 0), (5551, 49, 105): ("SPOINT", 0), (4501, 4
 #: the names in the table of contents of a superelement's file, and those of the matrices in OP4
 NAMES = {"matk": "kaa", "matm": "maa", "matb": "baa", "matk4": "k4aa"}
 CONTENTS, SUPERELEMENT, RECOVERED = "xsop2dir", "extdb", "tug1"
-HEADING = 10  # words in TUG1 before (type, grid, motions, row, 0), grid by grid
 
 Card = tuple[str, list[str]]
 
@@ -194,7 +193,7 @@ class _Blocks:
         matrix = sp.csr_array(whole)
         if matrix.nnz < len(found):
             raise self._wrong(f"the matrix {name.upper()} lists an entry twice")
-        if trailer[3] == SYMMETRIC:
+        if trailer[3] == Form.SYMMETRIC:
             check_partners(self.path, name.upper(), matrix, kind % 2 == 1)
         return matrix
 
@@ -213,14 +212,14 @@ class _Blocks:
         """The matrix of a record of DMIG entries."""
         words = self.words(record)
         form, kind = (int(words[at]) for at in (6, 7)) if len(words) > 12 else (0, 0)
-        if self.bytes != 4 or form not in FORMS or kind not in (1, 2, 3, 4):
+        if self.bytes != 4 or form not in [*Form] or kind not in (1, 2, 3, 4):
             raise self._wrong(f"DMIG {name.upper()} of form {form} and type {kind} in words of {self.bytes} bytes")
         number = np.dtype(f"{self.order}{'f' if kind < 3 else 'c'}{4 * (kind if kind < 3 else 2 * (kind - 2))}")
-        entries = Entries(form, kind > 2, int(words[11]) if form == NUMBERED else 0)
+        entries = Entries(form, kind > 2, int(words[11]) if form == Form.NUMBERED else 0)
         taken = Cursor(str(self.path), words[12:].copy())
         while taken.place + 2 * self.bytes < taken.end:
             column = taken.take(self.word, 2).tolist()
-            if form == NUMBERED:
+            if form == Form.NUMBERED:
                 column[1] = 0
             while (row := taken.take(self.word, 2).tolist())[0] != -1:
                 if min(row[0], column[0]) < 1 or min(row[1], column[1]) < 0 or column[0] > (entries.width or column[0]):
@@ -229,7 +228,7 @@ class _Blocks:
                 entries.places.append((*row, *column))
                 entries.values.append(complex(taken.take(number, 1)[0]))
         scalar = {grid for place in entries.places for grid, direction in (place[:2], place[2:]) if not direction}
-        if form != NUMBERED:  # the columns of scalar points have direction 1 where their rows have 0
+        if form != Form.NUMBERED:  # the columns of scalar points have direction 1 where their rows have 0
             entries.places = [(grid, 0 if grid in scalar else at, column, 0 if column in scalar else to)
                               for grid, at, column, to in entries.places]
         return assembled(self.path, name, entries)
@@ -237,7 +236,7 @@ class _Blocks:
     def cards(self, name: str, records: list[Array]) -> Iterator[Card]:
         """A superelement's records as the cards that a text file would have."""
         if name == RECOVERED and len(records) > 1:
-            table = self.words(records[1])[HEADING:]
+            table = self.words(records[1])[10:]  # behind a heading of ten words: (type, grid, motions, row, 0), grid by grid
             rows = table[:len(table) // 5 * 5].reshape(-1, 5)[:, :4]
             yield "DTI", ["TUG1", "2", *map(str, rows.ravel().tolist())]
         for record in records:

@@ -14,10 +14,9 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, package
 from femsub.errors import InputError
 from femsub.io.damage import Cursor, check_extent, check_partners
-from femsub.io.dmig import SYMMETRIC
+from femsub.io.dmig import Form
 
 _INTEGER = re.compile(rb" *-?\d+ *")
-BIG = 65536  # rows from which the sparse format is the one for big matrices
 
 
 class _Matrix(NamedTuple):
@@ -73,7 +72,7 @@ def read_op4(path: Path) -> dict[str, Matrix]:
             found[name] = sp.csr_array(matrix)
             if found[name].nnz < matrix.nnz:
                 raise InputError(f"{path}: {name!r} lists an entry twice; it is damaged")
-        if form == SYMMETRIC:
+        if form == Form.SYMMETRIC:
             check_partners(path, name, found[name], kind % 2 == 1)
     return found
 
@@ -85,7 +84,8 @@ def _check(path: Path, source: _Binary | _Text) -> None:
             raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {what.columns} columns, {abs(what.rows)} rows, "
                              f"type {what.kind}")
         per = 1 if what.kind % 2 or source.wide else 2  # words per number
-        words_per_entry, rows, big = per * (1 if what.kind < 3 else 2), abs(what.rows), what.rows < 0 or what.rows >= BIG
+        words_per_entry, rows = per * (1 if what.kind < 3 else 2), abs(what.rows)
+        big = what.rows < 0 or rows >= 1 << 16  # the head of a string has 16 bits for the row, that of a big matrix a word
         last, packed, count = 0, None, 0
         while last <= what.columns:
             column, row, words = source.column(what)

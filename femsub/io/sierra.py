@@ -22,7 +22,6 @@ MATRIX = re.compile(rb"\s*function a=(\w+)\(\)\s+NumRows = (\d{1,15});\s+a=\[\s+
                     rb"disp\('This Matrix is in a Symmetric Sparse Format \(Lower Triangular\)'\)\s")
 MAP = re.compile(rb"\s*function x = \w+\(\)\s+(?:%[^\n]*+\s++)*x = zeros\((\d{1,15}), ?1\);\s+"
                  rb"((?:x\(\d{1,15}\) = \d{1,15};\s++)*)\Z")
-PER_NODE = 9  # places of a node in ASetMap: three translations, three rotations, and three of other physics
 
 
 class Cbr(NamedTuple):
@@ -86,11 +85,12 @@ def _labels(path: Path, size: int) -> Array | None:
         return None
     nodes, rows = _map(gid), _map(places)
     at = np.flatnonzero(rows)
-    if len(rows) != PER_NODE * len(nodes) or not np.array_equal(np.sort(rows[at]), np.arange(1, size + 1)):
+    per_node = 9  # places in ASetMap: three translations, three rotations, and three of other physics
+    if len(rows) != per_node * len(nodes) or not np.array_equal(np.sort(rows[at]), np.arange(1, size + 1)):
         raise InputError(f"{places} and {gid} do not fit {path}: they name {len(at)} DOF of {len(nodes)} nodes, and the matrix "
                          f"has {size} rows")
     labels = np.zeros((size, 2), dtype=np.int64)
-    labels[rows[at] - 1] = np.stack([nodes[at // PER_NODE], at % PER_NODE + 1], axis=1)
+    labels[rows[at] - 1] = np.stack([nodes[at // per_node], at % per_node + 1], axis=1)
     return labels
 
 

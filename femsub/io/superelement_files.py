@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,15 +21,22 @@ from femsub.io.model_folder import write_op4, write_single
 from femsub.io.op4 import op4_module
 from femsub.model import DofMap, ReducedSubstructure, Substructure
 
-PROGRAMS = ("nastran", "dmig", "abaqus", "calculix", "exudyn")
+
+class Numbering(NamedTuple):
+    """How modal coordinates are numbered in another program, and how many nodes its superelements may have."""
+
+    per_part: int = 100_000  # the scalar points of superelement s have the numbers from s per_part on
+    per_node: int = 1  # modal coordinates that share a number
+    nodes: int | None = None
+
+
+#: CalculiX' memory and time grow with the highest number of a node, which has three DOF or six; its user elements have 255 nodes
+PROGRAMS = {name: Numbering() for name in ("nastran", "dmig", "abaqus")} | {
+    "calculix": Numbering(per_part=1_000, per_node=3, nodes=255), "exudyn": Numbering()}
 VALIDITY = "validity.json"
 LARGEST_ID = 99_999_999  # what eight columns hold
-MOST_NODES = 255  # of a user element of CalculiX
-MOST_PARTS, PER_PART = 999, 100_000  # numbers of superelements, and of the scalar points of each
-PER_PART_COMPACT = 1_000  # CalculiX' memory and time grow with the highest number of a node
 DMIG = {"K": "KAAX", "M": "MAAX", "D": "BAAX", "H": "K4AAX"}
 CASE = {"K": "K2GG", "M": "M2GG", "D": "B2GG", "H": "K42GG"}  # the case control that takes them
-PACKED = 3  # modal coordinates at a node of CalculiX, which has three DOF or six
 #: what EXTSEOUT writes into OP4 and in this order; matrices that a model does not have are a zero
 EXTSEOUT = ("kaa", "maa", "baa", "k4xx", "pa", "gpxx", "gdxx", "rvax", "va", "mug1", "mug1o", "mes1", "mes1o", "mee1", "mee1o",
             "mgpf", "mgpfo", "mef1", "mef1o", "mqg1", "mqg1o", "mqmg1", "mqmg1o")
@@ -106,17 +113,17 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     """
     target = path_of("folder", folder)
     choice("program", program, PROGRAMS)
-    whole_number("number", number, 1, MOST_PARTS)
+    whole_number("number", number, 1, LARGEST_ID // Numbering().per_part)
     full = None if full is None else instance("full", full, Substructure)
-    places = _places(instance("model", model, Substructure), number, program == "calculix")
+    places = _places(instance("model", model, Substructure), number, PROGRAMS[program])
     nodes: str | list[int] = [] if recover is None else choice("recover", recover, ("all",)) if isinstance(recover, str) else (
         sorted(set(whole_numbers("recover", recover).tolist())))
     rows = _rows(model, nodes)
     name = "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in model.name)[:40] or "part"
     makers: dict[str, Callable[[], dict[str, Writer]]] = {
         "nastran": partial(_nastran, model, places, name, rows), "dmig": partial(_dmig, model, places, name, rows),
-        "abaqus": partial(_matrix_input, model, places, name, rows, False),
-        "calculix": partial(_matrix_input, model, places, name, rows, True), "exudyn": partial(_exudyn, model, full, name)}
+        "abaqus": partial(_matrix_input, model, places, name, rows, "abaqus"),
+        "calculix": partial(_matrix_input, model, places, name, rows, "calculix"), "exudyn": partial(_exudyn, model, full, name)}
     if program == "exudyn" and recover not in (None, "all"):
         raise InputError("recover: Exudyn's file has the motions of all nodes; leave recover out")
     recovers = "all" if program == "exudyn" else nodes
@@ -174,9 +181,9 @@ class Places:
                 if not self.labels[at, 1] and boundary in (None, bool(self.boundary[at]))]
 
 
-def _places(model: Substructure, number: int, calculix: bool) -> Places:
+def _places(model: Substructure, number: int, numbering: Numbering) -> Places:
     """Where each coordinate stands in the other program."""
-    per_node, per_part = (PACKED, PER_PART_COMPACT) if calculix else (1, PER_PART)
+    per_part, per_node, _ = numbering
     if len(model.interface) != len(model.interface_numbers):
         raise InputError(f"the interface motions of {model.name!r} are no coordinates of the reduced model, and another "
                          "program can join nothing else. Use fs.CraigBampton, or another method that keeps them")
@@ -375,16 +382,16 @@ def _dmig_lines(name: str, form: int, matrix: Array, rows: list[list[int]], colu
     return lines
 
 
-def _matrix_input(model: Substructure, places: Places, name: str, rows: Array, calculix: bool) -> dict[str, Writer]:
+def _matrix_input(model: Substructure, places: Places, name: str, rows: Array, program: str) -> dict[str, Writer]:
     """Lines 'node,DOF,node,DOF,entry' of one triangle, and the deck that reads them."""
-    matrices = _ordered(model, places)
+    matrices, calculix, most_nodes = _ordered(model, places), program == "calculix", PROGRAMS[program].nodes
     labels = places.labels[places.order].copy()
     labels[:, 1] = np.maximum(labels[:, 1], 1)  # a scalar point is the first DOF of a node of its own
     nodes = np.unique(labels[:, 0])
     if calculix:
         _undamped(model, "CalculiX")
-    if calculix and len(nodes) > MOST_NODES:
-        raise InputError(f"the superelement of {model.name!r} would have {len(nodes)} nodes, and CalculiX takes {MOST_NODES} at "
+    if most_nodes is not None and len(nodes) > most_nodes:
+        raise InputError(f"the superelement of {model.name!r} would have {len(nodes)} nodes, and CalculiX takes {most_nodes} at "
                          "most: reduce its interface")
     full = {key: bool(np.array_equal(matrix, matrix.T)) for key, matrix in matrices.items()}
     zero = np.zeros(3)

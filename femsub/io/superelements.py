@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix
+from femsub.checks import EQUAL, Array, Matrix
 from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS
-from femsub.io.damage import check_room
+from femsub.io.damage import MOST, check_room
 from femsub.io.dmig import Dmig, cards_of, dmig_of, quadruples, real, whole
 from femsub.io.nastran import complete
 from femsub.io.nastran_systems import NAMES, Systems
@@ -27,9 +27,7 @@ from femsub.model import SHARED, DofMap, ReducedSubstructure, Substructure, of_f
 NETCDF = (".nc", ".nc4")  # of Sierra/SD
 ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
-ALIGNED = 1e-12  # of a unit vector: a frame that differs less is the basic one
 RIGID = 5e-10  # of the largest entry: forces that ten digits leave in rigid motion; a softer support counts as none
-MOST = 3_000_000  # points that the lists of a file may name
 
 
 def read_superelement(path: Path, name: str | None, cutoff: float | None) -> ReducedSubstructure:
@@ -449,7 +447,7 @@ def _turned(dofs: list[tuple[int, int]], systems: Systems, cd: Mapping[int, int]
         blocks.setdefault((grid, direction > 3), {})[(direction - 1) % 3] = at
     for (grid, turning), rows in blocks.items():
         axes = systems.axes(cd[grid], place[grid]) if grid in cd else None
-        basic = axes is not None and np.abs(axes - np.eye(3)).max() <= ALIGNED
+        basic = axes is not None and np.abs(axes - np.eye(3)).max() <= EQUAL
         ready = basic or (axes is not None and len(rows) == 3)
         for axis, at in rows.items():
             labels[at] = DIRECTIONS[axis + 3 * turning] + ("" if ready else f"@{cd.get(grid, 'own')}")

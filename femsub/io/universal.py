@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from enum import IntEnum
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,12 +21,34 @@ from femsub.errors import InputError
 from femsub.io.foreign_meshes import meshio
 from femsub.io.mesh_text import as_numbers, once, rows_of, text_of, whole
 
-NODES, OLD_NODES, ELEMENTS, SYSTEMS, TRACES = 2411, 15, 2412, 18, 82
-GROUPS = (2435, 2452, 2467, 2477)
-HEADER, UNITS, EXPORT = 151, 164, 2420  # the last has systems that the nodes of 2411 do not need
-OF_MESHES = (NODES, OLD_NODES, ELEMENTS, SYSTEMS, TRACES, HEADER, UNITS, EXPORT, *GROUPS)
+
+class Sets(IntEnum):
+    """The data sets that are read, by their numbers in I-deas."""
+
+    NODES_SINGLE = 15
+    COORDINATE_SYSTEMS = 18
+    DATA_AT_NODES = 55
+    FUNCTION = 58
+    TRACE_LINES = 82
+    HEADER = 151
+    UNITS = 164
+    NODES = 2411
+    ELEMENTS = 2412
+    ANALYSIS_DATA = 2414
+    EXPORT_SYSTEMS = 2420  # the nodes of 2411 do not need them
+
+
+class Member(IntEnum):
+    """Kinds of members of a group."""
+
+    NODE = 7
+    ELEMENT = 8
+
+
+GROUPS = (2435, 2452, 2467, 2477)  # data sets of permanent groups, of different versions
+OF_MODES = (Sets.DATA_AT_NODES, Sets.FUNCTION, Sets.ANALYSIS_DATA)
+OF_MESHES = (*(kind for kind in Sets if kind not in OF_MODES), *GROUPS)
 BEAMS = (11, 21, 22, 23, 24)  # elements with a line more, of orientation and sections
-NODE, ELEMENT = 7, 8  # kinds of members of a group
 #: of the values of functions, by their type: what they are in binary, and how many numbers a value has
 NUMBERS = {2: ("f4", 1), 4: ("f8", 1), 5: ("f4", 2), 6: ("f8", 2)}
 #: the beginning of a binary data set: its number, then order of bytes, kind of numbers, lines of text and bytes behind them
@@ -82,16 +105,16 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
     groups, traces, notes = dict[str, list[tuple[int, int]]](), dict[str, list[list[int]]](), Counter[str]()
     sets = list(data_sets(path))
     for kind, lines, *_ in sets:
-        if kind == ELEMENTS:
+        if kind == Sets.ELEMENTS:
             for number, type_, corners in _elements(path, lines):
                 elements.setdefault(type_, []).append((number, corners))
         elif kind in GROUPS:
             for name, members in _groups(path, kind, lines):
                 groups.setdefault(name, []).extend(members)
-        elif kind == TRACES:
+        elif kind == Sets.TRACE_LINES:
             for name, line in _traces(path, lines):
                 traces.setdefault(name, []).extend(line)
-        elif kind not in (NODES, OLD_NODES, SYSTEMS, EXPORT, HEADER, UNITS):
+        elif kind not in OF_MESHES:
             notes[f"data set {kind} skipped"] += 1
     notes.update(origin_of(sets))
     numbers, points = nodes_of(path, sets)
@@ -119,10 +142,10 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
         ids = [np.arange(1, len(pairs) + 1)]
         ends = np.cumsum([0, *map(len, traces.values())])
         for name, start, stop in zip(traces, ends, ends[1:], strict=False):
-            groups[name] = [*groups.get(name, []), *((ELEMENT, number) for number in range(start + 1, stop + 1))]
+            groups[name] = [*groups.get(name, []), *((Member.ELEMENT, number) for number in range(start + 1, stop + 1))]
     points_in, cells_in = {}, {}
     for name, members in groups.items():
-        of_nodes, of_cells = ([number for kind, number in members if kind == wanted] for wanted in (NODE, ELEMENT))
+        of_nodes, of_cells = ([number for kind, number in members if kind == wanted] for wanted in (Member.NODE, Member.ELEMENT))
         if of_nodes:
             points_in[name] = np.flatnonzero(np.isin(numbers, of_nodes))
         if of_cells:
@@ -202,9 +225,9 @@ def origin_of(sets: list[DataSet]) -> list[str]:
     """The program that wrote the file (data set 151) and its units (164), in words."""
     said = []
     for kind, lines, *_ in sets:
-        if kind == HEADER and (names := [lines[at].strip() for at in (5, 2) if at < len(lines) and lines[at].strip()]):
+        if kind == Sets.HEADER and (names := [lines[at].strip() for at in (5, 2) if at < len(lines) and lines[at].strip()]):
             said.append(f"written by {names[0]:.60}")
-        if kind == UNITS and lines and (unit := lines[0][10:30].strip()):
+        if kind == Sets.UNITS and lines and (unit := lines[0][10:30].strip()):
             said.append(f"its units: {unit}; nothing is converted")
     return said
 
@@ -219,12 +242,12 @@ def nodes_of(path: Path, sets: list[DataSet]) -> tuple[Array, Array]:
     """
     nodes, turned = dict[int, tuple[int, list[str]]](), set[int]()
     for kind, lines, *_ in sets:
-        if kind == SYSTEMS:
+        if kind == Sets.COORDINATE_SYSTEMS:
             turned |= _turned(path, lines)
-        for number, system, place in _nodes(path, kind, lines) if kind in (NODES, OLD_NODES) else ():
+        for number, system, place in _nodes(path, kind, lines) if kind in (Sets.NODES, Sets.NODES_SINGLE) else ():
             if number in nodes:
                 raise InputError(f"{path} gives the node {number} twice")
-            nodes[number] = system if kind == OLD_NODES else 0, place
+            nodes[number] = system if kind == Sets.NODES_SINGLE else 0, place
     if used := {system for system, _ in nodes.values()} & turned:
         raise InputError(f"{path} has nodes in the coordinate system {min(used)}, which is turned or moved: write "
                          "it in the global one")
@@ -241,7 +264,7 @@ def apart(text: str) -> str:
 
 def _nodes(path: Path, kind: int, lines: list[str]) -> Iterator[tuple[int, int, list[str]]]:
     """Number, coordinate system and place of each node: on two lines, in the old data set on one."""
-    per = 2 if kind == NODES else 1
+    per = 2 if kind == Sets.NODES else 1
     if len(lines) % per:
         raise InputError(f"{path}: the last node of data set {kind} has no coordinates")
     for start in range(0, len(lines), per):
