@@ -55,7 +55,20 @@ def read_text_matrix(path: Path) -> TextMatrix:
         A line that is incomplete or not numeric, NaN, an entry listed twice, neither a triangle nor a full matrix.
     """
     check_end(path)
-    table = _table(path)
+    # heading: up to the first line of data
+    heading, first = 0, ""
+    with open(path, encoding="ascii", errors="replace") as file:
+        for first in file:
+            if first.strip() and not first.startswith("**"):
+                break
+            heading += 1
+    if first.startswith("*") and not first.startswith("**"):
+        raise InputError(f"{path} holds keywords ({first.strip()[:40]}); only matrices of *MATRIX GENERATE are read: "
+                         f"{AS_WRITTEN}")
+    # numbers of each line: places, then the entry
+    table = lines_of_numbers(path, heading, "," if "," in first else None, comment=("**",))
+    if not table.size:
+        raise InputError(f"{path} is empty")
     if table.shape[1] not in (3, 5):
         extra = " (ELEMENT BY ELEMENT matrices are not assembled)" if table.shape[1] == 6 else ""
         raise InputError(f"{path} has {table.shape[1]} numbers a line{extra}; Abaqus writes 5 or 3 and CalculiX 3: {AS_WRITTEN}")
@@ -119,23 +132,6 @@ def _check_diagonal(path: Path, rows: Array, columns: Array, size: int, labels: 
         place = f"row {empty[0] + 1}" if labels is None else f"node {labels[empty[0]][0]}, DOF {labels[empty[0]][1]}"
         raise InputError(f"{path} has entries, but none on the diagonal, for {len(empty)} of {size} DOF, first {place}; it may "
                          "be cut short, write it again")
-
-
-def _table(path: Path) -> Array:
-    heading = 0
-    with open(path, encoding="ascii", errors="replace") as file:
-        first = ""
-        for first in file:  # ends at the first line of data
-            if first.strip() and not first.startswith("**"):
-                break
-            heading += 1
-    if first.startswith("*") and not first.startswith("**"):
-        raise InputError(f"{path} holds keywords ({first.strip()[:40]}); only matrices of *MATRIX GENERATE are read: "
-                         f"{AS_WRITTEN}")
-    table = lines_of_numbers(path, heading, "," if "," in first else None, comment=("**",))
-    if not table.size:
-        raise InputError(f"{path} is empty")
-    return table
 
 
 def lines_of_numbers(path: Path, skip: int, delimiter: str | None = None, dtype: Any = float,

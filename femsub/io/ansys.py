@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+from contextlib import suppress
 from functools import lru_cache
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
@@ -137,16 +138,6 @@ class _Records:
         return found
 
 
-def _whole(records: _Records, name: str, A: Any, unsymmetric: bool) -> tuple[Any, bool]:
-    """A matrix of which the file holds one triangle or all, and whether it held all."""
-    one, other = sp.tril(A, -1).nnz, sp.triu(A, 1).nnz
-    if not one or not other:
-        return sp.csr_array(A + A.T - sp.diags_array(A.diagonal())), False
-    if not unsymmetric:
-        raise records.damaged(f"a symmetric {name} is one triangle, but has {one} entries below the diagonal and {other} above")
-    return A, True
-
-
 @lru_cache(maxsize=1)  # K and M are asked for one after the other
 def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
     records = _Records(path)
@@ -173,8 +164,15 @@ def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
                                ("M", _long(head[26], head[27]), _long(head[33], head[21]))):
         if not terms:
             raise InputError(f"{path} holds no {name}. Write it with a modal analysis (ANTYPE,MODAL and WRFULL,1)")
-        matrix, whole = _whole(records, name, records.matrix(name, place, count, terms), unsymmetric)
-        all_ |= whole
+        matrix = records.matrix(name, place, count, terms)
+        below, above = sp.tril(matrix, -1).nnz, sp.triu(matrix, 1).nnz
+        if not below or not above:
+            matrix = sp.csr_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
+        elif unsymmetric:
+            all_ = True
+        else:
+            raise records.damaged(f"a symmetric {name} is one triangle, but has {below} entries below the diagonal and {above} "
+                                  "above")
         found[name] = TextMatrix(sp.csr_array(matrix[order][:, order]), labels)
     if unsymmetric and not all_:
         raise records.damaged("it announces an unsymmetric matrix, but has one triangle of each")
@@ -250,16 +248,13 @@ def _axes(angles: Array) -> Array:
     return turned
 
 
-def _place() -> ModuleSpec | None:
-    try:
-        return find_spec(MODULE)
-    except ModuleNotFoundError:  # another package of Ansys, without this part
-        return None
-
-
 def _checked(path: Path, ending: str) -> Path:
     """The path, if the file begins as one of Ansys of this kind and is as long as it says, and the package for it is there."""
-    if ending == ".rst" and _place() is None:
+    place: ModuleSpec | None = None
+    if ending == ".rst":
+        with suppress(ModuleNotFoundError):  # another package of Ansys, without this part
+            place = find_spec(MODULE)
+    if ending == ".rst" and place is None:
         raise MissingPackageError(f"Ansys' {ending} files need PyAnsys' reader: {installed_by('ansys-mapdl-reader')}")
     if not path.is_file():
         raise InputError(f"there is no file {path}")

@@ -118,33 +118,32 @@ class _Archive:
             if re.match(r"[ \t]*\(\d*[iIeE]\d", line) and not re.match(r"(?i)\w*BLOCK\b|\*|\(|/|!|$", above):
                 raise InputError(f"{self.path}, line {self.at}: the format {line.strip()!r:.40} is below {above!r:.40}: the "
                                  "command of its block is lost")
-            if (found := _COMMAND.match(line)) is not None:
-                words = [word.strip() for word in line.split("!")[0].split("$")[0].split(",")]
-                self._take(found[1].upper(), words + [""] * 6)
-
-    def _take(self, command: str, words: list[str]) -> None:
-        if command == "NBLOCK":
-            self._nodes(words)
-        elif command == "EBLOCK" and words[2].upper() == "SOLID":
-            self._elements(words)
-        elif command == "EBLOCK":
-            self.notes["a block of elements that is not SOLID skipped"] += 1
-        elif command == "CMBLOCK":
-            self._component(words)
-        elif command == "ETBLOCK":
-            for row in self._block("ETBLOCK"):
-                number, kind = whole(self.path, "ETBLOCK", [field.strip() for field in row[:2]])
-                self.types[number] = kind
-        elif command == "ET" and (named := re.fullmatch(r"(\d{1,6}),[A-Za-z]*(\d{1,4})", ",".join(words[1:3]))):
-            self.types[int(named[1])] = int(named[2])
-        elif command.startswith("KEYOP") and words[2] == "1" and re.fullmatch(r"\d{1,6},\d{1,4}", f"{words[1]},{words[3]}"):
-            self.options[int(words[1])] = int(words[3])
-        elif command == "CSYS":
-            self.system = words[1] or "0"
-        elif command in ("LOCAL", "CS", "CLOCAL", "CSWPLA"):
-            self.system = f"of {command}"
-        elif command in ("N", "E", "EN") and "-1" not in words:
-            self.notes[f"{'node' if command == 'N' else 'element'} by the command {command} skipped"] += 1
+            found = _COMMAND.match(line)
+            if found is None:
+                continue
+            command, words = found[1].upper(), [word.strip() for word in line.split("!")[0].split("$")[0].split(",")] + [""] * 6
+            if command == "NBLOCK":
+                self._nodes(words)
+            elif command == "EBLOCK" and words[2].upper() == "SOLID":
+                self._elements(words)
+            elif command == "EBLOCK":
+                self.notes["a block of elements that is not SOLID skipped"] += 1
+            elif command == "CMBLOCK":
+                self._component(words)
+            elif command == "ETBLOCK":
+                for row in self._block("ETBLOCK"):
+                    number, kind = whole(self.path, "ETBLOCK", [field.strip() for field in row[:2]])
+                    self.types[number] = kind
+            elif command == "ET" and (named := re.fullmatch(r"(\d{1,6}),[A-Za-z]*(\d{1,4})", ",".join(words[1:3]))):
+                self.types[int(named[1])] = int(named[2])
+            elif command.startswith("KEYOP") and words[2] == "1" and re.fullmatch(r"\d{1,6},\d{1,4}", f"{words[1]},{words[3]}"):
+                self.options[int(words[1])] = int(words[3])
+            elif command == "CSYS":
+                self.system = words[1] or "0"
+            elif command in ("LOCAL", "CS", "CLOCAL", "CSWPLA"):
+                self.system = f"of {command}"
+            elif command in ("N", "E", "EN") and "-1" not in words:
+                self.notes[f"{'node' if command == 'N' else 'element'} by the command {command} skipped"] += 1
 
     def _block(self, what: str, count: int | None = None) -> list[list[str]]:
         """The fields of a block's lines by its format, as (3i9,6e21.13e3), up to its end or so many."""

@@ -92,8 +92,63 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     >>> fs.read_component("model/M.mtx", "model/K.mtx", interface=[0], ports={"belt": 1})
     Substructure 'K': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
+    # arguments
+    ports = None if ports is None else mapping("ports", ports, "names and columns")
+    name = None if name is None else word("name", name)
+    truth("massless", massless)
     truth("drop_empty", drop_empty)
-    found = _component(M, K, D, dofs, interface, ports, name, massless, drop_empty, cutoff)
+    listed = interface.tolist() if isinstance(interface, np.ndarray) else interface
+    bare = isinstance(listed, (list, tuple, range)) and not listed
+    first = path_of("M", M)
+    superelement = K is None and first.suffix.lower() in ENDINGS and not first.is_dir()
+    if cutoff is not None and not superelement:
+        raise InputError("cutoff is for superelements, read_component('part.op4', cutoff=...)")
+    found: Substructure
+    # a superelement, with ports w = Vᵀ w_full on the motions that it recovers
+    if superelement:
+        if D is not None or dofs is not None or not bare:
+            raise InputError(f"{M} is a superelement, whose files have D, interface and DOF map: give M, ports, name and cutoff")
+        limit = None if cutoff is None else positive_number("cutoff", cutoff)
+        part: ReducedSubstructure = guarded(first, lambda path: read_superelement(path, name, limit))
+        columns = {port: part.V.T @ _column(port, value, len(part.V), part.full_dofs) for port, value in (ports or {}).items()}
+        found = replace(part, ports=columns) if columns else part
+    # a folder of write_matrices
+    elif K is None and first.suffix.lower() not in (".full", ".sub"):
+        given = {"D": D is not None, "dofs": dofs is not None, "interface": not bare, "ports": ports is not None}
+        beside = [key for key, there in given.items() if there]
+        if beside:
+            raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, leave out "
+                             f"{' and '.join(beside)}: it contains interface, ports and DOF map")
+        found = read_model(first)
+        found = found if name is None else found._with(name=name)
+    # matrices, and a DOF map of their own or beside them
+    else:
+        K = M if K is None else K
+        named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
+        paths = {key: Path(path) for key, path in named.items()}
+        if _kind(paths["M"]) == "K" and _kind(paths["K"]) == "M":
+            raise InputError(f"M is {paths['M']}, which by its name holds a stiffness matrix, and K is {paths['K']}, by its "
+                             "name a mass matrix. The mass comes first: read_component(M, K). If the names are wrong, rename "
+                             "the files")
+        matrices, own = read_aligned(paths, {key: key for key in paths}, "K", ("M",), massless, drop_empty)
+        size = matrices["K"].shape[0]
+        if dofs is not None and own is not None:
+            raise InputError(f"dofs: {paths['K']} already contains node and DOF of each entry. Leave the map out")
+        if dofs is not None:
+            own = dofs if isinstance(dofs, DofMap) else read_dofs(path_of("dofs", dofs))
+            if own.size != size:
+                half = " (of a cyclic symmetric model, CalculiX lists one half only)" if 2 * own.size == size else ""
+                raise InputError(f"dofs: the DOF map {'' if isinstance(dofs, DofMap) else dofs} has {own.size} DOF, but "
+                                 f"{paths['K']} has {size} rows{half}")
+        rows = dof_numbers("interface", interface, size, own)
+        columns = {port: _column(port, value, size, own) for port, value in (ports or {}).items()}
+        try:
+            found = Substructure(matrices["M"], matrices["K"], matrices.get("D"), rows, columns,
+                                 Path(str(K).split(":")[0]).stem if name is None else name, own)
+        except (InputError, InputTypeError) as error:
+            listed = ", ".join(f"{key} is {path}" for key, path in paths.items())
+            raise type(error)(f"{error} ({listed})") from None
+    # empty DOF
     empty = found.empty(found.D, found.H)
     if len(empty) and drop_empty:
         return _without(found, empty)
@@ -102,57 +157,6 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         warn(f"{found.name!r}: {empty_dofs_text(len(empty), map(found.dof_name, empty.tolist()))}. Analyses refuse them, unless "
              f"joints or contacts act there{advice}")
     return found
-
-
-def _component(M: str | Path, K: str | Path | None, D: str | Path | None, dofs: DofMap | str | Path | None,
-               interface: Iterable[Any], ports: Mapping[str, Any] | None, name: str | None, massless: bool, drop_empty: bool,
-               cutoff: float | None) -> Substructure:
-    ports = None if ports is None else mapping("ports", ports, "names and columns")
-    name = None if name is None else word("name", name)
-    truth("massless", massless)
-    truth("drop_empty", drop_empty)
-    listed = interface.tolist() if isinstance(interface, np.ndarray) else interface
-    bare = isinstance(listed, (list, tuple, range)) and not listed
-    if cutoff is not None and (K is not None or not _superelement(path_of("M", M))):
-        raise InputError("cutoff is for superelements, read_component('part.op4', cutoff=...)")
-    if K is None and _superelement(path_of("M", M)):
-        if D is not None or dofs is not None or not bare:
-            raise InputError(f"{M} is a superelement, whose files have D, interface and DOF map: give M, ports, name and cutoff")
-        limit = None if cutoff is None else positive_number("cutoff", cutoff)
-        return _with_ports(guarded(path_of("M", M), lambda path: read_superelement(path, name, limit)), ports or {})
-    if K is None and path_of("M", M).suffix.lower() in (".full", ".sub"):
-        K = M
-    if K is None:
-        given = {"D": D is not None, "dofs": dofs is not None, "interface": not bare, "ports": ports is not None}
-        beside = [key for key, there in given.items() if there]
-        if beside:
-            raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, leave out "
-                             f"{' and '.join(beside)}: it contains interface, ports and DOF map")
-        part = read_model(path_of("M", M))
-        return part if name is None else part._with(name=name)
-    named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
-    paths = {key: Path(path) for key, path in named.items()}
-    if _kind(paths["M"]) == "K" and _kind(paths["K"]) == "M":
-        raise InputError(f"M is {paths['M']}, which by its name holds a stiffness matrix, and K is {paths['K']}, by its name a "
-                         "mass matrix. The mass comes first: read_component(M, K). If the names are wrong, rename the files")
-    matrices, found = read_aligned(paths, {key: key for key in paths}, "K", ("M",), massless, drop_empty)
-    size = matrices["K"].shape[0]
-    if dofs is not None and found is not None:
-        raise InputError(f"dofs: {paths['K']} already contains node and DOF of each entry. Leave the map out")
-    if dofs is not None:
-        found = dofs if isinstance(dofs, DofMap) else read_dofs(path_of("dofs", dofs))
-        if found.size != size:
-            half = " (of a cyclic symmetric model, CalculiX lists one half only)" if 2 * found.size == size else ""
-            raise InputError(f"dofs: the DOF map {'' if isinstance(dofs, DofMap) else dofs} has {found.size} DOF, but "
-                             f"{paths['K']} has {size} rows{half}")
-    rows = dof_numbers("interface", interface, size, found)
-    columns = {port: _column(port, value, size, found) for port, value in (ports or {}).items()}
-    try:
-        return Substructure(matrices["M"], matrices["K"], matrices.get("D"), rows, columns,
-                            Path(str(K).split(":")[0]).stem if name is None else name, found)
-    except (InputError, InputTypeError) as error:
-        listed = ", ".join(f"{key} is {path}" for key, path in paths.items())
-        raise type(error)(f"{error} ({listed})") from None
 
 
 def _without(sub: Substructure, empty: Array) -> Substructure:
@@ -172,17 +176,6 @@ def _without(sub: Substructure, empty: Array) -> Substructure:
     M, K, D, H = (None if A is None else A[keep][:, keep] for A in (sub.M, sub.K, sub.D, sub.H))
     return Substructure(M, K, D, np.searchsorted(keep, sub.interface), {port: w[keep] for port, w in sub.ports.items()}, sub.name,
                         None if sub.dofs is None else sub.dofs.kept(keep), sub.sets, H)
-
-
-def _superelement(path: Path) -> bool:
-    return path.suffix.lower() in ENDINGS and not path.is_dir()
-
-
-def _with_ports(part: ReducedSubstructure, ports: Mapping[str, Any]) -> ReducedSubstructure:
-    """Ports w = Vᵀ w_full on the motions that the superelement recovers."""
-    size = len(part.V)
-    columns = {port: part.V.T @ _column(port, value, size, part.full_dofs) for port, value in ports.items()}
-    return replace(part, ports=columns) if ports else part
 
 
 def _kind(path: Path) -> str:

@@ -147,23 +147,21 @@ def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
         elif name not in found:
             raise InputError(f"{path}: {what} has a column, but no head (DMIG NAME 0 ...) before it")
         else:
-            _column(path, what, fields, found[name])
+            # a column: its place, then row, direction and one or two numbers of each entry
+            entries, at = found[name], (whole(path, what, fields[1], 1), whole(path, what, fields[2]))
+            column = f"column {at[0]} {at[1] or ''}"
+            if entries.form == Form.NUMBERED and entries.width and at[0] > entries.width:
+                raise InputError(f"{path}: {what} announces {entries.width} columns, but has column {at[0]}")
+            if not any(fields[4:]):
+                raise InputError(f"{path}: {what} has the {column} without an entry: the lines below it are lost")
+            for row, direction, one, other in quadruples(fields[4:]):
+                if not one or (other and not entries.is_complex):
+                    raise InputError(f"{path}: {what} has {f'{one} {other}'.strip()!r:.40} as the value in row {row} {direction} "
+                                     f"of {column}; it should be {'two numbers' if entries.is_complex else 'a number'}")
+                entries.places.append((whole(path, what, row, 1), whole(path, what, direction), *at))
+                imaginary = real(path, what, other) if entries.is_complex else 0.0
+                entries.values.append(complex(real(path, what, one), imaginary))
     return {name: assembled(path, name, entries) for name, entries in found.items()}
-
-
-def _column(path: Path, what: str, fields: list[str], entries: Entries) -> None:
-    at = whole(path, what, fields[1], 1), whole(path, what, fields[2])
-    if entries.form == Form.NUMBERED and entries.width and at[0] > entries.width:
-        raise InputError(f"{path}: {what} announces {entries.width} columns, but has column {at[0]}")
-    if not any(fields[4:]):
-        raise InputError(f"{path}: {what} has the column {at[0]} {at[1] or ''} without an entry: the lines below it are lost")
-    for row, direction, one, other in quadruples(fields[4:]):
-        if not one or (other and not entries.is_complex):
-            raise InputError(f"{path}: {what} has {f'{one} {other}'.strip()!r:.40} as the value in row {row} {direction} of "
-                             f"column {at[0]} {at[1] or ''}; it should be {'two numbers' if entries.is_complex else 'a number'}")
-        entries.places.append((whole(path, what, row, 1), whole(path, what, direction), *at))
-        imaginary = real(path, what, other) if entries.is_complex else 0.0
-        entries.values.append(complex(real(path, what, one), imaginary))
 
 
 def assembled(path: Path, name: str, entries: Entries) -> Dmig:

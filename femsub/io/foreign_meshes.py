@@ -51,7 +51,7 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
     counted = {".vtk": _vtk, ".su2": _su2, ".vtu": _xml, ".xdmf": _xml, ".xmf": _xml}.get(suffix)
     points, cells = counted(path, path.read_bytes()) if counted else (None, None)
     what = f"{path} cannot be read as a mesh"
-    if suffix == ".msh" and _is_ansys(path):
+    if suffix == ".msh" and head_of(path).lstrip()[:1] == b"(":  # of Ansys
         if re.search(rb"^[ \t\r]*\((20|30)?13\b", path.read_bytes(), re.MULTILINE):
             raise InputError(f"{path} is a mesh of Fluent, which describes cells by the faces between them; femsub does not read "
                              "these. Write the mesh in another format, e.g. as Gmsh's .msh, .inp or .bdf")
@@ -106,10 +106,6 @@ class _Ending(io.BufferedReader):
 
     def readline(self, size: int | None = -1) -> bytes:
         return self._count(super().readline(size), size)
-
-
-def _is_ansys(path: Path) -> bool:
-    return head_of(path).lstrip()[:1] == b"("
 
 
 def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:

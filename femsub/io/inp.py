@@ -70,39 +70,8 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     """
     import meshio
 
+    # keyword by keyword
     found = Contents(path)
-    _collect(path, found)
-    if not found.nodes or not found.elements:
-        others = ", ".join(f"{count} of type {kind}" for kind, count in found.skipped.items())
-        if others and found.nodes:
-            raise InputError(f"{path} has only elements of types that femsub does not read: {others}")
-        also = ": it continues another run (*RESTART, READ), whose file has the mesh" if found.continues else ""
-        raise InputError(f"{path} has no {'*ELEMENT' if found.nodes else '*NODE'} data{also}")
-    numbers, points = found.all_nodes()
-    cell_numbers = [part for _, part, _ in found.elements]
-    once(path, "elements", np.concatenate([*cell_numbers, *found.others]))
-    cells = [(kind, rows_of(path, f"a {kind} element", "node", numbers, nodes)) for kind, _, nodes in found.elements]
-    point_sets, known, cell_sets = {}, found.all_elements(), {}
-    for (sort, _), name in found.spelling.items():
-        what = f"*{sort}SET {name}"
-        members = found.members(sort, name, what)
-        if sort == "N":
-            point_sets[name] = np.flatnonzero(np.isin(numbers, whole_numbers(f"{path}: the nodes of {what}", members)))
-            found.leave_out(what, "nodes", np.setdiff1d(members, numbers))
-            continue
-        found.leave_out(what, "elements", np.setdiff1d(members, known))
-        rows = [np.flatnonzero(np.isin(part, members)) for part in cell_numbers]
-        if not len(members) or any(map(len, rows)):  # else of skipped elements only
-            cell_sets[name] = rows
-    mesh = meshio.Mesh(points, cells, point_sets=point_sets, cell_sets=cell_sets)
-    mesh.points_id, mesh.cells_id = numbers, cell_numbers
-    notes = [f"{count} element{'s' * (count != 1)} of type {kind} skipped" for kind, count in found.skipped.items()] + found.notes
-    if found.apart:
-        notes.append(f"what belongs to the assembly only skipped: {', '.join(sorted(found.apart))}")
-    return mesh, notes
-
-
-def _collect(path: Path, found: Contents) -> None:
     for keyword, options, data in _blocks(path, found.notes):
         if keyword == "SYSTEM" and data.strip():
             raise InputError(f"{path} has a *SYSTEM, which moves coordinates; write the nodes in the global system")
@@ -117,17 +86,47 @@ def _collect(path: Path, found: Contents) -> None:
         found.continues |= keyword == "RESTART" and "READ" in options
         if keyword not in _MAKERS:
             continue
-        maker, option, known = _MAKERS[keyword]
+        maker, option, accepted = _MAKERS[keyword]
         if in_assembly and "INSTANCE" not in options:
             found.apart.add(f"*{keyword} {options.get(option, '')}".strip())
             continue
-        for key, value in options.items() if known else ():
-            if key not in (*known, "INPUT"):
+        for key, value in options.items() if accepted else ():
+            if key not in (*accepted, "INPUT"):
                 raise InputError(f"{path}: *{keyword}, {f'{key}={value}' if value else key} is not read: write the mesh with all "
                                  "nodes and elements listed")
-        for part in maker(found, keyword, options, data):
+        for members in maker(found, keyword, options, data):
             if option in options:
-                found.add("EL" if keyword.startswith("EL") else "N", options[option], part)
+                found.add("EL" if keyword.startswith("EL") else "N", options[option], members)
+    # nodes and elements
+    if not found.nodes or not found.elements:
+        others = ", ".join(f"{count} of type {kind}" for kind, count in found.skipped.items())
+        if others and found.nodes:
+            raise InputError(f"{path} has only elements of types that femsub does not read: {others}")
+        also = ": it continues another run (*RESTART, READ), whose file has the mesh" if found.continues else ""
+        raise InputError(f"{path} has no {'*ELEMENT' if found.nodes else '*NODE'} data{also}")
+    numbers, points = found.all_nodes()
+    cell_numbers = [part for _, part, _ in found.elements]
+    once(path, "elements", np.concatenate([*cell_numbers, *found.others]))
+    cells = [(kind, rows_of(path, f"a {kind} element", "node", numbers, nodes)) for kind, _, nodes in found.elements]
+    # sets
+    point_sets, known, cell_sets = {}, found.all_elements(), {}
+    for (sort, _), name in found.spelling.items():
+        what = f"*{sort}SET {name}"
+        listed = found.members(sort, name, what)
+        if sort == "N":
+            point_sets[name] = np.flatnonzero(np.isin(numbers, whole_numbers(f"{path}: the nodes of {what}", listed)))
+            found.leave_out(what, "nodes", np.setdiff1d(listed, numbers))
+            continue
+        found.leave_out(what, "elements", np.setdiff1d(listed, known))
+        rows = [np.flatnonzero(np.isin(part, listed)) for part in cell_numbers]
+        if not len(listed) or any(map(len, rows)):  # else of skipped elements only
+            cell_sets[name] = rows
+    mesh = meshio.Mesh(points, cells, point_sets=point_sets, cell_sets=cell_sets)
+    mesh.points_id, mesh.cells_id = numbers, cell_numbers
+    notes = [f"{count} element{'s' * (count != 1)} of type {kind} skipped" for kind, count in found.skipped.items()] + found.notes
+    if found.apart:
+        notes.append(f"what belongs to the assembly only skipped: {', '.join(sorted(found.apart))}")
+    return mesh, notes
 
 
 # ---- the content read so far, by the file's numbers
@@ -191,24 +190,23 @@ class Contents:
         parts = self.sets.get((sort, name.upper()))
         if parts is None:
             raise InputError(f"{self.path}: {what} names the set {name!r}, which is not above it")
-        found = [self._resolved(what, sort, part) for part in parts]
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
-
-    def _resolved(self, what: str, sort: str, part: Part) -> Array:
-        if isinstance(part, NodesOf):
-            cells = self.members("EL", part.elements, what)
-            return np.concatenate([np.zeros(0, dtype=np.int64),
-                                   *(nodes[np.isin(numbers, cells)].ravel() for _, numbers, nodes in self.elements)])
-        if not isinstance(part, Range):
-            return part
-        numbers = self.all_nodes()[0] if sort == "N" else self.all_elements()
-        count = (part.last - part.first) // part.step + 1
-        inside = numbers[(numbers >= part.first) & (numbers <= part.last) & ((numbers - part.first) % part.step == 0)]
-        if len(inside) < count:
-            wrong = np.flatnonzero(inside != part.first + part.step * np.arange(len(inside)))
-            missing = part.first + part.step * (int(wrong[0]) if len(wrong) else len(inside))
-            self.leave_out(what, "nodes" if sort == "N" else "elements", [missing], count - len(inside))
-        return inside
+        found = [np.zeros(0, dtype=np.int64)]
+        for part in parts:
+            if isinstance(part, NodesOf):
+                cells = self.members("EL", part.elements, what)
+                found += [nodes[np.isin(numbers, cells)].ravel() for _, numbers, nodes in self.elements]
+            elif isinstance(part, Range):
+                numbers = self.all_nodes()[0] if sort == "N" else self.all_elements()
+                count = (part.last - part.first) // part.step + 1
+                inside = numbers[(numbers >= part.first) & (numbers <= part.last) & ((numbers - part.first) % part.step == 0)]
+                if len(inside) < count:
+                    wrong = np.flatnonzero(inside != part.first + part.step * np.arange(len(inside)))
+                    missing = part.first + part.step * (int(wrong[0]) if len(wrong) else len(inside))
+                    self.leave_out(what, "nodes" if sort == "N" else "elements", [missing], count - len(inside))
+                found.append(inside)
+            else:
+                found.append(part)
+        return np.unique(np.concatenate(found))
 
     def leave_out(self, what: str, kind: str, missing: Sequence[int] | Array, count: int | None = None) -> None:
         """Note members of a set that the file does not give, if there are any: meshes often have gaps in their numbers.
@@ -249,7 +247,14 @@ def _blocks(path: Path, notes: list[str]) -> Iterator[tuple[str, dict[str, str],
         A file that is named but not there; a last line that may be cut; a keyword that changes the mesh in a way that is
         not read; one that is nearly, but not quite, the name of one that is.
     """
-    text = re.sub(r"^[ \t]*\*\*.*\n?", "", _whole(deck := Deck(path)), flags=re.MULTILINE)
+    # the text with the files it includes, without comments
+    def named(line: str) -> str:
+        found = re.search(r'INPUT\s*=\s*("[^"]*"|[^,\n]*)', line, flags=re.IGNORECASE)
+        return _unquoted(found[1]) if found else ""
+
+    deck = Deck(path)
+    text = deck.whole(r"^[ \t]*\*[ \t]*INCLUDE\b([^\n]*(?:,[ \t]*\n[^\n]*)*)\n?", named, _ended)
+    text = re.sub(r"^[ \t]*\*\*.*\n?", "", text, flags=re.MULTILINE)
     quoted: dict[str, str] = {}
     first, *parts = re.split(r"^[ \t]*\*", text, flags=re.MULTILINE)
     if first.strip():
@@ -261,16 +266,29 @@ def _blocks(path: Path, notes: list[str]) -> Iterator[tuple[str, dict[str, str],
             goes_on = (above.rstrip().endswith(",") and _OPTIONS.match(line) for above, line in pairwise(lines))
             count = 1 + sum(1 for _ in takewhile(bool, goes_on))
             head, data = "".join(lines[:count]), "\n".join(lines[count:])
+        # keyword and options
         words = _ITEM.findall(head)
         keyword = " ".join(words[0].split()).upper() if words else ""
         options = {key.strip().upper(): _unquoted(value) for key, _, value in (word.partition("=") for word in words[1:])}
-        _refuse(path, keyword, options)
+        # keywords that change the mesh, or are nearly those of one
+        if keyword in _CHANGING or (keyword == "MODEL CHANGE" and options.get("TYPE", "ELEMENT").upper() == "ELEMENT"):
+            raise InputError(f"{path} has *{keyword}, which changes the mesh in a way that femsub does not support. Write the "
+                             "mesh after this change")
+        near = get_close_matches(keyword.replace(" ", ""), _MESH, n=1, cutoff=0.8)
+        if near and keyword not in _MESH:
+            raise InputError(f"{path} has the unknown keyword *{keyword}; did you mean *{near[0]}?")
+        # names of sets, and data of another file
         for name in re.findall(r'SET\s*=\s*"([^"]*)"', head, flags=re.IGNORECASE):
             if quoted.setdefault(name.upper(), name) != name:
                 raise InputError(f"{path} has sets {quoted[name.upper()]!r} and {name!r}, which differ only in upper and lower "
                                  "case. They would become one; rename one of them")
         if keyword in _MESH and "INPUT" in options:
-            data = _input(deck, keyword, options["INPUT"]) + data
+            place, more = deck.included(deck.path, options["INPUT"])
+            _ended(place, more, alone=False)
+            more = re.sub(r"^[ \t]*\*\*.*\n?", "", more, flags=re.MULTILINE)
+            if re.search(r"^[ \t]*\*", more, flags=re.MULTILINE):
+                raise InputError(f"{place} is the INPUT of *{keyword}, but has a keyword of its own: *INCLUDE it instead")
+            data = (more if more.endswith("\n") or not more else f"{more}\n") + data
         if keyword in ("NSET", "ELSET") and re.search(r"\n[ \t]*\n", f"\n{data.rstrip()}"):
             notes.append(f"the data of *{keyword} have an empty line above or between them: is a line with a keyword lost?")
         if keyword in ("NSET", "ELSET") and not data.strip() and "ELSET" not in {*options} - {keyword}:
@@ -285,33 +303,6 @@ def _names(data: str) -> list[str]:
 
 def _unquoted(value: str) -> str:
     return value.strip().strip('"')
-
-
-def _refuse(path: Path, keyword: str, options: Mapping[str, str]) -> None:
-    if keyword in _CHANGING or (keyword == "MODEL CHANGE" and options.get("TYPE", "ELEMENT").upper() == "ELEMENT"):
-        raise InputError(f"{path} has *{keyword}, which changes the mesh in a way that femsub does not support. Write the mesh "
-                         "after this change")
-    near = get_close_matches(keyword.replace(" ", ""), _MESH, n=1, cutoff=0.8)
-    if near and keyword not in _MESH:
-        raise InputError(f"{path} has the unknown keyword *{keyword}; did you mean *{near[0]}?")
-
-
-def _whole(deck: Deck) -> str:
-    """The text with the files it includes."""
-    def named(line: str) -> str:
-        found = re.search(r'INPUT\s*=\s*("[^"]*"|[^,\n]*)', line, flags=re.IGNORECASE)
-        return _unquoted(found[1]) if found else ""
-
-    return deck.whole(r"^[ \t]*\*[ \t]*INCLUDE\b([^\n]*(?:,[ \t]*\n[^\n]*)*)\n?", named, _ended)
-
-
-def _input(deck: Deck, keyword: str, name: str) -> str:
-    place, text = deck.included(deck.path, name)
-    _ended(place, text, alone=False)
-    text = re.sub(r"^[ \t]*\*\*.*\n?", "", text, flags=re.MULTILINE)
-    if re.search(r"^[ \t]*\*", text, flags=re.MULTILINE):
-        raise InputError(f"{place} is the INPUT of *{keyword}, but has a keyword of its own: *INCLUDE it instead")
-    return text if text.endswith("\n") or not text else f"{text}\n"
 
 
 def _ended(path: Path, text: str, alone: bool) -> None:
@@ -359,7 +350,13 @@ def _elements(found: Contents, keyword: str, options: Mapping[str, str], data: s
     if kind is None:
         if not kind_here or _VOLUMES.match(kind_here):
             raise InputError(f"{path}: elements of type {kind_here or '(none)'} cannot be read; C3D4, C3D10, C3D8 and C3D20 can")
-        yield _skip(found, kind_here, data)
+        # numbers of elements that are no cells; a line that ends with a comma goes on in the next
+        lines = [line for line in data.split("\n") if line.strip()]
+        heads = [line.split(",")[0] for line, above in zip(lines, ["", *lines], strict=False) if not above.rstrip().endswith(",")]
+        others = as_numbers(f"{path}: the numbers of *ELEMENT, TYPE={kind_here}", " ".join(heads))
+        found.skipped[kind_here] += len(others)
+        found.others.append(others)
+        yield others
         return
     bare = "\n".join(line.rstrip(", \t") for line in data.split("\n"))
     values, counts = fields(what, bare)  # CalculiX passes over all commas at the end
@@ -382,16 +379,6 @@ def _elements(found: Contents, keyword: str, options: Mapping[str, str], data: s
                          f"not have {width} numbers")
     found.elements.append((kind, whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
     yield table[:, 0]
-
-
-def _skip(found: Contents, kind: str, data: str) -> Array:
-    """The numbers of elements that are not cells."""
-    lines = [line for line in data.split("\n") if line.strip()]
-    heads = [line.split(",")[0] for line, above in zip(lines, ["", *lines], strict=False) if not above.rstrip().endswith(",")]
-    numbers = as_numbers(f"{found.path}: the numbers of *ELEMENT, TYPE={kind}", " ".join(heads))
-    found.skipped[kind] += len(numbers)
-    found.others.append(numbers)
-    return numbers
 
 
 def _set(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
@@ -497,8 +484,29 @@ def _copied_nodes(found: Contents, keyword: str, options: Mapping[str, str], dat
     points = found.place("*NCOPY", old)
     if ("SHIFT" in options) == ("REFLECT" in options):
         raise InputError(f"{what} needs one of SHIFT and REFLECT")
-    points = (_moved(f"{what}, SHIFT", _rows(f"{what}, SHIFT", data, 7, float, lines=2), points) if "SHIFT" in options
-              else _reflected(what, options["REFLECT"].upper(), data, points))
+    if "SHIFT" in options:
+        # a translation (first line), then a rotation about the axis from a to b by an angle in degrees (second line)
+        rows = _rows(f"{what}, SHIFT", data, 7, float, lines=2)
+        points = points + rows[0, :3]
+        if rows[1, 6]:
+            n, arms, angle = _unit(f"{what}, SHIFT", rows[1, 3:6] - rows[1, :3]), points - rows[1, :3], np.deg2rad(rows[1, 6])
+            along_axis = (arms @ n)[:, None] * n
+            points = rows[1, :3] + along_axis + np.cos(angle) * (arms - along_axis) + np.sin(angle) * np.cross(n, arms)
+    else:
+        # through the point a, the line from a to b, or the plane (MIRROR) through a, b and c
+        how = options["REFLECT"].upper()
+        flat, _ = fields(f"{what}: its data", re.sub(r",[ \t]*(?=\n|\Z)", "", data), float)
+        need = {"POINT": 3, "LINE": 6, "MIRROR": 9}.get(how, 0)
+        if not need or len(flat) < need:
+            raise InputError(f"{what}, REFLECT={how} with {len(flat)} numbers is not read: POINT needs 3, LINE 6, MIRROR 9")
+        a, b, c = np.array([*flat, *np.zeros(9)][:9]).reshape(3, 3)
+        arms = points - a
+        if how == "POINT":
+            points = a - arms
+        else:
+            n = _unit(f"{what}, REFLECT={how}", b - a if how == "LINE" else np.cross(b - a, c - a))
+            along_n = (arms @ n)[:, None] * n
+            points = a + (2 * along_n - arms if how == "LINE" else arms - 2 * along_n)
     found.nodes.append((whole_numbers(f"{what}: the new numbers", old + change), points))
     yield old + change
 
@@ -508,31 +516,6 @@ def _unit(what: str, vector: Array) -> Array:
     if not length:
         raise InputError(f"{what}: its points give no direction, since some are the same or lie on a line")
     return vector / length
-
-
-def _moved(what: str, rows: Array, points: Array) -> Array:
-    """A translation (first line), then a rotation about the axis from a to b by an angle in degrees (second line)."""
-    points = points + rows[0, :3]
-    if not rows[1, 6]:
-        return points
-    n, arms, angle = _unit(what, rows[1, 3:6] - rows[1, :3]), points - rows[1, :3], np.deg2rad(rows[1, 6])
-    along_axis = (arms @ n)[:, None] * n
-    return rows[1, :3] + along_axis + np.cos(angle) * (arms - along_axis) + np.sin(angle) * np.cross(n, arms)
-
-
-def _reflected(what: str, how: str, data: str, points: Array) -> Array:
-    """Through the point a, the line from a to b, or the plane (MIRROR) through a, b and c."""
-    flat, _ = fields(f"{what}: its data", re.sub(r",[ \t]*(?=\n|\Z)", "", data), float)
-    need = {"POINT": 3, "LINE": 6, "MIRROR": 9}.get(how, 0)
-    if not need or len(flat) < need:
-        raise InputError(f"{what}, REFLECT={how} with {len(flat)} numbers is not read: POINT needs 3, LINE 6, MIRROR 9")
-    a, b, c = np.array([*flat, *np.zeros(9)][:9]).reshape(3, 3)
-    arms = points - a
-    if how == "POINT":
-        return a - arms
-    n = _unit(f"{what}, REFLECT={how}", b - a if how == "LINE" else np.cross(b - a, c - a))
-    along_n = (arms @ n)[:, None] * n
-    return a + (2 * along_n - arms if how == "LINE" else arms - 2 * along_n)
 
 
 def _mapped_nodes(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterable[Part]:

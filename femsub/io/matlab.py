@@ -89,8 +89,21 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
         raise InputError(f"{path} is no MATLAB file, or cut short; write it again")
     if 0 not in content[:4]:  # version 5 to 7
         content = _matrices_only(path, content)
-    else:
-        _check_old(path, content)
+    else:  # version 4, whose heads must lead from one to the next up to the end: NUL before a file of version 5 look like one
+        cursor = Cursor(str(path), content)
+        while cursor.place < cursor.end:
+            at, kind, order = cursor.place, 0, "<"
+            for order in "<>":
+                kind, rows, columns, imaginary, name = map(int, Cursor(str(path), content, at).take(f"{order}i4", 5))
+                if 0 <= kind < 5000:
+                    break
+            size = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}.get(kind // 10 % 10, 0)
+            if (kind // 1000, kind // 100 % 10) != ("<>".index(order), 0) or not size or kind % 10 > 2 or min(rows, columns) < 0 \
+                    or imaginary not in (0, 1) or not 0 < name <= 64:
+                raise InputError(f"{path} is no MATLAB file of version 4, or damaged: at byte {at} there is no head of a "
+                                 "matrix. Write it again")
+            cursor.skip(20 + name + rows * columns * size * (1 + imaginary))
+    # SciPy reads what is sound
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # SciPy 1.18 warns that the type of sparse matrices will change
         loaded = loadmat(BytesIO(content))
@@ -104,23 +117,6 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
         elif value is not None and value.ndim == 2 and value.dtype.kind in "biufc":  # whole doubles may be stored as bytes
             found[name] = value.astype(complex if value.dtype.kind == "c" else _FLOATS.get(kind, value.dtype))
     return found
-
-
-def _check_old(path: Path, content: bytes) -> None:
-    """Refuse a file of version 4 whose heads do not lead from one to the next up to its end."""
-    cursor = Cursor(str(path), content)
-    while cursor.place < cursor.end:
-        start, kind, order = cursor.place, 0, "<"
-        for order in "<>":
-            kind, rows, columns, imaginary, name = map(int, Cursor(str(path), content, start).take(f"{order}i4", 5))
-            if 0 <= kind < 5000:
-                break
-        size = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}.get(kind // 10 % 10, 0)
-        if (kind // 1000, kind // 100 % 10) != ("<>".index(order), 0) or not size or kind % 10 > 2 or imaginary not in (0, 1) \
-                or min(rows, columns) < 0 or not 0 < name <= 64:
-            raise InputError(f"{path} is no MATLAB file of version 4, or damaged: at byte {start} there is no head of a matrix. "
-                             "Write it again")
-        cursor.skip(20 + name + rows * columns * size * (1 + imaginary))
 
 
 def _checked(path: Path, name: str, matrix: Any) -> Matrix:
@@ -141,13 +137,27 @@ def _matrices_only(path: Path, content: bytes) -> bytes:
         raise InputError(f"{path} cannot be read as a matrix: it is no MATLAB file, or cut short; write it again")
     kept = [content[:128]]
     for kind, data in _elements(path, content, order, 128):
+        # a compressed element, complete and with its checksum; only the beginning if it is no matrix of numbers
         if kind == Mi.COMPRESSED:
-            kind, data = _unpacked(path, data, order)
+            stream = zlib.decompressobj()
+            try:
+                head = stream.decompress(data, 24)
+                (kind, size), data = struct.unpack_from(f"{order}2I", head), head[8:]
+                if kind == Mi.MATRIX and _flags(path, data, order) is not None:
+                    check_room(path, size)
+                    data += stream.decompress(stream.unconsumed_tail, max(size - 16, 1))
+                    rest = stream.decompress(stream.unconsumed_tail, 64)
+                    if len(data) != size or rest.strip(b"\0") or not stream.eof:
+                        raise InputError(f"{path} is damaged: a packed matrix has another length than it announces; write it "
+                                         "again")
+            except (zlib.error, struct.error) as error:
+                raise InputError(f"{path} is damaged: a packed matrix cannot be unpacked ({error}); write it again") from None
         if kind != Mi.MATRIX:
             raise InputError(f"{path} holds an element of kind {kind} where a matrix should be; it is damaged")
         flags = _flags(path, data, order)
         if flags is None:
             continue
+        # its parts: size, name and numbers
         parts = [kind for kind, _ in _elements(path, data, order, 16)]
         wanted = [_WHOLE, _TEXT, *[_WHOLE] * (2 * (flags & Flags.CLASS == Flags.SPARSE)),
                   *[_NUMBERS] * (1 + bool(flags & Flags.COMPLEX))]
@@ -171,24 +181,6 @@ def _elements(path: Path, content: bytes, order: str, place: int) -> Iterator[tu
         if len(data) < size:
             raise InputError(f"{path} is damaged: {size} bytes in an element that holds four")
         yield kind, data.tobytes()
-
-
-def _unpacked(path: Path, data: bytes, order: str) -> tuple[int, bytes]:
-    """A compressed element, complete and with its checksum; only the beginning if it is not a matrix."""
-    stream = zlib.decompressobj()
-    try:
-        head = stream.decompress(data, 24)
-        kind, size = struct.unpack_from(f"{order}2I", head)
-        if kind != Mi.MATRIX or _flags(path, head[8:], order) is None:
-            return kind, head[8:]
-        check_room(path, size)
-        body = head[8:] + stream.decompress(stream.unconsumed_tail, max(size - 16, 1))
-        rest = stream.decompress(stream.unconsumed_tail, 64)
-    except (zlib.error, struct.error) as error:
-        raise InputError(f"{path} is damaged: a packed matrix cannot be unpacked ({error}); write it again") from None
-    if len(body) != size or rest.strip(b"\0") or not stream.eof:
-        raise InputError(f"{path} is damaged: a packed matrix has another length than it announces; write it again")
-    return kind, body
 
 
 def _flags(path: Path, data: bytes, order: str) -> int | None:

@@ -88,36 +88,24 @@ def read_labelled(path: str | Path, variable: str | None = None, usual: str = ""
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
         path = path.with_name(name)
-    reader = _labelled(path)
+    # readers of several matrices with node and direction of each row: of Nastran, Sierra/SD and Ansys
+    ending = path.suffix.lower()
+    reader: Callable[[Path], dict[str, TextMatrix]] | None = None
+    if ending in KNOWN or not path.is_file():
+        pass
+    elif ending == ".op2":
+        from femsub.io.op2 import labelled_op2 as reader
+    elif ending == ".m":
+        from femsub.io.sierra import labelled_mfile as reader
+    elif ending == ".full":
+        from femsub.io.ansys import read_full as reader
+    elif ending in PUNCHES or re.search(rb"(?mi)^[ \t]*DMIG[\s*,]", head_of(path)):
+        from femsub.io.dmig import labelled_dmig as reader
     if reader is not None:
         several: dict[str, TextMatrix] = guarded(path, reader)
         return several[_chosen(path, {name: item.matrix for name, item in several.items()}, wanted, usual)]
     found = _content(path, [wanted])
     return found if isinstance(found, TextMatrix) else TextMatrix(found[_chosen(path, found, wanted, usual)], None)
-
-
-def _labelled(path: Path) -> Callable[[Path], dict[str, TextMatrix]] | None:
-    """The reader of a file of several matrices with node and direction of each row: of Ansys, or of Nastran's DMIG cards."""
-    ending = path.suffix.lower()
-    if ending in KNOWN or not path.is_file():
-        return None
-    if ending == ".op2":
-        from femsub.io.op2 import labelled_op2
-
-        return labelled_op2
-    if ending == ".m":
-        from femsub.io.sierra import labelled_mfile
-
-        return labelled_mfile
-    if ending == ".full":
-        from femsub.io.ansys import read_full
-
-        return read_full
-    if ending not in PUNCHES and not re.search(rb"(?mi)^[ \t]*DMIG[\s*,]", head_of(path)):
-        return None
-    from femsub.io.dmig import labelled_dmig
-
-    return labelled_dmig
 
 
 def read_together(path: Path, names: Iterable[str | None]) -> list[Matrix]:
@@ -192,15 +180,12 @@ def _npy(path: Path) -> Any:
     if path.stat().st_size != wanted:
         raise InputError(f"{path} announces {wanted} bytes, but has {path.stat().st_size}; it is cut short or damaged")
     if kind.kind not in NUMBERS or not 1 <= len(shape) <= 2:
-        raise InputError(f"{path} holds {_kind_name(kind)} of the shape {shape}, not a matrix of numbers")
+        sort = {"M": "dates", "m": "spans of time", "U": "text", "S": "text", "V": "records", "O": "Python objects"}.get(
+            kind.kind, f"numbers ({kind})")
+        raise InputError(f"{path} holds {sort} of the shape {shape}, not a matrix of numbers")
     check_room(path, wanted)
     with parsing():
         return np.load(path, allow_pickle=False)
-
-
-def _kind_name(kind: np.dtype[Any]) -> str:
-    return {"M": "dates", "m": "spans of time", "U": "text", "S": "text", "V": "records", "O": "Python objects"}.get(
-        kind.kind, f"numbers ({kind})")
 
 
 def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
@@ -220,9 +205,20 @@ def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ..
 def _npz(path: Path) -> Any:
     kinds = _array_kinds(path, path)
     with parsing(), np.load(path, allow_pickle=False) as file:
-        if {"format", "shape", "data"} <= set(kinds):
-            return _checked_sparse(path, file, kinds)
-        return {name: value for name in kinds if kinds[name].kind in NUMBERS and (value := file[name]).ndim == 2}
+        if not {"format", "shape", "data"} <= set(kinds):
+            return {name: value for name in kinds if kinds[name].kind in NUMBERS and (value := file[name]).ndim == 2}
+        # a matrix of `scipy.sparse.save_npz`: SciPy checks few of the indices, and converting wrong ones crashes
+        expected = {"format": "SU", "data": NUMBERS, "_is_array": "b"}
+        wrong = [name for name, kind in kinds.items() if kind.kind not in expected.get(name, "iu")]
+        shape = file["shape"] if not wrong else np.zeros(0)
+        if wrong or shape.shape != (2,) or shape.min() < 0:
+            raise InputError(f"{path} is damaged: {wrong[0] if wrong else 'shape'} of its sparse matrix is not what it should be")
+        check_extent(path, (int(shape[0]), int(shape[1])), file["data"].size)
+    with parsing():
+        found = sp.load_npz(path)
+    if found.format in ("csr", "csc", "bsr"):
+        check_indices(found)
+    return found
 
 
 def read_arrays(path: Path, content: BinaryIO | None, most: int) -> dict[str, Array]:
@@ -264,18 +260,3 @@ def _array_kinds(path: Path, content: Path | BinaryIO, most: float = math.inf) -
             if kinds[name].kind != "O" and wanted != entry.file_size:
                 raise InputError(f"{path} is damaged: {entry.filename} announces {wanted} bytes, but has {entry.file_size}")
     return kinds
-
-
-def _checked_sparse(path: Path, file: Any, kinds: Mapping[str, np.dtype[Any]]) -> Matrix:
-    """A matrix of `scipy.sparse.save_npz`. SciPy checks few of the indices, and converting wrong ones crashes."""
-    wrong = [name for name, kind in kinds.items() if kind.kind not in {"format": "SU", "data": NUMBERS, "_is_array": "b"}.get(
-        name, "iu")]
-    shape = file["shape"] if not wrong else np.zeros(0)
-    if wrong or shape.shape != (2,) or shape.min() < 0:
-        raise InputError(f"{path} is damaged: {wrong[0] if wrong else 'shape'} of its sparse matrix is not what it should be")
-    check_extent(path, (int(shape[0]), int(shape[1])), file["data"].size)
-    with parsing():
-        found = sp.load_npz(path)
-    if found.format in ("csr", "csc", "bsr"):
-        check_indices(found)
-    return found

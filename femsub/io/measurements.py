@@ -123,6 +123,7 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
 
 def _receptance(file: Path, one: DataSet, quantity: str | None, over: str | None) -> tuple[tuple[str, str], Array, Array]:
     """The names of response and load, the frequencies [Hz], and displacement over force there."""
+    # response and load: node and direction, against an axis if negative
     names, sign, dofs = [], 1.0, one.lines[5]
     for end, start in (("response", 41), ("load", 66)):
         ends = [dofs[start:start + 10].strip(), dofs[start + 10:start + 14].strip()]
@@ -132,6 +133,7 @@ def _receptance(file: Path, one: DataSet, quantity: str | None, over: str | None
         names.append(f"{node}:{DIRECTIONS[abs(direction)]}")
         sign = -sign if direction < 0 else sign
     where = f"{file}: the response from {names[1]} to {names[0]}"
+    # quantities, by the file or as stated
     top, bottom = (whole(file, where, [one.lines[line][:10].strip()])[0] for line in (8, 9))
     if (quantity and top not in (*SILENT, QUANTITIES[quantity])) or (over and bottom not in (*SILENT, *FORCES)):
         raise InputError(f"{where} has the data types {top} over {bottom}, which are not those of {quantity or 'the response'} "
@@ -145,47 +147,39 @@ def _receptance(file: Path, one: DataSet, quantity: str | None, over: str | None
                             ["over='force'"] * (bottom in SILENT))
         raise InputError(f"{where} has the data types {named}, but displacement (8), velocity (11) or acceleration (12) over "
                          f"force (13 or 9) is needed{f'. If it is that, state it by {said}' * usable}")
-    x, h = _values(file, where, one)
-    if not (np.isfinite(x).all() and np.isfinite(h).all() and len(x) and x.min() >= 0 and np.any(x > 0)):
-        raise InputError(f"{where} holds a NaN, an infinite number or no positive frequency")
-    rate = (2j * np.pi * np.where(x > 0, x, 1.0)) ** ORDERS[top]
-    return (names[0], names[1]), x, sign * h / rate
-
-
-def _values(file: Path, where: str, one: DataSet) -> tuple[Array, Array]:
-    """Frequencies, evenly spaced or listed, and complex values."""
+    # frequencies, evenly spaced or listed, and complex values
     kind, count, even = whole(file, where, [one.lines[6][at:at + 10].strip() for at in (0, 10, 20)])
     if kind not in NUMBERS or NUMBERS[kind][1] < 2:
         raise InputError(f"{where} has values of the type {kind}; complex ones (5, 6) are needed")
-    name, width = NUMBERS[kind][0], NUMBERS[kind][1] + (even == 0)
-    values = _listed(where, one, name, count * width)
-    if len(values) != count * width:
-        raise InputError(f"{where} announces {count} values, but has {len(values) / width:g}; it is damaged")
-    table = values.reshape(count, width)
-    if even == 0:
-        return table[:, 0], table[:, -2] + 1j * table[:, -1]
-    places = as_numbers(f"{where}: its frequencies", apart(one.lines[6][30:56]), float)
-    if len(places) < 2:
-        raise InputError(f"{where} must have the first frequency and the step on its line 7, columns 31 to 56; it is damaged")
-    return places[0] + places[1] * np.arange(count), table[:, -2] + 1j * table[:, -1]
-
-
-def _listed(where: str, one: DataSet, name: str, announced: int) -> Array:
-    """The numbers of a data set 58, without what fills its end: zeros on the last line of text, blanks or NUL behind bytes."""
-    if one.values is not None:
-        size = int(name[1])
+    form, width = NUMBERS[kind][0], NUMBERS[kind][1] + (even == 0)
+    announced = count * width
+    if one.values is not None:  # bytes, behind which blanks or NUL may fill the end
+        size = int(form[1])
         stop = announced * size if announced >= 0 else 0
         fill = one.values[stop:]
         if fill.strip(b" \t\r\n\0") or len(fill) >= 2 * size or len(one.values) < stop:
             raise InputError(f"{where} announces {stop} bytes of values, but has {len(one.values)}; it is damaged")
-        return np.frombuffer(one.values[:stop], f"{one.order}{name}").astype(float)
-    lines = [apart(line) for line in one.lines[HEADS[Sets.FUNCTION]:] if line.strip()]
-    values = as_numbers(f"{where}: its values", " ".join(lines), float)
-    if len(values) > announced and not values[announced:].any():
-        longest = max(RECORD[name], *(len(line.split()) for line in lines[:-1]), 0)
-        if len(values) - announced < len(lines[-1].split()) <= longest:
-            return values[:announced]
-    return values
+        values = np.frombuffer(one.values[:stop], f"{one.order}{form}").astype(float)
+    else:  # text, whose last line zeros may fill
+        lines = [apart(line) for line in one.lines[HEADS[Sets.FUNCTION]:] if line.strip()]
+        values = as_numbers(f"{where}: its values", " ".join(lines), float)
+        if len(values) > announced and not values[announced:].any():
+            longest = max(RECORD[form], *(len(line.split()) for line in lines[:-1]), 0)
+            if len(values) - announced < len(lines[-1].split()) <= longest:
+                values = values[:announced]
+    if len(values) != announced:
+        raise InputError(f"{where} announces {count} values, but has {len(values) / width:g}; it is damaged")
+    table = values.reshape(count, width)
+    x, h = table[:, 0], table[:, -2] + 1j * table[:, -1]
+    if even:
+        places = as_numbers(f"{where}: its frequencies", apart(one.lines[6][30:56]), float)
+        if len(places) < 2:
+            raise InputError(f"{where} must have the first frequency and the step on its line 7, columns 31 to 56; it is damaged")
+        x = places[0] + places[1] * np.arange(count)
+    if not (np.isfinite(x).all() and np.isfinite(h).all() and len(x) and x.min() >= 0 and np.any(x > 0)):
+        raise InputError(f"{where} holds a NaN, an infinite number or no positive frequency")
+    rate = (2j * np.pi * np.where(x > 0, x, 1.0)) ** ORDERS[top]
+    return (names[0], names[1]), x, sign * h / rate
 
 
 @unreadable_refused
@@ -293,36 +287,29 @@ def _mode(file: Path, one: DataSet) -> _Mode | None:
     need = (4 if old else 6) if analysis == Analysis.NORMAL_MODE else (2 if old else 8)
     if announced and len(numbers) > announced[0] >= need:  # some programs announce 1, whatever follows
         raise InputError(f"{where} has {len(numbers)} real parameters, where {announced[0]} belong: is a number in two pieces?")
-    return _Mode(_eigenvalue(where, numbers, analysis, old), _values_at_nodes(file, where, one.lines[begin:], width,
-                                                                              NUMBERS[data][1]), old)
-
-
-def _eigenvalue(where: str, numbers: Array, analysis: int, old: bool) -> complex:
-    """λ of the real parameters: frequency [Hz] and ratios of damping of a normal mode, λ itself of a complex one."""
+    # λ: of frequency [Hz] and ratios of damping of a normal mode, or as listed of a complex one
     if analysis == Analysis.NORMAL_MODE:
-        need, at = (4, (0, 2, 3)) if old else (6, (1, 4, 5))
+        at = (0, 2, 3) if old else (1, 4, 5)
         if len(numbers) < need:
             raise InputError(f"{where} has {len(numbers)} real parameters, but frequency and damping need {need}")
         omega, viscous, structural = 2 * np.pi * numbers[at[0]], numbers[at[1]], numbers[at[2]]
         ratio = viscous or structural / 2  # some programs give the same damping in both ways
         if not (np.isfinite(omega) and omega >= 0 and -1 < ratio < 1):
             raise InputError(f"{where} has the frequency {numbers[at[0]]:g} Hz and the damping ratio {ratio:g}")
-        return complex(-ratio * omega, omega * np.sqrt(1 - ratio**2))
-    first = 0 if old else 6
-    value = complex(*numbers[first:first + 2]) if len(numbers) > first + 1 else complex(np.nan)
-    if not np.isfinite(value):
-        raise InputError(f"{where} does not give its complex eigenvalue")
-    return complex(value.real, abs(value.imag))
-
-
-def _values_at_nodes(file: Path, where: str, lines: list[str], width: int, parts: int) -> dict[int, Array]:
-    """Motions by node: its number on a line, then real or complex values, six on a line."""
+        eigenvalue = complex(-ratio * omega, omega * np.sqrt(1 - ratio**2))
+    else:
+        first = 0 if old else 6
+        eigenvalue = complex(*numbers[first:first + 2]) if len(numbers) > first + 1 else complex(np.nan)
+        if not np.isfinite(eigenvalue):
+            raise InputError(f"{where} does not give its complex eigenvalue")
+        eigenvalue = complex(eigenvalue.real, abs(eigenvalue.imag))
+    # motions by node: its number on a line, then real or complex values, six on a line
+    lines, parts = one.lines[begin:], NUMBERS[data][1]
     step = 1 + -(-width * parts // 6)
     if len(lines) % step:
         raise InputError(f"{where} has {len(lines)} lines, but {step} for each node")
     nodes = whole(file, where, [line.strip() for line in lines[::step]])
-    text = " ".join(line for at, line in enumerate(lines) if at % step)
-    values = as_numbers(where, apart(text), float)
+    values = as_numbers(where, apart(" ".join(line for row, line in enumerate(lines) if row % step)), float)
     filled = values.reshape(-1, 6 * (step - 1)) if len(values) == len(nodes) * 6 * (step - 1) else np.ones((0, 0))
     if filled.size and not filled[:, width * parts:].any():  # zeros may fill the last line of a node
         values = filled[:, :width * parts].ravel()
@@ -331,4 +318,4 @@ def _values_at_nodes(file: Path, where: str, lines: list[str], width: int, parts
     if not np.isfinite(values).all() or not nodes:
         raise InputError(f"{where} holds a NaN, an infinite number or no node")
     table = values.reshape(len(nodes), width * parts)
-    return dict(zip(nodes, table[:, ::2] + 1j * table[:, 1::2] if parts == 2 else table, strict=True))
+    return _Mode(eigenvalue, dict(zip(nodes, table[:, ::2] + 1j * table[:, 1::2] if parts == 2 else table, strict=True)), old)

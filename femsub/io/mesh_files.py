@@ -106,7 +106,11 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     if not place.is_file():
         raise InputError(f"there is no mesh file {place}" if not place.exists() else f"{place} is a folder, not a mesh file")
     with including(*([] if includes is None else [path_of("includes", includes)])):
-        found, notes = _found(place)
+        meshio()
+        found, notes = _reader(place)(place)
+    if not len(found.points) or not any(len(block.data) for block in found.cells):
+        raise InputError(f"{place} holds {len(found.points)} nodes and no cells; {'; '.join(notes) or 'is it cut short?'}")
+    # cells of the chosen kind
     blocks = [_Block(block.type, np.asarray(block.data), int(block.dim), i) for i, block in enumerate(found.cells)
               if len(block.data) and not block.type.startswith("polyhedron")]
     chosen, dropped = _choose(place, found, kind)
@@ -116,44 +120,37 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     cells = np.concatenate([block.nodes for block in taken])
     if cells.shape[1:] != (CELLS[chosen][1],) or cells.min() < 0 or cells.max() >= len(found.points):
         raise InputError(f"{place}: {chosen} cells name nodes that the file does not give; is it damaged?")
-    sets, groups, lost = _sort(found, blocks, chosen)
-    sets, groups = ({key if as_word(key) in of else as_word(key): rows for key, rows in of.items()} for of in (sets, groups))
-    if lost:
-        notes.append(f"{_several(lost)} cells of lower dimension, in no set, dropped")
-    called = as_word(place.stem) if name is None else word("name", name)
-    mesh = Mesh(found.points, cells, chosen, sets, groups, _node_numbers(found), notes, called)
-    numbers = getattr(found, "cells_id", None)
-    return checked(mesh, None if numbers is None else np.concatenate([numbers[block.number] for block in taken]))
-
-
-def _sort(found: Any, blocks: list[_Block], chosen: str) -> tuple[dict[str, Array], dict[str, Array], dict[str, int]]:
-    """Sets of nodes, groups of the chosen cells, and the number of cells of lower dimension that are in no set."""
-    sets: dict[str, list[Array]] = {}
-    groups: dict[str, list[Array]] = {}
+    # sets of nodes, groups of the chosen cells, and cells of lower dimension that are in no set
+    nodes_in, cells_in = dict[str, list[Array]](), dict[str, list[Array]]()
     named = [np.zeros(len(block.nodes), dtype=bool) for block in blocks]
     offsets = np.cumsum([0, *(len(block.nodes) * (block.kind == chosen) for block in blocks)])
     for label, members in _cell_sets(found, blocks):
         for block, rows, inside, offset in zip(blocks, members, named, offsets[:-1], strict=True):
-            sets.setdefault(label, []).append(np.unique(block.nodes[rows]))
+            nodes_in.setdefault(label, []).append(np.unique(block.nodes[rows]))
             inside[rows] = True
             if block.kind == chosen and len(rows):
-                groups.setdefault(label, []).append(rows + offset)
+                cells_in.setdefault(label, []).append(rows + offset)
     lost: Counter[str] = Counter()
     for block, inside in zip(blocks, named, strict=True):
-        if block.dimension < CELLS[chosen][0]:
+        if block.dimension < CELLS[chosen][0] and not inside.all():
             lost[block.kind] += int(np.count_nonzero(~inside))
-    whole = {label: np.unique(np.concatenate(parts)) for label, parts in sets.items()}
-    return (whole | _point_sets(found), {label: np.concatenate(parts) for label, parts in groups.items()},
-            {kind: count for kind, count in lost.items() if count})
-
-
-def _found(path: Path) -> tuple[Any, list[str]]:
-    """The file as a meshio.Mesh, by its reader, and notes."""
-    meshio()
-    found, notes = _reader(path)(path)
-    if not len(found.points) or not any(len(block.data) for block in found.cells):
-        raise InputError(f"{path} holds {len(found.points)} nodes and no cells; {'; '.join(notes) or 'is it cut short?'}")
-    return found, notes
+    sets = {label: np.unique(np.concatenate(parts)) for label, parts in nodes_in.items()}
+    sets |= {label: np.asarray(rows, dtype=np.intp) for label, rows in found.point_sets.items()}
+    sets |= {label.removeprefix(_SET): np.flatnonzero(np.asarray(values).reshape(len(found.points), -1)[:, 0])
+             for label, values in found.point_data.items() if label.startswith(_SET)}
+    groups = {label: np.concatenate(parts) for label, parts in cells_in.items()}
+    sets, groups = ({key if as_word(key) in of else as_word(key): rows for key, rows in of.items()} for of in (sets, groups))
+    if lost:
+        notes.append(f"{_several(lost)} cells of lower dimension, in no set, dropped")
+    # numbers of nodes, if each has one of its own, and of cells
+    numbers, of_cells = (getattr(found, key, None) for key in ("points_id", "cells_id"))
+    if numbers is None and _NUMBER in found.point_data:
+        numbers = np.asarray(found.point_data[_NUMBER]).ravel().astype(np.int64)
+    if numbers is not None and len(np.unique(numbers)) != len(found.points):
+        numbers = None
+    called = as_word(place.stem) if name is None else word("name", name)
+    mesh = Mesh(found.points, cells, chosen, sets=sets, groups=groups, numbers=numbers, repairs=notes, name=called)
+    return checked(mesh, None if of_cells is None else np.concatenate([of_cells[block.number] for block in taken]))
 
 
 def _reader(path: Path) -> Callable[[Path], tuple[Any, list[str]]]:
@@ -228,19 +225,6 @@ def _cell_sets(found: Any, blocks: list[_Block]) -> Iterator[tuple[str, list[Arr
                     yield name, [np.flatnonzero(value == tag) for value in here]
 
 
-def _point_sets(found: Any) -> dict[str, Array]:
-    sets = {name: np.asarray(rows, dtype=np.intp) for name, rows in found.point_sets.items()}
-    return sets | {name.removeprefix(_SET): np.flatnonzero(np.asarray(values).reshape(len(found.points), -1)[:, 0])
-                   for name, values in found.point_data.items() if name.startswith(_SET)}
-
-
-def _node_numbers(found: Any) -> Array | None:
-    numbers = getattr(found, "points_id", None)
-    if numbers is None and _NUMBER in found.point_data:
-        numbers = np.asarray(found.point_data[_NUMBER]).ravel().astype(np.int64)
-    return numbers if numbers is not None and len(np.unique(numbers)) == len(found.points) else None
-
-
 def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str = ".vtu") -> bytes:
     """The content of `write_mesh`'s file with this suffix."""
     instance("mesh", mesh, Mesh)
@@ -258,7 +242,18 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
     spelt = partial(escape, entities={'"': "&quot;"}) if form == "vtu" else str  # meshio writes names into XML as they are
     points = np.zeros((len(mesh.points), 3))
     points[:, :mesh.points.shape[1]] = mesh.points
-    data: dict[str, Array] = {spelt(key): _shape(key, values, len(points)) for key, values in shapes.items()}
+    data, n = dict[str, Array](), len(points)
+    for key, values in shapes.items():
+        if key.startswith((_SET, _GROUP)) or key == _NUMBER:
+            raise InputError(f"a shape cannot be called {key!r}: that name is taken for sets, groups and node numbers")
+        found: Array = np.asarray(values)
+        if np.iscomplexobj(found) or found.dtype.kind not in "fiub":
+            raise InputError(f"the shape {key!r} must be real, not {found.dtype}. Give the real and the imaginary part "
+                             "separately")
+        if found.shape not in ((n,), (n, 2), (n, 3)) or not np.isfinite(found).all():
+            raise InputError(f"the shape {key!r} must be finite, of shape ({n}, 3), ({n}, 2) or ({n},), one row per node; it is "
+                             f"{found.shape}")
+        data[spelt(key)] = (np.column_stack([found, np.zeros(n)]) if found.shape == (n, 2) else found).astype(float)
     groups: dict[str, list[Array]] = {}
     named: dict[str, Any] = {}
     if takes_data:
@@ -340,15 +335,3 @@ def series_bytes(times: Mapping[str, float]) -> bytes:
     entries = "\n".join(f'  <DataSet timestep="{time!r}" part="0" file="{escape(name)}"/>' for name, time in times.items())
     return ('<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n <Collection>\n'
             f"{entries}\n </Collection>\n</VTKFile>\n").encode()
-
-
-def _shape(key: str, values: Any, count: int) -> Array:
-    if key.startswith((_SET, _GROUP)) or key == _NUMBER:
-        raise InputError(f"a shape cannot be called {key!r}: that name is taken for sets, groups and node numbers")
-    found: Array = np.asarray(values)
-    if np.iscomplexobj(found) or found.dtype.kind not in "fiub":
-        raise InputError(f"the shape {key!r} must be real, not {found.dtype}. Give the real and the imaginary part separately")
-    if found.shape not in ((count,), (count, 2), (count, 3)) or not np.isfinite(found).all():
-        raise InputError(f"the shape {key!r} must be finite, of shape ({count}, 3), ({count}, 2) or ({count},), one row per "
-                         f"node; it is {found.shape}")
-    return (np.column_stack([found, np.zeros(count)]) if found.shape == (count, 2) else found).astype(float)

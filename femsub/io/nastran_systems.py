@@ -80,7 +80,11 @@ class Systems:
             a, b, c = self.basic(of, places)
         elif system in self.by_nodes:
             shape, nodes = self.by_nodes[system]
-            a, b, c = (self._node(system, int(node)) for node in nodes)
+            rows = [np.flatnonzero(self.numbers == node) for node in nodes]
+            if lost := [int(node) for node, row in zip(nodes, rows, strict=True) if len(row) != 1]:
+                raise InputError(f"{self.path}: the coordinate system {system} names node {lost[0]}, which the file does not "
+                                 "give")
+            a, b, c = (self.basic(int(self.system[row[0]]), self.places[row])[0] for row in rows)
         else:
             raise InputError(f"{self.path} gives nodes in the coordinate system {system} (fields CP and CD), but it has no "
                              f"{', '.join(NAMES)} with this number")
@@ -91,10 +95,3 @@ class Systems:
         found = shape, a, np.stack([np.cross(y, z), y, z])
         self.frames[system] = found
         return found
-
-    def _node(self, system: int, number: int) -> Array:
-        row = np.flatnonzero(self.numbers == number)
-        if len(row) != 1:
-            raise InputError(f"{self.path}: the coordinate system {system} names node {number}, which the file does not give")
-        place: Array = self.basic(int(self.system[row[0]]), self.places[row])[0]
-        return place

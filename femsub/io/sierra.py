@@ -71,18 +71,11 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
     if len(bare := np.flatnonzero((matrix.diagonal() == 0) & (abs(matrix).sum(axis=1) > 0))):
         warn(f"{path} has no entry on the diagonal of {len(bare)} rows that have others, first {bare[0] + 1}: of a stiffness or "
              "mass an entry is lost")
-    labels = _labels(path, size)
-    if labels is not None:
-        order = np.lexsort((labels[:, 1], labels[:, 0]))
-        matrix, labels = sp.csr_array(matrix[order][:, order]), labels[order]
-    return {found[1].decode().lower(): TextMatrix(matrix, labels)}
-
-
-def _labels(path: Path, size: int) -> Array | None:
-    """(node, direction) of each row by the maps beside the file, or None if they are not there."""
+    # node and direction of the rows, by the maps beside the file if they are there
+    name = found[1].decode().lower()
     gid, places = (path.with_name(f"{path.stem.rpartition('_')[0]}_{what}.m") for what in ("gid", "ASetMap"))
     if not gid.is_file() or not places.is_file():
-        return None
+        return {name: TextMatrix(matrix, None)}
     nodes, rows = _map(gid), _map(places)
     at = np.flatnonzero(rows)
     per_node = 9  # places in ASetMap: three translations, three rotations, and three of other physics
@@ -91,7 +84,8 @@ def _labels(path: Path, size: int) -> Array | None:
                          f"has {size} rows")
     labels = np.zeros((size, 2), dtype=np.int64)
     labels[rows[at] - 1] = np.stack([nodes[at // per_node], at % per_node + 1], axis=1)
-    return labels
+    order = np.lexsort((labels[:, 1], labels[:, 0]))
+    return {name: TextMatrix(sp.csr_array(matrix[order][:, order]), labels[order])}
 
 
 def _map(path: Path) -> Array:

@@ -54,10 +54,15 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     MissingPackageError
         .op4 without pyyeti.
     """
-    files = _beside(path)
+    # the files of the same name in this folder, by their endings in small letters; the file itself where there are several
+    if not path.is_file():
+        raise InputError(f"there is no file {path}")
     deck, ending = _Deck(path), path.suffix.lower()
+    files = {other.suffix.lower(): other for other in sorted(path.parent.iterdir())
+             if other.stem == path.stem and other.suffix.lower() in ENDINGS and other.is_file()} | {ending: path}
     if ending in NETCDF:
         return _assembled(deck, _from_cbr(deck), path.stem if name is None else name, cutoff)
+    # cards
     op2 = read_op2(path) if ending == ".op2" else None
     deck.cards += op2.cards if op2 else []
     for other in (".asm", ".pch"):
@@ -69,8 +74,17 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
         raise InputError(f"{path} has neither {path.stem}.asm nor {path.stem}.pch beside it, which list the DOF of a "
                          f"superelement. Copy them there, or read its matrices alone, "
                          f"read_component('{path.name}:maa', '{path.name}:kaa')")
+    # matrices; of OP2 those of DMIG tables in the order of the superelement's DOF, if they have no others
     if op2:
-        raw = _from_matrices(deck, path, _in_order(op2.matrices, deck.order()))
+        rows, found = deck.order(), dict[str, Matrix]()
+        place = {row: at for at, row in enumerate(rows)}
+        for key, item in op2.matrices.items():
+            found[key] = item.matrix if isinstance(item, Dmig) else item
+            at = [place.get((grid, direction), -1) for grid, direction in item.rows.tolist()] if isinstance(item, Dmig) else []
+            if isinstance(item, Dmig) and item.square and min(at) >= 0:
+                turn = sp.csr_array((np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(rows), len(at)))
+                found[key] = sp.csr_array(turn @ item.matrix @ turn.T)
+        raw = _from_matrices(deck, path, found)
     elif any(card == "DMIG" for card, _ in deck.cards):
         raw = _from_dmig(deck)
     elif (file := files.get(".op4")) is not None:
@@ -78,15 +92,6 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     else:
         raise InputError(f"{path} has no DMIG cards, and there is no {path.stem}.op4 beside it with the matrices")
     return _assembled(deck, raw, path.stem if name is None else name, cutoff)
-
-
-def _beside(path: Path) -> dict[str, Path]:
-    """The files of the same name in this folder, by their endings in small letters; the file itself where there are several."""
-    if not path.is_file():
-        raise InputError(f"there is no file {path}")
-    found = {other.suffix.lower(): other for other in sorted(path.parent.iterdir())
-             if other.stem == path.stem and other.suffix.lower() in ENDINGS and other.is_file()}
-    return found | {path.suffix.lower(): path}
 
 
 @dataclass
@@ -132,7 +137,13 @@ class _Deck:
         for card, fields in self.of("EXTRN"):
             for grid, directions in quadruples(fields, 2):
                 number = whole(self.path, card, grid, 1)
-                found += [(number, 0)] if number in scalar else _directions(self.path, number, directions)
+                if number in scalar:
+                    found.append((number, 0))
+                    continue
+                if not re.fullmatch(r"0?|[1-6]{1,6}", directions) or len(set(directions)) < len(directions):
+                    raise InputError(f"{self.path}: {directions!r:.30} are no directions of the grid {number}; they are 0 of a "
+                                     "scalar point, or of 1 to 6")
+                found += [(number, int(digit)) for digit in sorted(directions or "0")]
         joined: list[tuple[int, int]] = []
         for card, fields in self.of("SECONCT"):
             words, at = [word for word in fields[8:] if word], 0
@@ -218,12 +229,6 @@ class _Deck:
         return found
 
 
-def _directions(path: Path, grid: int, text: str) -> list[tuple[int, int]]:
-    if not re.fullmatch(r"0?|[1-6]{1,6}", text) or len(set(text)) < len(text):
-        raise InputError(f"{path}: {text!r:.30} are no directions of the grid {grid}; they are 0 of a scalar point, or of 1 to 6")
-    return [(grid, int(digit)) for digit in sorted(text or "0")]
-
-
 @dataclass(frozen=True)
 class _Raw:
     """Matrices as the files have them, (grid, direction) of their rows, and motions that the superelement recovers."""
@@ -253,24 +258,6 @@ def _pair(path: Path, matrices: Mapping[str, Matrix]) -> str:
     return ends[0]
 
 
-def _of_size(found: Mapping[str, Matrix], size: tuple[int, ...], *names: str) -> Matrix | None:
-    """The first matrix of this name and size that is not 0."""
-    return next((found[name] for name in names if name in found and found[name].shape == size and sp.coo_array(found[name]).nnz),
-                None)
-
-
-def _in_order(found: Mapping[str, Matrix | Dmig], rows: list[tuple[int, int]]) -> dict[str, Matrix]:
-    """Matrices of OP2, those of DMIG tables in the order of the superelement's DOF, if they have no others."""
-    place, ordered = {row: at for at, row in enumerate(rows)}, dict[str, Matrix]()
-    for name, item in found.items():
-        ordered[name] = item.matrix if isinstance(item, Dmig) else item
-        at = [place.get((grid, direction), -1) for grid, direction in item.rows.tolist()] if isinstance(item, Dmig) else []
-        if isinstance(item, Dmig) and item.square and min(at) >= 0:
-            turn = sp.csr_array((np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(rows), len(at)))
-            ordered[name] = sp.csr_array(turn @ item.matrix @ turn.T)
-    return ordered
-
-
 def _from_matrices(deck: _Deck, file: Path, found: Mapping[str, Matrix]) -> _Raw:
     """The matrices of a file, whose rows are in the order that the cards give."""
     end, rows = _pair(file, found), deck.order()
@@ -278,7 +265,8 @@ def _from_matrices(deck: _Deck, file: Path, found: Mapping[str, Matrix]) -> _Raw
     if len(rows) != len(K):
         raise InputError(f"{file}: K{end.upper()} has {len(K)} rows, but the cards beside it name {len(rows)} DOF. They belong "
                          "to different runs, or the .pch with EXTRN is missing")
-    D, H = (_of_size(found, K.shape, *names) for names in ((f"b{end}", f"b{end}1"), (f"k4{end}", f"k4{end}1", "k4xx")))
+    D, H = (next((found[name] for name in names if name in found and found[name].shape == K.shape and
+                  sp.coo_array(found[name]).nnz), None) for names in ((f"b{end}", f"b{end}1"), (f"k4{end}", f"k4{end}1", "k4xx")))
     tug, recovery, names = deck.recovered(), np.zeros((0, len(K))), list[tuple[int, int]]()
     table = found.get("mug1")
     if tug and table is not None and table.shape[1] == len(K):
@@ -374,7 +362,14 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     turn, labels = _turned(boundary, systems, cd, place)
     T = sp.block_diag([turn, sp.eye_array(len(order) - nb)], format="csr")
     K, M, *lossy = ((A + A.T) / 2 for A in (T.T @ part @ T for part in (K, M, H) if part is not None))
-    extra, recovery = _extra(raw, order, set(boundary), T)
+    # recovered motions that are no boundary DOF, each once, and not those of grids that nothing moves
+    moved, seen, rows = (raw.recovery != 0).any(axis=1), set(boundary), list[int]()
+    alive = {(grid, (direction - 1) // 3) for at, (grid, direction) in enumerate(raw.recovered) if moved[at]}
+    for at, (grid, direction) in enumerate(raw.recovered):
+        if (grid, direction) not in seen and (grid, (direction - 1) // 3) in alive:
+            seen.add((grid, direction))
+            rows.append(at)
+    extra, recovery = [raw.recovered[at] for at in rows], raw.recovery[np.ix_(np.array(rows, dtype=np.intp), order)] @ T
     if (lost := sorted({grid for grid, _ in extra} - cd.keys())) and any(grid in cd for grid, _ in extra):
         warn(f"{path}: there is no GRID card of {len(lost)} recovered grids, first {lost[0]}, but others have one: places of all "
              "are left out. Is a card lost?")
@@ -383,8 +378,15 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     D = None if D is None else T.T @ D @ T
     scale = np.sqrt(np.abs(np.outer(K.diagonal()[nb:], K.diagonal()[:nb])))
     kind = "free" if (np.abs(K[nb:, :nb]) > SHARED * scale).any() else "fixed-interface"
+    # without a cut-off, the highest frequency of the modal coordinates
     if cutoff is None:
-        cutoff = _highest(path, name, K[nb:, nb:], M[nb:, nb:])
+        k, m = K.diagonal()[nb:], M.diagonal()[nb:]
+        cutoff = float(np.sqrt((k[m > 0] / m[m > 0]).max(initial=0.0))) or np.inf
+        if np.isfinite(cutoff):
+            warn(f"{path} does not say up to which frequency modes were kept. The cut-off of {name!r} is that of its highest "
+                 f"modal coordinate, {cutoff:.5g} rad/time; residual vectors among them make it too high. Give cutoff=")
+        else:
+            warn(f"{path} has no modal coordinates, so that {name!r} counts as a full model. If it was condensed, give cutoff=")
     scalar = [raw.rows[row] for row in order[nb:]]
     nodes = [grid for grid, _ in boundary + scalar + extra]
     nowhere = points | {grid for grid, direction in boundary if not direction}
@@ -400,34 +402,9 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
         sets={BOUNDARY: np.arange(nb)} | {str(grid): np.flatnonzero(dofs.nodes == grid) for grid in dict.fromkeys(nodes[:nb])})
 
 
-def _highest(path: Path, name: str, K: Array, M: Array) -> float:
-    """The highest frequency of the modal coordinates, which stands for the cut-off, with a warning."""
-    k, m = K.diagonal(), M.diagonal()
-    highest = float(np.sqrt((k[m > 0] / m[m > 0]).max(initial=0.0)))
-    if highest:
-        warn(f"{path} does not say up to which frequency modes were kept. The cut-off of {name!r} is that of its highest modal "
-             f"coordinate, {highest:.5g} rad/time; residual vectors among them make it too high. Give cutoff=")
-        return highest
-    warn(f"{path} has no modal coordinates, so that {name!r} counts as a full model. If it was condensed, give cutoff=")
-    return np.inf
-
-
 def _map(nodes: list[int], labels: list[str], where: Array | None) -> DofMap:
     known = tuple(dict.fromkeys((*DIRECTIONS, *labels)))
     return DofMap(nodes, [known.index(label) for label in labels], known, where)
-
-
-def _extra(raw: _Raw, order: Array, boundary: set[tuple[int, int]], T: Any) -> tuple[list[tuple[int, int]], Array]:
-    """Recovered motions that are no boundary DOF, each once, and not those that nothing moves."""
-    moved = (raw.recovery != 0).any(axis=1)
-    seen, kept = set(boundary), list[int]()
-    alive = {(grid, (direction - 1) // 3) for at, (grid, direction) in enumerate(raw.recovered) if moved[at]}
-    for at, (grid, direction) in enumerate(raw.recovered):
-        if (grid, direction) not in seen and (grid, (direction - 1) // 3) in alive:
-            seen.add((grid, direction))
-            kept.append(at)
-    rows = np.array(kept, dtype=np.intp)
-    return [raw.recovered[at] for at in kept], raw.recovery[np.ix_(rows, order)] @ T
 
 
 def _turned(dofs: list[tuple[int, int]], systems: Systems, cd: Mapping[int, int], place: Mapping[int, Array]
