@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -77,11 +76,34 @@ def read_cdb(path: Path) -> tuple[Any, list[str]]:
     numbers, notes = np.array(deck.numbers, dtype=np.int64), deck.notes
     order = once(path, "nodes", numbers)
     once(path, "elements", np.array([one.number for some in deck.elements.values() for one in some], dtype=np.int64))
+    # cells of each family's forms, their nodes in meshio's order
     cells, ids, materials = [], [], []
-    for name, some, nodes in _cells(deck):
-        cells.append((name, order[rows_of(path, f"a {name} element", "node", numbers[order], nodes)]))
-        ids.append(np.array([one.number for one in some], dtype=np.int64))
-        materials.append(np.array([one.material for one in some], dtype=np.int64))
+    for (kind, count), some in deck.elements.items():
+        number = deck.types.get(kind)
+        family = _MESHES[number].get(deck.options.get(kind, 0)) if number in _MESHES else _FAMILY.get(number or 0)
+        if family is None:
+            known = f"type {number}" if number else f"type number {kind}, which no ET defines"
+            notes[f"{len(some)} element{'s' * (len(some) != 1)} of {known} skipped"] += 1
+            continue
+        family = "triangle" if family == "face" and count in (3, 6) else family
+        table = np.zeros((len(some), max(count, 20)), dtype=np.int64)
+        table[:, :count] = [one.nodes for one in some]
+        left = np.ones(len(some), dtype=bool)
+        for same, straight, curved in _FORMS[family]:
+            mine = left & np.all([table[:, one] == table[:, other] for one, other in same] or [left], axis=0)
+            left &= ~mine
+            between = table[:, curved[1][len(straight[1]):]]
+            if (wrong := np.flatnonzero(mine & ((between != 0).any(axis=1) & (between == 0).any(axis=1)))).size:
+                raise InputError(f"{path}: element {some[wrong[0]].number} lacks some of its nodes in the middle of edges; "
+                                 "add them (EMID)")
+            bent = mine & (between != 0).any(axis=1)
+            for rows, (name, places) in ((mine & ~bent, straight), (bent, curved)):
+                if rows.any():
+                    nodes = table[rows][:, places]
+                    cells.append((name, order[rows_of(path, f"a {name} element", "node", numbers[order], nodes)]))
+                    ids.append(np.array([some[at].number for at in np.flatnonzero(rows)], dtype=np.int64))
+                    materials.append(np.array([some[at].material for at in np.flatnonzero(rows)], dtype=np.int64))
+    # components as sets, materials as groups
     if not cells:
         raise InputError(f"{path} has no elements that are cells: {'; '.join(notes)}")
     points_in = {name: np.flatnonzero(np.isin(numbers, members)) for name, members in deck.components["NODE"].items()}
@@ -227,29 +249,3 @@ class _Archive:
     def _counted(self, what: str, announced: str, found: int) -> None:
         if announced.isdecimal() and (announced.lstrip("0") or "0") != str(found):
             raise InputError(f"{self.path}: {what} announces {announced:.30} entries, but has {found}: is it cut short?")
-
-
-def _cells(deck: _Archive) -> Iterator[tuple[str, list[_Element], Array]]:
-    """Kind, elements and their nodes in meshio's order, of each family's forms."""
-    for (kind, count), some in deck.elements.items():
-        number = deck.types.get(kind)
-        family = _MESHES[number].get(deck.options.get(kind, 0)) if number in _MESHES else _FAMILY.get(number or 0)
-        if family is None:
-            known = f"type {number}" if number else f"type number {kind}, which no ET defines"
-            deck.notes[f"{len(some)} element{'s' * (len(some) != 1)} of {known} skipped"] += 1
-            continue
-        family = "triangle" if family == "face" and count in (3, 6) else family
-        table = np.zeros((len(some), max(count, 20)), dtype=np.int64)
-        table[:, :count] = [one.nodes for one in some]
-        left = np.ones(len(some), dtype=bool)
-        for same, straight, curved in _FORMS[family]:
-            mine = left & np.all([table[:, one] == table[:, other] for one, other in same] or [left], axis=0)
-            left &= ~mine
-            between = table[:, curved[1][len(straight[1]):]]
-            if (wrong := np.flatnonzero(mine & ((between != 0).any(axis=1) & (between == 0).any(axis=1)))).size:
-                raise InputError(f"{deck.path}: element {some[wrong[0]].number} lacks some of its nodes in the middle of edges; "
-                                 "add them (EMID)")
-            bent = mine & (between != 0).any(axis=1)
-            for rows, (name, places) in ((mine & ~bent, straight), (bent, curved)):
-                if rows.any():
-                    yield name, [some[at] for at in np.flatnonzero(rows)], table[rows][:, places]

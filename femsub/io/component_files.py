@@ -252,31 +252,32 @@ def dof_numbers(what: str, references: Any, size: int, dofs: DofMap | None) -> l
         raise InputTypeError(f"{what} must be DOF, as 3, '12:uz' or (12, 'uz'), not {references!r}")
     if isinstance(references, np.ndarray):
         references = references.tolist()
-    return [row for reference in references for row in _rows(what, reference, size, dofs)]
-
-
-def _rows(what: str, reference: Any, size: int, dofs: DofMap | None) -> list[int]:
-    if isinstance(reference, (int, np.integer)) and not isinstance(reference, bool):
-        if not 0 <= reference < size:
-            raise InputError(f"{what}: there is no DOF {reference}; the model has {size}, counted from 0")
-        return [int(reference)]
-    if isinstance(reference, str):
-        separator = ":" if ":" in reference else "."
-        node, _, motion = (part.strip() for part in reference.partition(separator))
-    elif isinstance(reference, tuple) and len(reference) == 2:
-        node, motion = str(reference[0]), str(reference[1])
-    else:
-        raise InputTypeError(f"{what}: {reference!r} is not a DOF. Give a number from 0, '12:uz', '12.3' or (12, 'uz')")
-    if not node.lstrip("-").isdecimal() or not motion:
-        raise InputError(f"{what}: {reference!r} is not a DOF. Give a number from 0, or node and motion: '12:uz', '12.3', '12:*'")
-    if dofs is None:
-        raise InputError(f"{what}: {reference!r} names a node, but there is no DOF map. Give dofs, or the number of the DOF")
-    if motion.isdecimal():
-        motion = DIRECTIONS[int(motion) - 1] if 1 <= int(motion) <= len(DIRECTIONS) else f"dof{motion}"
-    try:
-        return dofs.find(int(node), None if motion == "*" else motion).tolist()
-    except InputError as error:
-        raise InputError(f"{what}: {error}") from None
+    found = list[int]()
+    for reference in references:
+        if isinstance(reference, (int, np.integer)) and not isinstance(reference, bool):
+            if not 0 <= reference < size:
+                raise InputError(f"{what}: there is no DOF {reference}; the model has {size}, counted from 0")
+            found.append(int(reference))
+            continue
+        if isinstance(reference, str):
+            separator = ":" if ":" in reference else "."
+            node, _, motion = (part.strip() for part in reference.partition(separator))
+        elif isinstance(reference, tuple) and len(reference) == 2:
+            node, motion = str(reference[0]), str(reference[1])
+        else:
+            raise InputTypeError(f"{what}: {reference!r} is not a DOF. Give a number from 0, '12:uz', '12.3' or (12, 'uz')")
+        if not node.lstrip("-").isdecimal() or not motion:
+            raise InputError(f"{what}: {reference!r} is not a DOF. Give a number from 0, or node and motion: '12:uz', "
+                             "'12.3', '12:*'")
+        if dofs is None:
+            raise InputError(f"{what}: {reference!r} names a node, but there is no DOF map. Give dofs, or the number of the DOF")
+        if motion.isdecimal():
+            motion = DIRECTIONS[int(motion) - 1] if 1 <= int(motion) <= len(DIRECTIONS) else f"dof{motion}"
+        try:
+            found += dofs.find(int(node), None if motion == "*" else motion).tolist()
+        except InputError as error:
+            raise InputError(f"{what}: {error}") from None
+    return found
 
 
 def _column(port: str, value: Any, size: int, dofs: DofMap | None) -> Any:

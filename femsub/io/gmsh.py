@@ -7,7 +7,6 @@ in the file.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -52,14 +51,44 @@ def read_gmsh(path: Path) -> tuple[Any, list[str]]:
     InputError
         What is refused, by section.
     """
+    import meshio
+
+    # section by section, blanks between them
     found = _Found(path)
-    raw, place = path.read_bytes(), 0
-    while (place := _next(found, raw, place)) < len(raw):
+    raw, place, blanks = path.read_bytes(), 0, re.compile(rb"\s*")
+    while (at := blanks.match(raw, place)) and (place := at.end()) < len(raw):
+        if raw[place:place + 1] != b"$":
+            raise found.wrong(f"there is {raw[place:place + 20]!r} where a section should begin")
         end = raw.find(b"\n", place)
         end = len(raw) if end < 0 else end
         section = raw[place + 1:end].strip().decode("latin-1")
         place = _SECTIONS.get(section, _skipped)(found, section, raw, end + 1)
-    return _assembled(found), []
+    # cells and their sets by physical groups, nodes in the order of the file
+    if found.points is None or found.numbers is None or not found.blocks:
+        raise found.wrong(f"it has no {'$Nodes' if found.points is None else '$Elements'}: is it cut short?")
+    order = once(found.path, "nodes", found.numbers)
+    ascending = found.numbers[order]
+    cells, sets = [], dict[str, list[Array]]()
+    for i, (kind, _, nodes, tags) in enumerate(found.blocks):
+        name, _, dimension = _KINDS[kind]
+        at = order[rows_of(found.path, "$Elements", "node", ascending, nodes)]
+        cells.append((name, at[:, _ORDER[name]] if name in _ORDER else at))
+        for tag in dict.fromkeys(tags) if isinstance(tags, list) else np.unique(tags[tags > 0]).tolist():
+            label = found.names.get((dimension, tag), f"{BODIES[dimension]}-{tag}")
+            members = np.arange(len(nodes)) if isinstance(tags, list) else np.flatnonzero(tags == tag)
+            parts = sets.setdefault(label, [np.zeros(0, dtype=np.int64) for _ in found.blocks])
+            parts[i] = np.union1d(parts[i], members)
+    mesh = meshio.Mesh(found.points, cells, cell_sets=sets)
+    for name, (tags, values) in found.point_data.items():
+        mesh.point_data[name] = np.zeros(len(found.points))
+        mesh.point_data[name][order[rows_of(found.path, "$NodeData", "node", ascending, tags)]] = values[:, 0]
+    every = np.concatenate([block[1] for block in found.blocks])
+    by_number = np.argsort(every, kind="stable")
+    for name, (tags, values) in found.cell_data.items():
+        whole = np.zeros(len(every))
+        whole[by_number[rows_of(found.path, "$ElementData", "element", every[by_number], tags)]] = values[:, 0]
+        mesh.cell_data[name] = np.split(whole, np.cumsum([len(block[1]) for block in found.blocks])[:-1])
+    return mesh, []
 
 
 # ---- the content read so far, and its numbers
@@ -135,14 +164,6 @@ class _Numbers:
 
 
 # ---- the sections
-
-def _next(found: _Found, raw: bytes, place: int) -> int:
-    match = re.compile(rb"\s*").match(raw, place)
-    place = match.end() if match else place
-    if place < len(raw) and raw[place:place + 1] != b"$":
-        raise found.wrong(f"there is {raw[place:place + 20]!r} where a section should begin")
-    return place
-
 
 def _skipped(found: _Found, section: str, raw: bytes, start: int) -> int:
     if section == "PartitionedEntities":
@@ -239,8 +260,32 @@ def _counted(found: _Found, section: str, raw: bytes, start: int, kind: type) ->
 
 def _elements(found: _Found, section: str, raw: bytes, start: int) -> int:
     if found.version[0] == "2":
+        # runs of elements of the same kind and number of tags, which binary files announce and text repeats for each element
         numbers, total = _counted(found, section, raw, start, np.int64)
-        found.blocks = list(_runs(found, numbers, total))
+        left = total
+        while left > 0:
+            if found.binary:
+                before, (kind, count, tags) = 1, numbers.take("i", 3).tolist()
+            else:
+                before, rest = 3, numbers.left()
+                if len(rest) < 3:
+                    raise found.wrong(f"$Elements ends where {left} elements should follow: is it cut short or damaged?")
+                kind, tags = (int(value) for value in rest[1:3])
+                width = max(3 + tags + _size(found, kind), 3)
+                most, seen = min(left, len(rest) // width), 1
+                heads = rest[:most * width].reshape(-1, width)[:, 1:3]
+                while seen < most and (heads[:seen] == (kind, tags)).all():  # twice as many: kinds may change at each element
+                    seen = min(2 * seen, most)
+                same = (heads[:seen] == (kind, tags)).all(axis=1)
+                count = len(same) if same.all() else int(same.argmin())
+            size = _size(found, kind)
+            if not 0 <= tags <= 100 or not 0 < count <= left:
+                raise found.wrong(f"$Elements has {count} elements with {tags} tags where {left} should follow: is it cut short "
+                                  "or damaged?")
+            table = numbers.table("i", count, before + tags + size)
+            left -= count
+            physical = np.abs(table[:, before]) if tags else np.zeros(count, dtype=np.int64)
+            found.blocks.append((kind, table[:, 0], table[:, before + tags:], physical))
     else:
         numbers = _Numbers(found, section, raw, start, np.int64)
         early = found.version == "4.0"
@@ -264,37 +309,6 @@ def _size(found: _Found, kind: int) -> int:
     if kind not in _KINDS:
         raise found.wrong(f"elements of Gmsh's type {kind} (of third order or above, or none) are not read")
     return _KINDS[kind][1]
-
-
-def _runs(found: _Found, numbers: _Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
-    """Elements of version 2, as many at a time as have the same kind and number of tags."""
-    left = total
-    while left > 0:
-        kind, count, tags = numbers.take("i", 3).tolist() if found.binary else _alike(numbers, left)
-        size = _size(found, kind)
-        if not 0 <= tags <= 100 or not 0 < count <= left:
-            raise found.wrong(f"$Elements has {count} elements with {tags} tags where {left} should follow: is it cut short or "
-                              "damaged?")
-        before = 1 if found.binary else 3  # the text repeats kind and tags
-        table = numbers.table("i", count, before + tags + size)
-        left -= count
-        yield (kind, table[:, 0], table[:, before + tags:],
-               np.abs(table[:, before]) if tags else np.zeros(count, dtype=np.int64))
-
-
-def _alike(numbers: _Numbers, left: int) -> tuple[int, int, int]:
-    """Kind, count and number of tags of the next elements of a text."""
-    rest = numbers.left()
-    if len(rest) < 3:
-        raise numbers.found.wrong(f"$Elements ends where {left} elements should follow: is it cut short or damaged?")
-    kind, tags = (int(value) for value in rest[1:3])
-    width = max(3 + tags + _size(numbers.found, kind), 3)
-    most, seen = min(left, len(rest) // width), 1
-    heads = rest[:most * width].reshape(-1, width)[:, 1:3]
-    while seen < most and (heads[:seen] == (kind, tags)).all():  # twice as many each time: kinds may change at each element
-        seen = min(2 * seen, most)
-    same = (heads[:seen] == (kind, tags)).all(axis=1)
-    return kind, len(same) if same.all() else int(same.argmin()), tags
 
 
 def _data(found: _Found, section: str, raw: bytes, start: int) -> int:
@@ -323,36 +337,6 @@ def _line(found: _Found, section: str, raw: bytes, start: int) -> tuple[int, str
     if end < 0:
         raise found.wrong(f"${section} does not end: is it cut short?")
     return end + 1, raw[start:end].decode("utf-8", "replace").strip()
-
-
-def _assembled(found: _Found) -> Any:
-    import meshio
-
-    if found.points is None or found.numbers is None or not found.blocks:
-        raise found.wrong(f"it has no {'$Nodes' if found.points is None else '$Elements'}: is it cut short?")
-    order = once(found.path, "nodes", found.numbers)
-    ascending = found.numbers[order]
-    cells, sets = [], dict[str, list[Array]]()
-    for i, (kind, _, nodes, tags) in enumerate(found.blocks):
-        name, _, dimension = _KINDS[kind]
-        at = order[rows_of(found.path, "$Elements", "node", ascending, nodes)]
-        cells.append((name, at[:, _ORDER[name]] if name in _ORDER else at))
-        for tag in dict.fromkeys(tags) if isinstance(tags, list) else np.unique(tags[tags > 0]).tolist():
-            label = found.names.get((dimension, tag), f"{BODIES[dimension]}-{tag}")
-            members = np.arange(len(nodes)) if isinstance(tags, list) else np.flatnonzero(tags == tag)
-            parts = sets.setdefault(label, [np.zeros(0, dtype=np.int64) for _ in found.blocks])
-            parts[i] = np.union1d(parts[i], members)
-    mesh = meshio.Mesh(found.points, cells, cell_sets=sets)
-    for name, (tags, values) in found.point_data.items():
-        mesh.point_data[name] = np.zeros(len(found.points))
-        mesh.point_data[name][order[rows_of(found.path, "$NodeData", "node", ascending, tags)]] = values[:, 0]
-    every = np.concatenate([block[1] for block in found.blocks])
-    by_number = np.argsort(every, kind="stable")
-    for name, (tags, values) in found.cell_data.items():
-        whole = np.zeros(len(every))
-        whole[by_number[rows_of(found.path, "$ElementData", "element", every[by_number], tags)]] = values[:, 0]
-        mesh.cell_data[name] = np.split(whole, np.cumsum([len(block[1]) for block in found.blocks])[:-1])
-    return mesh
 
 
 _SECTIONS = {"MeshFormat": _format, "PhysicalNames": _names, "Entities": _entities, "Nodes": _nodes, "Elements": _elements,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -238,7 +238,19 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
         raise InputError(f"{suffix} files hold no shapes; write .vtu")
     if form == "abaqus" and mesh.kind not in _ABAQUS:
         raise InputError(f"{suffix} files have no {mesh.kind} cells; write .vtu")
-    _writable(suffix.lower(), [*mesh.sets, *shapes], mesh.groups)
+    # names that could not be read back unchanged
+    for each in ([*mesh.sets, *shapes], [*mesh.groups]):
+        for name in each:
+            spoilt = any(ord(letter) < 32 or ord(letter) == 127 for letter in name)
+            if spoilt or (form == "abaqus" and (not name.strip() or name != name.strip() or set(name) & set(',"'))):
+                raise InputError(f"the name {name!r} cannot be written into {suffix.lower()} files so that it is read again: "
+                                 "rename it" + ("" if spoilt else ", or write .vtu"))
+        capitals = Counter(name.upper() for name in each)
+        same = [name for name in each if capitals[name.upper()] > 1]
+        if form == "abaqus" and same:
+            raise InputError(f"in {suffix.lower()} files the names {same[0]!r} and {same[1]!r} are the same: rename one, or "
+                             "write .vtu")
+    # points, and what stands at them and in the cells
     spelt = partial(escape, entities={'"': "&quot;"}) if form == "vtu" else str  # meshio writes names into XML as they are
     points = np.zeros((len(mesh.points), 3))
     points[:, :mesh.points.shape[1]] = mesh.points
@@ -275,20 +287,6 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
     content: bytes = quietly(written, f"the mesh {mesh.name!r} cannot be written as {suffix}")[0]
     # meshio writes the last name it knows for a kind, such as C3D20RH, which CalculiX does not have
     return re.sub(rb"(?<=\*ELEMENT, TYPE=)\w+", _ABAQUS[mesh.kind], content, count=1) if form == "abaqus" else content
-
-
-def _writable(suffix: str, names: Iterable[str], groups: Iterable[str]) -> None:
-    """Refuse names that could not be read back unchanged."""
-    for each in (list(names), list(groups)):
-        for name in each:
-            spoilt = any(ord(letter) < 32 or ord(letter) == 127 for letter in name)
-            if spoilt or (suffix == ".inp" and (not name.strip() or name != name.strip() or set(name) & set(',"'))):
-                raise InputError(f"the name {name!r} cannot be written into {suffix} files so that it is read again: rename it"
-                                 + ("" if spoilt else ", or write .vtu"))
-        capitals = Counter(name.upper() for name in each)
-        same = [name for name in each if capitals[name.upper()] > 1]
-        if suffix == ".inp" and same:
-            raise InputError(f"in {suffix} files the names {same[0]!r} and {same[1]!r} are the same: rename one, or write .vtu")
 
 
 def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = None) -> Path:

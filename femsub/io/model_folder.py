@@ -168,7 +168,19 @@ def read_model(folder: Path) -> Substructure:
     if not path.is_file():
         raise InputError(f"K is missing: name its file. {folder} is not a folder of write_matrices, since it has no {INDEX}")
     about = _index(path, folder)
-    part = _matrices(folder, about["files"])
+    # matrices: each file is read once; V and ports are tables of real, finite numbers
+    files: dict[str, dict[str, str | None]] = {}
+    for key, place in about["files"].items():
+        file, _, name = place.partition(":")
+        files.setdefault(file, {})[key] = name or None
+    part: dict[str, Matrix] = {}
+    for file, names in files.items():
+        part |= dict(zip(names, read_together(newest(folder, file), names.values()), strict=True))
+    for key in part.keys() & {"V", "ports"}:
+        table = part[key]
+        if sp.issparse(table) or table.ndim != 2 or table.dtype.kind not in "biuf" or not np.isfinite(table).all():
+            raise InputError(f"{folder / about['files'][key]} is no table of finite numbers for {key}; write the model again")
+    # DOF map and ports
     found = read_dofs(newest(folder, about["dofs"]), tuple(about["labels"])) if "dofs" in about else None
     columns, start, width = {}, 0, sum(max(width, 1) for width in about["ports"].values())
     if width and part["ports"].shape[1] != width:
@@ -176,10 +188,12 @@ def read_model(folder: Path) -> Substructure:
     for port, width in about["ports"].items():
         columns[port] = part["ports"][:, start] if width == 0 else part["ports"][:, start:start + width]
         start += max(width, 1)
+    # a full model
     reduced = about.get("reduced")
     if reduced is None:
         return Substructure(part["M"], part["K"], part["D"], about["interface"], columns, about["name"], found,
                             about.get("sets"), part.get("H"))
+    # what a reduced model keeps of the full one
     V = np.array(part["V"])
     interface = np.array(reduced["interface"], dtype=np.intp)
     # older folders have no count
@@ -194,7 +208,12 @@ def read_model(folder: Path) -> Substructure:
     with _fitting(path, "the rounding of its matrices"):
         noise = np.array(reduced.get("noise", []), dtype=float).reshape(V.shape[1], -1)
     with _fitting(path, "its rigid motion"):
-        motion = None if (record := reduced.get("rigid_motion")) is None else _motion(record, V.shape[1])
+        record, motion = reduced.get("rigid_motion"), None
+        if record is not None:
+            shapes = np.array(record["shapes"], dtype=float).reshape(V.shape[1], -1)
+            if not (np.isfinite(shapes).all() and 0 <= record["free"] <= shapes.shape[1]):
+                raise ValueError
+            motion = RigidMotion(shapes, int(record["free"]))
     with _fitting(path, "its estimate"):
         estimate = None if (record := reduced.get("estimate")) is None else Estimate.of_record(record)
     with _fitting(path, "its origin"):
@@ -222,31 +241,8 @@ def _fitting(path: Path, what: str) -> Iterator[None]:
         raise _damaged(path, f"{what} does not fit its matrices") from None
 
 
-def _motion(record: Any, size: int) -> RigidMotion:
-    shapes = np.array(record["shapes"], dtype=float).reshape(size, -1)
-    if not (np.isfinite(shapes).all() and 0 <= record["free"] <= shapes.shape[1]):
-        raise ValueError
-    return RigidMotion(shapes, int(record["free"]))
-
-
 def _damaged(path: Path, why: object) -> InputError:
     return InputError(f"{path} is damaged: {why}; write the model again")
-
-
-def _matrices(folder: Path, places: Mapping[str, str]) -> dict[str, Matrix]:
-    """Each file is read once; V and ports are tables of real, finite numbers."""
-    files: dict[str, dict[str, str | None]] = {}
-    for key, place in places.items():
-        file, _, name = place.partition(":")
-        files.setdefault(file, {})[key] = name or None
-    part: dict[str, Matrix] = {}
-    for file, names in files.items():
-        part |= dict(zip(names, read_together(newest(folder, file), names.values()), strict=True))
-    for key in part.keys() & {"V", "ports"}:
-        table = part[key]
-        if sp.issparse(table) or table.ndim != 2 or table.dtype.kind not in "biuf" or not np.isfinite(table).all():
-            raise InputError(f"{folder / places[key]} is no table of finite numbers for {key}; write the model again")
-    return part
 
 
 # ---- model.json, checked entry by entry and against the files
@@ -264,8 +260,41 @@ def _index(path: Path, folder: Path) -> dict[str, Any]:
         about = json.loads(path.read_bytes().decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
         raise _damaged(path, f"{error!s:.100}") from None
-    _check(path, about)
-    _check_files(path, folder, about)
+    # its version
+    if not isinstance(about, dict):
+        raise _damaged(path, "it holds no table of names")
+    version = about.get("femsub")
+    if type(version) is not int or version != VERSION:
+        raise InputError(f"{path} has the version {version!r} ('femsub'), but this femsub reads {VERSION}; write the model "
+                         "with this version, or read its matrices one by one")
+    if HASHES not in about:
+        raise InputError(f"{path} has no hashes of its files, since an older femsub wrote it. Write the model again, or read its "
+                         "matrices one by one, read_component('M.mtx', 'K.mtx')")
+    # its entries
+    _check_entries(path, "", about, CHECKS + MAP * ("dofs" in about) + SETS * ("sets" in about))
+    reduced = about.get("reduced")
+    if reduced is not None:
+        if not isinstance(reduced, dict):
+            raise _damaged(path, f"'reduced' must be a table, not {reduced!r:.40}")
+        _check_entries(path, "reduced: ", {"modes": 0} | reduced, REDUCED)
+    wanted = {"M", "D", "K"} | ({"H"} & set(about["files"])) | ({"V"} if reduced is not None else set())
+    wanted |= {"ports"} if about["ports"] else set()
+    if set(about["files"]) != wanted:
+        raise _damaged(path, f"'files' must name {', '.join(sorted(wanted))}, but names "
+                             f"{', '.join(sorted(about['files'])) or 'none'}")
+    # the files it names
+    named = {place.partition(":")[0] for place in about["files"].values()} | ({about["dofs"]} if "dofs" in about else set())
+    if named != set(about[HASHES]):
+        raise _damaged(path, f"it has hashes of {', '.join(sorted(about[HASHES])) or 'no file'}, but names "
+                             f"{', '.join(sorted(named))}")
+    for name, expected in about[HASHES].items():
+        file = newest(folder, name)
+        if not file.is_file():
+            raise InputError(f"there is no file {file}, which {path.name} names; write the model again")
+        if why := unlike(file, expected):
+            raise InputError(f"{file} is not the file that {path.name} was written with ({why}). Either a write was stopped, or "
+                             "the file was changed. Write the model again, or read a file that you changed yourself by its own "
+                             "name")
     return dict(about)
 
 
@@ -328,47 +357,9 @@ SETS: tuple[Check, ...] = (("sets", _is_table(_is_list(_is_count)), "places in t
 MAP: tuple[Check, ...] = (("dofs", _is_file, "a file in this folder"), ("labels", _is_list(_is_text), "a list of texts"))
 
 
-def _check(path: Path, about: Any) -> None:
-    if not isinstance(about, dict):
-        raise _damaged(path, "it holds no table of names")
-    version = about.get("femsub")
-    if type(version) is not int or version != VERSION:
-        raise InputError(f"{path} has the version {version!r} ('femsub'), but this femsub reads {VERSION}; write the model "
-                         "with this version, or read its matrices one by one")
-    if HASHES not in about:
-        raise InputError(f"{path} has no hashes of its files, since an older femsub wrote it. Write the model again, or read its "
-                         "matrices one by one, read_component('M.mtx', 'K.mtx')")
-    _check_entries(path, "", about, CHECKS + MAP * ("dofs" in about) + SETS * ("sets" in about))
-    reduced = about.get("reduced")
-    if reduced is not None:
-        if not isinstance(reduced, dict):
-            raise _damaged(path, f"'reduced' must be a table, not {reduced!r:.40}")
-        _check_entries(path, "reduced: ", {"modes": 0} | reduced, REDUCED)
-    wanted = {"M", "D", "K"} | ({"H"} & set(about["files"])) | ({"V"} if reduced is not None else set())
-    wanted |= {"ports"} if about["ports"] else set()
-    if set(about["files"]) != wanted:
-        raise _damaged(path, f"'files' must name {', '.join(sorted(wanted))}, but names "
-                             f"{', '.join(sorted(about['files'])) or 'none'}")
-
-
 def _check_entries(path: Path, where: str, table: Mapping[str, Any], checks: tuple[Check, ...]) -> None:
     for key, test, what in checks:
         if key not in table:
             raise _damaged(path, f"{where}{key!r} is missing")
         if not test(table[key]):
             raise _damaged(path, f"{where}{key!r} must be {what}, not {table[key]!r:.80}")
-
-
-def _check_files(path: Path, folder: Path, about: Mapping[str, Any]) -> None:
-    named = {place.partition(":")[0] for place in about["files"].values()} | ({about["dofs"]} if "dofs" in about else set())
-    if named != set(about[HASHES]):
-        raise _damaged(path, f"it has hashes of {', '.join(sorted(about[HASHES])) or 'no file'}, but names "
-                             f"{', '.join(sorted(named))}")
-    for name, expected in about[HASHES].items():
-        file = newest(folder, name)
-        if not file.is_file():
-            raise InputError(f"there is no file {file}, which {path.name} names; write the model again")
-        if why := unlike(file, expected):
-            raise InputError(f"{file} is not the file that {path.name} was written with ({why}). Either a write was stopped, or "
-                             "the file was changed. Write the model again, or read a file that you changed yourself by its own "
-                             "name")

@@ -75,9 +75,46 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     """
     import meshio
 
-    bulk, notes = _bulk(path)
-    cards, skipped = _cards(path, bulk)
-    numbers, points, copies = _points(path, cards)
+    # the cards between BEGIN BULK and ENDDATA, if they are there
+    text = _text(path)
+    marks = list(re.finditer(r"^[ \t]*(BEGIN[ \t]+(?:BULK|SUPER)\b[^\n]*|ENDDATA\b)", text, flags=re.MULTILINE | re.IGNORECASE))
+    ends = [mark.start() for mark in marks if mark[1].upper() == "ENDDATA"]
+    if not ends:
+        check_end(path)
+    stop = ends[0] if ends else len(text)
+    begins = [mark for mark in marks if mark.end() < stop]
+    empty = {i for i, (mark, after) in enumerate(pairwise(begins)) if not text[mark.end():after.start()].strip()}
+    begins = [mark for i, mark in enumerate(begins) if i not in empty]  # BEGIN BULK may stand there twice
+    if len(begins) > 1 or (begins and re.search(r"SUPER|AUXM", begins[0][1], flags=re.IGNORECASE)):
+        raise InputError(f"{path} has several parts of bulk data (superelements): write one")
+    notes = [] if ends else ["the file has no ENDDATA: if it was cut short at the end of a line, cards are missing"]
+    if ends and (lost := _lost(text[stop:].partition("\n")[2].split("\n"))):
+        notes.append(f"{lost!r:.40} behind ENDDATA left out, as in Nastran: if ENDDATA does not belong there, cards are missing")
+    if begins and (lost := _lost(text[:begins[0].start()].split("\n"))):
+        notes.append(f"{lost!r:.40} before BEGIN BULK left out, as in Nastran: if BEGIN BULK does not belong there, cards are "
+                     "missing")
+    cards, skipped = _cards(path, text[begins[0].end() if begins else 0:stop])
+    # points: numbers, coordinate systems and places, each once
+    if not cards["GRID"]:
+        raise InputError(f"{path} has no GRID cards")
+    if len(cards["GRDSET"]) > 1:
+        raise InputError(f"{path} has several GRDSET cards")
+    default = _values(path, "GRDSET", cards["GRDSET"])[:, 1]
+    numbers, system = _values(path, "GRID", cards["GRID"]).T
+    whole_numbers(f"{path}: the numbers of GRID", numbers)
+    system = np.where(system == int(BLANK), default[0] if len(default) else 0, system)
+    points = _values(path, "GRID place", cards["GRID place"], float)
+    rows, copies = without_copies(numbers, np.column_stack([system, points]))
+    numbers, system, points = numbers[rows], system[rows], points[rows]
+    if system.any():
+        by_nodes, by_points = {}, {}
+        for name in NAMES:
+            for number, *corners in _values(path, name, cards[name]).tolist() if name.startswith("CORD1") else ():
+                by_nodes[number] = name[-1], np.array(corners)
+            for number, of, *rest in _values(path, name, cards[name], float).tolist() if name.startswith("CORD2") else ():
+                by_points[int(number)] = name[-1], int(of), np.reshape(rest, (3, 3))
+        points = Systems(path, numbers, system, points, by_nodes=by_nodes, by_points=by_points).points()
+    # cells
     order = once(path, "nodes", numbers)
     blocks = [block for name in _CELLS if cards[name] for block in _cells(path, name, cards[name])]
     once(path, "elements", np.concatenate([np.zeros(0, dtype=np.int64), *(block[1] for block in blocks)]))
@@ -152,31 +189,6 @@ def _text(path: Path) -> str:
     return text
 
 
-def _bulk(path: Path) -> tuple[str, list[str]]:
-    """The cards between BEGIN BULK and ENDDATA (if they are there), without comments; and notes."""
-    text = _text(path)
-    marks = list(re.finditer(r"^[ \t]*(BEGIN[ \t]+(?:BULK|SUPER)\b[^\n]*|ENDDATA\b)", text, flags=re.MULTILINE | re.IGNORECASE))
-    ends = [mark.start() for mark in marks if mark[1].upper() == "ENDDATA"]
-    if not ends:
-        check_end(path)
-    stop = ends[0] if ends else len(text)
-    begins = [mark for mark in marks if mark.end() < stop]
-    empty = {i for i, (mark, after) in enumerate(pairwise(begins)) if not text[mark.end():after.start()].strip()}
-    begins = [mark for i, mark in enumerate(begins) if i not in empty]  # BEGIN BULK may stand there twice
-    if len(begins) > 1 or (begins and re.search(r"SUPER|AUXM", begins[0][1], flags=re.IGNORECASE)):
-        raise InputError(f"{path} has several parts of bulk data (superelements): write one")
-    after = text[stop:].partition("\n")[2]
-    if ends and (lost := _lost(after.split("\n"))):
-        notes = [f"{lost!r:.40} behind ENDDATA left out, as in Nastran: if ENDDATA does not belong there, cards are missing"]
-    else:
-        notes = []
-    notes += [] if ends else ["the file has no ENDDATA: if it was cut short at the end of a line, cards are missing"]
-    if begins and (lost := _lost(text[:begins[0].start()].split("\n"))):
-        notes.append(f"{lost!r:.40} before BEGIN BULK left out, as in Nastran: if BEGIN BULK does not belong there, cards are "
-                     "missing")
-    return text[begins[0].end() if begins else 0:stop], notes
-
-
 def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
     """The fields of each card that is read, between blanks, by their names; and how many are elements but no cells."""
     cards: dict[str, list[str]] = {name: [] for name in _WIDTHS}
@@ -209,7 +221,21 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
     _close(path, cards, name, card)
     if wrong := [head for this, head in astray.items() if this in marks]:
         raise InputError(f"{path}: the continuation {wrong[0]!r} does not stand below the line it continues: sort the file")
-    return cards, _skipped(path, counts)
+    # how many are elements but no cells; what is not read and must be is refused
+    skipped: Counter[str] = Counter()
+    for head, count in counts.items():
+        name = head.rstrip("*")
+        if name.rstrip("_") in _WIDTHS or name == "CBARAO":
+            if head.endswith("_*"):
+                raise InputError(f"{path} has {head} cards, in which meshio mixes up the nodes: write small fields")
+        elif _SKIPPED.fullmatch(name):
+            skipped[name] += count
+        elif _REFUSED.fullmatch(name):
+            raise InputError(f"{path} has {name} cards, which are not read: write the mesh without them")
+        elif (near := get_close_matches(name, _WIDTHS, n=1, cutoff=0.8)) and (
+                name[0] == near[0][0] or sorted(name) == sorted(near[0])):  # PBEAM, EGRID, RADSET are cards of their own
+            raise InputError(f"{path} has {name} cards, which are not read; did you mean {near[0]}?")
+    return cards, skipped
 
 
 def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
@@ -250,24 +276,6 @@ def _close(path: Path, cards: dict[str, list[str]], name: str, card: list[str]) 
     cards[name].append(" ".join([field or "0" for field in card[:width]] + ["0"] * (width - len(card))))
 
 
-def _skipped(path: Path, counts: Counter[str]) -> Counter[str]:
-    """How many cards are elements but no cells; what is not read and must be is refused."""
-    skipped: Counter[str] = Counter()
-    for head, count in counts.items():
-        name = head.rstrip("*")
-        if name.rstrip("_") in _WIDTHS or name == "CBARAO":
-            if head.endswith("_*"):
-                raise InputError(f"{path} has {head} cards, in which meshio mixes up the nodes: write small fields")
-        elif _SKIPPED.fullmatch(name):
-            skipped[name] += count
-        elif _REFUSED.fullmatch(name):
-            raise InputError(f"{path} has {name} cards, which are not read: write the mesh without them")
-        elif (near := get_close_matches(name, _WIDTHS, n=1, cutoff=0.8)) and (
-                name[0] == near[0][0] or sorted(name) == sorted(near[0])):  # PBEAM, EGRID, RADSET are cards of their own
-            raise InputError(f"{path} has {name} cards, which are not read; did you mean {near[0]}?")
-    return skipped
-
-
 def _values(path: Path, name: str, cards: list[str], kind: type = np.int64) -> Array:
     """The fields as numbers, (cards, fields)."""
     data = " ".join(cards)
@@ -278,30 +286,6 @@ def _values(path: Path, name: str, cards: list[str], kind: type = np.int64) -> A
     if len(found) != len(cards) * width:
         raise InputError(f"{what} are not all numbers: one has a blank in it, or the columns cut it in two")
     return found.reshape(len(cards), width)
-
-
-def _points(path: Path, cards: dict[str, list[str]]) -> tuple[Array, Array, list[str]]:
-    """Numbers and places, without what is given twice alike, and a note of that."""
-    if not cards["GRID"]:
-        raise InputError(f"{path} has no GRID cards")
-    if len(cards["GRDSET"]) > 1:
-        raise InputError(f"{path} has several GRDSET cards")
-    default = _values(path, "GRDSET", cards["GRDSET"])[:, 1]
-    numbers, system = _values(path, "GRID", cards["GRID"]).T
-    whole_numbers(f"{path}: the numbers of GRID", numbers)
-    system = np.where(system == int(BLANK), default[0] if len(default) else 0, system)
-    places = _values(path, "GRID place", cards["GRID place"], float)
-    rows, notes = without_copies(numbers, np.column_stack([system, places]))
-    numbers, system, places = numbers[rows], system[rows], places[rows]
-    if not system.any():
-        return numbers, places, notes
-    by_nodes, by_points = {}, {}
-    for name in NAMES:
-        for number, *nodes in _values(path, name, cards[name]).tolist() if name.startswith("CORD1") else ():
-            by_nodes[number] = name[-1], np.array(nodes)
-        for number, of, *rest in _values(path, name, cards[name], float).tolist() if name.startswith("CORD2") else ():
-            by_points[int(number)] = name[-1], int(of), np.reshape(rest, (3, 3))
-    return numbers, Systems(path, numbers, system, places, by_nodes, by_points).points(), notes
 
 
 def _cells(path: Path, name: str, cards: list[str]) -> list[tuple[str, Array, Array, Array]]:

@@ -112,7 +112,12 @@ class _Blocks:
                 yield name, self._matrix(name, trailer)
                 self._keys(1)
             else:
-                yield name, [*self._table()]
+                records = list[Array]()
+                while (part := self._key()) != 0:
+                    some = self._parts(part) if part > 0 else [np.zeros(0, np.uint8)]  # a negative key ends an empty record
+                    records.append(some[0] if len(some) == 1 else np.concatenate(some))
+                    self._keys(2)
+                yield name, records
             key = self._next()
 
     def text(self, record: Array) -> str:
@@ -197,13 +202,6 @@ class _Blocks:
             check_partners(self.path, name.upper(), matrix, kind % 2 == 1)
         return matrix
 
-    def _table(self) -> Iterator[Array]:
-        """The records of a table; empty ones, too."""
-        while (key := self._key()) != 0:
-            parts = self._parts(key) if key > 0 else [np.zeros(0, np.uint8)]  # a negative key ends a record that is empty
-            yield parts[0] if len(parts) == 1 else np.concatenate(parts)
-            self._keys(2)
-
     def is_dmig(self, records: list[Array]) -> bool:
         """Whether the first record of a table has DMIG entries."""
         return bool(records) and tuple(self.words(records[0])[:3].tolist()) == DMIG
@@ -246,12 +244,10 @@ class _Blocks:
             if card and size == 0:
                 yield card, [str(word) for word in words.tolist() if word >= 0]
             elif card and self.bytes == 4:
+                # GRID: number, system, three coordinates, frame. CORD2x: number, reference, nine coordinates
+                before, after, step = (2, 3, (size - 5) // 3) if card == "GRID" else (4, 0, 1)
                 for row in words[:len(words) // size * size].reshape(-1, size):
-                    yield card, self._fields(card, row)
-
-    def _fields(self, card: str, row: Array) -> list[str]:
-        """GRID: number, system, three coordinates, frame. CORD2x: number, reference, nine coordinates."""
-        before, after, step = (2, 3, (len(row) - 5) // 3) if card == "GRID" else (4, 0, 1)
-        places = np.ascontiguousarray(row[before:len(row) - after]).view(f"{self.order}f{4 * step}").astype(float)
-        head = row[:2] if card == "GRID" else row[[0, 3]]
-        return [*map(str, head.tolist()), *(f"{place:.17e}" for place in places.tolist()), *([str(row[-3])] if after else [])]
+                    reals = np.ascontiguousarray(row[before:size - after]).view(f"{self.order}f{4 * step}").astype(float)
+                    head = row[:2] if card == "GRID" else row[[0, 3]]
+                    yield card, [*map(str, head.tolist()), *(f"{value:.17e}" for value in reals.tolist()),
+                                 *([str(row[-3])] if after else [])]

@@ -118,7 +118,16 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     places = _places(instance("model", model, Substructure), number, PROGRAMS[program])
     nodes: str | list[int] = [] if recover is None else choice("recover", recover, ("all",)) if isinstance(recover, str) else (
         sorted(set(whole_numbers("recover", recover).tolist())))
-    rows = _rows(model, nodes)
+    # the rows of V that are written
+    reduced = isinstance(model, ReducedSubstructure)
+    rows = np.arange(len(model.V)) if nodes == "all" and isinstance(model, ReducedSubstructure) else np.zeros(0, dtype=np.intp)
+    if nodes and nodes != "all":
+        dofs = model.full_dofs if isinstance(model, ReducedSubstructure) else model.dofs
+        if dofs is None or (missing := np.setdiff1d(nodes, dofs.nodes)).size:
+            known = "its full model has no DOF map" if dofs is None else f"not node {missing[0]}"
+            raise InputError(f"recover: {model.name!r} does not know these nodes: {known}. Name nodes of the full model's DOF "
+                             "map, or 'all'")
+        rows = np.flatnonzero(np.isin(dofs.nodes, nodes) & reduced)  # others have no V
     name = "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in model.name)[:40] or "part"
     makers: dict[str, Callable[[], dict[str, Writer]]] = {
         "nastran": partial(_nastran, model, places, name, rows), "dmig": partial(_dmig, model, places, name, rows),
@@ -128,31 +137,14 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
         raise InputError("recover: Exudyn's file has the motions of all nodes; leave recover out")
     recovers = "all" if program == "exudyn" else nodes
     if program in ("nastran", "dmig") and isinstance(model, ReducedSubstructure):
-        known = [node for node, _ in _recovery(model, places, rows)[0]]
-        whole = model.full_dofs is not None and len(known) == len(np.unique(model.full_dofs.nodes))
-        recovers = "all" if nodes == "all" and whole else known
+        recovered = [node for node, _ in _recovery(model, places, rows)[0]]
+        whole = model.full_dofs is not None and len(recovered) == len(np.unique(model.full_dofs.nodes))
+        recovers = "all" if nodes == "all" and whole else recovered
     files = makers[program]() | {VALIDITY: partial(_validity, model=model, places=places, recovers=recovers)}
     try:
         return write_whole(target, files)
     except OSError as error:
         raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
-
-
-def _rows(model: Substructure, nodes: str | list[int]) -> Array:
-    """The rows of V that are written."""
-    if not nodes or (nodes == "all" and not isinstance(model, ReducedSubstructure)):
-        return np.zeros(0, dtype=np.intp)
-    if isinstance(model, ReducedSubstructure):
-        if nodes == "all":
-            return np.arange(len(model.V))
-        dofs = model.full_dofs
-    else:
-        dofs = model.dofs
-    if dofs is None or (missing := np.setdiff1d(nodes, dofs.nodes)).size:
-        known = "its full model has no DOF map" if dofs is None else f"not node {missing[0]}"
-        raise InputError(f"recover: {model.name!r} does not know these nodes: {known}. Name nodes of the full model's DOF map, "
-                         "or 'all'")
-    return np.flatnonzero(np.isin(dofs.nodes, nodes) & isinstance(model, ReducedSubstructure))  # others have no V
 
 
 @dataclass(frozen=True)
@@ -443,6 +435,8 @@ def _exudyn(model: Substructure, full: Substructure | None, name: str) -> dict[s
     """What `ObjectFFRFreducedOrderInterface.LoadFromFile` of Exudyn takes, version 1 of its files."""
     if not isinstance(model, ReducedSubstructure) or full is None or full.dofs is None or full.dofs.points is None:
         raise InputError("Exudyn needs a reduced model, and the full one, full=, with a DOF map with the places of its nodes")
+    from scipy.linalg import eigh, null_space
+
     _undamped(model, "Exudyn's file")
     dofs = full.dofs
     if full.size != len(model.V) or set(dofs.labels) - set(DIRECTIONS[:3]):
@@ -453,43 +447,31 @@ def _exudyn(model: Substructure, full: Substructure | None, name: str) -> dict[s
     entries, rows = sp.coo_array(full.M), 3 * index + direction
     n = 3 * len(nodes)
     M = sp.csr_array((entries.data, (rows[entries.row], rows[entries.col])), shape=(n, n))
-    where = _spatial(full.dofs.points[first])
-    elastic, stiffness = _elastic(model)
-    shapes = np.zeros((n, len(stiffness)))
-    shapes[rows] = model.V @ elastic
-    data: dict[str, Any] = _shape_integrals(M, where.ravel(), shapes)
-    data |= {"modeBasis": shapes, "trigList": np.zeros((0, 3), dtype=int), "massMatrixReduced": np.eye(len(stiffness)),
-             "stiffnessMatrixReduced": np.diag(stiffness),
-             "infoList": np.array([len(stiffness), len(nodes), 3, 4, 7, 7 + len(stiffness)]),
-             "rigidBodyNodeType": "NodeType.RotationEulerParameters", "xRef": where.ravel(), "fileVersion": 1,
-             "postProcessingModes": np.array({}, dtype=object), "type": "ObjectFFRFreducedOrderInterface"}
-    return {f"{name}.npz": lambda file: np.savez(file, **data)}
-
-
-def _elastic(model: ReducedSubstructure) -> tuple[Array, Array]:
-    """The elastic modes of the reduced model, (r, k), with unit modal masses, and their ω²; rigid motion is the frame's."""
-    from scipy.linalg import eigh, null_space
-
-    M, K = np.asarray(model.M), np.asarray(model.K)
-    motion = model.rigid_motion
+    x = _spatial(full.dofs.points[first]).ravel()
+    # elastic modes with unit modal masses, and their ω²; rigid motion is the frame's
+    reduced_M, reduced_K, motion = np.asarray(model.M), np.asarray(model.K), model.rigid_motion
     rigid = np.zeros((model.size, 0)) if motion is None or not hasattr(motion, "shapes") else motion.shapes
-    Q = null_space((M @ rigid).T) if rigid.shape[1] else np.eye(model.size)
-    values, shapes = eigh(Q.T @ K @ Q, Q.T @ M @ Q)
-    return Q @ shapes, values
-
-
-def _shape_integrals(M: Any, x: Array, shapes: Array) -> dict[str, Array]:
-    """The constant matrices of Zwölfer and Gerstmayr (2020), named as in Exudyn."""
-    moved = np.tile(np.eye(3), (len(x) // 3, 1))
+    Q = null_space((reduced_M @ rigid).T) if rigid.shape[1] else np.eye(model.size)
+    stiffness, elastic = eigh(Q.T @ reduced_K @ Q, Q.T @ reduced_M @ Q)
+    shapes = np.zeros((n, len(stiffness)))
+    shapes[rows] = model.V @ (Q @ elastic)
+    # the constant matrices of Zwölfer and Gerstmayr (2020), named as in Exudyn
+    moved = np.tile(np.eye(3), (len(nodes), 1))
     x_tilde, tilde = _skew(x[:, None]), _skew(shapes)
     Mtt = moved.T @ (M @ moved)
     mass = float(Mtt[0, 0])
     centre = moved.T @ (M @ x) / mass
-    return {"inertiaLocal": x_tilde.T @ (M @ x_tilde), "Mtt": Mtt, "totalMass": np.array(mass), "chiU": centre,
-            "chiUtilde": _skew(centre[:, None]), "mPsiTildePsi": tilde.T @ (M @ shapes),
-            "mPsiTildePsiTilde": tilde.T @ (M @ tilde), "mPhitTPsi": moved.T @ (M @ shapes),
-            "mPhitTPsiTilde": moved.T @ (M @ tilde), "mXRefTildePsi": x_tilde.T @ (M @ shapes),
-            "mXRefTildePsiTilde": x_tilde.T @ (M @ tilde)}
+    data: dict[str, Any] = {
+        "inertiaLocal": x_tilde.T @ (M @ x_tilde), "Mtt": Mtt, "totalMass": np.array(mass), "chiU": centre,
+        "chiUtilde": _skew(centre[:, None]), "mPsiTildePsi": tilde.T @ (M @ shapes), "mPsiTildePsiTilde": tilde.T @ (M @ tilde),
+        "mPhitTPsi": moved.T @ (M @ shapes), "mPhitTPsiTilde": moved.T @ (M @ tilde),
+        "mXRefTildePsi": x_tilde.T @ (M @ shapes), "mXRefTildePsiTilde": x_tilde.T @ (M @ tilde)}
+    data |= {"modeBasis": shapes, "trigList": np.zeros((0, 3), dtype=int), "massMatrixReduced": np.eye(len(stiffness)),
+             "stiffnessMatrixReduced": np.diag(stiffness),
+             "infoList": np.array([len(stiffness), len(nodes), 3, 4, 7, 7 + len(stiffness)]),
+             "rigidBodyNodeType": "NodeType.RotationEulerParameters", "xRef": x, "fileVersion": 1,
+             "postProcessingModes": np.array({}, dtype=object), "type": "ObjectFFRFreducedOrderInterface"}
+    return {f"{name}.npz": lambda file: np.savez(file, **data)}
 
 
 def _skew(columns: Array) -> Array:

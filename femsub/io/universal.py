@@ -53,6 +53,7 @@ BEAMS = (11, 21, 22, 23, 24)  # elements with a line more, of orientation and se
 NUMBERS = {2: ("f4", 1), 4: ("f8", 1), 5: ("f4", 2), 6: ("f8", 2)}
 #: the beginning of a binary data set: its number, then order of bytes, kind of numbers, lines of text and bytes behind them
 _BINARY = re.compile(rb"(?m)^([ \t]*)-1[ \t]*(\r?\n)[ \t]*(\d{1,4})b([ \t\d]*)\r?\n")
+_HEADS = {Sets.ELEMENTS: "an element", Sets.TRACE_LINES: "a trace line", **dict.fromkeys(GROUPS, "a group")}
 #: number of the element's type: kind, and at which of our nodes each of theirs is (they go around the bottom, up, around the top)
 _CELLS: dict[int, tuple[str, list[int]]] = {
     **dict.fromkeys((11, 21, 22, 23), ("line", [0, 1])), **dict.fromkeys((24,), ("line3", [0, 2, 1])),
@@ -105,16 +106,37 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
     groups, traces, notes = dict[str, list[tuple[int, int]]](), dict[str, list[list[int]]](), Counter[str]()
     sets = list(data_sets(path))
     for kind, lines, *_ in sets:
-        if kind == Sets.ELEMENTS:
-            for number, type_, corners in _elements(path, lines):
-                elements.setdefault(type_, []).append((number, corners))
-        elif kind in GROUPS:
-            for name, members in _groups(path, kind, lines):
-                groups.setdefault(name, []).extend(members)
-        elif kind == Sets.TRACE_LINES:
-            for name, line in _traces(path, lines):
-                traces.setdefault(name, []).extend(line)
-        elif kind not in OF_MESHES:
+        at = 0 if kind in (Sets.ELEMENTS, Sets.TRACE_LINES, *GROUPS) else len(lines)
+        while at < len(lines):
+            head = whole(path, f"data set {kind}", lines[at].split())
+            name, words = lines[at + 1].strip() if at + 1 < len(lines) else "", list[str]()
+            if kind == Sets.ELEMENTS:  # number, type, ..., count of nodes; some have a line more; eight nodes on a line
+                sound, count_at, skip = len(head) == 6 and head[5] > 0 and head[0] > 0, -1, 1 + any(n in BEAMS for n in head[1:2])
+            elif kind == Sets.TRACE_LINES:  # number, count of nodes, color; a name; eight nodes on a line
+                sound, count_at, skip = len(head) > 1 and head[1] > 0 and at + 1 < len(lines), 1, 2
+            else:  # number, ..., count of members; a name; two members of four numbers on a line
+                sound, count_at, skip = len(head) > 1 and 0 <= head[-1] < 10 ** 9 and name != "", -1, 2
+            if not sound:
+                raise InputError(f"{path}: {lines[at].strip()!r:.60} is no head of {_HEADS[kind]} (data set {kind})")
+            name = name or f"trace-{head[0]}"
+            what = f"element {head[0]}" if kind == Sets.ELEMENTS else f"{_HEADS[kind].replace('a ', 'the ')} {name}"
+            per = 4 if kind in GROUPS else 1
+            count, at = per * head[count_at], at + skip
+            while len(words) < count and at < len(lines):
+                words += lines[at].split()
+                at += 1
+            listed = whole(path, what, words)
+            if len(listed) < count or any(listed[count:]):  # the last line may be filled up with 0
+                raise InputError(f"{path}: {what} announces {count // per} {'members' if per == 4 else 'nodes'}, but has "
+                                 f"{len(listed) / per:g}")
+            if kind == Sets.ELEMENTS:
+                elements.setdefault(head[1], []).append((head[0], listed[:count]))
+            elif kind == Sets.TRACE_LINES:  # the pen is up before a node behind a 0
+                traces.setdefault(name, []).extend([one, other] for one, other in pairwise(listed[:count])
+                                                   if one and other and one != other)
+            else:
+                groups.setdefault(name, []).extend(zip(listed[:count:4], listed[1:count:4], strict=True))
+        if kind not in OF_MESHES:
             notes[f"data set {kind} skipped"] += 1
     notes.update(origin_of(sets))
     numbers, points = nodes_of(path, sets)
@@ -172,7 +194,14 @@ def data_sets(path: Path) -> Iterator[DataSet]:
         start = head.end()
         for _ in range(min(words[2], 100) if len(words) > 3 else 0):
             start = raw.find(b"\n", start) + 1 or len(raw)
-        sizes = (words[3], _bytes_of(raw[head.end():start])) if len(words) > 3 else ()
+        # the number of bytes that the head has; and that of a data set 58 by its count of values, since pyuff writes too small a
+        # number of bytes for complex values
+        sizes, size, counts = words[3:4], 0, (b"\n".join(raw[head.end():start].split(b"\n")[6:7]).split() + [b"0"] * 3)[:3]
+        if sizes and all(re.fullmatch(rb"\d{1,12}", word) for word in counts):
+            kind_, count, even = map(int, counts)
+            name, width = NUMBERS.get(kind_, ("f4", 1))
+            size = count * (width + (even == 0)) * int(name[1])
+        sizes += [size] * len(sizes)
         stops = [start + size for size in sizes if _closes(raw, start + size, head[1], head[2])]
         if not stops:
             raise InputError(f"{path}: a binary data set {head[3].decode()}b does not end where it says: it is cut short or "
@@ -211,16 +240,6 @@ def _closes(raw: bytes, stop: int, indent: bytes, end: bytes) -> bool:
     return not lost
 
 
-def _bytes_of(head: bytes) -> int:
-    """The length of a binary data set 58 by its count of values; pyuff writes too small a number of bytes for complex values."""
-    words = (b"\n".join(head.split(b"\n")[6:7]).split() + [b"0"] * 3)[:3]
-    if not all(re.fullmatch(rb"\d{1,12}", word) for word in words):
-        return 0
-    kind, count, even = map(int, words)
-    name, width = NUMBERS.get(kind, ("f4", 1))
-    return count * (width + (even == 0)) * int(name[1])
-
-
 def origin_of(sets: list[DataSet]) -> list[str]:
     """The program that wrote the file (data set 151) and its units (164), in words."""
     said = []
@@ -242,12 +261,28 @@ def nodes_of(path: Path, sets: list[DataSet]) -> tuple[Array, Array]:
     """
     nodes, turned = dict[int, tuple[int, list[str]]](), set[int]()
     for kind, lines, *_ in sets:
-        if kind == Sets.COORDINATE_SYSTEMS:
-            turned |= _turned(path, lines)
-        for number, system, place in _nodes(path, kind, lines) if kind in (Sets.NODES, Sets.NODES_SINGLE) else ():
+        # coordinate systems that are not the global one: of another type, turned or moved
+        for start in range(0, len(lines), 4) if kind == Sets.COORDINATE_SYSTEMS else ():
+            # five numbers, a name, then origin, a point on x and one in the plane of x and z
+            number, type_ = [*whole(path, f"data set {kind}", lines[start].split()[:2]), 0, 0][:2]
+            given = as_numbers(f"{path}: data set {kind}", " ".join(lines[start + 2:start + 4]), float)
+            same = len(given) == 9 and not given[:3].any() and not given[4:6].any() and not given[7] and min(given[[3, 8]]) > 0
+            turned |= set() if same and type_ == 0 else {number}
+        # nodes: seven numbers on two lines, in the old data set on one
+        per = 2 if kind == Sets.NODES else 1
+        if kind == Sets.NODES and len(lines) % per:
+            raise InputError(f"{path}: the last node of data set {kind} has no coordinates")
+        for start in range(0, len(lines), per) if kind in (Sets.NODES, Sets.NODES_SINGLE) else ():
+            words = " ".join(lines[start:start + per]).split()
+            if len(words) != 7:
+                raise InputError(f"{path}: {lines[start].strip()!r:.60} and its coordinates should be seven numbers (data set "
+                                 f"{kind})")
+            number, system, *_ = whole(path, f"data set {kind}", words[:4])
+            if number < 1:
+                raise InputError(f"{path}: a node has the number {number}; they count from 1")
             if number in nodes:
                 raise InputError(f"{path} gives the node {number} twice")
-            nodes[number] = system if kind == Sets.NODES_SINGLE else 0, place
+            nodes[number] = system if kind == Sets.NODES_SINGLE else 0, words[4:]
     if used := {system for system, _ in nodes.values()} & turned:
         raise InputError(f"{path} has nodes in the coordinate system {min(used)}, which is turned or moved: write "
                          "it in the global one")
@@ -260,80 +295,3 @@ def nodes_of(path: Path, sets: list[DataSet]) -> tuple[Array, Array]:
 def apart(text: str) -> str:
     """Numbers of fixed width with a blank between them, also where a sign fills the field."""
     return re.sub(r"(?<=[\d.])(?=[+-]\d*\.)", " ", text)
-
-
-def _nodes(path: Path, kind: int, lines: list[str]) -> Iterator[tuple[int, int, list[str]]]:
-    """Number, coordinate system and place of each node: on two lines, in the old data set on one."""
-    per = 2 if kind == Sets.NODES else 1
-    if len(lines) % per:
-        raise InputError(f"{path}: the last node of data set {kind} has no coordinates")
-    for start in range(0, len(lines), per):
-        words = " ".join(lines[start:start + per]).split()
-        if len(words) != 7:
-            raise InputError(f"{path}: {lines[start].strip()!r:.60} and its coordinates should be seven numbers (data set "
-                             f"{kind})")
-        number, system, *_ = whole(path, f"data set {kind}", words[:4])
-        if number < 1:
-            raise InputError(f"{path}: a node has the number {number}; they count from 1")
-        yield number, system, words[4:]
-
-
-def _elements(path: Path, lines: list[str]) -> Iterator[tuple[int, int, list[int]]]:
-    """Number, type and nodes of each element; the nodes are eight on a line."""
-    at = 0
-    while at < len(lines):
-        head = whole(path, "data set 2412", lines[at].split())
-        if len(head) != 6 or head[5] < 1 or head[0] < 1:
-            raise InputError(f"{path}: {lines[at].strip()!r:.60} is no head of an element (data set 2412)")
-        at += 2 if head[1] in BEAMS else 1
-        words: list[str] = []
-        while len(words) < head[5] and at < len(lines):
-            words += lines[at].split()
-            at += 1
-        nodes = whole(path, f"element {head[0]}", words)
-        if len(nodes) < head[5] or any(nodes[head[5]:]):  # the last line may be filled up with 0
-            raise InputError(f"{path}: element {head[0]} announces {head[5]} nodes, but has {len(nodes)}")
-        yield head[0], head[1], nodes[:head[5]]
-
-
-def _groups(path: Path, kind: int, lines: list[str]) -> Iterator[tuple[str, list[tuple[int, int]]]]:
-    """Name and members (kind, number) of each group; two members of four numbers on a line."""
-    at = 0
-    while at < len(lines):
-        head = whole(path, f"data set {kind}", lines[at].split())
-        name = lines[at + 1].strip() if at + 1 < len(lines) else ""
-        if len(head) < 2 or not 0 <= head[-1] < 10 ** 9 or not name:
-            raise InputError(f"{path}: {lines[at].strip()!r:.60} is no head of a group (data set {kind})")
-        stop = at + 2 + (head[-1] + 1) // 2
-        words = whole(path, f"the group {name}", " ".join(lines[at + 2:stop]).split())
-        if len(words) < 4 * head[-1] or any(words[4 * head[-1]:]):  # the last line may be filled up with 0
-            raise InputError(f"{path}: the group {name} announces {head[-1]} members, but has {len(words) / 4:g}")
-        yield name, list(zip(words[:4 * head[-1]:4], words[1:4 * head[-1]:4], strict=True))
-        at = stop
-
-
-def _traces(path: Path, lines: list[str]) -> Iterator[tuple[str, list[list[int]]]]:
-    """Name and pieces (two nodes each) of each trace line; the pen is up before a node behind a 0."""
-    at = 0
-    while at < len(lines):
-        head = whole(path, "data set 82", lines[at].split())
-        if len(head) < 2 or head[1] < 1 or at + 1 >= len(lines):
-            raise InputError(f"{path}: {lines[at].strip()!r:.60} is no head of a trace line (data set 82)")
-        name, at, nodes = lines[at + 1].strip() or f"trace-{head[0]}", at + 2, list[int]()
-        while len(nodes) < head[1] and at < len(lines):
-            nodes += whole(path, f"the trace line {name}", lines[at].split())
-            at += 1
-        if len(nodes) < head[1] or any(nodes[head[1]:]):  # the last line may be filled up with 0
-            raise InputError(f"{path}: the trace line {name} announces {head[1]} nodes, but has {len(nodes)}")
-        yield name, [[one, other] for one, other in pairwise(nodes[:head[1]]) if one and other and one != other]
-
-
-def _turned(path: Path, lines: list[str]) -> set[int]:
-    """Coordinate systems that are not the global one: of another type, turned or moved."""
-    found: set[int] = set()
-    for start in range(0, len(lines), 4):  # five numbers, a name, then origin, a point on x and one in the plane of x and z
-        number, type_ = [*whole(path, "data set 18", lines[start].split()[:2]), 0, 0][:2]
-        place = as_numbers(f"{path}: data set 18", " ".join(lines[start + 2:start + 4]), float)
-        same = len(place) == 9 and not place[:3].any() and place[3] > 0 and not place[4:6].any() and place[8] > 0 and not place[7]
-        found |= set() if same and type_ == 0 else {number}
-    return found
