@@ -15,7 +15,7 @@ from benchmarks.attacks import critical_values as attack, kinks
 from femsub.checks import Tally
 from femsub.stability.crossings import Crossing, fed_by
 from femsub.stability.exclusion import Family, _Discs
-from femsub.stability.parameter import DENSE, pencil_over
+from femsub.stability.parameter import SAMPLED_AT, pencil_over
 
 EYE = np.eye(2)
 TWO_MODE = fs.Affine(EYE, None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
@@ -173,7 +173,7 @@ def test_a_law_that_falls_between_all_samples_of_the_pencil_is_seen() -> None:
     """Damping is the same at all places where the form of the pencil was once judged; at a speed of 0.71 all modes grow."""
     chain = fs.chain(3, belt=2, damping=0.1)
     border = float(fs.critical_slope(chain))
-    for law in (Table(), WithKnots(), WithKnots(0.70, 0.70 + 0.02 / DENSE)):
+    for law in (Table(), WithKnots(), WithKnots(0.70, 0.70 + 0.02 / SAMPLED_AT)):
         found = fs.critical_value(chain, fs.Belt(speed=0.1, law=law), "speed", between=(0.1, 1.0))
         assert fs.complex_modes(chain, fs.Belt(speed=(law.begin + law.end) / 2, law=law)).growth > 0.1
         half = (law.end - law.begin) / 2 * border / -3.0

@@ -153,7 +153,6 @@ def test_where_a_growing_mode_comes_into_the_band_is_told() -> None:
 
 def test_a_band_whose_edges_are_not_followed_is_not_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     family, between, band = through(12)
-    monkeypatch.setattr(edges, "BLOCK", 1)
     monkeypatch.setattr(followed, "LARGEST", 0)
     with pytest.warns(fs.FemsubWarning, match=r"the edge of the band at 0\.1 .* more than 0 vectors"):
         found = fs.critical_value(family, None, "p", between=between, band=band, solver="followed")

@@ -114,7 +114,7 @@ def test_a_crossing_at_a_value_asked_for_goes_straight(angle: float) -> None:
 @pytest.mark.parametrize("b", [1e-4, 1e-3])
 def test_long_steps_over_a_near_coalescence_take_the_branch_that_grows_already(b: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """With damping the lower branch of Ziegler's pendulum grows before the two come together, and goes on growing."""
-    monkeypatch.setattr("femsub.stability.tracking.FINEST", 1e-2)
+    monkeypatch.setattr("femsub.stability.tracking.EQUAL", 1e-2)
     found = fs.track(ziegler(b), None, "P", np.linspace(1.0, 3.0, 4))
     assert found.eigenvalues[0, 0].imag < found.eigenvalues[0, 1].imag and len(found.values) < 20
     assert found.eigenvalues[-1, 0].real > 0.1 > found.eigenvalues[-1, 1].real
@@ -222,10 +222,9 @@ def test_a_sparse_model_is_searched_in_its_band() -> None:
         fs.track(model, None, "p", values)
 
 
-def test_the_limit_of_the_effort_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.stability.tracking.MOST", 3)
+def test_the_limit_of_the_effort_is_reported() -> None:
     with pytest.warns(fs.FemsubWarning, match="3 steps were halved, which is the limit"):
-        assert len(fs.track(pair(1e-3), None, "p", [-1.0, 1.1]).values) == 5
+        assert len(fs.track(pair(1e-3), None, "p", [-1.0, 1.1], halvings=3).values) == 5
 
 
 def test_what_cannot_be_tracked_is_refused() -> None:

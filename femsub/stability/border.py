@@ -14,20 +14,18 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import FEW, is_symmetric, one_thread
-from femsub.checks import EPS, Array
+from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import NotConvergedError
 from femsub.model import REAL_ROOT, in_band
 from femsub.modes import PortFunction, definite_form
+from femsub.stability.crossings import ASIDE
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
-TOGETHER = 1e-9  # relative difference of c up to which pairs cross together
-MARGIN = 1e-3  # each border is verified on the pencil at c(1 ∓ MARGIN)
-KEPT = 3  # decompositions of one model that are cached
-FELT = 1e-10  # a shape moves the contact if |Wᵀq| exceeds this share of ‖W‖‖q‖
-NO_RATIO = 2e-13  # twice a damping ratio of the size of rounding
-BESIDE = 1e-2  # relative width beyond the band's edges in which pairs are followed, since Im λ moves with c
+FELT = 2**20 * EPS  # a shape moves the contact if |Wᵀq| exceeds this share of ‖W‖‖q‖
+NO_RATIO = 1024 * EPS  # twice a damping ratio of the size of rounding
+OUTSIDE = 0.02  # of the band or of an edge: how far outside modes are followed, since Im λ moves with the parameter
 METHOD = "bracketing"
 Band = tuple[float, float]
 
@@ -78,7 +76,7 @@ class ModalContact:
     def decomposition(self, c: float) -> tuple[Array, Array, Array]:
         """λ, left and right vectors of the state matrix at contact coefficient c; the last few are cached."""
         if c not in self._known:
-            if len(self._known) >= KEPT:
+            if len(self._known) >= 3:  # one border looks at c and on both sides of it
                 self._known.pop(next(iter(self._known)))
             self._known[c] = la.eig(self.form.state(self.form.C + c * self.contact), left=True, right=True, check_finite=False)
         return self._known[c]
@@ -119,9 +117,9 @@ class ModalContact:
         return np.sort(np.repeat(values.real, np.where(values.imag > 0, 2, 1)))[::-1]
 
     def beside(self, c: float, omega: float, rate: float = 0.0) -> tuple[float, float]:
-        """Re λ of the pair next to iω at c(1 - 1e-3) and c(1 + 1e-3); for ω = 0 that of the real λ with dλ/dc = -rate."""
+        """Re λ of the pair next to iω at c(1 ∓ ASIDE); for ω = 0 that of the real λ with dλ/dc = -rate."""
         found = []
-        for at in (c * (1 - MARGIN), c * (1 + MARGIN)):
+        for at in (c * (1 - ASIDE), c * (1 + ASIDE)):
             values, _ = self.spectrum(at, (0.0, np.inf), real=not omega)
             values = values if omega else values[values.imag == 0]
             expected = 1j * omega + (c - at) * rate
@@ -190,7 +188,7 @@ def _first(model: ModalContact, band: Band, method: str) -> Border:
     border = bracketed(model, band) if method == METHOD or model.W.shape[1] > 1 else _rooted(model, band)
     if not np.isfinite(border.c):
         return border
-    before, beyond = (model.ranked(border.c * factor, band) for factor in (1 - MARGIN, 1 + MARGIN))
+    before, beyond = (model.ranked(border.c * factor, band) for factor in (1 - ASIDE, 1 + ASIDE))
     if (already := before.max(initial=-np.inf)) > 1e2 * model.noise:
         raise NotConvergedError(f"the border c = {border.c:.9g} (ω = {border.omega:.6g}) is not the first one: Re λ = "
                                 f"{already:.3g} just before it. A pair that lost its stability outside the band has moved into "
@@ -224,10 +222,10 @@ def _rooted(model: ModalContact, band: Band) -> Border:
     drift = model.drift if band[0] == 0 else None
     limit = -np.inf if drift is None else drift.c
     at = 0
-    while at < len(c) and c[at] >= limit * (1 + TOGETHER):
-        group = np.flatnonzero(np.abs(c - c[at]) <= TOGETHER * abs(c[at]))
+    while at < len(c) and c[at] >= limit * (1 + EQUAL):
+        group = np.flatnonzero(np.abs(c - c[at]) <= EQUAL * abs(c[at]))
         doubt = function.rounding(float(omega[at]))
-        if doubt > MARGIN:
+        if doubt > ASIDE:
             raise NotConvergedError(f"rounding may move the border c = {c[at]:.3g} at ω = {omega[at]:.6g} by a relative "
                                     f"{doubt:.0e}. Some dashpots are much larger than the relevant damping. Fix the DOF of such "
                                     "dashpots, or leave the dashpots out")
@@ -236,7 +234,7 @@ def _rooted(model: ModalContact, band: Band) -> Border:
             group = group[np.argsort(omega[group])]
             shapes = np.stack([model.form.shapes @ function.exact(value)[2] for value in omega[group].tolist()], axis=1)
             shapes /= np.linalg.norm(shapes, axis=0)
-            if drift is not None and abs(c[at] - drift.c) <= TOGETHER * abs(drift.c):
+            if drift is not None and abs(c[at] - drift.c) <= EQUAL * abs(drift.c):
                 return drift.joined(omega[group], shapes)
             return Border(float(c[at]), omega[group], shapes, growth)
         at = int(group.max()) + 1
@@ -250,7 +248,7 @@ def _check_damping(model: ModalContact, band: Band) -> None:
     """Refuse models in which rounding of a large dashpot exceeds the damping of a mode that moves the contact."""
     values, q = model.spectrum(0.0, band)
     lost, noise = model.lost(q), EPS * np.einsum("ij,ij->j", np.abs(q), np.abs(model.form.C) @ np.abs(q))
-    drowned = np.flatnonzero(model.felt(q) & (noise > MARGIN * np.abs(lost)) & ~model.undamped(values, q))
+    drowned = np.flatnonzero(model.felt(q) & (noise > ASIDE * np.abs(lost)) & ~model.undamped(values, q))
     if model.symmetric and len(drowned):
         raise NotConvergedError(f"the damping of the mode at ω = {values[drowned[0]].imag:.6g} is lost in the rounding of a "
                                 "dashpot that is much larger. Fix the DOF of that dashpot, or leave it out")
@@ -265,10 +263,10 @@ def bracketed(model: ModalContact, band: Band) -> Border:
     contact = float(np.trace(model.contact))
     if contact == 0:
         return Border(method=METHOD)
-    wide = (band[0] * (1 - BESIDE), band[1] * (1 + BESIDE))
+    wide = (band[0] * (1 - OUTSIDE), band[1] * (1 + OUTSIDE))
     drift = model.drift if band[0] == 0 else None
     furthest = -1e6 * model.size / contact * len(model.form.omega)
-    last = furthest if drift is None else drift.c * (1 - TOGETHER)
+    last = furthest if drift is None else drift.c * (1 - EQUAL)
     stable, lost = 0.0, 0
 
     def grown(c: float) -> int:
@@ -290,7 +288,7 @@ def bracketed(model: ModalContact, band: Band) -> Border:
         found = _at(model, c, band, wide, contact)
         if found is not None:
             return found
-        stable, lost = min(c, stable) * (1 + TOGETHER), max(grown(c * (1 + TOGETHER)), lost + 1)
+        stable, lost = min(c, stable) * (1 + EQUAL), max(grown(c * (1 + EQUAL)), lost + 1)
     return Border(method=METHOD) if drift is None else drift
 
 

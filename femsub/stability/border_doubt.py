@@ -13,59 +13,70 @@ the mass of the constraint modes that the kept modes do not have, and q_b, the c
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from femsub.algebra import WIDE
 from femsub.checks import Array
 from femsub.errors import FemsubError
 from femsub.model import ReducedSubstructure
+from femsub.reduction.wider import KEPT
 from femsub.stability.border import Band, Border, ModalContact
 
 if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
 
-CLOSE = 0.1  # relative distance up to which two frequencies may be neighbours
-LARGEST = 1000  # coordinates of a model
-SMALL, FEW = 5000, 300  # DOF of a component, and coordinates of the wider model, up to which all modes in the band are looked at
-MOST = 12  # modes that are looked at otherwise
-BESIDE = 1.1  # modes up to so much above the band are looked at
-MOVED = 0.03  # relative change of the border from which on it is reported
+log = logging.getLogger(__name__)
 
 
 def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Border,
-          border: Callable[[Substructure], Border]) -> str:
+          border: Callable[[Substructure], Border], close: float = 0.1, moved: float = 0.03, largest: int = 1000,
+          most: int = 12) -> str:
     """In words, how much the border moves on a wider model; nothing if it hardly does, or if no full component is left.
 
-    `pencil` is that of the model under contacts at the begin, and `border` gives the border of a model with them.
+    `pencil` is that of the model under contacts at the begin, and `border` gives the border of a model with them. Two frequencies
+    are neighbours if they differ by less than a share `close`, and one of them may be outside the band. A relative change is
+    reported from `moved` on. A model above `largest` coordinates is not looked at, and of a component above KEPT DOF at `most` so
+    many modes: each takes two solves with its factor, and two coordinates of another border.
     """
-    if not np.isfinite(model.cutoff) or model.size > LARGEST or found.c == 0:
+    if not np.isfinite(model.cutoff) or found.c == 0:
+        return ""
+    if model.size > largest:
+        log.info("the border of %r is not compared with that of a wider model: it has %d coordinates, and %d is the limit",
+                 model.name, model.size, largest)
         return ""
     form = ModalContact(pencil.dense(), model.port(port).reshape(model.size, -1)).form
     omega, X = form.omega[form.rigid:], form.shapes[:, form.rigid:]
     order = np.argsort(omega)
-    order = order[(omega[order] >= band[0] / BESIDE) & (omega[order] <= min(band[1] * BESIDE, 0.99 * model.cutoff))]
+    wide = band[0] / (1 + close), min(band[1] * (1 + close), 0.99 * model.cutoff)
+    order = order[(omega[order] >= wide[0]) & (omega[order] <= wide[1])]
     omega, X = omega[order], X[:, order]
-    near = _close(omega, omega * _errors(model, omega, X))
+    # the modes i of which the next one is nearer than both are accurate, the nearest first
+    error = omega * _errors(model, omega, X)
+    gap, least = np.diff(omega), error[1:] + error[:-1]
+    near = np.flatnonzero((gap <= least) & (gap <= close * omega[1:]))
+    near = near[np.argsort(gap[near] / least[near], kind="stable")]
     chosen = np.arange(len(omega))
-    if _full_size(model) > SMALL or model.size + 2 * len(omega) > FEW:
-        chosen = np.unique(np.concatenate([near[:MOST // 2], near[:MOST // 2] + 1]))
+    if _full_size(model) > KEPT or model.size + 2 * len(omega) > WIDE:
+        chosen = np.unique(np.concatenate([near[:most // 2], near[:most // 2] + 1]))
     try:
-        wide = _wider(model, omega[chosen], X[:, chosen], port) if len(chosen) else None
-        other = found if wide is None else border(wide)
+        larger = _wider(model, omega[chosen], X[:, chosen], port) if len(chosen) else None
+        other = found if larger is None else border(larger)
     except FemsubError:  # of a border that is not found nothing is known
         return ""
-    if wide is None and np.isfinite(found.omega):
+    if larger is None and np.isfinite(found.omega):
         mine = np.abs(omega - found.omega).argmin() if len(omega) else -1
         near = near[(near == mine) | (near + 1 == mine)]
         return _advice(f"the border of {model.name!r} at ω = {found.omega:.5g} may be inaccurate, and it cannot be checked "
                        "without the full component", omega, near) if len(near) else ""
-    if other.c == found.c or abs(other.c - found.c) <= MOVED * abs(other.c):
+    if other.c == found.c or abs(other.c - found.c) <= moved * abs(other.c):
         return ""
-    moved = "appears" if np.isinf(found.c) else "vanishes" if np.isinf(other.c) else \
+    change = "appears" if np.isinf(found.c) else "vanishes" if np.isinf(other.c) else \
         f"moves by {abs(other.c / found.c - 1):.1%} (to ω = {other.omega:.5g})"
-    return _advice(f"the border of {model.name!r} {moved} if the responses to the residuals of its modes join the basis",
+    return _advice(f"the border of {model.name!r} {change} if the responses to the residuals of its modes join the basis",
                    omega, near)
 
 
@@ -74,13 +85,6 @@ def _advice(finding: str, omega: Array, near: Array) -> str:
         finding += (f". Frequencies are closer to each other than they are accurate ({omega[near[0]]:.7g} and "
                  f"{omega[near[0] + 1]:.7g}), so modes may be mixed wrongly")
     return finding + ". Keep more modes, or put the DOF of dashpots and belts into the interface"
-
-
-def _close(omega: Array, error: Array) -> Array:
-    """The modes i of which the next one is nearer than both are accurate, the nearest first."""
-    gap, least = np.diff(omega), error[1:] + error[:-1]
-    near = np.flatnonzero((gap <= least) & (gap <= CLOSE * omega[1:]))
-    return near[np.argsort(gap[near] / least[near], kind="stable")]
 
 
 def _full_size(model: Any) -> int:

@@ -25,11 +25,8 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
     from femsub.stability.exclusion import Decomposition, Family
 
-WIDER = 8.0  # times: how the sides move away from a window until rounding hides nothing
-BESIDE = 1e-3  # of the range: how far beside a crossing the growth is given, if there is no other crossing nearer
-STEP = 1e-6  # of the range: half the step of the difference for K'
-TOGETHER = 2.0  # times its movement: distance up to which another eigenvalue may be the successor
-STRAIGHT = 0.05  # of the distance: how well two extrapolations to the axis must agree
+ASIDE = 1e-3  # of a value or of the range: how far beside a crossing its growth is given, and which values are near it
+STEP = EPS ** (1 / 3)  # of the range: half the step of a difference, whose rounding EPS/STEP is then about its error STEP²
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,8 +101,9 @@ def _matched(left: Decomposition, right: Decomposition) -> _Match:
     to = assigned(cost)[1]
     moved = np.maximum(cost[np.arange(len(to)), to], np.maximum(_bars(left), _bars(right)[to]))
     after = right.z[to]
+    # two that lie within the sum of their movements may have changed places
     apart = np.minimum(np.abs(left.z[:, None] - left.z), np.abs(after[:, None] - after))
-    return _Match(to, connected_components(apart <= TOGETHER * np.maximum.outer(moved, moved), directed=False)[1])
+    return _Match(to, connected_components(apart <= 2 * np.maximum.outer(moved, moved), directed=False)[1])
 
 
 def _bars(found: Decomposition) -> Array:
@@ -258,7 +256,7 @@ def _to_axis(family: Family, points: list[float], at: int) -> tuple[float, float
     places = p[:-1] - np.array(steps)
     spread = np.nan_to_num(np.abs(np.diff(places)[:, 0]), nan=np.inf)
     first, second = places[int(np.argmin(spread))]
-    if not abs(first - second) <= STRAIGHT * abs(p[1] - p[0]):
+    if not abs(first - second) <= abs(p[1] - p[0]) / 20:  # they agree: the way to the axis is as straight as it was assumed
         return np.nan, np.nan, np.nan
     slope = (z[1].imag - z[0].imag) / (p[1] - p[0])
     return float(first), float(abs(first - second)), float(z[0].imag + slope * (first - p[0]))
@@ -272,7 +270,7 @@ def _sides(family: Family, window: tuple[float, float], room: tuple[float, float
         yield max(window[0] - step, room[0]), min(window[1] + step, room[1])
         if step >= most:
             return
-        step = min(WIDER * step, most)
+        step = min(8 * step, most)  # each try costs one decomposition on either side
 
 
 def _crossings(family: Family, found: list[_Change], sides: tuple[float, float], window: tuple[float, float],
@@ -280,7 +278,7 @@ def _crossings(family: Family, found: list[_Change], sides: tuple[float, float],
     """Losses and regains with their figures."""
     (lo, hi), (a, b) = family.between, sides
     roots = _roots(family, a, b) if any(one.omega == 0 for one in found) else []
-    far = max(room[0], window[0] - BESIDE * (hi - lo)), min(room[1], window[1] + BESIDE * (hi - lo))
+    far = max(room[0], window[0] - ASIDE * (hi - lo)), min(room[1], window[1] + ASIDE * (hi - lo))
     both: Found = ([], [])
     for one in found:
         p, at = (b, one.after) if one.begins else (a, one.before)
@@ -299,7 +297,7 @@ def _crossings(family: Family, found: list[_Change], sides: tuple[float, float],
 def _rate(family: Family, near: float, far: float, at: int) -> float:
     """Re λ of a mode further from the window, or nearer if it is not distinguished from others there."""
     found = family.spectrum(near)
-    for share in (1.0, 1 / WIDER, 1 / WIDER**2):
+    for share in (1.0, 1 / 8, 1 / 64):
         p = near + share * (far - near)
         if p == near:
             break

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,23 +11,27 @@ from femsub.algebra import FEW, WIDE, one_thread
 from femsub.checks import Tally
 from femsub.errors import InputError
 from femsub.model import in_band
-from femsub.stability.crossings import BESIDE, Found, change, extrapolated, settled
+from femsub.stability.crossings import ASIDE, Found, change, extrapolated, settled
 from femsub.stability.exclusion import Family, Interval
 from femsub.stability.question import CriticalValue, LossQuestion, fastest
 
 LARGEST = WIDE  # DOF of a model
-MOST = 6000  # intervals that are tested at most
 NARROW = 1e3  # times the resolution: an interval in which a crossing is counted, and nothing else looked for
-SEEN = 1e-5  # of the range: how far beside a place in an open interval rounding may hide which modes grow
 
 
+@dataclass(frozen=True)
 class Discs:
     """A range is divided into intervals, in each of which discs around the eigenvalues show that none crosses the axis.
 
     What is left are windows of 1e-11 of the range around the crossings; the number of growing eigenvalues on both sides is known
     from the intervals beside them. So no loss is stepped over, however short it is. The modes that cross in a window are found
     from both of its sides, and must make up the change of that number (`femsub.stability.crossings`).
+
+    At `most` so many intervals are tested, each for one decomposition of the state matrix and some products with it. What is left
+    then is open, and the result lists it.
     """
+
+    most: int = 6000
 
     def unfit(self, question: LossQuestion) -> str:
         if question.size > LARGEST:
@@ -41,7 +46,7 @@ class Discs:
             if question.floats or family.floating:
                 raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports "
                                  "or springs")
-            return _collected(question, family, family.parts(MOST))
+            return _collected(question, family, family.parts(self.most))
 
 
 def _collected(question: LossQuestion, family: Family, parts: Sequence[Interval]) -> CriticalValue:
@@ -51,7 +56,7 @@ def _collected(question: LossQuestion, family: Family, parts: Sequence[Interval]
     none crosses. A mode that only touches the axis at an end of the range has nothing to cross.
     """
     (lo, hi), limits = question.between, question.band
-    reach = BESIDE * (hi - lo)
+    reach = ASIDE * (hi - lo)
     found: Found = ([], [])
     left: list[tuple[float, float]] = []
     lost: list[float] = []  # where an interval begins in which stability is lost at an unknown place
@@ -97,7 +102,7 @@ def _seen(family: Family, part: Interval, room: tuple[float, float], before: int
     """
     after = int(family.grown(part.end)[0].sum()) if after is None else after
     found: Found = ([], [])
-    begin, reach = part.begin, SEEN * (family.between[1] - family.between[0])
+    begin, reach = part.begin, NARROW**2 * family.least  # rounding may hide beside a place which modes grow
     while before != after:
         a, b = family.narrowed(begin, part.end, before)
         near = max(room[0], a - reach), min(room[1], b + reach)

@@ -21,21 +21,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.algebra import ComplexFactor
-from femsub.checks import EPS, Array
+from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import SingularMatrixError
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
     from femsub.stability.parameter import PencilOver
 
-BESIDE = 1e-9  # of |λ|: a shift beside an eigenvalue at which P is singular to working precision
-BLOCK = 8  # vectors of a step: of a t of higher multiplicity not all shapes are found
-ROUGH = 1e-2  # residual of a shape at an edge, relative: Newton's method on the full pencil mends those that matter
-
 
 def factor_at(pencil: Pencil, value: complex) -> ComplexFactor | None:
     """P(λ) factorised, or beside λ if it is singular there; None if it is singular there, too."""
-    for beside in (0.0, BESIDE):
+    for beside in (0.0, EQUAL):  # by rounding of λ beside the eigenvalue
         try:
             return ComplexFactor(pencil.sparse().at(value + beside * (abs(value) or 1.0)))
         except SingularMatrixError:
@@ -70,7 +66,7 @@ def _dominant(factor: ComplexFactor, change: Any, least: float, most: int) -> tu
     """
     n = change.shape[0]
     Q, image = np.zeros((2, n, 0), dtype=complex)
-    new = factor.solve(change @ np.random.default_rng(n).standard_normal((n, min(BLOCK, n))))
+    new = factor.solve(change @ np.random.default_rng(n).standard_normal((n, min(8, n))))  # of a t of higher multiplicity not all
     while True:
         size = np.linalg.norm(new, axis=0)
         for _ in range(2):
@@ -87,6 +83,7 @@ def _dominant(factor: ComplexFactor, change: Any, least: float, most: int) -> tu
         wanted = int(np.count_nonzero(np.abs(inverse) >= least))
         order = order[:wanted + 1]
         x, size = Q @ small[:, order], np.abs(inverse[order])
-        poor = np.linalg.norm(image @ small[:, order] - x * inverse[order], axis=0) > ROUGH * size
+        # rough shapes do: Newton's method on the full pencil mends those that matter
+        poor = np.linalg.norm(image @ small[:, order] - x * inverse[order], axis=0) > size / 100
         if ended or (len(order) > wanted and not poor.any()):
             return 1 / inverse[order[:wanted]], x[:, :wanted] / np.linalg.norm(x[:, :wanted], axis=0)

@@ -39,12 +39,8 @@ if TYPE_CHECKING:
     from femsub.stability.parameter import PencilOver
 
 BETWEEN = 1.5  # safety factor on the largest |E| sampled, if A is not affine
-FAR = 4.0  # times the change of an entry: distance of two eigenvalues from which on their vectors are turned
-TURN = 0.5  # largest turn of the vectors, as a row sum of h|X|
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
-MEMORY = 2e8  # bytes for decompositions that are kept
 SHARES = 0.5 ** (np.arange(1, 7) / 2)  # of an interval that is not excluded: shorter ones around its middle
-COARSE = 32  # intervals at first, if A is not affine: samples a whole range apart would show little
 ROUNDING = 4 * EPS  # of a value: half the least width of a window, which must not vanish between two neighbouring numbers
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
@@ -74,15 +70,16 @@ class Family:
     The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine`: A
     is affine in p, as `over` declares. What samples are then off the chord joins the rounding `size`. `mirrored`: the
     spectrum is symmetric about the imaginary axis. `over` knows at which p the pencil must be looked at if it is not affine.
+    Decompositions are kept in up to `memory` bytes.
     """
 
-    def __init__(self, over: PencilOver, between: tuple[float, float]) -> None:
+    def __init__(self, over: PencilOver, between: tuple[float, float], memory: float = 2e8) -> None:
         self.between = lo, hi = between
         self.pencil_at = pencil_at = _going_on(over, hi)
         self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
         self.shapes, omega = _coordinates(pencil_at(self.middle))
         self.omega = np.maximum(omega, SLOWEST * omega.max())
-        kept = max(8, int(MEMORY / (50 * (2 * len(self.omega)) ** 2)))
+        kept = max(8, int(memory / (50 * (2 * len(self.omega)) ** 2)))
         self.matrix, self.spectrum = lru_cache(maxsize=kept)(self._matrix), lru_cache(maxsize=kept)(self._spectrum)
         points = [lo + share * (hi - lo) for share in SAMPLES]
         self.affine = over.affine(between)
@@ -228,7 +225,8 @@ class Family:
     def parts(self, most: int) -> list[Interval]:
         """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
         (lo, hi), least = self.between, self.least
-        edges = sorted({lo, hi} if self.affine else {*np.linspace(lo, hi, COARSE + 1).tolist(), *self.kinks})
+        # 32 intervals at first if A is not affine: samples a whole range apart would show little
+        edges = sorted({lo, hi} if self.affine else {*np.linspace(lo, hi, 33).tolist(), *self.kinks})
         waiting, done = sorted((a - b, a, b) for a, b in pairwise(edges)), []
         for _ in range(most):
             if not waiting:
@@ -339,10 +337,10 @@ def _discs(z: Array, h: float, B: Array, extra: Array, towards: Array) -> _Discs
     """
     b = B.diagonal().copy()
     gap = z - z[:, None]  # z_j - z_i
-    far = np.abs(gap) > FAR * h * (np.abs(B) + np.abs(B).T)
+    far = np.abs(gap) > 4 * h * (np.abs(B) + np.abs(B).T)  # then no entry of hX is above 1/4
     np.fill_diagonal(far, False)
     X = np.where(far, B / np.where(far, gap, 1.0), 0.0)
-    if h * np.abs(X).sum(axis=1).max() > TURN:
+    if h * np.abs(X).sum(axis=1).max() > 1 / 2:  # I - h|X| must be far from singular: at 1 its inverse may be infinite
         X = np.zeros_like(X)
     first = np.where(X != 0, 0.0, np.abs(B))
     np.fill_diagonal(first, 0.0)

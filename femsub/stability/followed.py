@@ -19,15 +19,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.checks import NOT_CHECKED, Array, Tally
+from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, warn
 from femsub.model import in_band
 from femsub.modes import corrected, slope
 from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.stability.crossings import Crossing, Found, change, weight
+from femsub.stability.border import OUTSIDE
+from femsub.stability.crossings import ASIDE, STEP, Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
 from femsub.stability.edges import factor_at, modes_at
-from femsub.stability.exclusion import union
+from femsub.stability.exclusion import RESOLUTION, union
 from femsub.stability.question import CriticalValue, LossQuestion, fastest
 
 if TYPE_CHECKING:
@@ -37,17 +38,7 @@ if TYPE_CHECKING:
 
 #: Of the range: where the full pencil is solved. A loss may well be at a simple fraction, and would be hard to count there.
 SAMPLES = (0.0, 0.234, 0.486, 0.771, 1.0)
-BEYOND = 0.05  # of the range: so far beyond the loss of a smaller model that of the full one is expected
-AROUND = 0.02  # of the band's width: modes so far beside the band are in the basis as well
-KEPT = 1e-4  # singular values of the basis of modes of unit length, relative to the largest
-NEW = 1e-8  # share of a vector outside the basis with which it joins
-ROUNDS = 6  # of refining
-STILL = 1e-9  # of the range: the movement of crossings at which the rounds end, and of λ and p at which Newton's method ends
-STEPS = 6  # of Newton's method, each with a factorisation, at most
-DIFFERENCE = 1e-6  # of the range: the step of the difference for ∂P/∂p
-FAR = 0.05  # of the range: the longest step in p
-CLOSE = 1e-3  # of the range and of the band's end: so near a candidate, and nearer than another one, is its crossing
-EXACT, GOOD = 1e-11, 1e-8  # backward errors on the full pencil, up to which a crossing is not refined, and is accepted
+EXPECTED = 0.05  # of the range: how far from where it is expected, by a smaller model or a candidate, a crossing may be
 
 
 @dataclass(frozen=True)
@@ -56,10 +47,13 @@ class Followed:
 
     With `first`, the range ends at the first of the values beyond its begin at which more modes grow, or some did at its begin.
     The loss may be known to be `near` a value, by a smaller model: then the range up to there is solved at its ends alone.
+    Newton's method takes at most `steps` steps, each with a factorisation, and so many small models are made, each from the
+    crossings of the last one that it did not reach. What is not verified then is open.
     """
 
     first: bool = False
     near: float = np.nan
+    steps: int = 6
 
     def unfit(self, question: LossQuestion) -> str:
         if not np.isfinite(question.between[1]):
@@ -71,12 +65,12 @@ class Followed:
     def solve(self, question: LossQuestion) -> CriticalValue:
         (lo, hi), over, band = question.between, question.over, question.band
         over.affine((lo, hi))  # refuses a false declaration
-        beyond = self.near + BEYOND * (hi - lo)
+        beyond = self.near + EXPECTED * (hi - lo)
         places = [lo + share * (hi - lo) for share in SAMPLES[:-1]]
         if lo < beyond < hi:
             places = [lo, beyond, *(place for place in places if place > beyond)]
         values = np.union1d([*places, hi], over.kinks((lo, hi)))
-        margin = AROUND * (band[1] - band[0])
+        margin = OUTSIDE * (band[1] - band[0])
         wide = max(0.0, band[0] - margin), band[1] + margin
         samples: dict[float, ComplexModes] = {}
         growing: dict[float, Array] = {}
@@ -90,7 +84,7 @@ class Followed:
         ends, gap = over.straight(list(samples)), float(np.diff(list(samples)).max())
         passing = [modes_at(over, ends, gap, 1j * edge, LARGEST) for edge in band]
         shapes = np.hstack([np.zeros((over(lo).size, 0)), *(one[1] for one in passing if one is not None)])
-        found = [_refined(question, piece) for piece in _pieces(band, wide, samples, shapes)]
+        found = [_refined(question, piece, self.steps) for piece in _pieces(band, wide, samples, shapes)]
         losses, regains, unclear = ([one for part in found for one in getattr(part, name)] for name in
                                     ("losses", "regains", "open"))
         losses, regains = (sorted(several, key=lambda one: (one.value, one.omega)) for several in (losses, regains))
@@ -106,7 +100,7 @@ class Followed:
             own = [[one for one in several if a < one.value <= b or one.value == a == lo] for several in (losses, regains)]
             rise = weight(growing[b].imag) - weight(growing[a].imag) - change(*own)
             inside = [a, *(p for p in ends if a < p < b), b]
-            passed = _passages(question, inside, np.concatenate([growing[a], growing[b]])) if rise else []
+            passed = _passages(question, inside, np.concatenate([growing[a], growing[b]]), self.steps) if rise else []
             inward = sum(step for _, step in passed)
             entered += inward
             lost += [value for value, step in passed if step > 0]
@@ -121,7 +115,7 @@ class Followed:
                                 solved=len(samples), method="followed")
 
 
-def _passages(question: LossQuestion, ends: list[float], growing: Array) -> list[tuple[float, int]]:
+def _passages(question: LossQuestion, ends: list[float], growing: Array, steps: int) -> list[tuple[float, int]]:
     """The values at which growing eigenvalues pass an edge of the band, and their number, which is negative if they leave it.
 
     They are looked for at the edges beside the axis, at the rates of those that are `growing` at these two. A real eigenvalue is
@@ -133,9 +127,9 @@ def _passages(question: LossQuestion, ends: list[float], growing: Array) -> list
         met: list[_Met] = []
         for rate in (0.0, *growing.real.tolist()):
             found = modes_at(over, ends, b - a, rate + 1j * edge, LARGEST) or (np.zeros(0), np.zeros((0, 0)))
-            starts = [(_placed(over, question.between, _At(float(t.real), rate + 1j * edge, 1.0), x), x)
+            starts = [(_placed(over, question.between, _At(float(t.real), rate + 1j * edge, 1.0), x, steps), x)
                       for t, x in zip(found[0], found[1].T, strict=True)]
-            met += [one for one in (_newton(over, question.between, *start, far=1.0) for start in starts)
+            met += [one for one in (_newton(over, question.between, *start, steps, far=1.0) for start in starts)
                     if one.settled and a < one.at.value <= b and one.at.lam.real > 0]
         alone = [one for i, one in enumerate(met) if not any(_same(one, other, b - a) for other in met[:i])]
         passed += [(one.at.value, 2 if (one.rate.imag > 0) == (edge == band[0]) else -2) for one in alone]
@@ -144,7 +138,7 @@ def _passages(question: LossQuestion, ends: list[float], growing: Array) -> list
 
 def _same(one: _Met, two: _Met, width: float) -> bool:
     """Whether two are the same eigenvalue at the same p."""
-    return abs(one.at.value - two.at.value) <= CLOSE**2 * width and abs(one.at.lam - two.at.lam) <= CLOSE**2 * abs(one.at.lam)
+    return abs(one.at.value - two.at.value) <= ASIDE**2 * width and abs(one.at.lam - two.at.lam) <= ASIDE**2 * abs(one.at.lam)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +164,7 @@ def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[
     half = float(np.median(heights)) if len(heights) else sum(band) / 2
     if not band[0] < half < band[1] or min(half - band[0], band[1] - half) < 1e-3 * band[1]:
         return [_Piece(band, V[:, :room])]  # what it lacks shows in the counts
-    beside = AROUND * (band[1] - band[0])
+    beside = OUTSIDE * (band[1] - band[0])
     return [*_pieces((band[0], half), (wide[0], half + beside), samples, passing),
             *_pieces((float(np.nextafter(half, np.inf)), band[1]), (half - beside, wide[1]), samples, passing)]
 
@@ -182,7 +176,7 @@ def _spanned(X: Array) -> Array:
     both = np.hstack([X.real, X.imag])
     size, mix = np.linalg.eigh(both.T @ both)
     order = np.argsort(-size)
-    order = order[size[order] > KEPT**2 * size.max(initial=0.0)]
+    order = order[size[order] > EPS**0.5 * size.max(initial=0.0)]  # half of their digits are right
     return np.linalg.qr(both @ (mix[:, order] / np.sqrt(size[order])))[0]
 
 
@@ -192,36 +186,36 @@ def _joined(V: Array, vectors: Array) -> Array:
         size = float(np.linalg.norm(part))
         for _ in range(2):
             part = part - V @ (V.T @ part)
-        if np.linalg.norm(part) > NEW * size:
+        if np.linalg.norm(part) > EPS**0.5 * size:
             V = np.hstack([V, (part / np.linalg.norm(part))[:, None]])
     return V
 
 
-def _refined(question: LossQuestion, piece: _Piece) -> CriticalValue:
+def _refined(question: LossQuestion, piece: _Piece, steps: int) -> CriticalValue:
     """The crossings in a part of the band, of the full pencil; `open` shows where a candidate could not be verified."""
     over, (lo, hi), V = question.over, question.between, piece.V
     unit = np.array([hi - lo, piece.band[1]])
     before = np.zeros((0, 2))
-    for turn in range(ROUNDS):
+    for turn in range(steps):
         small = replace(question, over=over.projected(V, (lo, hi)), band=piece.band, falls=False, floats=False)
         found = Discs().solve(small)
         crossings = [*found.losses, *found.regains]
         now = np.array([(one.value, one.omega) for one in crossings]).reshape(-1, 2) / unit
         apart = np.abs(now[:, None] - now).max(axis=2) + np.diag(np.full(len(now), np.inf))
-        close = np.minimum(CLOSE, apart.min(axis=1, initial=np.inf) / 4)
+        close = np.minimum(ASIDE, apart.min(axis=1, initial=np.inf) / 4)
         refined: dict[int, Crossing] = {}
         rough: list[Array] = []
         for at, one in enumerate(crossings):
             x = V @ one.shape
-            if error_of(over, one, x) <= EXACT:
+            if error_of(over, one, x) <= RESOLUTION:  # it is as exact as it can be found
                 continue
-            met = _newton(over, (lo, hi), _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0), x)
+            met = _newton(over, (lo, hi), _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0), x, steps)
             if met.settled and np.abs(np.array([met.at.value, met.at.lam.imag]) / unit - now[at]).max() <= close[at]:
                 refined[id(one)] = replace(one, value=met.at.value, omega=met.at.lam.imag, shape=met.vectors[:, 0],
                                            width=max(one.width, 2 * met.off))
             else:
                 rough.append(met.vectors)
-        if not rough or (len(now) == len(before) and np.allclose(now, before, rtol=0.0, atol=STILL)) or turn == ROUNDS - 1:
+        if not rough or (len(now) == len(before) and np.allclose(now, before, rtol=0.0, atol=EQUAL)) or turn == steps - 1:
             break
         before = now
         for vectors in rough:
@@ -233,7 +227,7 @@ def _refined(question: LossQuestion, piece: _Piece) -> CriticalValue:
             if (verified := refined.get(id(one)) or _verified(over, (lo, hi), one, V @ one.shape)) is not None:
                 kept.append(verified)
             else:
-                poor.append((max(lo, one.value - FAR * (hi - lo)), min(hi, one.value + FAR * (hi - lo))))
+                poor.append((max(lo, one.value - EXPECTED * (hi - lo)), min(hi, one.value + EXPECTED * (hi - lo))))
     return replace(found, losses=tuple(good[0]), regains=tuple(good[1]), open=(*found.open, *poor))
 
 
@@ -243,9 +237,9 @@ def _verified(over: PencilOver, between: tuple[float, float], one: Crossing, x: 
     Where two modes coalesce the small pencil has the shape beside the crossing only; a solution mends it.
     """
     factor = factor_at(over(one.value), 1j * one.omega)
-    if factor is not None and error_of(over, one, x) > GOOD:
+    if factor is not None and error_of(over, one, x) > EPS**0.5:
         x = factor.solve(factor.solve(x.conj(), transposed=True).conj())  # (PᴴP)⁻¹x: yᴴP'x = 0 at an exceptional point
-    if factor is None or error_of(over, one, x) > GOOD:
+    if factor is None or error_of(over, one, x) > EPS**0.5:
         return None
     at = _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0)
     met = _step(over, between, at, factor, x / np.linalg.norm(x), x.conj())
@@ -276,13 +270,13 @@ class _Met(NamedTuple):
     settled: bool = False
 
 
-def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array, far: float = FAR) -> _Met:
+def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array, steps: int, far: float = EXPECTED) -> _Met:
     """The eigenvalue of the full pencil on the line of `start`, and where it is there. No step is longer than `far` of the range.
 
     Where two modes coalesce on the axis Newton's step fails, but its vectors are those that the small model lacks.
     """
     width, met = between[1] - between[0], _Met(start, np.stack([x, x.conj()], axis=1), np.nan, np.nan)
-    for _ in range(STEPS):
+    for _ in range(steps):
         factor = factor_at(over(met.at.value), met.at.lam)
         if factor is None:
             break
@@ -290,22 +284,22 @@ def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array
         turn = abs(met.at.lam - last.lam)
         if not np.isfinite([turn, met.off]).all() or met.off > far * width or turn > far * abs(last.lam):
             return met._replace(at=last)
-        if turn <= STILL * abs(met.at.lam) and met.off <= STILL * width:
+        if turn <= EQUAL * abs(met.at.lam) and met.off <= EQUAL * width:
             return met._replace(settled=True)
     return met
 
 
-def _placed(over: PencilOver, between: tuple[float, float], at: _At, x: Array) -> _At:
+def _placed(over: PencilOver, between: tuple[float, float], at: _At, x: Array, steps: int) -> _At:
     """Where on the line of `at` the quotient of the shape x is, xᵀP(λ; p)x = 0; `at` itself if Newton's method does not find it.
 
     The place of a shape found on a chord may be far off, and another mode be nearer there, while the shape itself is close.
     """
     met = at
-    for _ in range(STEPS):
+    for _ in range(steps):
         met, _, _, off, _ = _corrected(over, between, met, x, x.conj())
-        if not np.isfinite(off) or off <= STILL * (between[1] - between[0]):
+        if not np.isfinite(off) or off <= EQUAL * (between[1] - between[0]):
             break
-    return met if off <= STILL * (between[1] - between[0]) else at
+    return met if off <= EQUAL * (between[1] - between[0]) else at
 
 
 def _step(over: PencilOver, between: tuple[float, float], at: _At, factor: ComplexFactor, x: Array, y: Array) -> _Met:
@@ -319,7 +313,7 @@ def _step(over: PencilOver, between: tuple[float, float], at: _At, factor: Compl
 def _corrected(over: PencilOver, between: tuple[float, float], at: _At, x: Array, y: Array) -> _Met:
     """Newton's step for yᴴP(λ; p)x = 0, which ends within the range."""
     pencil, lam = over(at.value), at.lam
-    aside = DIFFERENCE * (between[1] - between[0])
+    aside = STEP * (between[1] - between[0])
     aside = aside if at.value + aside <= between[1] else -aside
     rest, other = (one.residual(np.array([lam]), x[:, None])[:, 0] for one in (pencil, over(at.value + aside)))
     error, change, turning = y.conj() @ rest, (y.conj() @ (other - rest)) / aside, y.conj() @ slope(pencil, lam, x)

@@ -8,65 +8,62 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import FEW, is_symmetric, one_thread, orthonormal, unresisted
-from femsub.checks import Array
+from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import NotConvergedError
 from femsub.model import Pencil, contact_matrix, in_band, units
 from femsub.modes import PortFunction, ShiftInvert, independent, lowest_modes, modes_below, port_responses
 from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.stability.border import BESIDE, MARGIN, TOGETHER, Band, Border, ModalContact, dense_border
+from femsub.stability.border import OUTSIDE, Band, Border, ModalContact, dense_border
+from femsub.stability.crossings import ASIDE
 
-STEPS = 60  # iterations for a response before a complex factor is used instead
-SETTLED, ROUNDED = 1e-12, 1e-9  # relative change of Z, and change relative to the response, at which the iteration stops
-DASHPOTS = 12  # DOF with damping, up to which the static response to each joins the basis
-ROUNDS = 8  # largest number of rounds in which the basis of a large model grows
-NEXT = 1e-3  # relative distance of an undamped mode from an edge of the band at which it may cross on the edge
+ACTING = 1.5  # times the end of the band: modes up to there act on its border
 
 
-def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
+def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto", rounds: int = 8) -> Border:
     """The border of a large model, by a basis that grows until the border has converged.
 
-    The basis starts with the undamped modes up to 1.5 times the band, and the static responses to the contact and to dashpots
+    The basis starts with the undamped modes up to ACTING times the band, and the static responses to the contact and to dashpots
     (a Craig-Chang basis, in which Ω is exact to rounding). At each border found, the full model's response to the contact,
     (-ω²M + iωD + K)⁻¹W, joins. The same is done at an edge of the band where a pair may cross, to decide whether that border
     belongs to the band. M and K are symmetric. All DOF are scaled to similar size, so that the complex modes that verify the
-    border share the factor.
+    border share the factor. After `rounds`, each of one complex factorisation at most, a border that still moves is an error.
     """
     if (alike := pencil.alike()) is not pencil:
         unit = pencil.units[0][:, None]
-        border = sparse_border(alike, unit * W, band, method)
+        border = sparse_border(alike, unit * W, band, method, rounds)
         return replace(border, shapes=unit * border.shapes)
-    basis = _Growing(pencil, W, 1.5 * band[1])
+    basis = _Growing(pencil, W, ACTING * band[1])
     basis.grow(_crossed_edges(basis, band))
     previous = np.nan
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         border = dense_border(basis.pencil, basis.W, band, method)
         if not np.isfinite(border.c) or border.c == 0 or border.omega == 0 or abs(border.c - previous) <= 1e-10 * abs(border.c):
             break
         previous = border.c
         basis.grow(border.crossing[:4])
     else:
-        raise NotConvergedError(f"the border still moved from {previous:.9g} to {border.c:.9g} in the last of {ROUNDS} rounds. "
+        raise NotConvergedError(f"the border still moved from {previous:.9g} to {border.c:.9g} in the last of {rounds} rounds. "
                                 "Narrow the band")
     if np.isinf(border.c):
         return border
     border = replace(border, shapes=basis.V @ border.shapes, beyond=None)
     if border.omega == 0 and border.c < 0:  # rigid motion is exact from the start; oscillating modes still need the refinement
-        later = sparse_border(pencil, W, (BESIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method)
-        return later if later.c > border.c * (1 - TOGETHER) else border
+        later = sparse_border(pencil, W, (OUTSIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method, rounds)
+        return later if later.c > border.c * (1 - EQUAL) else border
     return border if border.c == 0 else _verified(pencil, W, border, band)
 
 
 def _crossed_edges(basis: _Growing, band: Band) -> Array:
     """The edges of a band at which a pair may cross, because a mode or a root of the scalar function is near."""
     edges = [edge for edge in band if 0 < edge < np.inf]
-    at_modes = [edge for edge in edges if np.abs(basis.frequencies - edge).min(initial=np.inf) <= NEXT * edge]
+    at_modes = [edge for edge in edges if np.abs(basis.frequencies - edge).min(initial=np.inf) <= ASIDE * edge]
     if len(at_modes) == len(edges):
         return np.array(edges)
     with one_thread(len(basis.K) <= FEW):
         model = ModalContact(basis.pencil, basis.W)
         functions = [PortFunction.of(model.form, w, model.decomposition(0.0)) for w in model.W.T]
         return np.array([edge for edge in edges if edge in at_modes or any(
-            len(function.crossings((1 - BESIDE) * edge, (1 + BESIDE) * edge)[0]) for function in functions)])
+            len(function.crossings((1 - OUTSIDE) * edge, (1 + OUTSIDE) * edge)[0]) for function in functions)])
 
 
 class _Growing:
@@ -79,7 +76,7 @@ class _Growing:
         if modes.rigid == len(modes.eigenvalues):
             modes = lowest_modes(handle, 1)
         braked = np.unique(model.D.nonzero()[1])
-        one_by_one = braked if len(braked) <= DASHPOTS else braked[:0]
+        one_by_one = braked if len(braked) <= 12 else braked[:0]  # each costs a solve now and a coordinate of every border
         forces = np.hstack([W, sp.eye_array(model.size, format="csc")[:, one_by_one].toarray()])
         rest = handle.elastic_solve(forces, modes.shapes)
         statics, stiffness, mass, _ = independent(handle, rest, forces, modes.shapes, modes.eigenvalues)
@@ -119,11 +116,11 @@ class _Growing:
 
         VᵀMZ = 0, so Z consists of modes above the band, for which A = K - σM is near P(iω). Therefore
         Z ← Z + A⁻¹(W - P(VQ + Z)) contracts, with Q by Galerkin's condition. If large damping prevents this, a complex
-        factor is used.
+        factor is used: that costs as much as some 60 steps.
         """
         P, small, p = self.full.at(1j * omega), self.pencil.at(1j * omega), self.load.shape[1]
         Z, step = np.zeros(self.load.shape, dtype=complex), np.inf
-        for _ in range(STEPS):
+        for _ in range(60):
             rest = self.load - P @ Z
             inside = self.V @ np.linalg.solve(small, self.V.T @ rest)
             rest = rest - P @ inside
@@ -131,7 +128,8 @@ class _Growing:
             change = both[:, :p] + 1j * both[:, p:]
             change -= self.V @ (self.V.T @ (self.full.M @ change))
             Z, before, step = Z + change, step, float(np.linalg.norm(change))
-            if step <= SETTLED * np.linalg.norm(Z) or before / 2 < step <= ROUNDED * np.linalg.norm(inside + Z):
+            # Z no longer changes, or rounding of the response makes it change
+            if step <= 4096 * EPS * np.linalg.norm(Z) or before / 2 < step <= EQUAL * np.linalg.norm(inside + Z):
                 return Z
             if step > before:
                 break
@@ -141,8 +139,8 @@ class _Growing:
 def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
     """Re λ of the full model at c(1 ∓ 1e-3) by PEP; an error if they contradict the border."""
     growth = []
-    followed = (min(band[0], (1 - BESIDE) * border.omega), max(band[1], (1 + BESIDE) * border.omega))
-    for factor in (1 - MARGIN, 1 + MARGIN):
+    followed = (min(band[0], (1 - OUTSIDE) * border.omega), max(band[1], (1 + OUTSIDE) * border.omega))
+    for factor in (1 - ASIDE, 1 + ASIDE):
         modes = complex_modes(pencil.with_damping(contact_matrix(W, border.c * factor)), band=followed,
                               re=(-0.2 * band[1], 0.2 * band[1]), evidence=False)
         values, bars = modes.eigenvalues, modes.error_bar

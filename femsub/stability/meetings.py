@@ -24,7 +24,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.model import DOUBLE
 
-APART = 4.0  # the distance of two branches beside a meeting, relative to the least
+PARTED = 4.0  # the distance of two branches beside a meeting, relative to the least
 HALF, QUARTER = 3 * np.pi / 4, np.pi / 4  # limits between half a turn, a quarter, and none
 
 Modes = Callable[[float], tuple[Array, Array]]  # p ↦ λ (k,) and y_jᴴP'(λ_k)x_k (k, k), both of two conjugates
@@ -114,7 +114,7 @@ def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Arra
     for i in np.argsort(size, kind="stable"):
         if not 0 < i < len(p) - 1 or left < i < right:
             continue
-        far = np.flatnonzero(size > max(APART * size[i], doubt[i]))
+        far = np.flatnonzero(size > max(PARTED * size[i], doubt[i]))
         before, after = far[far < i], far[far > i]
         if not len(before) or not len(after) or size[before[-1]:after[0] + 1].min() < size[i]:
             continue
@@ -135,9 +135,9 @@ def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Arra
 
 
 def _become_one(values: Array, rates: Array, pair: Array, ahead: float) -> bool:
-    """Whether two modes have one exceptional point about `ahead`, alone up to where they are APART times as far from each other.
+    """Whether two modes have one exceptional point about `ahead`, alone up to where they are PARTED times as far from each other.
 
-    There (λ_a - λ_b)² is APART² times as large, and so is the distance from the exceptional point.
+    There (λ_a - λ_b)² is PARTED² times as large, and so is the distance from the exceptional point.
     """
     a = int(np.argmin(np.abs(values - pair[0])))
     b = int(np.argmin(np.where(np.arange(len(values)) == a, np.inf, np.abs(values - pair[1]))))
@@ -146,7 +146,7 @@ def _become_one(values: Array, rates: Array, pair: Array, ahead: float) -> bool:
         drift = rates.diagonal()[[a, b], None] - rates.diagonal()
         turn = 2j * np.sqrt(rates[[a, b]] * rates[:, [a, b]].T)
         near, far = np.sort(np.abs(gap / np.stack([drift + turn, drift - turn]) - ahead), axis=0)
-    alone = APART**2 * near[0, b]
+    alone = PARTED**2 * near[0, b]
     others = np.delete(np.where(np.abs(turn) > DOUBLE * np.abs(drift), near, np.inf), [a, b], axis=1)  # else they only cross
     return bool(alone <= far[0, b] and (others >= alone).all())
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, instance, word
+from femsub.checks import EPS, EQUAL, Array, Matrix, instance, word
 from femsub.errors import InputError, unknown_name
 from femsub.model import (
     Affine,
@@ -38,15 +38,11 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where a declaration is checked
-AGREES = 1e-9  # of an entry of C, and ROUNDING of the largest: how far it may be from the chord if C is affine
-ROUNDING = 1e-13
-FEW = 8  # columns of a contact up to which each entry of C is a coefficient; above, a few random combinations of them are
-COMBINED = 8
-DENSE, SPARSE = 2048, 256  # samples of the coefficients over the range: of a contact of few columns, of a larger one
+DUST = 512 * EPS  # of the largest entry of C: what is left of others by the rounding of terms that cancel
+COLUMNS_ALONE = 8  # columns of a contact up to which each entry of C is a coefficient; above, as many random combinations are
+SAMPLED_AT = 2048  # values of the range at which a coefficient is known; an eighth for contacts of more columns
 IRREGULAR = (5**0.5 - 1) / 2  # samples at even distances would miss what is periodic
-KEPT = 64  # projected pencils
-STRAIGHT = 0.1  # of the change of a coefficient over the range: how far it may be off a chord that stands for it
-MORE = 4  # places at most that are added to the usual ones of an interval
+OFF_CHORD = 0.1  # of the change of a coefficient over the range: how far it may be off a chord that stands for it
 Terms: TypeAlias = tuple[Matrix, float | Matrix, float | Matrix]
 
 
@@ -74,7 +70,7 @@ class Share:
         for block in zip(*found, strict=True):
             c = np.array([np.ravel(numbers) for numbers in block])
             off = np.abs(c - c[0] - share[:, None] * (c[-1] - c[0]))
-            excess = off - AGREES * np.abs(c).max(axis=0) - ROUNDING * np.abs(c).max(initial=0.0)
+            excess = off - EQUAL * np.abs(c).max(axis=0) - DUST * np.abs(c).max(initial=0.0)
             if excess.size and excess.max() > 0:
                 row, column = np.unravel_index(int(excess.argmax()), excess.shape)
                 where, part = lo + share[row] * (hi - lo), off[row, column] / np.abs(c[:, column]).max()
@@ -104,7 +100,7 @@ class PencilOver:
             return type(pencil)(*(projected(A, V) for A in (pencil.M, pencil.D, pencil.K)))
 
         if not self.affine(between):
-            return replace(self, at=lru_cache(maxsize=KEPT)(small))
+            return replace(self, at=lru_cache(maxsize=64)(small))  # as many values as one exclusion comes back to
         lo, hi = (self.sign * p for p in between)
         first, last = small(lo), small(hi)
         step = [(getattr(last, name) - getattr(first, name)) / (hi - lo) for name in "MDK"]
@@ -144,7 +140,7 @@ class PencilOver:
     def straight(self, values: Sequence[float]) -> list[float]:
         """Ends of intervals over which the pencil is close to its chord: the range's if it is affine, or the values and others.
 
-        Close: no coefficient is farther off than by a part STRAIGHT of its change over the range.
+        Close: no coefficient is farther off than by a part OFF_CHORD of its change over the range.
         """
         lo, hi = values[0], values[-1]
         if self.affine((lo, hi)):
@@ -161,7 +157,7 @@ class Sampled:
 
     def __init__(self, shares: Sequence[Share], between: tuple[float, float], kinks: Sequence[float], sign: float) -> None:
         self.shares, self.end, self.sign = shares, between[1], sign
-        count = DENSE if all(share.few for share in shares) else SPARSE
+        count = SAMPLED_AT if all(share.few for share in shares) else SAMPLED_AT // 8
         steps = np.arange(count)
         inside = between[0] + (steps + steps * IRREGULAR % 1.0) / count * (between[1] - between[0])
         self.p = np.unique(np.concatenate([between, inside, kinks]))
@@ -177,8 +173,8 @@ class Sampled:
         return np.concatenate([np.ravel(block) for share in self.shares for block in share.coefficients(self.sign * p)])
 
     def straight(self, values: Sequence[float]) -> list[float]:
-        """The values, and others where a coefficient is farther off its chord than by STRAIGHT of its change over the range."""
-        bound = STRAIGHT * np.ptp(self.c, axis=0) + ROUNDING * self.size
+        """The values, and others where a coefficient is farther off its chord than by OFF_CHORD of its change over the range."""
+        bound = OFF_CHORD * np.ptp(self.c, axis=0) + DUST * self.size
         waiting, ends = list(pairwise(values)), set(values)
         while waiting:
             a, b = waiting.pop()
@@ -192,7 +188,7 @@ class Sampled:
         return sorted(ends)
 
     def places(self, begin: float, end: float, usual: Sequence[float] = ()) -> list[float]:
-        """The values in (begin, end) at which a coefficient is farther off its chord than at the `usual` ones; MORE at most."""
+        """The values in (begin, end) at which a coefficient is farther off its chord than at the `usual` ones; 4 at most."""
         inside = (self.p > begin) & (self.p < end)
         if not inside.any():
             return []
@@ -203,9 +199,9 @@ class Sampled:
         off, known = (np.abs(values - c[2] - (at[:, None] - m) * slope) / self.size
                       for at, values in ((self.p[inside], self.c[inside]), (p, c)))
         excess = off.max(axis=0) - (known[3:].max(axis=0) if len(usual) else 0.0)
-        farther = np.flatnonzero(excess > ROUNDING)
+        farther = np.flatnonzero(excess > DUST)
         farther = farther[np.argsort(-excess[farther], kind="stable")]
-        return list(dict.fromkeys(self.p[inside][off[:, farther].argmax(axis=0)].tolist()))[:MORE]
+        return list(dict.fromkeys(self.p[inside][off[:, farther].argmax(axis=0)].tolist()))[:4]
 
 
 def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str) -> PencilOver:
@@ -248,16 +244,16 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
             return small_matrices(model, replace(contact, **{parameter: p}))
 
         return Share(type(contact).__name__, lambda p: _coefficients(*terms(p)), parameter in affine_fields(contact),
-                     kinks_of(contact, parameter), small_matrices(model, contact)[0].shape[1] <= FEW, terms)
+                     kinks_of(contact, parameter), small_matrices(model, contact)[0].shape[1] <= COLUMNS_ALONE, terms)
 
     return PencilOver(parameter, at, tuple(share(contact) for contact, names in zip(given, known, strict=True)
                                            if parameter in names))
 
 
 def _coefficients(W: Matrix, *terms: float | Matrix) -> tuple[Array, ...]:
-    """The entries of C_D and of C_K; of large ones COMBINED random combinations xᵀCy."""
+    """The entries of C_D and of C_K; of large ones random combinations xᵀCy."""
     columns = W.shape[1]
-    if columns <= FEW:
+    if columns <= COLUMNS_ALONE:
         return tuple(C * np.eye(columns) if isinstance(C, float) else C.toarray() if sp.issparse(C) else C for C in terms)
-    x, y = np.random.default_rng(columns).standard_normal((2, columns, COMBINED))
+    x, y = np.random.default_rng(columns).standard_normal((2, columns, COLUMNS_ALONE))
     return tuple(np.einsum("ij,ij->j", x, C * y if isinstance(C, float) else C @ y) for C in terms)

@@ -10,18 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from femsub.algebra import QUADRATIC, WIDE, negative_eigenvalues
-from femsub.checks import Array, Tally
+from femsub.checks import EQUAL, Array, Tally
 from femsub.errors import CutoffWarning, InputError, warn
 from femsub.model import SHARE, Pencil, Substructure, contacts_of
 from femsub.modes import Budget
-from femsub.stability.border import TOGETHER, Border, dense_border
+from femsub.stability.border import Border, dense_border
 from femsub.stability.border_doubt import doubt
 from femsub.stability.crossings import Crossing, change, weight
-from femsub.stability.growing_border import sparse_border
+from femsub.stability.growing_border import ACTING, sparse_border
 from femsub.stability.question import CriticalValue, LossQuestion, fastest
-
-NEAR = 1.5  # times the end of the band: modes up to there act on its border
-SMALL = 150  # DOF up to which a sparse model is treated as dense
 
 
 class Fed(NamedTuple):
@@ -62,7 +59,7 @@ class PortRoot:
         begin, end = question.between
         value = begin + found.c / fed.s
         losses = [] if not value <= end else [
-            Crossing(value, 2 * TOGETHER * abs(value - begin), float(omega), shape, "hopf" if omega else "divergence",
+            Crossing(value, 2 * EQUAL * abs(value - begin), float(omega), shape, "hopf" if omega else "divergence",
                      found.growth)
             for omega, shape in zip(found.crossing, found.shapes.T, strict=True)]
         beyond = found.beyond if losses else None
@@ -72,7 +69,8 @@ class PortRoot:
 
     def _border(self, question: LossQuestion, fed: Fed | None) -> Border:
         assert fed is not None
-        if question.limited and (fed.pencil.size > SMALL if fed.pencil.is_sparse else is_narrow(fed.pencil, question.band[1])):
+        # a sparse model is treated as dense up to half the DOF of a dense one: its factor costs little
+        if question.limited and (fed.pencil.size > WIDE / 2 if fed.pencil.is_sparse else is_narrow(fed.pencil, question.band[1])):
             return sparse_border(fed.pencil.sparse(), fed.W, question.band, self.method)
         return dense_border(fed.pencil, fed.W, question.band, self.method)
 
@@ -113,5 +111,5 @@ def is_narrow(pencil: Pencil, top: float) -> bool:
         return False
     if not pencil.M.diagonal().all():
         return True  # only a basis of modes can do without massless motions
-    below = negative_eigenvalues(pencil.K - (NEAR * top) ** 2 * pencil.M)
+    below = negative_eigenvalues(pencil.K - (ACTING * top) ** 2 * pencil.M)
     return Budget(pencil.size, True).covers(2 * below)

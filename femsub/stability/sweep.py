@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import QUADRATIC, check_workers, factorise, side_by_side
-from femsub.checks import Array, real_array, until
+from femsub.checks import EPS, Array, real_array, until
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import in_band
 from femsub.modes import eigenvalues, modal_form
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from femsub.model import Affine, Contacts, Pencil, Substructure
 
-FAR = 1e8  # times the end of a band: an upper bound of Re λ
+FAR = EPS**-0.5  # times the end of a band: an upper bound of Re λ
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -19,12 +19,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, WIDE
-from femsub.checks import Array, real_array, until
+from femsub.checks import EPS, EQUAL, Array, real_array, until, whole_number
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import DOUBLE, in_band, upper
 from femsub.modes import Region, assigned, clusters, with_bars
 from femsub.modes.quadratic.search import search
 from femsub.stability.critical_value import question_of
+from femsub.stability.crossings import ASIDE
 from femsub.stability.meetings import Meeting, meetings_of
 
 if TYPE_CHECKING:
@@ -33,19 +34,11 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-ALIKE = 0.4  # |s - 1| up to which a mode is the same; a pair that meets in the step has 1/2 at least
-LEAST_ALIKE = 0.3  # |s| from which a mode may be the same, where the step is not halved any more
-DISTANCE = 0.5  # what |Δλ| = |λ| costs beside |s - 1|: it decides where vectors do not
-UNCOUPLED = 1e-16  # |s| between two modes that do not act on each other
+SAME_MODE = 0.4  # |s - 1| up to which a mode is the same; a pair that meets in the step has 1/2 at least
+LEAST_ALIKE = (1 - SAME_MODE) / 2  # |s| from which a mode may be the same, where the step is not halved any more
 APPROACH = 0.6  # two modes are watched if they come nearer within a step than this share of their distance at its ends
 TURN = np.pi / 3  # or if their distance turns by more in the complex plane (wrong successors turn it by π)
-FINEST = 1e-9  # of the range: the shortest step of a dense model
-FINEST_SPARSE = 1e-3  # the same of a sparse one, whose every step is a search
-DIFFERENCE = 1e-3  # of the range: step of the difference for λ'
-MOST = 3000  # eigenproblems beside those asked for
-AROUND = 0.1  # of the band's width: how far beyond its ends modes are followed, so that none is lost at an edge
-NEAR = 1e-3  # |Δλ| / |λ| up to which a defective mode, whose vectors say nothing, is continued
-STRAIGHT = 1e-2  # |cos| of the turn of λ_a - λ_b up to which a pair may have met exactly
+BEYOND_EDGE = 0.1  # of the band's width: how far beyond its ends modes are followed, so that none is lost at an edge
 PLACES = np.linspace(0.0, 1.0, 9)  # in a step, where an approach is looked for
 
 
@@ -105,7 +98,7 @@ class Tracked:
 
 
 def track(model: Substructure | Affine, contacts: Contacts, parameter: str, values: Any, *,
-          band: tuple[float, float] | None = None) -> Tracked:
+          band: tuple[float, float] | None = None, halvings: int = 3000) -> Tracked:
     """Modes followed over a parameter: continuous branches of eigenvalues, and where two of them meet.
 
     A branch is a continuous curve of eigenvalues. So at a veering it follows its curve, and the shapes change places. Two modes
@@ -127,6 +120,8 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     band : (lo, hi), optional
         Modes with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi somewhere in the range, in radians per unit of time. Default: all, for a reduced
         model those up to its cut-off. Required for models above 300 DOF.
+    halvings : int
+        Of steps, at most. Each costs an eigenproblem.
 
     Returns
     -------
@@ -140,7 +135,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     Warns
     -----
     FemsubWarning
-        More than 3000 steps were halved; the rest was not.
+        More than `halvings` steps were to be halved; the rest was not.
 
     Notes
     -----
@@ -167,11 +162,11 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     question = question_of(model, contacts, parameter, (points[0], points[-1]), band)
     if model.size > WIDE and not (question.limited and np.isfinite(question.band[1])):
         raise InputError(f"a model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
-    chain = _Chain(question)
+    chain = _Chain(question, whole_number("halvings", halvings, least=0))
     chain.follow(np.union1d(points, question.over.kinks(question.between)))
-    if chain.spent >= MOST:
-        warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Track over a "
-             "shorter range or in a narrower band", FemsubWarning)
+    if chain.spent >= halvings:
+        warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Allow more "
+             "(halvings=), or track over a shorter range or in a narrower band", FemsubWarning)
     result = replace(_collected(chain, parameter, points), cutoff=question.cutoff)
     log.info("%r", result)
     return result
@@ -195,10 +190,11 @@ class _Node(NamedTuple):
 class _Chain:
     """The nodes in ascending order of p, each with the numbers of the branches of its modes."""
 
-    def __init__(self, question: LossQuestion) -> None:
+    def __init__(self, question: LossQuestion, most: int) -> None:
+        self.most = most
         self.pencil_at, self.band, self.between, self.spent, self.branches = question.over, question.band, question.between, 0, 0
-        self.finest = (FINEST if question.size <= WIDE else FINEST_SPARSE) * (self.between[1] - self.between[0])
-        margin = AROUND * (self.band[1] - self.band[0])
+        self.finest = (EQUAL if question.size <= WIDE else ASIDE) * (self.between[1] - self.between[0])
+        margin = BEYOND_EDGE * (self.band[1] - self.band[0])
         self.wide = max(self.band[0] - margin, 0.0), self.band[1] + margin
         self.rows: list[tuple[float, Array, Array, Array, Array, Array]] = []  # p, branch, λ, bar, condition, inside
 
@@ -213,7 +209,7 @@ class _Chain:
                 there = ahead[-1]
                 to, clear = _successors(here, there)
                 half = (here.p + there.p) / 2
-                if not clear and there.p - here.p > self.finest and here.p < half < there.p and self.spent < MOST:
+                if not clear and there.p - here.p > self.finest and here.p < half < there.p and self.spent < self.most:
                     self.spent += 1
                     ahead.append(self._node(half))
                     continue
@@ -265,7 +261,7 @@ class _Chain:
 
     def _change(self, p: float, pencil: Pencil, values: Array, X: Array) -> Array:
         """P'(λ)x, the derivative by the parameter, from a difference that stays within the range."""
-        step = DIFFERENCE * (self.between[1] - self.between[0])
+        step = ASIDE * (self.between[1] - self.between[0])
         step = step if p + step <= self.between[1] else -step
         return (self.pencil_at(p + step).residual(values, X) - pencil.residual(values, X)) / step
 
@@ -291,13 +287,14 @@ def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
     s[~np.isfinite(s)] = 0.0
     whole = _by_clusters(s, here.cluster, there.cluster)
     far = np.abs(here.values[:, None] - there.values) / np.abs(here.values)[:, None]
-    cost = np.minimum(np.abs(whole - 1), 1.0) + 1e-3 * np.minimum(np.abs(s - 1), 1.0) + DISTANCE * np.minimum(far, 1.0)
+    # vectors decide, and where they do not, what is at stake in λ
+    cost = np.minimum(np.abs(whole - 1), 1.0) + 1e-3 * np.minimum(np.abs(s - 1), 1.0) + np.minimum(far, 1.0) / 2
     rows, columns = assigned(cost)
     taken = np.abs(whole[rows, columns]) >= LEAST_ALIKE
     to = np.full(len(here.values), -1)
     to[rows[taken]] = columns[taken]
     alike = np.zeros(len(to), dtype=bool)
-    alike[rows] = np.abs(whole[rows, columns] - 1) <= ALIKE
+    alike[rows] = np.abs(whole[rows, columns] - 1) <= SAME_MODE
     missed = np.ones(len(there.values), dtype=bool)
     missed[to[to >= 0]] = False
     asked = here.inside.copy()
@@ -334,7 +331,7 @@ def _meet(here: _Node, there: _Node, s: Array, to: Array, asked: Array) -> bool:
     nearer = np.minimum(np.abs(gap[0]), np.abs(gap[-1]))
     near = (np.abs(gap).min(axis=0) < APPROACH * nearer) | (np.abs(np.angle(gap * gap[0].conj())).max(axis=0) > TURN)
     ends = [np.equal.outer(cluster, cluster) for cluster in (here.cluster[rows], there.cluster[columns])]
-    coupled = (np.abs(s[np.ix_(rows, columns)]) > UNCOUPLED) & ~ends[0] & ~ends[1]
+    coupled = (np.abs(s[np.ix_(rows, columns)]) > EPS) & ~ends[0] & ~ends[1]
     for rates, together in zip((first, last), ends, strict=True):  # vectors within a cluster are arbitrary
         coupled |= (np.abs(rates * rates.T) > DOUBLE**2 * np.multiply.outer(size, size)) & ~together
     coupled |= coupled.T
@@ -347,7 +344,7 @@ def _continue_defective(here: _Node, there: _Node, to: Array, missed: Array) -> 
     if len(rows) and len(columns):
         distance = np.abs(here.values[rows, None] - there.values[columns])
         for i, j in zip(*assigned(distance), strict=True):
-            if distance[i, j] <= NEAR * np.abs(here.values[rows[i]]):
+            if distance[i, j] <= ASIDE * np.abs(here.values[rows[i]]):
                 to[rows[i]] = columns[j]
 
 
@@ -357,7 +354,7 @@ def _order_alike(here: _Node, there: _Node, s: Array, to: Array) -> None:
     If it passes 0 within rounding, the higher frequency continues as the larger growth, and the reverse.
     """
     rows = np.flatnonzero(to >= 0)
-    rows = rows[np.abs(s[rows, to[rows]] - 1) > ALIKE]
+    rows = rows[np.abs(s[rows, to[rows]] - 1) > SAME_MODE]
     if len(rows) < 2:
         return
     columns = to[rows]
@@ -372,7 +369,7 @@ def _order_alike(here: _Node, there: _Node, s: Array, to: Array) -> None:
             gaps = [values[pair[0]] - values[pair[1]] for values, pair in ((here.values, behind), (there.values, ahead))]
             turn = float((gaps[1] * gaps[0].conjugate()).real)
             apart = min(map(abs, gaps)) > DOUBLE * abs(here.values[behind[0]])
-            if apart and abs(turn) > STRAIGHT * abs(gaps[0] * gaps[1]):
+            if apart and abs(turn) > abs(gaps[0] * gaps[1]) / 100:  # turned by a right angle, a pair may have met exactly
                 to[behind] = ahead if turn > 0 else ahead[::-1]
                 continue
         to[behind[_rank(here.values[behind])]] = ahead[_rank(there.values[ahead])]
@@ -396,7 +393,7 @@ def _turned(here: _Node, there: _Node, to: Array) -> _Node:
         Z = (lam[:, None] + here.values[from_[group]]) * (Y[:, group].conj().T @ (there.pencil.M @ before)) \
             + Y[:, group].conj().T @ (there.pencil.D @ before)
         unit = np.linalg.norm(Z, axis=0)
-        if np.isfinite(Z).all() and unit.all() and np.linalg.cond(Z / unit) < 1 / ALIKE**4:
+        if np.isfinite(Z).all() and unit.all() and np.linalg.cond(Z / unit) < 1 / SAME_MODE**4:
             X[:, group], Y[:, group] = X[:, group] @ (Z / unit), Y[:, group] @ np.linalg.inv(Z / unit).conj().T
     return there._replace(X=X, Y=Y)
 
