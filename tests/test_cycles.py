@@ -243,7 +243,7 @@ def test_too_few_harmonics_are_warned_of_and_the_number_that_would_do_is_right()
 
 
 def test_where_no_more_harmonics_are_added_the_number_that_meets_the_tolerance_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.motion.cycles.limit_cycle.MOST", 8)
+    monkeypatch.setattr("femsub.motion.cycles.limit_cycle.MOST_HARMONICS", 8)
     with pytest.warns(fs.FemsubWarning, match="^8 harmonics leave out") as seen:
         rough = fs.harmonic_balance(model("HCB"), BELT, start=cycle("HCB"), tol=4e-3)
     enough, told = _advised(seen)

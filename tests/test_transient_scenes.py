@@ -134,7 +134,7 @@ class Interrupted:
 
 
 def interrupted(monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
-    monkeypatch.setattr("femsub.motion.transient.TELL", 0.0)
+    monkeypatch.setattr("femsub.motion.transient.REPORTED", 0.0)
     monkeypatch.setattr("femsub.app.scenes.in_time.transient", Interrupted(nth))
 
 

@@ -39,13 +39,10 @@ import scipy.linalg as la
 
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
-from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State, massless
+from femsub.motion.nonlinear_model import SMALL_CHANGE, Change, Sliding, State, massless
 
-PERIODS = 200  # periods of the highest mode integrated in one call; progress is reported in between
-SHARP = 1e-12  # largest rounding of K x₀, relative to the friction, if the motion is far from x₀
+TINY = float(np.finfo(float).tiny)
 NOISE = 4 * EPS  # relative to the friction's impulse over a period: smaller motion is rounding
-FAINTEST = 1e-100  # of the belts' speed: a motion whose squares are still numbers
-MOST = 5_000_000  # largest number of steps between two points of the grid
 
 Right = Callable[[float, Array], Array]
 #: Work of Δf, dissipation, change of the energy about x₀, what work and energy have in common beside, the largest energy about x₀
@@ -109,8 +106,8 @@ class Flow:
 
     @property
     def stretch(self) -> float:
-        """The time to integrate in one call."""
-        return PERIODS * 2 * np.pi / (self.highest or 1.0)
+        """The time to integrate in one call, 200 periods of the highest mode: progress is reported in between."""
+        return 200 * 2 * np.pi / (self.highest or 1.0)
 
     def advance(self, times: Array) -> tuple[Array, Array]:
         """columnsᵀq and columnsᵀq̇ at times, (m, c) each.
@@ -162,8 +159,8 @@ class Flow:
     def tolerances(self) -> Array:
         """tol · s of the error control from now on, at least the rounding, shape (2n + 2,)."""
         n, pushed = len(self.T), self.thrust / self.omega
-        m = max(self._motion(), FAINTEST * self.scale)
-        at = max(self.tol * min(self.scale, m), NOISE * (min(pushed, m / SMALL) if self.shifted else pushed))
+        m = max(self._motion(), TINY ** (1 / 3) * self.scale)  # the squares of so small a motion are still numbers
+        at = max(self.tol * min(self.scale, m), NOISE * (min(pushed, m / SMALL_CHANGE) if self.shifted else pushed))
         power = at * (min(self.scale, m) + (min(pushed, m) if self.shifted else pushed))
         return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
 
@@ -192,7 +189,8 @@ def _rest(contact: Sliding, start: State, begin: Array, K: Array, G: Array) -> A
         found = la.cho_solve(la.cho_factor(K), force)
     except la.LinAlgError:
         return None
-    sharp = np.abs(K @ found - force).max() <= SHARP * np.abs(force).max()
+    # its rounding matters if the motion is far from x₀
+    sharp = np.abs(K @ found - force).max() <= 4096 * EPS * np.abs(force).max()
     return found if sharp or np.linalg.norm(found - begin) <= 0.5 * np.linalg.norm(found) else None
 
 
@@ -263,7 +261,7 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
         return rhs, jacobian
     exerted, slope = alone.scalar()
     g, first, rounding = float(G[0, 0]), float(change.rest[0]), float(change.rounding[0])
-    small = SMALL * abs(first)
+    small = SMALL_CHANGE * abs(first)
 
     def scalar_rhs(t: float, y: Array) -> Array:
         dot(y, whole)
@@ -286,7 +284,7 @@ def _lsoda(flow: Flow, times: Array) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ODEintWarning)  # its message is in `info`
         found, info = odeint(flow.rate, flow.y, times, Dfun=flow.jacobian, col_deriv=True, tfirst=True,
-                             rtol=flow.tol, atol=flow.tolerances(), full_output=True, mxstep=MOST)
+                             rtol=flow.tol, atol=flow.tolerances(), full_output=True, mxstep=5_000_000)  # between two points
     flow.steps += int(info["nst"][-1])
     flow.rhs += int(info["nfe"][-1])
     flow.jacobians += int(info["nje"][-1])

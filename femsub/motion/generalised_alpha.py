@@ -32,7 +32,7 @@ import scipy.sparse as sp
 from femsub.algebra import Handle, factorise
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError, SingularMatrixError
-from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State, mass_solve, massless
+from femsub.motion.nonlinear_model import SMALL_CHANGE, Change, Sliding, State, mass_solve, massless
 
 if TYPE_CHECKING:
     from femsub.motion.first_order import Balance
@@ -40,13 +40,10 @@ if TYPE_CHECKING:
 RADIUS = 0.9  # amplification at infinite frequency
 STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: where in a step the equation holds
 GAMMA, BETA = 0.5 + INERTIA - STAGE, 0.25 * (1 + INERTIA - STAGE) ** 2
-AT_ONCE = 8  # points of the grid per call; Ctrl-C loses at most so many
-BLOCK = 32  # steps between two decisions on their length
-KEPT, BYTES = (2, 12), 1e9  # smallest and largest number of factors kept (last used), and the memory for them
-FADE = 0.5 ** (1 / BLOCK)  # decay of V per step
+JUDGED = 32  # steps between two decisions on their length
+KEPT = (2, 12)  # smallest and largest number of factors kept (last used)
+FADE = 0.5 ** (1 / JUDGED)  # decay of V per step
 NOISE = 64 * EPS  # rounding, relative to the terms added up in a step
-AT_MOST = 5  # largest number of halvings at one decision
-HALVINGS = 40  # halvings of the step in a row after which the integration fails
 
 
 class Moment(NamedTuple):
@@ -63,12 +60,17 @@ class Moment(NamedTuple):
 
 
 class AlphaFlow:
-    """A trajectory of a sparse model during integration, with the attributes and methods of `first_order.Flow`."""
+    """A trajectory of a sparse model during integration, with the attributes and methods of `first_order.Flow`.
+
+    Factors are kept in up to `memory` bytes. The integration fails after so many `halvings` of the step in a row.
+    """
 
     method = "alpha"
 
-    def __init__(self, contact: Sliding, start: State, t: float, step: float, tol: float, columns: Matrix) -> None:
+    def __init__(self, contact: Sliding, start: State, t: float, step: float, tol: float, columns: Matrix, *,
+                 memory: float = 1e9, halvings: int = 40) -> None:
         model = contact.model
+        self.memory, self.halvings = memory, halvings
         self.contact, self.t, self.tol, self.columns = contact, t, tol, columns
         self.M, self.D, self.K = (sp.csr_array(part) for part in (model.M, model.D, model.K))
         self.weight = self.M.diagonal()
@@ -95,7 +97,7 @@ class AlphaFlow:
 
     @property
     def stretch(self) -> float:
-        return AT_ONCE * self.largest
+        return 8 * self.largest  # Ctrl-C loses at most eight points of the grid
 
     @property
     def error(self) -> float:
@@ -136,16 +138,16 @@ class AlphaFlow:
                     break
             if self.worst > self.tol:
                 halved += 1
-                if halved > HALVINGS:
+                if halved > self.halvings:
                     raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g}, but the local error is still "
                                             f"{self.worst:.1e} at tol = {self.tol:g}. Use a larger tol or eps")
-                # the local error falls with the third power of the step: what is far too long is halved more than once
-                self.dt = step / 2 ** min(max(1, int(np.log2(self.worst / self.tol) / 3)), AT_MOST)
+                # the local error falls with the third power of the step: what is far too long is halved up to five times
+                self.dt = step / 2 ** min(max(1, int(np.log2(self.worst / self.tol) / 3)), 5)
                 self.history, self.done, self.worst = [begin], 0, 0.0
                 del shown[kept:]
                 continue
             shown.append(self.history[-1])
-            if self.done >= BLOCK:
+            if self.done >= JUDGED:
                 if self.worst < self.tol / 16 and 2 * self.dt <= self.largest * (1 + 1e-9):
                     self.dt *= 2
                 begin, kept, halved = shown[-1], len(shown), 0
@@ -187,7 +189,7 @@ class AlphaFlow:
         """Local error of the velocity over its scale: a twelfth of the third difference, as for the trapezoidal rule."""
         v, now = [moment.v for moment in self.history], self.history[-1]
         wrong, size = self._norm(v[3] - v[0] - 3 * (v[2] - v[1])) / 12, self._norm(v[3])
-        shaken = min(self.shaken, self._shaken(now.force) / SMALL)  # forces whose rounding is in Δf
+        shaken = min(self.shaken, self._shaken(now.force) / SMALL_CHANGE)  # forces whose rounding is in Δf
         noise = NOISE * (2 / step * self._norm(now.x) + step / 2 * shaken)
         moving = max(size, FADE * now.moving)
         self.history[-1] = now._replace(moving=moving, error=now.error + (wrong / (moving + noise) if wrong else 0.0))
@@ -226,7 +228,7 @@ class AlphaFlow:
                 self.kind = "general"
                 handle = factorise(S, self.kind)
             fill = getattr(handle, "fill", np.nan)
-            self.kept = int(np.clip(BYTES / (8 * len(self.weight) * (fill if np.isfinite(fill) else 500)), *KEPT))
+            self.kept = int(np.clip(self.memory / (8 * len(self.weight) * (fill if np.isfinite(fill) else 500)), *KEPT))
             Z = handle.solve(self.contact.W)
             self.factors[key] = handle, Z, s * (self.contact.W.T @ Z)
         self.factors[key] = self.factors.pop(key)  # most recently used last
@@ -251,7 +253,7 @@ def _contact_force(force: Change, guess: tuple[Array, Array], change: Array, bef
 
     v = begin
     rest, f = gap(v)
-    felt = min(float(np.abs(force.rest).max(initial=0.0)), float(np.abs(f).max()) / SMALL) + np.abs(f).max()
+    felt = min(float(np.abs(force.rest).max(initial=0.0)), float(np.abs(f).max()) / SMALL_CHANGE) + np.abs(f).max()
     floor = 8 * EPS * (np.abs(linear).max() + np.abs(C).max() * felt + np.abs(v).max())
     if not contact.by_speed:  # forces depend on displacements as well, whose rounding they multiply
         floor += 8 * EPS * float((np.abs(C @ contact.tangents(force.place + place, v)[0]) @ np.abs(place)).max())

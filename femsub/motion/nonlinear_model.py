@@ -24,9 +24,8 @@ from femsub.errors import InputError, InputTypeError, NotConvergedError, Singula
 from femsub.model import ReducedSubstructure, Substructure, columns_of, contacts_of
 from femsub.modes import ShiftInvert
 
-NEWTON = 50  # largest number of steps to an equilibrium or a mean displacement
 RESIDUE = 16 * EPS  # relative to the forces that cancel in an equilibrium: the rounding that remains
-SMALL = 1e-5  # of the force at rest: a smaller change of it is taken from the tangent
+SMALL_CHANGE = 1e-5  # of the force at rest: a smaller change of it is taken from the tangent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,17 +183,17 @@ class Sliding:
                              "and there is no sliding equilibrium. Hold it with supports or springs")
         return Z, self.W.T @ Z
 
-    def mean(self, u: Array, v: Array, begin: Array) -> tuple[Array, Array]:
-        """u₀ (p,) of u₀ = WᵀK⁻¹W f₀, f₀ the mean of f(u₀ + u, v) over m times, and f (p, m): by Newton's method from `begin` on.
+    def mean(self, u: Array, v: Array, begin: Array, steps: int = 50) -> tuple[Array, Array]:
+        """u₀ (p,) of u₀ = WᵀK⁻¹W f₀, f₀ the mean of f(u₀ + u, v) over m times, and f (p, m), by Newton's method from `begin` on.
 
         Raises
         ------
         NotConvergedError
-            Newton's method found none.
+            Newton's method found none in so many `steps`.
         """
         H = self.static[1]
         mean, size = begin, float(np.abs(u).max())
-        for _ in range(NEWTON):
+        for _ in range(steps):
             f = self.exerted(mean[:, None] + u, v)
             rest = mean - H @ f.mean(axis=1)
             if np.abs(rest).max() <= RESIDUE * ((np.abs(mean) + np.abs(H) @ np.abs(f).mean(axis=1)).max() + size):
@@ -202,7 +201,7 @@ class Sliding:
             of_u = self.tangents(mean[:, None] + u, v)[0].mean(axis=-1)
             mean = mean - np.linalg.solve(np.eye(len(mean)) - H @ of_u, rest)
         what = "mean displacement" if size else "equilibrium"
-        raise NotConvergedError(f"no {what} of {self.model.name!r} under its contacts was found in {NEWTON} steps of Newton's "
+        raise NotConvergedError(f"no {what} of {self.model.name!r} under its contacts was found in {steps} steps of Newton's "
                                 "method. Give another start")
 
     @cached_property
@@ -274,7 +273,7 @@ class Change:
 
     def __call__(self, u: Array, v: Array) -> Array:
         change = self.contact.exerted(self.place + u, v) - self.rest
-        small = np.abs(change) < SMALL * np.abs(self.rest)
+        small = np.abs(change) < SMALL_CHANGE * np.abs(self.rest)
         if not small.any():
             return change
         of_u, of_v = self.contact.tangents(self.place + u / 2, v / 2)

@@ -17,10 +17,7 @@ from femsub.errors import InputError
 from femsub.motion.transient import Transient
 
 WINDOW = "blackman"  # side lobes at -58 dB; the main lobe ends 3 bins from its centre
-LOBE = 3.0
-PADDED = 4  # factor of zero padding, for the interpolation of peaks
 FEWEST = 32  # smallest number of points for a spectrum
-FEWEST_PEAKS = 5  # smallest number of peaks of |signal| for a growth rate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,11 +99,11 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
     _, x, step = _part(t, signal, between, FEWEST)
     m = len(x)
     g = get_window(WINDOW, m)
-    long = next_fast_len(PADDED * m, real=True)
+    long = next_fast_len(4 * m, real=True)  # zeros behind the signal, for the interpolation of peaks
     amplitude = np.abs(rfft(g * (x - g @ x / g.sum()), long)) * 2 / g.sum()
     omega = 2 * np.pi * np.arange(len(amplitude)) / (long * step)
     resolution = 2 * np.pi / (m * step)
-    at, _ = find_peaks(amplitude, height=floor * amplitude.max(), distance=LOBE * resolution / omega[1])
+    at, _ = find_peaks(amplitude, height=floor * amplitude.max(), distance=3 * resolution / omega[1])
     at = at[np.argsort(-amplitude[at])][:count]
     vertices = np.array([_parabola(np.log(amplitude[i - 1:i + 2])) for i in at]).reshape(-1, 2)
     return Spectrum(omega, amplitude, omega[at] + omega[1] * vertices[:, 0], np.exp(vertices[:, 1]), resolution)
@@ -213,8 +210,8 @@ def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = N
         times, x = times[:end], x[:end]
     y = np.abs(x)
     at, _ = find_peaks(y)
-    if len(at) < FEWEST_PEAKS:
-        raise InputError(f"a growth rate needs at least {FEWEST_PEAKS} peaks of |x|, but there are {len(at)}. Use a longer "
+    if len(at) < 5:
+        raise InputError(f"a growth rate needs at least 5 peaks of |x|, but there are {len(at)}. Use a longer "
                          "window, a finer grid or a larger `below`")
     refined = [_parabola(y[i - 1:i + 2]) for i in at]
     places = times[at] + step * np.array([place for place, _ in refined])

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra import QUADRATIC, WIDE
 from femsub.checks import (
     EPS,
+    EQUAL,
     Array,
     Interruptible,
     choice,
@@ -37,16 +39,12 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-DENSE = 300  # DOF up to which a sparse model is integrated as a dense one
-LARGEST = 2000  # DOF up to which the integrators for dense models may be used
 TOL = {"dense": 1e-9, "alpha": 1e-5}
-POINTS = 16  # recorded points per period of the highest mode
+PER_PERIOD = 16  # recorded points per period of the highest mode
 MOST_ASKED = 10**8  # largest number of recorded points that may be requested: 1.6 GB for each port
 MOST_POINTS = 200_000  # largest number of recorded points by default
-FAINT = 1e-6  # the energy balance is relative to at least this share of the energy
-UNKNOWN = 2000  # recorded points if the highest mode is not known
-ROUNDING = 1e-9  # share of a step by which the grid may extend beyond the end
-TELL = 0.3  # seconds between two progress messages
+TIGHTEST = 1e-13  # smallest relative tolerance of an integration; below it rounding determines the steps
+REPORTED = 0.3  # seconds between two progress messages
 
 
 @dataclass(frozen=True)
@@ -233,8 +231,8 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     t0, t1 = interval("time", time)
     choice("method", method, ("auto", "alpha", *METHODS))
     report = listener("progress", progress)
-    if tol is not None and not 1e-13 <= finite_number("tol", tol) <= 1e-2:
-        raise InputError(f"tol must lie between 1e-13 and 1e-2, not {tol!r}")
+    if tol is not None and not TIGHTEST <= finite_number("tol", tol) <= 1e-2:
+        raise InputError(f"tol must lie between {TIGHTEST:g} and 1e-2, not {tol!r}")
     choice("record", record, ("ports", "states"))
     whole = record == "states"
     columns, places = _columns(contact, ports, whole)
@@ -248,12 +246,12 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
         for times, wanted in _stretches(t0, t1, grid, flow.stretch):
             q, v = flow.advance(times)
             parts.append((q[wanted], v[wanted]))
-            if clock.perf_counter() - reported > TELL:
+            if clock.perf_counter() - reported > REPORTED:
                 reported = clock.perf_counter()
                 report(f"t = {flow.t:.6g} of {t1:g}")
     q, v = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
     work, loss, change, common, energy = flow.balance
-    largest = max(abs(work), abs(loss), abs(change), FAINT * energy)
+    largest = max(abs(work), abs(loss), abs(change), 1e-6 * energy)
     balance = EnergyBalance(work + common, loss, change + common, abs(work - loss - change) / largest if largest else 0.0)
     run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in places.items()},
                     {name: v[:, at] for name, at in places.items()},
@@ -276,15 +274,15 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
           tol: float | None, method: str, columns: Any) -> tuple[Flow | AlphaFlow, Array]:
     """The trajectory, ready to start, and the grid on which it is recorded."""
     model = contact.model
-    large = sp.issparse(model.K) and model.size > DENSE
+    large = sp.issparse(model.K) and model.size > WIDE
     if method == "alpha" or (method == "auto" and large):
         from femsub.motion.generalised_alpha import AlphaFlow
 
         points = _grid(*time, *grid, 0.0)
         apart = float(points[1] - points[0]) if len(points) > 1 else time[1] - time[0]
         return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns), points
-    if model.size > LARGEST:
-        raise InputError(f"{method!r} is for dense models of up to {LARGEST} DOF, but {model.name!r} has {model.size}. Use "
+    if model.size > QUADRATIC:
+        raise InputError(f"{method!r} is for dense models of up to {QUADRATIC} DOF, but {model.name!r} has {model.size}. Use "
                          "method='alpha', or reduce the model first")
     flow = Flow(contact, start, time[0], TOL["dense"] if tol is None else float(tol), "lsoda" if method == "auto" else method,
                 columns)
@@ -319,13 +317,13 @@ def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_
         whole_number("samples", samples, least=1, most=MOST_ASKED)
         return np.linspace(begin, t1, samples + 1)
     if step is None:
-        step = 2 * np.pi / (POINTS * highest) if highest else (t1 - begin) / UNKNOWN
+        step = 2 * np.pi / (PER_PERIOD * highest) if highest else (t1 - begin) / 2000
         step = max(step, (t1 - begin) / MOST_POINTS)
     elif (t1 - begin) / positive_number("step", step) > MOST_ASKED:
         raise InputError(f"a step of {step:g} gives {(t1 - begin) / step:.1e} points, but at most {MOST_ASKED:.0e} are possible. "
                          "Use a larger step, or record_from")
     step = float(step)
-    return begin + step * np.arange(int((t1 - begin) / step + ROUNDING) + 1)
+    return begin + step * np.arange(int((t1 - begin) / step + EQUAL) + 1)
 
 
 def _stretches(t0: float, t1: float, grid: Array, longest: float) -> Iterator[tuple[Array, Array]]:
@@ -344,6 +342,6 @@ def _stretches(t0: float, t1: float, grid: Array, longest: float) -> Iterator[tu
         times = grid[at:at + count + 1]
         wanted = np.ones(len(times), dtype=bool)
         wanted[0], first = first, False
-        if at + count >= len(grid) - 1 and t1 - times[-1] > ROUNDING * apart:
+        if at + count >= len(grid) - 1 and t1 - times[-1] > EQUAL * apart:
             times, wanted = np.append(times, t1), np.append(wanted, False)
         yield times, wanted

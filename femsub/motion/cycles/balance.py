@@ -32,12 +32,10 @@ import scipy.linalg as la
 
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError
-from femsub.motion.cycles.compliance import Compliance
+from femsub.motion.cycles.compliance import NEGLECTED, Compliance
 from femsub.motion.nonlinear_model import Sliding
 
-ALIASING = 1e-7  # samples are doubled until the relative change of v is smaller
 SAMPLES = 2**17  # largest number of samples per period
-STEP = 1e-9  # relative size of a Newton step at which the iteration ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +169,7 @@ class Balance:
         while count < SAMPLES:
             finer = coefficients(self.force(orbit, 2 * count), H)
             error = np.einsum("kij,kj->ki", Y, (finer - f)[1:])
-            if np.linalg.norm(error) <= ALIASING * np.linalg.norm(orbit.v):
+            if np.linalg.norm(error) <= NEGLECTED * np.linalg.norm(orbit.v):
                 break
             count, f = 2 * count, finer
         return count
@@ -264,8 +262,8 @@ class Balance:
             return np.inf
         return float(np.linalg.norm(step[:-1]) / np.linalg.norm(parts_of(orbit.v)) + abs(step[-1]) / orbit.omega)
 
-    def solve(self, orbit: Orbit, *, rounds: int = 40, tol: float = STEP) -> tuple[Orbit, float, int]:
-        """Newton's method with a line search on `system`; returns ‖R‖/‖v‖ and the steps, too.
+    def solve(self, orbit: Orbit, *, rounds: int = 40, tol: float = 1e-9) -> tuple[Orbit, float, int]:
+        """Newton's method with a line search on `system` up to a relative step `tol`; returns ‖R‖/‖v‖ and the steps, too.
 
         Raises
         ------

@@ -32,13 +32,6 @@ if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
 
 
-EASY, HARD = 4, 8  # with fewer Newton steps the step along the branch grows; with so many it was too long
-LONGEST, SHORTEST, FIRST = 0.15, 1e-5, 0.01  # scaled steps along a branch
-HALVINGS = 6  # halvings to locate a special point
-YOUNG = 0.02  # amplitude / belt speed below which the amplitude's multiplier is 1 within its error
-BESIDE = 2e-3  # distance from a fold, as a share of the parameter's range, within which a multiplier is 1 within its error
-TURN = 0.85  # smallest cosine between the tangents of neighbours
-
 
 @dataclass(frozen=True)
 class SpecialPoint:
@@ -250,10 +243,16 @@ class Point(NamedTuple):
 
 
 class Tracer:
-    """One walk along a path, in one direction: the points found, in order, and why it ended."""
+    """One walk along a path, in one direction: the points found, in order, and why it ended.
 
-    def __init__(self, path: Path, direction: float, limits: tuple[float, float], stability: bool) -> None:
+    The scaled steps (see `Path`) begin with `first`, and are no longer than `longest`. The walk ends where they must be shorter
+    than `shortest`. A special point is located by `halvings` of the step over it, each for one more cycle.
+    """
+
+    def __init__(self, path: Path, direction: float, limits: tuple[float, float], stability: bool, *, first: float = 0.01,
+                 longest: float = 0.15, shortest: float = 1e-5, halvings: int = 6) -> None:
         self.path, self.direction, self.limits, self.stability = path, direction, limits, stability
+        self.first, self.longest, self.shortest, self.halvings = first, longest, shortest, halvings
         self.points: list[Point] = []
         self.special: list[SpecialPoint] = []
         self.ended = ""
@@ -261,7 +260,7 @@ class Tracer:
     def walk(self, first: Place, most: int, report: Callable[[str], None]) -> Tracer:
         """Walk from `first` on, until the end of the range, of the branch, or of the allowed number of points."""
         self.points.append(self.point(first))
-        length = FIRST
+        length = self.first
         while not self.ended:
             last = self.points[-1]
             if len(self.points) >= most:
@@ -271,18 +270,20 @@ class Tracer:
             report(f"branch: {len(self.points)} cycles, {where}")
             try:
                 found, turns = self.path.step(last.place, self.direction * length)
-                if self.path.resized(last.place, found.orbit.harmonics).tangent @ found.tangent < TURN:
+                # the tangents of neighbours differ by 32° at most
+                if self.path.resized(last.place, found.orbit.harmonics).tangent @ found.tangent < 0.85:
                     raise NotConvergedError("the branch turns too sharply for this step")
             except NotConvergedError as error:
                 length /= 2
-                if length < SHORTEST:
+                if length < self.shortest:
                     self.ended = f"the steps became too small at {where}: {error}"
                 continue
             self.ended = self._over(last.place, found)
             if not self.ended:
                 self.points.append(self.point(found))
-                self._scan(last, self.points[-1], length, HALVINGS)
-                length = min(LONGEST, 1.5 * length) if turns <= EASY else 0.5 * length if turns >= HARD else length
+                self._scan(last, self.points[-1], length, self.halvings)
+                # few steps of Newton's method: it may be longer; many: it was too long
+                length = min(self.longest, 1.5 * length) if turns <= 4 else 0.5 * length if turns >= 8 else length
         return self
 
     def point(self, place: Place) -> Point:
@@ -323,8 +324,9 @@ class Tracer:
 
     def _told(self, point: SpecialPoint) -> bool:
         """Whether the point repeats a known one: a fold is also detected as a multiplier crossing +1 nearby."""
+        # within 0.002 of the parameter's range from a fold a multiplier is 1 within its error
         near = [other for other in self.special if {other.kind, point.kind} == {"fold", "branch point"}
-                and abs(other.value - point.value) <= BESIDE * self.path.scales[2]]
+                and abs(other.value - point.value) <= 0.002 * self.path.scales[2]]
         if point.kind == "fold":
             self.special = [other for other in self.special if other not in near]
             return False
@@ -334,7 +336,8 @@ class Tracer:
         critical, ends = 1 + 0j, (a.place.direction, b.place.direction)
         fold = (ends[0] > 0) != (ends[1] > 0)
         if not fold:
-            if max(a.cycle.peak, b.cycle.peak) < YOUNG * self.path.scales[0]:
+            # in a cycle that small beside the belt's speed the amplitude's multiplier is 1 within its error
+            if max(a.cycle.peak, b.cycle.peak) < 0.02 * self.path.scales[0]:
                 return None
             critical, ends = _passing(a.cycle, b.cycle)
         share = float(np.clip(ends[0] / (ends[0] - ends[1]), 0, 1)) if ends[0] != ends[1] else 0.5

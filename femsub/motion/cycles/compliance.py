@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import QUADRATIC, Handle, is_symmetric, orthonormal, shared_factor
-from femsub.checks import Array, Matrix
+from femsub.checks import EPS, Array, Matrix
 from femsub.model import Pencil
 from femsub.modes import ModalForm, ShiftInvert, lowest_modes, modal_form, port_responses
 
@@ -26,12 +26,8 @@ if TYPE_CHECKING:
     from femsub.model import Substructure
     from femsub.motion.nonlinear_model import Sliding
 
-COALESCED = 1e8  # condition of the matrix of eigenvectors, ‖X‖ ‖X⁻¹‖ / m in the Frobenius norm (1 for a normal A)
-AGREE = 1e-7  # largest relative difference of partial fractions from a solve
-NEARBY = 1e-7  # estimated relative error of h up to which a basis of responses replaces the model
-MODES, MOMENTS = 40, 3  # size of the first basis of a sparse model
-AT_ONCE = 8  # frequencies that are solved before the others are checked again
-CHUNK = 2_000_000  # entries of a temporary array
+NEGLECTED = 1e-7  # relative error of a speed that harmonic balance neglects: of partial fractions, of a basis, by aliasing
+ENTRIES = 200_000  # of a temporary array: 3 MB, which a cache holds
 
 
 class Compliance(ABC):
@@ -77,7 +73,8 @@ def spectral(pencil: Pencil) -> Spectral | None:
     except la.LinAlgError:
         return None
     condition = np.linalg.norm(right) * np.linalg.norm(left) / len(A)
-    return Spectral(form, values, right, left, slice(n - r, None)) if condition < COALESCED else None
+    # the condition is 1 for a normal A; with this one half of the digits are left
+    return Spectral(form, values, right, left, slice(n - r, None)) if condition < EPS**-0.5 else None
 
 
 _KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
@@ -97,7 +94,7 @@ def compliance(contact: Sliding) -> Compliance:
         _KNOWN[model] = spectral(model.pencil.dense())
     found = _KNOWN[model]
     fractions = None if found is None else Fractions(found, contact.W)
-    return fractions if fractions is not None and fractions.error <= AGREE else Solved(model.pencil, contact.W)
+    return fractions if fractions is not None and fractions.error <= NEGLECTED else Solved(model.pencil, contact.W)
 
 
 class Fractions(Compliance):
@@ -119,7 +116,7 @@ class Fractions(Compliance):
             return self._last[1:]
         p = self.out.shape[0]
         Y, slope = (np.empty((len(s), p * p), dtype=complex) for _ in range(2))
-        step = max(1, CHUNK // len(self.found.values))
+        step = max(1, ENTRIES // len(self.found.values))
         for start in range(0, len(s), step):
             at = slice(start, start + step)
             inverse = 1 / (s[at, None] - self.found.values)
@@ -153,22 +150,23 @@ class Solved(Compliance):
     """Y(s) by one solve for each frequency that the responses found so far do not represent.
 
     The real and imaginary parts of the responses span V. V q with VᵀP(s)V q = VᵀW replaces the model if the error of h,
-    estimated from the residual, is below 1e-7. Newton's method changes ω only a little in each step, and neighbouring
-    harmonics share modes. So fewer systems are solved than there are harmonics.
+    estimated from the residual, is below NEGLECTED. Newton's method changes ω only a little in each step, and neighbouring
+    harmonics share modes. So fewer systems are solved than there are harmonics. The basis of a sparse model begins with
+    so many of its lowest `modes`.
     """
 
-    def __init__(self, pencil: Pencil, W: Array) -> None:
+    def __init__(self, pencil: Pencil, W: Array, modes: int = 40) -> None:
         self.pencil, self.W = pencil, W
         self.symmetric = all(pencil.symmetric)
         self.V = np.zeros((pencil.size, 0))
         self.quick: Fractions | None = None
         if pencil.is_sparse and pencil.size > QUADRATIC:
             # the lowest modes, which nearby responses cannot distinguish, and the first moments of h about 0
-            modes = lowest_modes(ShiftInvert(pencil.K, pencil.M, carried=pencil.rigid_motion), MODES, evidence=False)
+            lowest = lowest_modes(ShiftInvert(pencil.K, pencil.M, carried=pencil.rigid_motion), modes, evidence=False)
             moments = [self.static.solve(W)]
-            for _ in range(MOMENTS):
+            for _ in range(3):
                 moments.append(self.static.solve(pencil.M @ moments[-1]))
-            self.V = orthonormal(modes.shapes, np.asarray)[0]  # first, since little of the moments remains beside the modes
+            self.V = orthonormal(lowest.shapes, np.asarray)[0]  # first, since little of the moments remains beside the modes
             self._grow(np.hstack(moments))
 
     def _galerkin(self, s: Array) -> tuple[Array, Array]:
@@ -208,10 +206,10 @@ class Solved(Compliance):
         found, wrong = self._galerkin(s)
         left: dict[int, Array] = {}
         exact = np.zeros(len(s), dtype=bool)
-        while (wrong > NEARBY).any():
-            # frequencies in between are often represented by their neighbours
-            bad = np.flatnonzero(wrong > NEARBY)
-            chosen = bad[np.unique(np.linspace(0, len(bad) - 1, min(len(bad), AT_ONCE)).astype(int))]
+        while (wrong > NEGLECTED).any():
+            # eight at once: frequencies in between are often represented by their neighbours
+            bad = np.flatnonzero(wrong > NEGLECTED)
+            chosen = bad[np.unique(np.linspace(0, len(bad) - 1, min(len(bad), 8)).astype(int))]
             new, other = zip(*(self._exact(s[i]) for i in chosen), strict=True)
             left.update(zip(chosen, other, strict=True))
             self._grow(np.hstack(new))

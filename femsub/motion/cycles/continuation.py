@@ -14,16 +14,15 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import EPS, Array
 from femsub.coupling import Belt, with_slope
 from femsub.errors import InputError, NotConvergedError
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, parts_of
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
+from femsub.stability.crossings import STEP
 
 PARAMETERS = ("speed", "force", "slope")  # of a belt
-DIFFERENCE = 1e-6  # step of the central difference for dR/dp, relative to the scale of p
-CONVERGED = 1e-8
 
 
 def with_parameter(contact: Any, name: str, value: float) -> Any:
@@ -90,7 +89,7 @@ class Path:
         balance = self.balance(value)
         terms = balance.residual(orbit, count)
         R, J = balance.system(orbit, terms)
-        h = DIFFERENCE * size
+        h = STEP * size
         ahead, behind = (coefficients(self.balance(value + side).force(orbit, count), orbit.harmonics)[1:] for side in (h, -h))
         change = -np.einsum("kij,kj->ki", terms.Y, (ahead - behind) / (2 * h))
         whole = np.column_stack([J, np.append(parts_of(change), 0.0)])
@@ -119,7 +118,7 @@ class Path:
             orbit, value = self.unscaled(x, replace(orbit, mean=mean))
             if orbit.omega <= 0:
                 raise NotConvergedError(f"the frequency became negative at {self.parameter} = {value:.6g}")
-            if size <= CONVERGED * (1 + float(np.linalg.norm(x))):
+            if size <= EPS**0.5 * (1 + float(np.linalg.norm(x))):
                 break
             if size < 1e-2:
                 count = self.balance(value).samples(orbit)

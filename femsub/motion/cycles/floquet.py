@@ -34,18 +34,8 @@ from scipy.special import exprel
 from femsub.checks import Array
 from femsub.modes import match
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two, samples_of
-from femsub.motion.cycles.compliance import Fractions
+from femsub.motion.cycles.compliance import ENTRIES, Fractions
 from femsub.motion.nonlinear_model import Sliding
-
-STEPS = 1024  # steps of the first of two passes
-MOST = 32768
-TRUSTED = 1e-4  # discretisation error of the leading multipliers at which the steps are short enough
-LEFT = 0.1  # share of the last extrapolation's change that is taken as the remaining error, to decide on shorter steps
-CHUNK = 200_000  # entries of a temporary array
-MARGIN = 3.0  # safety factor on observed changes: second-order terms, extrapolation beside a kink of the friction law
-AMPLIFIED = 10.0  # safety factor on the error of the trivial multiplier, which is of second order after the correction
-SPILLED = 0.1  # share of the largest change of any multiplier that is counted for each
-NEAR = 0.05  # relative distance from orbit to cycle above which the linear correction, and hence stability, is undecided
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,8 +87,13 @@ class Multipliers:
         return f"Multipliers: {words[self.is_stable]}, largest {first:.6g}, |μ| = {abs(first):.6g}; off by up to {self.doubt:.0e}"
 
 
-def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps: int = STEPS) -> Multipliers:
-    """The multipliers of the cycle next to an orbit of a dense model. Steps are halved until the estimated error is 1e-4."""
+def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps: int = 1024, most: int = 32768,
+                tol: float = 1e-4) -> Multipliers:
+    """The multipliers of the cycle next to an orbit of a dense model.
+
+    From `steps` of the first of two passes on, steps are halved until the estimated error of the leading multipliers is `tol`, or
+    a pass has `most` of them: a pass costs O(steps n²).
+    """
     waves = _Waves(contact, flexibility, orbit)
     coarse, before, last = _passage(contact, flexibility, waves.course(steps)), None, np.inf
     while True:
@@ -109,12 +104,13 @@ def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps
         before = fine + (fine - coarse) / 3
         found, plain = _sorted(np.linalg.eigvals(best[:, :-1])), np.linalg.eigvals(rough[:, :-1])
         at = int(np.argmin(np.abs(found - 1)))
-        wrong = LEFT * max(float(np.abs(plain - value).min()) / max(1.0, abs(value)) for value in [*found[:4], found[at]])
+        # a tenth of the last extrapolation's change is taken as the error that remains
+        wrong = 0.1 * max(float(np.abs(plain - value).min()) / max(1.0, abs(value)) for value in [*found[:4], found[at]])
         trivial = float(abs(found[at] - 1))
         # if shorter steps do not bring it nearer to 1, the remaining error is that of the orbit
-        done = wrong <= TRUSTED and (trivial <= TRUSTED or trivial > 0.5 * last)
+        done = wrong <= tol and (trivial <= tol or trivial > 0.5 * last)
         last = trivial
-        if done or 2 * steps >= MOST:
+        if done or 2 * steps >= most:
             break
         steps, coarse = 2 * steps, fine
     corrected = _corrected(contact, flexibility, waves, best, steps)
@@ -123,7 +119,10 @@ def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps
     at = int(np.argmin(np.abs(values - 1)))
     to = match(values, found)[1]
     moved, stepped = np.abs(values - found[to]), np.abs(found - plain[match(found, plain)[1]])[to]
-    doubts = MARGIN * (moved + stepped + SPILLED * (moved + stepped).max()) + AMPLIFIED * abs(values[at] - 1)
+    # factors fitted to the test above. 3: second-order terms, extrapolation beside a kink of the law. A tenth of the largest
+    # change spills to all. 10: the error of the trivial multiplier is of second order after the correction
+    changed = moved + stepped
+    doubts = 3 * (changed + 0.1 * changed.max()) + 10 * abs(values[at] - 1)
     if corrected is None:
         doubts = np.full(len(values), np.inf)
     return Multipliers(np.delete(values, at), np.delete(doubts, at), complex(values[at]))
@@ -192,7 +191,7 @@ def _steps(contact: Sliding, flexibility: Fractions, course: _Course) -> tuple[A
     h, values = course.h * course.period, flexibility.found.values
     E = _impulses(contact.tangents(course.v, course.v)[1] * h, flexibility.w.T @ flexibility.w)
     after = 0.5 * np.append(h[:-1] + h[1:], h[-1])  # half of this step and half of the next
-    at_once = max(1, CHUNK // len(values))
+    at_once = max(1, ENTRIES // len(values))
     blocks = (np.exp(after[i:i + at_once, None] * values) for i in range(0, len(h), at_once))
     return np.exp(0.5 * h[0] * values), zip((row for block in blocks for row in block), E, course.gap.T, strict=True)
 
@@ -217,7 +216,7 @@ def _corrected(contact: Sliding, flexibility: Fractions, waves: _Waves, whole: A
         z = (z + kick) * decay
     change += course.tau * (longer / course.period) * waves.v(course.tau, 1)
     far = np.sqrt((np.square(change) @ course.h).sum() / (np.square(course.v) @ course.h).sum())
-    if not far + abs(longer) / course.period <= NEAR:
+    if not far + abs(longer) / course.period <= 0.05:  # farther away the linear correction decides nothing
         return None
     return _Course(course.tau, course.h, course.v + change, 0 * course.gap, course.period + longer)
 

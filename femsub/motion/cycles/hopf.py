@@ -14,6 +14,7 @@ import numpy as np
 from femsub.checks import Array, interval
 from femsub.coupling import Belt
 from femsub.errors import InputError, NoCycleError
+from femsub.model import DOUBLE
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance, Fractions
 from femsub.motion.cycles.continuation import Path, Place
@@ -21,14 +22,11 @@ from femsub.motion.cycles.initial_guess import crossings
 from femsub.motion.nonlinear_model import Sliding
 from femsub.stability import critical_slope
 from femsub.stability.critical_value import critical_value
+from femsub.stability.crossings import ASIDE
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
     from femsub.stability import Crossing
-
-SMALL = 1e-3  # amplitude of the first cycle, relative to the belt's speed
-TOGETHER = 1e-6  # relative difference of slopes up to which crossings coincide
-AROUND = 1e-3  # relative half width of the band around the crossing nearest to a given frequency
 
 
 @dataclass(frozen=True)
@@ -79,10 +77,10 @@ def _nearest(model: Substructure, port: str, flexibility: Fractions, near: float
     if not len(omega):
         return ()
     at = int(np.argmin(np.abs(omega - near)))
-    together = np.abs(c - c[at]) <= TOGETHER * abs(c[at])
+    together = np.abs(c - c[at]) <= DOUBLE * abs(c[at])
     if together.sum() > 1:
         raise _several(c[at], omega[together])
-    band = omega[at] * (1 - AROUND), omega[at] * (1 + AROUND)
+    band = omega[at] * (1 - ASIDE), omega[at] * (1 + ASIDE)
     return critical_slope(model, port, band=band).first or \
         critical_value(model, Belt(port, slope=0.0), "slope", between=(c[at] / 2, 2 * c[at]), band=band).regains
 
@@ -141,11 +139,11 @@ def within(limits: tuple[float, float], parameter: str, hopf: HopfPoint) -> tupl
     return limits
 
 
-def begun(path: Path, hopf: HopfPoint, shape: Array) -> tuple[HopfPoint, Place]:
-    """The first cycles at two small amplitudes a, 2a; p and ω are even in a, which gives their limit at 0."""
+def begun(path: Path, hopf: HopfPoint, shape: Array, small: float = 1e-3) -> tuple[HopfPoint, Place]:
+    """The first cycles at two `small` amplitudes a, 2a of the belt's speed; p and ω are even in a: their limit at 0 follows."""
     found = []
     column = int(np.argmax(np.abs(shape)))
-    for size in (SMALL, 2 * SMALL):
+    for size in (small, 2 * small):
         a = size * path.scales[0]
         orbit = Orbit((0.5 * a * shape)[None, :].astype(complex), hopf.omega).with_harmonics(5)
         row = np.zeros(2 * orbit.v.size + 2)

@@ -26,29 +26,29 @@ from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.nonlinear_model import Sliding
 
-WIDE = 0.1  # ε / v0 of the first, smoothest law
-SHARPER = 0.72  # factor of ε from one level to the next
-PER_EPS = 1.2  # harmonics per v0/ε at such a level
 SWEPT = 3.0  # largest amplitude tried, in belt speeds
 
 
-def levels(contact: Sliding) -> list[Sliding]:
-    """The contact with increasingly sharp laws, the last one its own; one entry if no law has an ε (see `FrictionLaw`)."""
+def levels(contact: Sliding, wide: float = 0.1, sharper: float = 0.72) -> list[Sliding]:
+    """The contact with increasingly sharp laws, the last one its own; one entry if no law has an ε (see `FrictionLaw`).
+
+    The first, smoothest one has ε = `wide` v0 at least, and `sharper` is the factor of ε from one level to the next.
+    """
     widths = [width_of(belt.law) if is_dataclass(belt.law) else np.nan for belt in contact.belts]
     speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
-    most = max([1.0, *(WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width > 0)])
-    steps = int(np.ceil(np.log(most) / -np.log(SHARPER)))
+    most = max([1.0, *(wide * speed / width for width, speed in zip(widths, speeds, strict=True) if width > 0)])
+    steps = int(np.ceil(np.log(most) / -np.log(sharper)))
     return [contact.changed([belt if np.isnan(width) or factor == 1 else
-                             replace(belt, law=replace(belt.law, eps=max(width, min(width * factor, WIDE * speed))))  # type: ignore[type-var]
+                             replace(belt, law=replace(belt.law, eps=max(width, min(width * factor, wide * speed))))  # type: ignore[type-var]
                              for belt, width, speed in zip(contact.belts, widths, speeds, strict=True)])
             for factor in np.geomspace(most, 1.0, steps + 1).tolist()]
 
 
 def harmonics_for(contact: Sliding, most: int) -> int:
-    """The number of harmonics needed for the sharpest transition of a law (empirical)."""
+    """The number of harmonics needed for the sharpest transition of a law, empirical: 1.2 v0/ε, at least 10."""
     ratios = [abs(belt.speed or 0.0) / width_of(belt.law) for belt in contact.belts]
     ratio = max((ratio for ratio in ratios if not np.isnan(ratio)), default=10.0)
-    return int(np.clip(PER_EPS * ratio, 10, most))
+    return int(np.clip(1.2 * ratio, 10, most))
 
 
 def gain(contact: Sliding, shape: Array, amplitudes: Array, samples: int = 4096) -> Array:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from femsub.algebra import WIDE
 from femsub.checks import Array, finite_number, positive_number, whole_number
 from femsub.coupling import Belt
 from femsub.errors import FemsubWarning, InputError, NoCycleError, NotConvergedError, warn
@@ -18,15 +19,14 @@ from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
-from femsub.motion.transient import DENSE, MOST_POINTS, POINTS, Transient, transient
+from femsub.motion.transient import MOST_POINTS, PER_PERIOD, Transient, transient
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
 
 log = logging.getLogger(__name__)
 
-MOST_ASKED = 100_000  # largest number of harmonics that may be requested; each needs some 16 samples of every column
-MOST = 1500  # largest number of harmonics that is chosen automatically
+MOST_HARMONICS = 1500  # that are chosen automatically
 PERIODS = (40, 160)  # of the motion in time, one after the other, where another start leads to no cycle
 TAIL = 1e-5  # share of a cycle that its highest harmonics may be together and yet be left out of a start
 
@@ -215,13 +215,13 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
     """
     contact = sliding(model, contacts, "harmonic balance", structural=True)
     if harmonics is not None:
-        whole_number("harmonics", harmonics, least=1, most=MOST_ASKED)
+        whole_number("harmonics", harmonics, least=1, most=100_000)  # each needs some 16 samples of every column
     if not 0 < finite_number("tol", tol) < 1:
         raise InputError(f"tol must lie between 0 and 1, such as 1e-4, not {tol!r}")
     if all(isinstance(one, Belt) and one.force == 0 for one in contact.contacts):
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
     flexibility = flexibility_of(contact, start)
-    most = MOST if harmonics is None else harmonics
+    most = MOST_HARMONICS if harmonics is None else harmonics
     balance, failed = Balance(contact, flexibility), None
     for begin, count, steps in _starts(contact, flexibility, start, tol):
         try:
@@ -350,10 +350,10 @@ def _by_itself(contact: Sliding, flexibility: Compliance, near: float | None, to
     first: Orbit | None = None
     for sharp, orbit in orbits(contact, flexibility, near):
         steps, first = 0, first or orbit
-        levels = [(sharp[0], count) for count in (1, 3, 5, 10)] + [(at, harmonics_for(at, MOST)) for at in sharp]
+        levels = [(sharp[0], count) for count in (1, 3, 5, 10)] + [(at, harmonics_for(at, MOST_HARMONICS)) for at in sharp]
         try:
             for at, count in levels:
-                orbit, _, turns = _converged(Balance(at, flexibility), [orbit], count, MOST, tol)
+                orbit, _, turns = _converged(Balance(at, flexibility), [orbit], count, MOST_HARMONICS, tol)
                 steps += turns
         except NotConvergedError as error:
             failed = failed or error
@@ -368,10 +368,10 @@ def _by_itself(contact: Sliding, flexibility: Compliance, near: float | None, to
 
 def _in_time(contact: Sliding, flexibility: Compliance, state: State, omega: float) -> Iterator[tuple[Orbit, int, int]]:
     """Starts from the motion in time from a state on, longer and longer, where it is periodic. Large models have none."""
-    if not isinstance(flexibility, Fractions) or contact.model.size > DENSE:
+    if not isinstance(flexibility, Fractions) or contact.model.size > WIDE:
         return
     for periods in PERIODS:
-        if periods * POINTS * flexibility.found.form.omega.max() > MOST_POINTS * omega:
+        if periods * PER_PERIOD * flexibility.found.form.omega.max() > MOST_POINTS * omega:
             log.info("no cycle found, and %d periods of the motion in time would take too long", periods)
             return
         log.info("no cycle found: %d periods of the motion in time follow", periods)

@@ -15,20 +15,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, whole_number
+from femsub.checks import EPS, Array, finite_number, whole_number
 from femsub.errors import InputError, NotConvergedError
 from femsub.modes import all_modes
 from femsub.motion.cycles.limit_cycle import LimitCycle
 from femsub.motion.nonlinear_model import Sliding, State, sliding
+from femsub.motion.transient import TIGHTEST
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
 
-LARGEST = 60  # DOF
-TIGHTEST = 1e-13  # smallest relative tolerance of the integration; below it rounding determines the steps
-CLOSED = 1e-8  # ‖y(T) - y‖ / ‖y‖ at which the orbit counts as closed
-SAMPLES = 4096
-LONGEST = 100  # largest number of oscillations of the lowest elastic mode in a period
+FEW_DOF = 60  # of a model: the variational equation has (2n)² unknowns
+CLOSED = EPS**0.5  # ‖y(T) - y‖ / ‖y‖ at which the orbit counts as closed: Newton's next step would end at rounding
+OSCILLATIONS = 100  # of the lowest elastic mode in a period, at most: its integration would take too long
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,8 +137,8 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
     if not TIGHTEST <= finite_number("tol", tol) <= 1e-2:
         raise InputError(f"tol must lie between {TIGHTEST:g} and 0.01, not {tol!r}")
     whole_number("rounds", rounds, least=1)
-    if model.size > LARGEST:
-        raise InputError(f"shooting is for models of up to {LARGEST} DOF, but this one has {model.size}. Use fs.harmonic_balance")
+    if model.size > FEW_DOF:
+        raise InputError(f"shooting is for models of up to {FEW_DOF} DOF, but this one has {model.size}. Use fs.harmonic_balance")
     if isinstance(start, LimitCycle):
         period = start.period if period is None else period
         start = start.state()
@@ -148,9 +147,9 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
         raise InputError(f"shooting from a state needs a positive period, not {period!r}")
     modes = all_modes(model.K, model.M, carried=model.rigid_motion)
     turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
-    if (turns > LONGEST).any():  # it would take too long
-        raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most {LONGEST} "
-                         "are allowed. Give the period in the model's unit of time")
+    if (turns > OSCILLATIONS).any():
+        raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most "
+                         f"{OSCILLATIONS} are allowed. Give the period in the model's unit of time")
     y = np.concatenate([start.displacement, start.velocity])
     flow = _Flow(contact, tol)
     for turn in range(1, rounds + 1):  # noqa: B007 - a field of the result
@@ -167,7 +166,7 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
             raise NotConvergedError("shooting lost the cycle: the period became negative. Start nearer to the cycle")
     else:
         raise NotConvergedError(f"shooting did not close the orbit in {rounds} steps: the gap is "
-                                f"{np.linalg.norm(gap) / scale:.1e} of the motion, above {CLOSED:g}. Start nearer to the cycle")
+                                f"{np.linalg.norm(gap) / scale:.1e} of the motion, above {CLOSED:.0e}. Start nearer to the cycle")
     values = np.linalg.eigvals(Phi)
     n = model.size
     return ShotCycle(State(y[:n], y[n:]), float(period), values[np.argsort(-np.abs(values))],
@@ -204,7 +203,7 @@ class _Flow:
 
     def speeds(self, y: Array, period: float) -> Array:
         """v at equidistant times, (p, m)."""
-        return self.C @ self._integrated(self.rate, y, period, period * np.arange(SAMPLES) / SAMPLES)
+        return self.C @ self._integrated(self.rate, y, period, np.linspace(0, period, 4096, endpoint=False))
 
     def _integrated(self, rate: Callable[[Array], Array], y: Array, period: float, times: Array | None = None) -> Array:
         from scipy.integrate import solve_ivp
