@@ -20,6 +20,12 @@ def test_all_solvers_agree_on_random_models(kind: str) -> None:
     assert set(found) <= {"agree", "none"} and "agree" in found
 
 
+@pytest.mark.parametrize("seed", [2, 9, 17, 24])
+def test_a_coalescence_without_damping_is_followed_to_its_place(seed: int) -> None:
+    """Every mode is on the axis at any value: Newton's method for iω alone stopped at the first, up to 4e-4 of the range off."""
+    assert solvers.attacked("undamped", seed) == "agree"
+
+
 @pytest.mark.parametrize(("begin", "end"), [(0.0, -0.03), (-0.03, 0.0)])
 def test_a_range_that_falls_is_met_on_the_way_down(begin: float, end: float) -> None:
     """Losses of one direction are regains of the other."""

@@ -273,7 +273,8 @@ class _Met(NamedTuple):
 def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array, steps: int, far: float = EXPECTED) -> _Met:
     """The eigenvalue of the full pencil on the line of `start`, and where it is there. No step is longer than `far` of the range.
 
-    Where two modes coalesce on the axis Newton's step fails, but its vectors are those that the small model lacks.
+    Where two modes coalesce on the axis Newton's step fails, but its vectors are those that the small model lacks. So it does
+    where λ moves along the line, as those of an undamped model do on the axis: the line alone determines no value there.
     """
     width, met = between[1] - between[0], _Met(start, np.stack([x, x.conj()], axis=1), np.nan, np.nan)
     for _ in range(steps):
@@ -283,6 +284,8 @@ def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array
         last, met = met.at, _step(over, between, met.at, factor, met.vectors[:, 0], met.vectors[:, 1])
         turn = abs(met.at.lam - last.lam)
         if not np.isfinite([turn, met.off]).all() or met.off > far * width or turn > far * abs(last.lam):
+            return met._replace(at=last)
+        if start.along and abs((met.rate / start.along).imag) <= EPS**0.5 * abs(met.rate):  # λ stays on the line: any p would do
             return met._replace(at=last)
         if turn <= EQUAL * abs(met.at.lam) and met.off <= EQUAL * width:
             return met._replace(settled=True)
