@@ -181,14 +181,12 @@ def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> 
     """The border of a small model from all of its modes. Method 'auto' uses the scalar function for a contact of one column."""
     with one_thread(pencil.size <= FEW):
         model = ModalContact(pencil.dense(), W)
-        return _at_rest(model, band) or _first(model, band, method)
-
-
-def _first(model: ModalContact, band: Band, method: str) -> Border:
-    border = bracketed(model, band) if method == METHOD or model.W.shape[1] > 1 else _rooted(model, band)
-    if not np.isfinite(border.c):
-        return border
-    before, beyond = (model.ranked(border.c * factor, band) for factor in (1 - ASIDE, 1 + ASIDE))
+        if (decided := _at_rest(model, band)) is not None:
+            return decided
+        border = bracketed(model, band) if method == METHOD or model.W.shape[1] > 1 else _rooted(model, band)
+        if not np.isfinite(border.c):
+            return border
+        before, beyond = (model.ranked(border.c * factor, band) for factor in (1 - ASIDE, 1 + ASIDE))
     if (already := before.max(initial=-np.inf)) > 1e2 * model.noise:
         raise NotConvergedError(f"the border c = {border.c:.9g} (ω = {border.omega:.6g}) is not the first one: Re λ = "
                                 f"{already:.3g} just before it. A pair that lost its stability outside the band has moved into "
@@ -240,18 +238,14 @@ def _rooted(model: ModalContact, band: Band) -> Border:
         at = int(group.max()) + 1
     if drift is not None:
         return drift
-    _check_damping(model, band)
-    return Border()
-
-
-def _check_damping(model: ModalContact, band: Band) -> None:
-    """Refuse models in which rounding of a large dashpot exceeds the damping of a mode that moves the contact."""
+    # never lost, unless rounding of a large dashpot exceeds the damping of a mode that moves the contact
     values, q = model.spectrum(0.0, band)
     lost, noise = model.lost(q), EPS * np.einsum("ij,ij->j", np.abs(q), np.abs(model.form.C) @ np.abs(q))
     drowned = np.flatnonzero(model.felt(q) & (noise > ASIDE * np.abs(lost)) & ~model.undamped(values, q))
     if model.symmetric and len(drowned):
         raise NotConvergedError(f"the damping of the mode at ω = {values[drowned[0]].imag:.6g} is lost in the rounding of a "
                                 "dashpot that is much larger. Fix the DOF of that dashpot, or leave it out")
+    return Border()
 
 
 def bracketed(model: ModalContact, band: Band) -> Border:
@@ -278,7 +272,13 @@ def bracketed(model: ModalContact, band: Band) -> Border:
 
     lost = grown(stable)
     while stable > last:
-        trial = max(_step(model, stable, wide, furthest), last)
+        # half of the way to the next crossing that is foretold, or a little beyond a near one
+        ahead = _foretold(model, stable, wide)
+        if np.isinf(ahead):
+            trial = 2 * stable if stable else 1e-3 * furthest * 1e-6
+        else:
+            trial = ahead * (1 + 2e-3) if stable - ahead <= 1e-3 * abs(ahead) else stable + 0.5 * (ahead - stable)
+        trial = max(trial, last)
         if grown(trial) <= lost:
             stable, lost = trial, grown(trial)
             continue
@@ -309,15 +309,6 @@ def _at(model: ModalContact, c: float, band: Band, wide: Band, contact: float) -
     shapes: Array = model.form.shapes @ q[:, order]
     omega = values[order].imag
     return Border(c, omega, shapes / np.linalg.norm(shapes, axis=0), model.beside(c, float(omega[0])), METHOD)
-
-
-def _step(model: ModalContact, stable: float, band: Band, furthest: float) -> float:
-    ahead = _foretold(model, stable, band)
-    if np.isinf(ahead):
-        return 2 * stable if stable else 1e-3 * furthest * 1e-6
-    if stable - ahead <= 1e-3 * abs(ahead):
-        return ahead * (1 + 2e-3)
-    return stable + 0.5 * (ahead - stable)
 
 
 def _foretold(model: ModalContact, c: float, band: Band) -> float:

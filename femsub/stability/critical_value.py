@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -179,7 +179,13 @@ def _held(model: Substructure, contact: Contact) -> Contact | None:
 def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str, between: tuple[float, float],
                 band: tuple[float, float] | None) -> LossQuestion:
     """The question, checked."""
-    begin, end = _range(between)
+    # different, and the end may be infinite
+    if isinstance(between, set) or len(pair := items("between", between, "two numbers (begin, end)")) != 2:
+        raise InputTypeError(f"between must be a pair (begin, end), not {shown(between)}")
+    begin = finite_number("between", pair[0])
+    end = float(pair[1]) if isinstance(pair[1], float) and np.isinf(pair[1]) else float(finite_number("between", pair[1]))
+    if begin == end:
+        raise InputError(f"between must be a range, but begins and ends at {begin:g}")
     over = pencil_over(model, contacts, parameter)
     limits = usable_band(model, band)
     floats = isinstance(model, Substructure) and _floats(model, contacts, parameter, (begin, end), limits[0])
@@ -216,13 +222,3 @@ def _answer(question: LossQuestion, solvers: Iterable[Solver]) -> CriticalValue:
         reasons.append(reason)
     raise InputError("; ".join(reasons))
 
-
-def _range(between: Any) -> tuple[float, float]:
-    """(begin, end), different; the end may be infinite."""
-    if isinstance(between, set) or len(pair := items("between", between, "two numbers (begin, end)")) != 2:
-        raise InputTypeError(f"between must be a pair (begin, end), not {shown(between)}")
-    begin = finite_number("between", pair[0])
-    end = pair[1] if isinstance(pair[1], float) and np.isinf(pair[1]) else finite_number("between", pair[1])
-    if begin == end:
-        raise InputError(f"between must be a range, but begins and ends at {begin:g}")
-    return begin, float(end)

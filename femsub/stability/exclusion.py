@@ -95,7 +95,8 @@ class Family:
             off = np.max([np.abs(A - matrices[0] - (p - lo) * self.slope) for p, A in zip(points, matrices, strict=True)], axis=0)
             off = np.minimum.outer(off.max(axis=1), off.max(axis=0))  # a single entry may be exact by chance
             self.size = np.maximum(self.size, off / (4 * EPS))  # of which `_spectrum` takes 4 EPS
-        self.floating = all(_rigid(pencil) for pencil in (pencils[0], pencils[2], pencils[len(points) - 1]))
+        self.floating = all(pencil.symmetric[0] and definite_form(pencil).rigid > 0
+                            for pencil in (pencils[0], pencils[2], pencils[len(points) - 1]))
         undamped = all(not np.any(pencil.D) for pencil in pencils)
         gyroscopic = all(pencil.symmetric[2] and np.array_equal(pencil.D, -pencil.D.T) for pencil in pencils)
         self.mirrored = undamped or gyroscopic
@@ -212,10 +213,6 @@ class Family:
         touching, on_axis = _touching(discs, self.mirrored)
         return (found.z.real > 0) & ~on_axis & ~touching, bool(touching.any())
 
-    def _undecided(self, begin: float, end: float) -> bool:
-        """Whether rounding alone leaves open, at several places, which eigenvalues grow: then dividing does not help."""
-        return all(self.grown(p)[1] for p in ((begin + end) / 2, (3 * begin + end) / 4, (begin + 3 * end) / 4))
-
     def narrowed(self, begin: float, end: float, before: int) -> tuple[float, float]:
         """A place in an interval where the number of those that certainly grow is no longer `before`, by bisection."""
         while end - begin > self.least and begin < (m := (begin + end) / 2) < end:
@@ -237,14 +234,24 @@ class Family:
                     done.append(part)
                 elif part.end - part.begin < (b - a) / 2:
                     heapq.heappush(waiting, (part.begin - part.end, part.begin, part.end))
-                elif self._undecided(a, b):
-                    done.append(part)
+                elif all(self.grown(p)[1] for p in ((a + b) / 2, (3 * a + b) / 4, (a + 3 * b) / 4)):
+                    done.append(part)  # rounding alone leaves open which eigenvalues grow: dividing does not help
                 else:
                     m = (a + b) / 2
                     for begin, end in ((a, m), (m, b)):
                         heapq.heappush(waiting, (begin - end, begin, end))
         done += [Interval(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
-        return _joined(sorted(done, key=lambda part: part.begin))
+        # Neighbours that are not excluded become one. Between two that are, with different numbers, is a crossing in a point.
+        result: list[Interval] = []
+        for part in sorted(done, key=lambda part: part.begin):
+            last = result[-1] if result else None
+            if last is not None and last.growing is None and part.growing is None:
+                result[-1] = Interval(last.begin, part.end, None, (*last.touching, *part.touching))
+                continue
+            if last is not None and None not in (last.growing, part.growing) and last.growing != part.growing:
+                result.append(Interval(last.end, last.end, None))
+            result.append(part)
+        return result
 
 
 def union(intervals: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -285,24 +292,6 @@ def _coordinates(pencil: Pencil) -> tuple[Array, Array]:
     rows, columns = pencil.units
     mass, stiffness = np.linalg.norm(scaled(pencil.M, rows, columns), 2), np.linalg.norm(scaled(pencil.K, rows, columns), 2)
     return np.diag(columns), np.full(pencil.size, np.sqrt(stiffness / mass) or 1.0)
-
-
-def _rigid(pencil: Pencil) -> bool:
-    return pencil.symmetric[0] and definite_form(pencil).rigid > 0
-
-
-def _joined(parts: list[Interval]) -> list[Interval]:
-    """Neighbours that are not excluded, as one. Between two that are, with different numbers, is a crossing in a single point."""
-    result: list[Interval] = []
-    for part in parts:
-        last = result[-1] if result else None
-        if last is not None and last.growing is None and part.growing is None:
-            result[-1] = Interval(last.begin, part.end, None, (*last.touching, *part.touching))
-        else:
-            if last is not None and None not in (last.growing, part.growing) and last.growing != part.growing:
-                result.append(Interval(last.end, last.end, None))
-            result.append(part)
-    return result
 
 
 class _Discs(NamedTuple):

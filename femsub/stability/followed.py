@@ -76,7 +76,8 @@ class Followed:
         growing: dict[float, Array] = {}
         for p in values.tolist():
             samples[p] = complex_modes(over(p), band=wide)
-            growing[p] = _growing(samples[p], band)
+            z = samples[p].eigenvalues
+            growing[p] = z[(z.imag >= 0) & (z.real > samples[p].error_bar) & ~samples[p].rigid & in_band(z, band)]  # certainly
             if self.first and p > lo and (len(growing[lo]) or weight(growing[p].imag)):
                 hi = p
                 break
@@ -131,14 +132,11 @@ def _passages(question: LossQuestion, ends: list[float], growing: Array, steps: 
                       for t, x in zip(found[0], found[1].T, strict=True)]
             met += [one for one in (_newton(over, question.between, *start, steps, far=1.0) for start in starts)
                     if one.settled and a < one.at.value <= b and one.at.lam.real > 0]
-        alone = [one for i, one in enumerate(met) if not any(_same(one, other, b - a) for other in met[:i])]
-        passed += [(one.at.value, 2 if (one.rate.imag > 0) == (edge == band[0]) else -2) for one in alone]
+        for i, one in enumerate(met):
+            if not any(abs(one.at.value - other.at.value) <= ASIDE**2 * (b - a)
+                       and abs(one.at.lam - other.at.lam) <= ASIDE**2 * abs(one.at.lam) for other in met[:i]):  # each once
+                passed.append((one.at.value, 2 if (one.rate.imag > 0) == (edge == band[0]) else -2))
     return passed
-
-
-def _same(one: _Met, two: _Met, width: float) -> bool:
-    """Whether two are the same eigenvalue at the same p."""
-    return abs(one.at.value - two.at.value) <= ASIDE**2 * width and abs(one.at.lam - two.at.lam) <= ASIDE**2 * abs(one.at.lam)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +151,14 @@ def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[
             ) -> list[_Piece]:
     """The band in parts whose small models `discs` can take, each with the shapes `passing` (n, k) as well."""
     shapes = [modes.shapes[:, in_band(modes.eigenvalues, wide) & (modes.eigenvalues.imag >= 0)] for modes in samples.values()]
-    V = _spanned(np.hstack([*shapes, passing]))
+    X = np.hstack([*shapes, passing])
+    # an orthonormal basis of their real and imaginary parts, each shape turned to be as real as it can
+    X = X * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", X, X))) / np.linalg.norm(X, axis=0)
+    both = np.hstack([X.real, X.imag])
+    size, mix = np.linalg.eigh(both.T @ both)
+    order = np.argsort(-size)
+    order = order[size[order] > EPS**0.5 * size.max(initial=0.0)]  # half of their digits are right
+    V = np.linalg.qr(both @ (mix[:, order] / np.sqrt(size[order])))[0]
     if not V.shape[1]:
         return []
     room = LARGEST - 20
@@ -167,28 +172,6 @@ def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[
     beside = OUTSIDE * (band[1] - band[0])
     return [*_pieces((band[0], half), (wide[0], half + beside), samples, passing),
             *_pieces((float(np.nextafter(half, np.inf)), band[1]), (half - beside, wide[1]), samples, passing)]
-
-
-def _spanned(X: Array) -> Array:
-    """An orthonormal basis of the real and imaginary parts of shapes, each turned to be as real as it can."""
-    turn = np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", X, X)))
-    X = X * turn / np.linalg.norm(X, axis=0)
-    both = np.hstack([X.real, X.imag])
-    size, mix = np.linalg.eigh(both.T @ both)
-    order = np.argsort(-size)
-    order = order[size[order] > EPS**0.5 * size.max(initial=0.0)]  # half of their digits are right
-    return np.linalg.qr(both @ (mix[:, order] / np.sqrt(size[order])))[0]
-
-
-def _joined(V: Array, vectors: Array) -> Array:
-    """V with what is new in the real and imaginary parts of vectors."""
-    for part in np.hstack([vectors.real, vectors.imag]).T:
-        size = float(np.linalg.norm(part))
-        for _ in range(2):
-            part = part - V @ (V.T @ part)
-        if np.linalg.norm(part) > EPS**0.5 * size:
-            V = np.hstack([V, (part / np.linalg.norm(part))[:, None]])
-    return V
 
 
 def _refined(question: LossQuestion, piece: _Piece, steps: int) -> CriticalValue:
@@ -218,8 +201,12 @@ def _refined(question: LossQuestion, piece: _Piece, steps: int) -> CriticalValue
         if not rough or (len(now) == len(before) and np.allclose(now, before, rtol=0.0, atol=EQUAL)) or turn == steps - 1:
             break
         before = now
-        for vectors in rough:
-            V = _joined(V, vectors)
+        for part in np.hstack([half for vectors in rough for half in (vectors.real, vectors.imag)]).T:
+            size = float(np.linalg.norm(part))
+            for _ in range(2):
+                part = part - V @ (V.T @ part)
+            if np.linalg.norm(part) > EPS**0.5 * size:
+                V = np.hstack([V, (part / np.linalg.norm(part))[:, None]])
     good: Found = ([], [])
     poor: list[tuple[float, float]] = []
     for several, kept in zip((found.losses, found.regains), good, strict=True):
@@ -331,9 +318,3 @@ def _corrected(over: PencilOver, between: tuple[float, float], at: _At, x: Array
         turn, move = np.linalg.lstsq(system, -np.array([error.real, error.imag]), rcond=None)[0] if known else np.full(2, np.nan)
     value = min(max(at.value + float(move), between[0]), between[1])
     return _Met(at._replace(value=value, lam=at.lam + at.along * float(turn)), np.stack([x, y], axis=1), rate, abs(float(move)))
-
-
-def _growing(modes: ComplexModes, band: tuple[float, float]) -> Array:
-    """λ in the band, Im λ ≥ 0, that certainly grow."""
-    z = modes.eigenvalues
-    return z[(z.imag >= 0) & (z.real > modes.error_bar) & ~modes.rigid & in_band(z, band)]

@@ -138,15 +138,12 @@ class CriticalValue:
         value = question.between[0] if growing else min([np.inf, *(one.value for one in losses), *lost])
         found = cls(question.parameter, value, losses, regains, question.between, question.band, growing, tuple(open), tally,
                     solved, fastest, method, question.cutoff)
-        return found._turned() if question.falls else found
-
-    def _turned(self) -> Self:
-        """The same over the parameter with the other sign."""
-        losses, regains = (tuple(replace(one, value=0.0 - one.value) for one in several)
-                           for several in (self.losses, self.regains))
-        return replace(self, value=0.0 - self.value, losses=losses, regains=regains,
-                       searched=(0.0 - self.searched[0], 0.0 - self.searched[1]),
-                       open=tuple((0.0 - hi, 0.0 - lo) for lo, hi in reversed(self.open)))
+        if not question.falls:
+            return found
+        losses, regains = (tuple(replace(one, value=0.0 - one.value) for one in several) for several in (losses, regains))
+        return replace(found, value=0.0 - value, losses=losses, regains=regains,
+                       searched=(0.0 - question.between[0], 0.0 - question.between[1]),
+                       open=tuple((0.0 - hi, 0.0 - lo) for lo, hi in reversed(found.open)))
 
     @property
     def first(self) -> tuple[Crossing, ...]:

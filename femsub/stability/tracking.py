@@ -254,24 +254,17 @@ class _Chain:
             Y /= norm
             for group in clusters(values, DOUBLE):
                 cluster[group] = group[0]
-                Y[:, group] = _dual(Y[:, group] * norm[group], slope[:, group])
-            rates = Y.conj().T @ self._change(p, pencil, values, X)
+                turned = Y[:, group] * norm[group]
+                try:
+                    Y[:, group] = turned @ np.linalg.inv(turned.conj().T @ slope[:, group]).conj().T
+                except np.linalg.LinAlgError:  # the group is defective
+                    Y[:, group] = np.nan
+            # P'(λ)x, the derivative by the parameter, from a difference that stays within the range
+            step = ASIDE * (self.between[1] - self.between[0])
+            step = step if p + step <= self.between[1] else -step
+            rates = Y.conj().T @ ((self.pencil_at(p + step).residual(values, X) - pencil.residual(values, X)) / step)
         rates[~np.isfinite(rates)] = 0.0
         return _Node(p, pencil, values, X, Y, bar, condition, cluster, inside, rates)
-
-    def _change(self, p: float, pencil: Pencil, values: Array, X: Array) -> Array:
-        """P'(λ)x, the derivative by the parameter, from a difference that stays within the range."""
-        step = ASIDE * (self.between[1] - self.between[0])
-        step = step if p + step <= self.between[1] else -step
-        return (self.pencil_at(p + step).residual(values, X) - pencil.residual(values, X)) / step
-
-
-def _dual(Y: Array, slope: Array) -> Array:
-    """Y (n, k) turned such that YᴴS = 1; NaN if the group is defective."""
-    try:
-        return Y @ np.linalg.inv(Y.conj().T @ slope).conj().T
-    except np.linalg.LinAlgError:
-        return np.full_like(Y, np.nan)
 
 
 def _overlap(pencil: Pencil, left: _Node, right: _Node) -> Array:
@@ -300,7 +293,13 @@ def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
     asked = here.inside.copy()
     asked[to >= 0] |= there.inside[to[to >= 0]]
     clear = bool(alike[asked].all()) and not (missed & there.inside).any() and not _meet(here, there, s, to, asked)
-    _continue_defective(here, there, to, missed)
+    # what has no successor takes the nearest eigenvalue that is left: at an exceptional point vectors say nothing
+    left, free = np.flatnonzero(to < 0), np.flatnonzero(missed)
+    if len(left) and len(free):
+        distance = np.abs(here.values[left, None] - there.values[free])
+        for i, j in zip(*assigned(distance), strict=True):
+            if distance[i, j] <= ASIDE * np.abs(here.values[left[i]]):
+                to[left[i]] = free[j]
     _order_alike(here, there, s, to)
     return to, clear
 
@@ -336,16 +335,6 @@ def _meet(here: _Node, there: _Node, s: Array, to: Array, asked: Array) -> bool:
         coupled |= (np.abs(rates * rates.T) > DOUBLE**2 * np.multiply.outer(size, size)) & ~together
     coupled |= coupled.T
     return bool((near & coupled & ~np.eye(len(rows), dtype=bool)).any())
-
-
-def _continue_defective(here: _Node, there: _Node, to: Array, missed: Array) -> None:
-    """What has no successor takes the nearest eigenvalue that is left: at an exceptional point vectors say nothing."""
-    rows, columns = np.flatnonzero(to < 0), np.flatnonzero(missed)
-    if len(rows) and len(columns):
-        distance = np.abs(here.values[rows, None] - there.values[columns])
-        for i, j in zip(*assigned(distance), strict=True):
-            if distance[i, j] <= ASIDE * np.abs(here.values[rows[i]]):
-                to[rows[i]] = columns[j]
 
 
 def _order_alike(here: _Node, there: _Node, s: Array, to: Array) -> None:
