@@ -85,7 +85,15 @@ class Flow:
         self.t, self.tol, self.method, self.columns = t, tol, method, columns
         self.steps = self.rhs = self.jacobians = 0
         pencil = contact.model.pencil.dense()
-        self.T = T = _coordinates(contact, pencil.M)
+        try:
+            L = la.cholesky(pencil.M, lower=True)
+        except la.LinAlgError:
+            L = np.zeros_like(pencil.M)
+        # entry by entry: rotations and displacements in one vector have masses of different units
+        if (np.diagonal(L) ** 2 <= len(L) * EPS * pencil.M.diagonal()).any():
+            raise massless(f"M of {contact.model.name!r}", "velocities are not determined")
+        Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))
+        self.T = T = la.solve_triangular(L, Q, lower=True, trans="T")
         K, D, G = T.T @ pencil.K @ T, T.T @ pencil.D @ T, T.T @ contact.W
         self.K = K = (K + K.T) / 2
         self.highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
@@ -163,19 +171,6 @@ class Flow:
         at = max(self.tol * min(self.scale, m), NOISE * (min(pushed, m / SMALL_CHANGE) if self.shifted else pushed))
         power = at * (min(self.scale, m) + (min(pushed, m) if self.shifted else pushed))
         return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
-
-
-def _coordinates(contact: Sliding, M: Array) -> Array:
-    """T (n, n)."""
-    try:
-        L = la.cholesky(M, lower=True)
-    except la.LinAlgError:
-        L = np.zeros_like(M)
-    # entry by entry: rotations and displacements in one vector have masses of different units
-    if (np.diagonal(L) ** 2 <= len(M) * EPS * M.diagonal()).any():
-        raise massless(f"M of {contact.model.name!r}", "velocities are not determined")
-    Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))
-    return la.solve_triangular(L, Q, lower=True, trans="T")
 
 
 def _rest(contact: Sliding, start: State, begin: Array, K: Array, G: Array) -> Array | None:

@@ -79,7 +79,10 @@ class AlphaFlow:
         self.kind: Any = "definite" if model.pencil.symmetric[1] else "general"
         self.steps = self.rhs = self.jacobians = 0
         self.dt = self.largest = step
-        self.speed = _speed(contact, start)
+        # the belts' speed as a norm of velocities, v / sqrt(wᵀ(diag M)⁻¹w), the largest of the columns'
+        speed = max(float(contact.speeds.max()), float(np.abs(contact.W.T @ start.velocity).max())) or 1.0
+        norms = np.square(contact.W).T @ (1 / self.weight)
+        self.speed = float(speed / np.sqrt(norms[norms > 0].min())) if norms.any() else speed
         self.rest, self.change = start.displacement, contact.change(start.displacement)
         self.pull = contact.pull(self.rest)
         self.shaken = self._shaken(self.change.rest)
@@ -89,7 +92,11 @@ class AlphaFlow:
         x, v = np.zeros(len(self.rest)), start.velocity
         force = self.change(np.zeros(contact.columns), contact.W.T @ v)
         a = mass_solve(self.M, -self._residual(x, v, x, force))
-        self.begins = self._moving(v, force)
+        # V at the start: the larger of ‖v‖ and aᵀMa/sqrt(aᵀKa), the largest speed of a single mode released from rest
+        push = self.pull + contact.W @ force
+        released = push / self.weight
+        stiffness = float(released @ (self.K @ released))
+        self.begins = float(np.hypot(self._norm(v), push @ released / np.sqrt(stiffness) if stiffness > 0 else 0.0))
         self.reached = Moment(x, v, a, force, self.begins)
         self.history = [self.reached]  # up to four moments at intervals of `last`
         self.last = 0.0
@@ -182,17 +189,15 @@ class AlphaFlow:
         self.history = [*self.history[-3:], after]
         self.steps += 1
         self.done += 1
-        if len(self.history) == 4:
-            self._judge(h)
-
-    def _judge(self, step: float) -> None:
-        """Local error of the velocity over its scale: a twelfth of the third difference, as for the trapezoidal rule."""
-        v, now = [moment.v for moment in self.history], self.history[-1]
-        wrong, size = self._norm(v[3] - v[0] - 3 * (v[2] - v[1])) / 12, self._norm(v[3])
-        shaken = min(self.shaken, self._shaken(now.force) / SMALL_CHANGE)  # forces whose rounding is in Δf
-        noise = NOISE * (2 / step * self._norm(now.x) + step / 2 * shaken)
-        moving = max(size, FADE * now.moving)
-        self.history[-1] = now._replace(moving=moving, error=now.error + (wrong / (moving + noise) if wrong else 0.0))
+        if len(self.history) < 4:
+            return
+        # local error of the velocity over its scale: a twelfth of the third difference, as for the trapezoidal rule
+        one, two, three, four = (moment.v for moment in self.history)
+        wrong, size = self._norm(four - one - 3 * (three - two)) / 12, self._norm(four)
+        shaken = min(self.shaken, self._shaken(after.force) / SMALL_CHANGE)  # forces whose rounding is in Δf
+        noise = NOISE * (2 / h * self._norm(after.x) + h / 2 * shaken)
+        moving = max(size, FADE * after.moving)
+        self.history[-1] = after._replace(moving=moving, error=after.error + (wrong / (moving + noise) if wrong else 0.0))
         self.worst = max(self.worst, 0.0 if wrong <= noise else wrong / (size + min(self.speed, moving)))
 
     def _residual(self, x: Array, v: Array, a: Array, force: Array) -> Array:
@@ -202,13 +207,6 @@ class AlphaFlow:
 
     def _norm(self, v: Array) -> float:
         return float(np.sqrt(self.weight @ np.square(v)))
-
-    def _moving(self, v: Array, force: Array) -> float:
-        """V at the start: the larger of ‖v‖ and aᵀMa/sqrt(aᵀKa), the largest speed of a single mode released from rest."""
-        force = self.pull + self.contact.W @ force
-        a = force / self.weight
-        stiffness = float(a @ (self.K @ a))
-        return float(np.hypot(self._norm(v), force @ a / np.sqrt(stiffness) if stiffness > 0 else 0.0))
 
     def _shaken(self, force: Array) -> float:
         """The acceleration by forces on the contact's columns, as a norm."""
@@ -233,13 +231,6 @@ class AlphaFlow:
             self.factors[key] = handle, Z, s * (self.contact.W.T @ Z)
         self.factors[key] = self.factors.pop(key)  # most recently used last
         return self.factors[key]
-
-
-def _speed(contact: Sliding, start: State) -> float:
-    """The belts' speed as a norm of velocities: v / sqrt(wᵀ(diag M)⁻¹w), the largest of the columns'."""
-    speed = max(float(contact.speeds.max()), float(np.abs(contact.W.T @ start.velocity).max())) or 1.0
-    norms = np.square(contact.W).T @ (1 / contact.model.M.diagonal())
-    return float(speed / np.sqrt(norms[norms > 0].min())) if norms.any() else speed
 
 
 def _contact_force(force: Change, guess: tuple[Array, Array], change: Array, before: Array, C: Array, s: float) -> Array:

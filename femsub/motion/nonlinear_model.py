@@ -140,7 +140,12 @@ class Sliding:
         """(∂f/∂u, ∂f/∂v) of all contacts, shape (p, p) or (p, p, m) each, block by block."""
         whole = of_u, of_v = np.zeros((len(v), *v.shape)), np.zeros((len(v), *v.shape))
         for rows, one in zip(self.blocks, self.moving, strict=True):
-            for found, part in zip(whole, _tangents(one, u[rows], v[rows]), strict=True):
+            if v.ndim == 1 or columnwise(one):
+                parts = one.tangents(u[rows], v[rows])
+            else:  # one time after the other; None for what is 0
+                both = zip(*(one.tangents(*pair) for pair in zip(u[rows].T, v[rows].T, strict=True)), strict=True)
+                parts = [None if each[0] is None else np.moveaxis(np.array(each), 0, -1) for each in both]
+            for found, part in zip(whole, parts, strict=True):
                 if part is not None:
                     found[rows, rows] = part
         return of_u, of_v
@@ -319,14 +324,6 @@ def in_motion(contact: Any, model: Substructure) -> Any:
 def columnwise(contact: Any) -> bool:
     """Whether each column acts by itself, and arrays of any shape may be given."""
     return bool(getattr(contact, "columnwise", False))
-
-
-def _tangents(contact: Any, u: Array, v: Array) -> Sequence[Array | None]:
-    """(∂f/∂u, ∂f/∂v), (p, p) each, or (p, p, m) at m times; None for one that is 0."""
-    if v.ndim == 1 or columnwise(contact):
-        return contact.tangents(u, v)
-    both = zip(*(contact.tangents(*pair) for pair in zip(u.T, v.T, strict=True)), strict=True)
-    return [None if parts[0] is None else np.moveaxis(np.array(parts), 0, -1) for parts in both]
 
 
 def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:

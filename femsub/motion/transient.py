@@ -16,7 +16,6 @@ import scipy.sparse as sp
 from femsub.algebra import QUADRATIC, WIDE
 from femsub.checks import (
     EPS,
-    EQUAL,
     Array,
     Interruptible,
     choice,
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+DENSE = WIDE  # DOF up to which a sparse model is integrated as a dense one
 TOL = {"dense": 1e-9, "alpha": 1e-5}
 PER_PERIOD = 16  # recorded points per period of the highest mode
 MOST_ASKED = 10**8  # largest number of recorded points that may be requested: 1.6 GB for each port
@@ -253,28 +253,26 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     work, loss, change, common, energy = flow.balance
     largest = max(abs(work), abs(loss), abs(change), 1e-6 * energy)
     balance = EnergyBalance(work + common, loss, change + common, abs(work - loss - change) / largest if largest else 0.0)
+    rounding = 0.0
+    if start is not None:  # EPS (qᵀKq)^½ over the motion at the start, a speed, both in energy
+        place = first.displacement
+        least = EPS * float(np.sqrt(max(place @ (model.K @ place), 0.0)))
+        rounding = least / flow.begins if flow.begins else np.inf if least else 0.0
     run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in places.items()},
                     {name: v[:, at] for name, at in places.items()},
                     (q[:, -model.size:], v[:, -model.size:]) if whole else None, first,
                     flow.state, flow.t, course.complete, balance,
                     Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began),
-                    flow.error, 0.0 if start is None else _rounding(model, first, flow.begins))
+                    flow.error, rounding)
     log.info("%r", run)
     return run
-
-
-def _rounding(model: Substructure, start: State, motion: float) -> float:
-    """EPS (qᵀKq)^½ over the motion at the start, a speed, both in energy."""
-    q = start.displacement
-    rounding = EPS * float(np.sqrt(max(q @ (model.K @ q), 0.0)))
-    return rounding / motion if motion else np.inf if rounding else 0.0
 
 
 def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple[Any, Any, Any],
           tol: float | None, method: str, columns: Any) -> tuple[Flow | AlphaFlow, Array]:
     """The trajectory, ready to start, and the grid on which it is recorded."""
     model = contact.model
-    large = sp.issparse(model.K) and model.size > WIDE
+    large = sp.issparse(model.K) and model.size > DENSE
     if method == "alpha" or (method == "auto" and large):
         from femsub.motion.generalised_alpha import AlphaFlow
 
@@ -323,7 +321,7 @@ def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_
         raise InputError(f"a step of {step:g} gives {(t1 - begin) / step:.1e} points, but at most {MOST_ASKED:.0e} are possible. "
                          "Use a larger step, or record_from")
     step = float(step)
-    return begin + step * np.arange(int((t1 - begin) / step + EQUAL) + 1)
+    return begin + step * np.arange(int((t1 - begin) / step + EPS**0.5) + 1)
 
 
 def _stretches(t0: float, t1: float, grid: Array, longest: float) -> Iterator[tuple[Array, Array]]:
@@ -342,6 +340,6 @@ def _stretches(t0: float, t1: float, grid: Array, longest: float) -> Iterator[tu
         times = grid[at:at + count + 1]
         wanted = np.ones(len(times), dtype=bool)
         wanted[0], first = first, False
-        if at + count >= len(grid) - 1 and t1 - times[-1] > EQUAL * apart:
+        if at + count >= len(grid) - 1 and t1 - times[-1] > EPS**0.5 * apart:
             times, wanted = np.append(times, t1), np.append(wanted, False)
         yield times, wanted

@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.algebra import WIDE
 from femsub.checks import Array
 from femsub.errors import FemsubError
 from femsub.model import ReducedSubstructure
-from femsub.reduction.wider import KEPT
 from femsub.stability.border import Band, Border, ModalContact
+from femsub.stability.discs import LARGEST
 
 if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
@@ -34,13 +33,13 @@ log = logging.getLogger(__name__)
 
 def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Border,
           border: Callable[[Substructure], Border], close: float = 0.1, moved: float = 0.03, largest: int = 1000,
-          most: int = 12) -> str:
+          small: int = 5000, most: int = 12) -> str:
     """In words, how much the border moves on a wider model; nothing if it hardly does, or if no full component is left.
 
     `pencil` is that of the model under contacts at the begin, and `border` gives the border of a model with them. Two frequencies
     are neighbours if they differ by less than a share `close`, and one of them may be outside the band. A relative change is
-    reported from `moved` on. A model above `largest` coordinates is not looked at, and of a component above KEPT DOF at `most` so
-    many modes: each takes two solves with its factor, and two coordinates of another border.
+    reported from `moved` on. A model above `largest` coordinates is not looked at, and of a component above `small` DOF at `most`
+    so many modes: each takes two solves with its factor, and two coordinates of another border.
     """
     if not np.isfinite(model.cutoff) or found.c == 0:
         return ""
@@ -60,7 +59,7 @@ def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Bor
     near = np.flatnonzero((gap <= least) & (gap <= close * omega[1:]))
     near = near[np.argsort(gap[near] / least[near], kind="stable")]
     chosen = np.arange(len(omega))
-    if _full_size(model) > KEPT or model.size + 2 * len(omega) > WIDE:
+    if _full_size(model) > small or model.size + 2 * len(omega) > LARGEST:
         chosen = np.unique(np.concatenate([near[:most // 2], near[:most // 2] + 1]))
     try:
         larger = _wider(model, omega[chosen], X[:, chosen], port) if len(chosen) else None

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.algebra import ComplexFactor
-from femsub.checks import EPS, EQUAL, Array
+from femsub.checks import EPS, Array
 from femsub.errors import SingularMatrixError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 def factor_at(pencil: Pencil, value: complex) -> ComplexFactor | None:
     """P(λ) factorised, or beside λ if it is singular there; None if it is singular there, too."""
-    for beside in (0.0, EQUAL):  # by rounding of λ beside the eigenvalue
+    for beside in (0.0, 2**22 * EPS):  # beside the eigenvalue, by more than its rounding
         try:
             return ComplexFactor(pencil.sparse().at(value + beside * (abs(value) or 1.0)))
         except SingularMatrixError:

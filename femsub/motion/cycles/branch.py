@@ -26,7 +26,7 @@ from femsub.motion.cycles.balance import Orbit, in_phase
 from femsub.motion.cycles.continuation import Path, Place, with_parameter
 from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of, within
 from femsub.motion.cycles.limit_cycle import LimitCycle, flexibility_of
-from femsub.motion.nonlinear_model import Sliding, sliding
+from femsub.motion.nonlinear_model import sliding
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
@@ -178,7 +178,12 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
     (True, True, True)
     """
     contact = sliding(model, contacts, "a branch of limit cycles")
-    at = _varied(contact, parameter, port)
+    # the place of the contact whose parameter is varied
+    known = [[name for name in fields_of(one) if isinstance(getattr(one, name), (int, float))] for one in contact.contacts]
+    choice("parameter", parameter, sorted({name for own in known for name in own}))
+    having = [place for place, own in enumerate(known) if parameter in own]
+    ports = {name: place for place in reversed(having) for name in contact.contacts[place].ports}
+    at = having[0] if port is None else ports[choice(f"port of a contact with a {parameter}", port, ports)]
     whole_number("points", points, least=1)
     whole_number("harmonics", harmonics, least=1)
     truth("stability", stability)
@@ -217,17 +222,6 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
     special = [*(point for walk in back for point in walk.special[::-1]), *ahead.special]
     return Branch(parameter, np.array([point.place.value for point in found]), tuple(point.cycle for point in found),
                   tuple(special), hopf, "; ".join(walk.ended for walk in (*back, ahead)))
-
-
-def _varied(contact: Sliding, parameter: str, port: str | None) -> int:
-    """The place of the contact whose parameter is varied."""
-    known = [[name for name in fields_of(one) if isinstance(getattr(one, name), (int, float))] for one in contact.contacts]
-    choice("parameter", parameter, sorted({name for own in known for name in own}))
-    having = [at for at, own in enumerate(known) if parameter in own]
-    if port is None:
-        return having[0]
-    ports = {name: at for at in reversed(having) for name in contact.contacts[at].ports}
-    return ports[choice(f"port of a contact with a {parameter}", port, ports)]
 
 
 class Point(NamedTuple):
@@ -319,44 +313,32 @@ class Tracer:
                 self._scan(middle, b, length / 2, halvings - 1)
                 return
         point = self._named(a, b)
-        if point is not None and not self._told(point):
-            self.special.append(point)
-
-    def _told(self, point: SpecialPoint) -> bool:
-        """Whether the point repeats a known one: a fold is also detected as a multiplier crossing +1 nearby."""
-        # within 0.002 of the parameter's range from a fold a multiplier is 1 within its error
+        if point is None:
+            return
+        # A fold is also detected as a multiplier that crosses +1: within 0.002 of the parameter's range it is 1 within its error.
         near = [other for other in self.special if {other.kind, point.kind} == {"fold", "branch point"}
                 and abs(other.value - point.value) <= 0.002 * self.path.scales[2]]
         if point.kind == "fold":
             self.special = [other for other in self.special if other not in near]
-            return False
-        return bool(near)
+        if point.kind == "fold" or not near:
+            self.special.append(point)
 
     def _named(self, a: Point, b: Point) -> SpecialPoint | None:
-        critical, ends = 1 + 0j, (a.place.direction, b.place.direction)
-        fold = (ends[0] > 0) != (ends[1] > 0)
-        if not fold:
+        critical, kind, ends = 1 + 0j, "fold", (a.place.direction, b.place.direction)
+        if (ends[0] > 0) == (ends[1] > 0):
             # in a cycle that small beside the belt's speed the amplitude's multiplier is 1 within its error
             if max(a.cycle.peak, b.cycle.peak) < 0.02 * self.path.scales[0]:
                 return None
-            critical, ends = _passing(a.cycle, b.cycle)
+            # the multiplier that passes the unit circle between the two, and its distance from the circle at both
+            assert a.cycle.floquet is not None and b.cycle.floquet is not None
+            before, after = a.cycle.floquet.values[:12], b.cycle.floquet.values[:12]
+            before = before[np.argmin(np.abs(np.subtract.outer(after, before)), axis=1)]
+            gaps = np.abs(before) - 1, np.abs(after) - 1
+            at = int(np.argmin(np.abs(gaps[0]) + np.abs(gaps[1]) + (gaps[0] * gaps[1] > 0)))
+            critical, ends = complex((before[at] + after[at]) / 2), (float(gaps[0][at]), float(gaps[1][at]))
+            kind = "Neimark-Sacker" if abs(critical.imag) > 2e-2 * abs(critical) else \
+                "branch point" if critical.real > 0 else "period doubling"
         share = float(np.clip(ends[0] / (ends[0] - ends[1]), 0, 1)) if ends[0] != ends[1] else 0.5
         value, omega, rms = (x + share * (y - x) for x, y in ((a.place.value, b.place.value), (a.cycle.omega, b.cycle.omega),
                                                               (a.cycle.rms, b.cycle.rms)))
-        return SpecialPoint("fold" if fold else _kind(critical), value, omega, rms, critical)
-
-
-def _passing(one: LimitCycle, two: LimitCycle) -> tuple[complex, tuple[float, float]]:
-    """The multiplier that passes the unit circle between two neighbours, and its distance from the circle at both."""
-    assert one.floquet is not None and two.floquet is not None
-    before, after = one.floquet.values[:12], two.floquet.values[:12]
-    before = before[np.argmin(np.abs(np.subtract.outer(after, before)), axis=1)]
-    gaps = np.abs(before) - 1, np.abs(after) - 1
-    at = int(np.argmin(np.abs(gaps[0]) + np.abs(gaps[1]) + (gaps[0] * gaps[1] > 0)))
-    return complex((before[at] + after[at]) / 2), (float(gaps[0][at]), float(gaps[1][at]))
-
-
-def _kind(multiplier: complex) -> str:
-    if abs(multiplier.imag) > 2e-2 * abs(multiplier):
-        return "Neimark-Sacker"
-    return "branch point" if multiplier.real > 0 else "period doubling"
+        return SpecialPoint(kind, value, omega, rms, critical)

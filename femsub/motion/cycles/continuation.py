@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array
+from femsub.checks import Array
 from femsub.coupling import Belt, with_slope
 from femsub.errors import InputError, NotConvergedError
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, parts_of
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
-from femsub.stability.crossings import STEP
 
 PARAMETERS = ("speed", "force", "slope")  # of a belt
 
@@ -89,14 +88,17 @@ class Path:
         balance = self.balance(value)
         terms = balance.residual(orbit, count)
         R, J = balance.system(orbit, terms)
-        h = STEP * size
+        h = 1e-6 * size  # of a central difference: its rounding, EPS/1e-6, and its error are below what Newton's method leaves
         ahead, behind = (coefficients(self.balance(value + side).force(orbit, count), orbit.harmonics)[1:] for side in (h, -h))
         change = -np.einsum("kij,kj->ki", terms.Y, (ahead - behind) / (2 * h))
         whole = np.column_stack([J, np.append(parts_of(change), 0.0)])
         return R / speed, whole * (self._scale(len(R) + 1) / speed), terms.course.mean
 
-    def correct(self, orbit: Orbit, value: float, row: Array, target: float, rounds: int = 14) -> tuple[Place, int]:
-        """Newton's method on R = 0, phase = 0, row·x = target. The tangent has a positive component along `row`.
+    def correct(self, orbit: Orbit, value: float, row: Array, target: float, *, rounds: int = 14,
+                tol: float = 1e-8) -> tuple[Place, int]:
+        """Newton's method on R = 0, phase = 0, row·x = target, in so many `rounds` at most, up to a relative step `tol`.
+
+        The tangent has a positive component along `row`.
 
         Raises
         ------
@@ -118,7 +120,7 @@ class Path:
             orbit, value = self.unscaled(x, replace(orbit, mean=mean))
             if orbit.omega <= 0:
                 raise NotConvergedError(f"the frequency became negative at {self.parameter} = {value:.6g}")
-            if size <= EPS**0.5 * (1 + float(np.linalg.norm(x))):
+            if size <= tol * (1 + float(np.linalg.norm(x))):
                 break
             if size < 1e-2:
                 count = self.balance(value).samples(orbit)

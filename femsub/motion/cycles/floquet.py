@@ -159,7 +159,18 @@ class _Waves:
                             for wave in (v, samples_of(answer, count)))
 
     def course(self, steps: int) -> _Course:
-        edges = _edges(self.contact, self.orbit, steps)
+        # 0 = τ_0 < … < τ_steps = 1 of a period, finer where g changes
+        count = power_of_two(max(8 * self.orbit.harmonics, 4096))
+        v = self.orbit.samples(count)
+        g = self.contact.tangents(v, v)[1].reshape(-1, count)
+        change = np.abs(np.diff(g, append=g[:, :1], axis=1)).sum(axis=0)
+        # the square root places steps on the flanks of a jump, where most of the error arises
+        weight = np.sqrt(change) if change.any() else np.ones(count)
+        kernel = max(3, count // 512)
+        weight = np.convolve(np.tile(weight, 3), np.ones(kernel) / kernel, mode="same")[count:2 * count]
+        density = 0.4 / count + 0.6 * weight / weight.sum()
+        along = np.concatenate([[0.0], np.cumsum(density)])
+        edges = np.interp(np.linspace(0, along[-1], steps + 1), along, np.linspace(0, 1, count + 1))
         tau = (edges[1:] + edges[:-1]) / 2
         return _Course(tau, np.diff(edges), self.v(tau), self.gap(tau), 2 * np.pi / self.orbit.omega)
 
@@ -229,18 +240,3 @@ def _impulses(strength: Array, S: Array) -> Array:
     whole = np.zeros((len(G), 2 * p, 2 * p))
     whole[:, :p, :p], whole[:, :p, p:] = G @ S, G
     return la.expm(whole)[:, :p, p:]
-
-
-def _edges(contact: Sliding, orbit: Orbit, steps: int) -> Array:
-    """0 = τ_0 < … < τ_steps = 1 of a period, finer where g changes; a quarter of the steps is distributed evenly."""
-    count = power_of_two(max(8 * orbit.harmonics, 4096))
-    v = orbit.samples(count)
-    g = contact.tangents(v, v)[1].reshape(-1, count)
-    change = np.abs(np.diff(g, append=g[:, :1], axis=1)).sum(axis=0)
-    # the square root places steps on the flanks of a jump, where most of the error arises
-    weight = np.sqrt(change) if change.any() else np.ones(count)
-    kernel = max(3, count // 512)
-    weight = np.convolve(np.tile(weight, 3), np.ones(kernel) / kernel, mode="same")[count:2 * count]
-    density = 0.4 / count + 0.6 * weight / weight.sum()
-    along = np.concatenate([[0.0], np.cumsum(density)])
-    return np.interp(np.linspace(0, along[-1], steps + 1), along, np.linspace(0, 1, count + 1))

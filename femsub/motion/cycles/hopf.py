@@ -14,7 +14,6 @@ import numpy as np
 from femsub.checks import Array, interval
 from femsub.coupling import Belt
 from femsub.errors import InputError, NoCycleError
-from femsub.model import DOUBLE
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance, Fractions
 from femsub.motion.cycles.continuation import Path, Place
@@ -22,7 +21,6 @@ from femsub.motion.cycles.initial_guess import crossings
 from femsub.motion.nonlinear_model import Sliding
 from femsub.stability import critical_slope
 from femsub.stability.critical_value import critical_value
-from femsub.stability.crossings import ASIDE
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -77,10 +75,10 @@ def _nearest(model: Substructure, port: str, flexibility: Fractions, near: float
     if not len(omega):
         return ()
     at = int(np.argmin(np.abs(omega - near)))
-    together = np.abs(c - c[at]) <= DOUBLE * abs(c[at])
+    together = np.abs(c - c[at]) <= 1e-6 * abs(c[at])  # the crossings coincide
     if together.sum() > 1:
         raise _several(c[at], omega[together])
-    band = omega[at] * (1 - ASIDE), omega[at] * (1 + ASIDE)
+    band = omega[at] * (1 - 1e-3), omega[at] * (1 + 1e-3)  # of this crossing alone
     return critical_slope(model, port, band=band).first or \
         critical_value(model, Belt(port, slope=0.0), "slope", between=(c[at] / 2, 2 * c[at]), band=band).regains
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.algebra import WIDE
 from femsub.checks import Array, finite_number, positive_number, whole_number
 from femsub.coupling import Belt
 from femsub.errors import FemsubWarning, InputError, NoCycleError, NotConvergedError, warn
@@ -19,7 +18,7 @@ from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
-from femsub.motion.transient import MOST_POINTS, PER_PERIOD, Transient, transient
+from femsub.motion.transient import DENSE, MOST_POINTS, PER_PERIOD, Transient, transient
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
@@ -368,7 +367,7 @@ def _by_itself(contact: Sliding, flexibility: Compliance, near: float | None, to
 
 def _in_time(contact: Sliding, flexibility: Compliance, state: State, omega: float) -> Iterator[tuple[Orbit, int, int]]:
     """Starts from the motion in time from a state on, longer and longer, where it is periodic. Large models have none."""
-    if not isinstance(flexibility, Fractions) or contact.model.size > WIDE:
+    if not isinstance(flexibility, Fractions) or contact.model.size > DENSE:
         return
     for periods in PERIODS:
         if periods * PER_PERIOD * flexibility.found.form.omega.max() > MOST_POINTS * omega:
