@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from femsub.motion.nonlinear_model import Sliding
 
 NEGLECTED = 1e-7  # relative error of a speed that harmonic balance neglects: of partial fractions, of a basis, by aliasing
-ENTRIES = 200_000  # of a temporary array: 3 MB, which a cache holds
+CACHED_ENTRIES = 200_000  # of a temporary array: 3 MB, which a cache holds
 
 
 class Compliance(ABC):
@@ -116,7 +116,7 @@ class Fractions(Compliance):
             return self._last[1:]
         p = self.out.shape[0]
         Y, slope = (np.empty((len(s), p * p), dtype=complex) for _ in range(2))
-        step = max(1, ENTRIES // len(self.found.values))
+        step = max(1, CACHED_ENTRIES // len(self.found.values))
         for start in range(0, len(s), step):
             at = slice(start, start + step)
             inverse = 1 / (s[at, None] - self.found.values)

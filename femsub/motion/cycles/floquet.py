@@ -34,7 +34,7 @@ from scipy.special import exprel
 from femsub.checks import Array
 from femsub.modes import match
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two, samples_of
-from femsub.motion.cycles.compliance import ENTRIES, Fractions
+from femsub.motion.cycles.compliance import CACHED_ENTRIES, Fractions
 from femsub.motion.nonlinear_model import Sliding
 
 
@@ -202,7 +202,7 @@ def _steps(contact: Sliding, flexibility: Fractions, course: _Course) -> tuple[A
     h, values = course.h * course.period, flexibility.found.values
     E = _impulses(contact.tangents(course.v, course.v)[1] * h, flexibility.w.T @ flexibility.w)
     after = 0.5 * np.append(h[:-1] + h[1:], h[-1])  # half of this step and half of the next
-    at_once = max(1, ENTRIES // len(values))
+    at_once = max(1, CACHED_ENTRIES // len(values))
     blocks = (np.exp(after[i:i + at_once, None] * values) for i in range(0, len(h), at_once))
     return np.exp(0.5 * h[0] * values), zip((row for block in blocks for row in block), E, course.gap.T, strict=True)
 
