@@ -216,16 +216,16 @@ def test_damaged_results_are_shown_or_refused_in_one_line(entries: dict[str, Any
 
 
 def mode(path: Path, **changes: Any) -> None:
-    told = {"title": "a", "eigenvalue": [0.0, 1.0], "nodes": 2} | changes.pop("told", {})
-    arrays = {"told": np.frombuffer(json.dumps(told).encode(), np.uint8), "points": np.zeros((2, 3), np.float32),
+    told = {"title": "a", "eigenvalue": [0.0, 1.0], "nodes": 2} | changes.pop("facts", {})
+    arrays = {"facts": np.frombuffer(json.dumps(told).encode(), np.uint8), "points": np.zeros((2, 3), np.float32),
               "cells": np.array([[0, 1]]), "real": np.zeros((2, 3)), "imag": np.zeros((2, 3))}
     np.savez_compressed(path, **{key: value for key, value in (arrays | changes).items() if value is not None})
 
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("changes", [
-    {"points": None}, {"told": {"title": 3}}, {"told": {"eigenvalue": None}}, {"told": {"eigenvalue": ["a", 1]}},
-    {"told": {"nodes": "x"}}, {"points": np.array([["a"] * 3] * 2)}, {"real": np.full((2, 3), np.nan)},
+    {"points": None}, {"facts": {"title": 3}}, {"facts": {"eigenvalue": None}}, {"facts": {"eigenvalue": ["a", 1]}},
+    {"facts": {"nodes": "x"}}, {"points": np.array([["a"] * 3] * 2)}, {"real": np.full((2, 3), np.nan)},
     {"cells": np.array([[0.0, 1.0]])}, {"real": np.zeros((6_000_000, 3), np.float32)}])
 def test_a_damaged_mode_ends_in_one_line(changes: dict[str, Any], out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("plotly", reason="the page of a run needs plotly")
