@@ -507,3 +507,26 @@ def test_a_scene_file_does_the_same(folder: Path, capsys: pytest.CaptureFixture[
 def test_the_scene_has_an_example_of_which_a_mode_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "audit"]) == 0
     assert "the full model has 10 modes below the stated" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_model_of_rigid_motion_alone_is_compared() -> None:
+    """It has no elastic frequency that gives the energy of rigid motion a scale: the full model's does."""
+    whole = fs.chain(12, damping=0.0, fixed=False, interface=[1])
+    rom = fs.reduce(whole, fs.Guyan())
+    model: Given = {"M": rom.M, "K": rom.K, "V": rom.V, "full_interface": rom.full_interface}
+    assert rom.size == 1 and not fs.audit(model, whole).faults
+    wrong = np.linspace(0.0, 1.0, 12)[:, None] + 1.0
+    found = fs.audit(model | {"V": wrong, "M": wrong.T @ (whole.M @ wrong), "K": wrong.T @ (whole.K @ wrong)}, whole)
+    assert "static interface response" in [one.what for one in found.faults]
+
+
+@pytest.mark.parametrize("key", ["M", "K", "MK"])
+@pytest.mark.parametrize("by", [0.0, -1.0])
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_matrices_that_are_lost_or_negative_are_faults(method: str, by: float, key: str) -> None:
+    rom = fs.reduce(full(), METHODS[method]() if method == "guyan" else METHODS[method](4))
+    for left_out in ((), ("V",), ("kinds", "full_interface")):
+        model = given(rom, *left_out)
+        model |= {one: by * model[one] for one in key}
+        for whole in (full(), None):
+            assert fs.audit(model, whole, mass=1.0, units="SI", floating=True).faults or (by == 0.0 and key == "K" and not whole)

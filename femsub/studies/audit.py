@@ -2,43 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import (
-    Array,
-    Tally,
-    choice,
-    instance,
-    items,
-    mapping,
-    positive_number,
-    real_array,
-    whole_numbers,
-    word,
-)
-from femsub.errors import FemsubError, InputError, InputTypeError
-from femsub.model import DofMap, Pencil, ReducedSubstructure, Substructure
-from femsub.reduction.frequency_bounds import frequency_bounds
-from femsub.studies.audit_alone import SYSTEMS, alone, numbers, sizes
-from femsub.studies.audit_full import Compared, Full, compared, digits, motion_in
-from femsub.studies.audit_model import FAULT, GOOD, UNKNOWN, Finding, Model, array
+from femsub.checks import Array, Tally, choice, positive_number
+from femsub.errors import InputTypeError
+from femsub.studies.audit_case import LOWEST, Case, Unknown
+from femsub.studies.audit_checks import findings
+from femsub.studies.audit_figures import FAULT, GOOD, SYSTEMS, UNKNOWN, Finding
 from femsub.studies.charts import Chart, Level, Panel, Series
 from femsub.studies.tables import Table, column, fitted
 from femsub.studies.verdicts import Verdict
 
 if TYPE_CHECKING:
-    from femsub.reduction import FrequencyBounds
+    from femsub.model import Pencil, Substructure
 
-ENTRIES = ("M", "K", "D", "V", "kinds", "interface", "full_interface", "dofs", "cutoff", "name")
 TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
-HIGHEST = 1e100  # cut-off
-DENSE = 1500  # DOF up to which the eigenvalues of D are computed
-BOUNDED = 1e-6  # relative rounding of a frequency beside its bound
-LOWEST = 10  # frequencies that are bounded without the full model
 WORDS = {GOOD: "good", FAULT: "FAULT", UNKNOWN: "unknown"}
 
 
@@ -248,149 +230,24 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
     >>> found.verdict, found.faults[0].what
     ('fault', 'static interface response')
     """
-    model = _model(reduced, mass, cutoff, floating, gyroscopic, units)
-    if full is not None:
-        instance("full", full, Substructure, "made by solid, read_component or others")
-    basic = [numbers(model)] if numbers(model).verdict == FAULT else [numbers(model), sizes(model)]
-    rows = _rows(model, full)
-    if full is not None and basic[-1].verdict == GOOD:
-        basic += _same_size(model, full)
-    if any(one.verdict == FAULT for one in basic):
-        return Audit(model.name, len(model.M), 0 if full is None else full.size, tuple(basic))
-    found = [*basic, digits(model)]
-    if full is not None and not full.pencil.symmetric[1]:
-        model = replace(model, gyroscopic=True)
-    found += [one for one in alone(model, full is not None, False if full is None else _active(full)) if one.what]
-    sound = not any(one.verdict == FAULT for one in found)
-    if full is not None:
-        seen = compared(model, Full.of(full, rows))
-        found += seen.findings
-        found += _within_bounds(model, seen) if sound else []
-        return Audit(model.name, model.size, full.size, tuple(found), seen.omega[:, 0], seen.omega[:, 1], seen.first_missing,
-                     seen.tally)
-    found.append(Finding("modes below the cut-off", UNKNOWN, "whether one is missing cannot be known from the small matrices",
-                         todo="Give the full M and K"))
-    bounds = _bounds(model) if sound else "the faults come first"
-    if not isinstance(bounds, str):
-        return Audit(model.name, model.size, 0, tuple(found), bounds.upper, bounds.lower, model.cutoff)
-    found.append(Finding("frequencies", UNKNOWN, bounds, todo="Give the full M and K"))
-    rigid = 0 if model.motion is None else model.motion.shape[1]
-    omega = model.free_frequencies[rigid:]
-    omega = omega[omega > 1e-4 * omega.max(initial=0.0)][:LOWEST]
-    return Audit(model.name, model.size, 0, tuple(found), omega, np.full(len(omega), np.nan), model.cutoff)
-
-
-def _model(reduced: Any, mass: Any, cutoff: Any, floating: Any, gyroscopic: Any, units: Any) -> Model:
-    """The matrices and what is stated of them."""
     for name, value in (("floating", floating), ("gyroscopic", gyroscopic)):
         if value is not None and not isinstance(value, bool):
             raise InputTypeError(f"{name} must be True or False, not {value!r}")
     stated: dict[str, Any] = {
         "mass": None if mass is None else positive_number("mass", mass), "floating": floating, "gyroscopic": bool(gyroscopic),
         "units": "" if isinstance(units, str) and not units else choice("units", units, SYSTEMS)}
-    if isinstance(reduced, Mapping):
-        own = _of_mapping(mapping("reduced", reduced, "names and matrices, as {'M': M, 'K': K}"))
-    elif isinstance(reduced, (Substructure, Pencil)):
-        own = _of_model(reduced)
-    else:
-        raise InputTypeError(f"reduced must be a Substructure, a Pencil or a mapping with M and K, not {type(reduced).__name__}")
     if cutoff is not None:
-        own["cutoff"] = positive_number("cutoff", cutoff)
-    if HIGHEST < own.get("cutoff", 0.0) < np.inf:
-        raise InputError(f"cutoff must be below {HIGHEST:g}, so that its square is finite; it is {own['cutoff']:g}")
-    return Model(**own, **stated)
-
-
-def _of_model(reduced: Substructure | Pencil) -> dict[str, Any]:
-    own: dict[str, Any] = {"name": getattr(reduced, "name", "model"), **{key: array(getattr(reduced, key)) for key in "MKD"}}
-    if isinstance(reduced, Pencil):
-        return own
-    own |= {"places": reduced.interface if len(reduced.interface) else None, "dofs": reduced.interface_dofs}
-    if isinstance(reduced, ReducedSubstructure):
-        own |= {"V": np.asarray(reduced.V), "kinds": tuple(reduced.kinds), "rows": reduced.full_interface,
-                "cutoff": reduced.cutoff, "carried": motion_in(reduced)}
-    return own
-
-
-def _of_mapping(given: Mapping[str, Any]) -> dict[str, Any]:
-    if strange := [key for key in given if key not in ENTRIES]:
-        raise InputError(f"reduced has an entry {strange[0]!r}; known are {', '.join(ENTRIES)}")
-    if "M" not in given or "K" not in given:
-        raise InputError(f"reduced needs M and K, but has {', '.join(given) or 'nothing'}")
-    own: dict[str, Any] = {"name": str(given.get("name", "model"))}
-    for key in "MKDV":
-        if given.get(key) is not None:
-            value = given[key]
-            own[key] = real_array(key, value.toarray() if hasattr(value, "toarray") else value, finite=False)
-            if own[key].ndim != 2 or not own[key].size:
-                raise InputError(f"{key} must be a matrix, but its shape is {own[key].shape}")
-    for key, name in (("interface", "places"), ("full_interface", "rows")):
-        if given.get(key) is not None:
-            own[name] = whole_numbers(key, given[key]).astype(np.intp)
-    if given.get("kinds") is not None:
-        own["kinds"] = tuple(word("kinds", kind) for kind in items("kinds", given["kinds"], "words"))
-    if given.get("dofs") is not None:
-        own["dofs"] = instance("dofs", given["dofs"], DofMap)
-    if given.get("cutoff") is not None:
-        own["cutoff"] = np.inf if given["cutoff"] == np.inf else positive_number("cutoff", given["cutoff"])
-    return own
-
-
-def _rows(model: Model, full: Substructure | None) -> Array:
-    """The interface of the full model, as the reduced one has it, or else as the full one."""
-    if model.rows is not None:
-        return model.rows
-    return np.zeros(0, dtype=np.intp) if full is None else full.interface
-
-
-def _same_size(model: Model, full: Substructure) -> list[Finding]:
-    said = ""
-    if model.V is not None and len(model.V) != full.size:
-        said = f"V has {len(model.V)} rows, but the full model {full.size} DOF"
-    elif model.rows is not None and model.rows.max(initial=-1) >= full.size:
-        said = f"the interface names DOF {model.rows.max()}, but the full model has {full.size}"
-    elif model.size > full.size:
-        said = f"the reduced model has {model.size} coordinates, the full one {full.size} DOF"
-    return [Finding("same full model", FAULT, said, todo="The reduction is of another model")] if said else []
-
-
-def _active(full: Substructure) -> bool | None:
-    """Whether the symmetric part of D has a negative eigenvalue; None of a large model."""
-    if full.size > DENSE:
-        return None
-    D = array(full.D)
-    lowest = float(np.linalg.eigvalsh((D + D.T) / 2)[0]) if D.any() else 0.0
-    return lowest < -1e-12 * float(np.abs(D).max(initial=0.0))
-
-
-def _bounds(model: Model) -> FrequencyBounds | str:
-    """Bounds of the lowest frequencies from the small matrices and the stated cut-off, or why there are none."""
-    if np.isnan(model.cutoff):
-        return "no cut-off is stated"
-    if model.basis != "held":
-        return "bounds without the full model are known for Craig-Bampton models alone"
-    kinds = np.full(model.size, "constraint", dtype=object)
-    kinds[model.modal] = "fixed-interface"
-    try:
-        M, K = ((A + A.T) / 2 for A in (model.M, model.K))
-        rom = ReducedSubstructure(M, K, None, {}, model.name, V=np.eye(model.size) if model.V is None else model.V,
-                                  kinds=tuple(model.kinds or kinds.tolist()), cutoff=model.cutoff, rigid_motion=model.carried)
-        elastic = int(np.count_nonzero(model.free_frequencies > 1e-4 * model.free_frequencies.max(initial=0.0)))
-        return frequency_bounds(rom, max(1, min(LOWEST, elastic)))
-    except FemsubError as error:
-        return f"they have no bounds: {error}"
-
-
-def _within_bounds(model: Model, seen: Compared) -> Sequence[Finding]:
-    """The full model's frequencies lie within the bounds from the small matrices alone, if it is the same model."""
-    if not len(seen.omega) or not np.isfinite(model.cutoff) or not model.kinds:
-        return []
-    bounds = _bounds(model)
-    if isinstance(bounds, str) or bounds.rigid != seen.rigid:
-        return []
-    k = min(len(bounds.lower), len(seen.omega))
-    below = 1 - seen.omega[:k, 1] / bounds.lower[:k]
-    worst = int(below.argmax())
-    return [Finding.of("frequencies within their bounds", max(float(below[worst]), 0.0), BOUNDED, f"elastic mode {worst + 1} of "
-                       f"the full model has ω = {seen.omega[worst, 1]:.6g}, below the bound {bounds.lower[worst]:.6g} by the "
-                       "stated cut-off", "The cut-off is not what is stated, or the matrices are not those of this model")]
+        stated["cutoff"] = positive_number("cutoff", cutoff)
+    case = Case.of(reduced, full, **stated)
+    small, found = case.small, findings(case)
+    head = small.name, len(small.M), 0 if full is None else full.size, found
+    if case.stopped:
+        return Audit(*head)
+    if full is not None:
+        first, tally = (np.nan, Tally(0)) if isinstance(case.kept, Unknown) else (case.kept.first, case.kept.tally)
+        pairs = np.zeros((0, 2)) if isinstance(case.frequencies, Unknown) else case.frequencies
+        return Audit(*head, pairs[:, 0], pairs[:, 1], first, tally)
+    if not isinstance(case.bounds, Unknown):
+        return Audit(*head, case.bounds.upper, case.bounds.lower, small.cutoff)
+    omega = small.elastic_frequencies[:LOWEST]
+    return Audit(*head, omega, np.full(len(omega), np.nan), small.cutoff)

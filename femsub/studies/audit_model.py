@@ -1,4 +1,4 @@
-"""What an audit looks at: the small matrices as they are, faults and all, and what each check says of them."""
+"""What an audit looks at: the small matrices as they are, faults and all, and what is stated of them."""
 
 from __future__ import annotations
 
@@ -11,53 +11,22 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array
+from femsub.checks import EPS, EQUAL, Array
 
 if TYPE_CHECKING:
     from femsub.model import DofMap, RigidMotion
 
-GOOD, FAULT, UNKNOWN = "good", "fault", "unknown"
+AXES = ("ux", "uy", "uz", "rx", "ry", "rz")
 HELD_KIND, FREE_KINDS = "fixed-interface", ("free", "free and inertia relief")
 PHYSICAL = ("constraint", "interface")  # kinds of coordinates beside which free modes are not alone
 SPREAD = "interface mode"  # a kind that no single frequency is the cut-off of
-DEPENDENT = 1e-9  # relative singular value of the interface rows below which a motion of the interface is none
-FORM = 1e-4  # relative coupling in M and K up to which coordinates beside the interface are taken for fixed-interface modes
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What one check of an audit has found.
-
-    Attributes
-    ----------
-    what : str
-        What was checked.
-    verdict : str
-        'good', 'fault' or 'unknown'.
-    said : str
-        What was found, in a sentence.
-    figure, limit : float, optional
-        The number that decides, and how large it may be.
-    todo : str
-        What to do about it.
-    """
-
-    what: str
-    verdict: str
-    said: str = ""
-    figure: float | None = None
-    limit: float | None = None
-    todo: str = ""
-
-    @classmethod
-    def of(cls, what: str, figure: float, limit: float, said: str, todo: str) -> Finding:
-        """Good if the figure is within its limit; else a fault, with its sentence and what to do."""
-        good = bool(figure <= limit)
-        return cls(what, GOOD if good else FAULT, "" if good else said, float(figure), limit, "" if good else todo)
+AGREE = 1e-6  # relative difference of entries, energies and ω² of one model as two programs write them, with seven digits
+SHAPED = 1e-4  # the same of what is linear in shapes, which have half the digits of their energies, and of clusters of ω
+ROUNDING = 256 * EPS  # of sums in products with large matrices
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class SmallModel:
     """The matrices (r, r) of a reduced model and what is stated of it; what is not stated is None, or NaN.
 
     `places` are the coordinates that are interface DOF, `rows` the interface as rows of V (n, r). `carried` is the rigid motion
@@ -85,6 +54,12 @@ class Model:
         return len(self.M)
 
     @property
+    def given(self) -> dict[str, Array]:
+        """The matrices that are there, by name."""
+        every = {"M": self.M, "K": self.K, "D": self.D, "V": self.V}
+        return {key: A for key, A in every.items() if A is not None}
+
+    @property
     def motion(self) -> Array | None:
         """The shapes (r, k) of the rigid motion that the model carries."""
         return None if self.carried is None else self.carried.shapes
@@ -105,9 +80,9 @@ class Model:
         if not len(self.B):
             return np.zeros((0, 0)), np.zeros((self.size, 0)), np.eye(self.size)
         size = np.linalg.norm(self.B, axis=0)  # coordinates have units of their own
-        unit = np.where(size > DEPENDENT * size.max(initial=0.0), size, 1.0)
+        unit = np.where(size > EQUAL * size.max(initial=0.0), size, 1.0)
         U, s, W = np.linalg.svd(self.B / unit)
-        k = int(np.count_nonzero(s > DEPENDENT * s.max(initial=0.0)))
+        k = int(np.count_nonzero(s > EQUAL * s.max(initial=0.0)))
         return U[:, :k], W[:k].T / s[:k] / unit[:, None], W[k:].T / unit[:, None]
 
     @cached_property
@@ -131,7 +106,7 @@ class Model:
     @cached_property
     def mass_rank(self) -> int:
         """The rank of M, but for rounding."""
-        return int(np.linalg.matrix_rank(scaled(self.M), 256 * EPS, hermitian=True))
+        return int(np.linalg.matrix_rank(scaled(self.M), ROUNDING, hermitian=True))
 
     @cached_property
     def projected(self) -> bool:
@@ -151,7 +126,7 @@ class Model:
             return ""
         inside = np.setdiff1d(np.arange(self.size), self.places)
         M, K = (A[np.ix_(inside, inside)] for A in (self.M, self.K))
-        if max(coupling(self.K, self.places, inside), off_diagonal(M), off_diagonal(K)) <= FORM:
+        if max(coupling(self.K, self.places, inside), off_diagonal(M), off_diagonal(K)) <= SHAPED:
             return "held"
         return "free" if len(self.massless) else ""
 
@@ -173,6 +148,13 @@ class Model:
         mass = self.M.diagonal()[self.modal]
         return np.sqrt(np.abs(self.K.diagonal()[self.modal]) / np.where(mass > 0, mass, 1.0))
 
+    @property
+    def kept_frequencies(self) -> Array:
+        """ω of the modes that the model keeps, ascending: of a free basis with its rigid motions, and what else follows them."""
+        if self.basis == "held" and len(self.B) and "static port" not in self.kinds:
+            return self.held_frequencies
+        return np.sort(self.modal_frequencies) if self.basis == "held" or len(self.modal) else self.free_frequencies
+
     @cached_property
     def held_frequencies(self) -> Array:
         """ω of the model with its interface at rest."""
@@ -191,6 +173,16 @@ class Model:
     def free_frequencies(self) -> Array:
         """ω of the model by itself, rigid motion and rounding as 0."""
         return frequencies(self.K, self.M)
+
+    @property
+    def elastic_frequencies(self) -> Array:
+        """Those above 1e-4 of the highest: what lies below is rigid motion, but for rounding."""
+        return self.free_frequencies[self.free_frequencies > SHAPED * self.free_frequencies.max(initial=0.0)]
+
+    def strain(self, q: Array) -> float:
+        """The largest qᵀKq of the columns of q, over the energy of the single coordinates."""
+        whole = q.T**2 @ self.energy_unit(self.K, self.M, q.shape[1])
+        return float((np.abs(np.einsum("ij,ij->j", q, self.K @ q)) / np.where(whole > 0, whole, 1.0)).max(initial=0.0))
 
 
 def units(A: Array) -> Array:
@@ -222,7 +214,8 @@ def frequencies(K: Array, M: Array) -> Array:
     if not len(K):
         return np.zeros(0)
     K, M = (K + K.T) / 2, (M + M.T) / 2
-    unit = units(K + np.diag(M.diagonal()) * (K.diagonal().max() / max(M.diagonal().max(), np.finfo(float).tiny)))
+    heaviest = float(M.diagonal().max())
+    unit = units(K + np.diag(M.diagonal()) * (K.diagonal().max() / heaviest) if heaviest > 0 else K)
     mass = M * np.outer(unit, unit)
     stiff = K * np.outer(unit, unit)
     values, turn = la.eigh(mass)
@@ -255,3 +248,47 @@ def within(difference: Array, A: Array, rounding: Array | float = 0.0) -> Array:
     size = np.where(size > 0, size, EPS * size.max(initial=0.0))
     beyond = np.maximum(np.abs(difference) - rounding, 0.0)
     return np.divide(beyond, np.outer(size, size), out=np.where(beyond > 0, np.inf, 0.0), where=np.outer(size, size) > 0)
+
+
+def motions(dofs: DofMap) -> tuple[Array, bool]:
+    """Rigid motions of the DOF of a map (n_b, k) about the middle of its points, and whether they are all six.
+
+    Translations come first. Rotations need points. A plate's w with its slopes has three.
+    """
+    labels = np.array([dofs.labels[one] for one in dofs.components])
+    deep = np.zeros((len(labels), 3))
+    if dofs.points is not None:
+        deep[:, :dofs.points.shape[1]] = dofs.points - dofs.points.mean(axis=0)
+    x, y, z = deep.T
+    if np.isin(labels, ("w", "w,x", "w,y")).all():
+        flat = np.stack([labels == "w", np.where(labels == "w", x, labels == "w,x"), np.where(labels == "w", y, labels == "w,y")],
+                        axis=1).astype(float)
+        few = 1 if dofs.points is None else 1 + min(dofs.points.shape[1], 2)
+        return flat[:, :few], False
+    if not np.isin(labels, AXES).all():
+        return np.zeros((len(labels), 0)), False
+    kind = np.array([AXES.index(label) for label in labels])
+    found = np.eye(6)[kind]
+    none = np.zeros_like(x)
+    turned = np.stack([[none, z, -y], [-z, none, x], [y, -x, none]])  # ω × x, by the direction of the DOF and the axis
+    for axis in range(3):
+        found[kind == axis, 3:] = turned[axis][:, kind == axis].T
+    if dofs.points is None or dofs.points.shape[1] < 3:
+        return found[:, :3], False
+    return found, bool(np.isin(np.arange(3), kind).all())
+
+
+def body(P: Array, length: float) -> tuple[float, Array, float]:
+    """Mass, centre and how far P (6, 6) is from [[m I, -m c×], [m c×, J]] of a rigid body, relative."""
+    m = float(np.trace(P[:3, :3])) / 3
+    if m <= 0:
+        return m, np.zeros(3), np.inf
+    moment = (P[:3, 3:] - P[:3, 3:].T) / 2
+    centre = np.array([moment[1, 2], moment[2, 0], moment[0, 1]]) / m
+    reach = max(length, float(np.sqrt(max(np.trace(P[3:, 3:]), 0.0) / m)))
+    wrong = np.abs(P[:3, :3] - m * np.eye(3)).max() / m
+    skew = np.abs(P[:3, 3:] + P[:3, 3:].T).max() / (2 * m * reach)
+    arm = np.array([[0, -centre[2], centre[1]], [centre[2], 0, -centre[0]], [-centre[1], centre[0], 0]])
+    axes = np.linalg.eigvalsh(P[3:, 3:] + m * arm @ arm)  # about the centre
+    unlike = max(axes[2] - axes[0] - axes[1], -axes[0], 0.0) / (m * reach**2)
+    return m, centre, float(max(wrong, skew, unlike))
