@@ -20,12 +20,12 @@ from femsub.studies.tables import KNOWN, WIDTH, Table, fitted, table
 pytest.importorskip("matplotlib")
 
 from femsub import annulus, rectangle
-from femsub.app.figure_style import MANY, PAGE, SMALL, STYLE, draw, label_points, legend_below, new_figure, render
+from femsub.app.figure_style import MANY, PAGE, SIZES, STYLE, draw, label_points, legend_below, new_figure, render
 from femsub.app.figures import belt_sweep_figure, shapes_figure
 from femsub.studies import ROUNDING, Chart, Panel, Series, look
 from femsub.studies.charts_components import LINES, eigenvalue_chart, springs_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
-from femsub.studies.charts_motion import COLUMNS, envelope
+from femsub.studies.charts_motion import envelope
 
 #: what those see who lack one kind of cones, on linear RGB (Machado, Oliveira and Fernandes 2009, severity 1)
 SEEN = {"all": np.eye(3),
@@ -249,8 +249,8 @@ def test_marks_that_lie_on_each_other_are_all_seen() -> None:
 def test_an_envelope_has_every_extreme(rng: np.random.Generator) -> None:
     t = np.sort(rng.random(20_000))
     v = rng.standard_normal(20_000)
-    places, low, high = envelope(t, v)
-    assert len(places) == COLUMNS and low.min() == v.min() and high.max() == v.max()
+    places, low, high = envelope(t, v, 600)
+    assert len(places) == 600 and low.min() == v.min() and high.max() == v.max()
     at = np.searchsorted(places, t, side="right") - 1
     assert np.all((low[at] <= v) & (v <= high[at]))
     assert np.array_equal(envelope(t[:3], v[:3])[1], v[:3])
@@ -318,8 +318,8 @@ def test_figures_have_units_texts_that_can_be_read_and_legends_beside_the_data(n
             figure = made()
         assert figure.get_figwidth() <= PAGE
         assert figure._suptitle is not None, title  # what is drawn, above the number of the paper's figure
-        small = [text.get_text() for text in figure.findobj(Text) if text.get_text().strip() and text.get_fontsize() < SMALL
-                 and "$" not in text.get_text()]
+        small = [text.get_text() for text in figure.findobj(Text) if text.get_text().strip() and text.get_fontsize()
+                 < SIZES.number and "$" not in text.get_text()]
         assert not small, (title, small)
         for axis in drawn(figure):
             assert axis.get_legend() is None, title

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -14,17 +14,32 @@ from femsub.checks import package
 from femsub.studies import ROUNDING, Chart, Panel
 
 HERTZ = (lambda omega: omega / (2 * np.pi), lambda hertz: 2 * np.pi * hertz)
-DPI = 150
 PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one is smaller there
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labelsize": 8, "ytick.labelsize": 8,
-         "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True}
-SMALL = 8  # points, of numbers beside marks
-TOUCHING = 4.0  # points: marks that are nearer to each other lie on each other
-CLEARLY = 1.15  # how much nearer a number stands to its own mark than to others of its colour
+         "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True, "figure.dpi": 150}
+
+
+class Sizes(NamedTuple):
+    """Sizes of what is drawn beside the lines of `STYLE`."""
+
+    number: float = 8  #: points, of numbers beside marks
+    touching: float = 4.0  #: points: marks that are nearer to each other lie on each other
+    clearly: float = 1.15  #: how much nearer a number stands to its own mark than to others of its colour
+    decades: int = 3  #: of the scale of spectra over time
+    stretch: float = 0.12  #: how far the largest displacement of a solid is drawn, in parts of the mesh's largest side
+    pieces: int = 3  #: along an edge, into which the faces of a coarse mesh are cut
+    fine: int = 8000  #: cells from which on their edges are not drawn
+    nearer: float = 0.02  #: of the largest displacement: how far in front of their face edges are taken to be
+    slides: float = 0.5  #: share of the motion normal to the surface below which arrows show it: the shape hardly changes
+    arrows: int = 60  #: of them, about
+
+
+SIZES = Sizes()
 #: where a number may stand to its mark, to the right and up; once all have been tried at the first, those left are at the second
 SIDES = (((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)), ((1, 0.3), (-1, 0.3), (1, -0.3), (-1, -0.3)))
 MANY = "#7f7f7f"  # in a legend: of marks that have the colours of several models
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
+
 
 def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note: str = "") -> None:
     """Writes a PNG of what a drawing function makes, in these units, with a note below its title."""
@@ -35,17 +50,11 @@ def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note
         if note:
             title = figure._suptitle  # get_suptitle is newer than the oldest matplotlib
             figure.suptitle(f"{title.get_text()}\n{note}" if title else note)
-        _fit_title(figure)
-        figure.set_dpi(DPI)
+        title = figure._suptitle
+        if title is not None:  # break the lines of a title that is wider than its figure
+            room = int(figure.get_figwidth() * 72 / (0.58 * title.get_fontsize()))  # letters; 0.58 of their height is a wide mean
+            title.set_text("\n".join(textwrap.fill(line, room) for line in title.get_text().split("\n")))
         figure.canvas.print_png(file)  # `savefig` draws all of it once more, for the layout alone
-
-
-def _fit_title(figure: Any) -> None:
-    """Breaks the lines of a title that is wider than its figure."""
-    title = figure._suptitle
-    if title is not None:
-        room = int(figure.get_figwidth() * 72 / (0.58 * title.get_fontsize()))  # letters; 0.58 of their height is a wide mean
-        title.set_text("\n".join(textwrap.fill(line, room) for line in title.get_text().split("\n")))
 
 
 def _put_units(figure: Any, units: Units) -> None:
@@ -92,7 +101,13 @@ def draw(chart: Chart) -> Any:
             shared.setdefault((which, word), axis)
         alike = [other for other in shown if other is panel or ("y" in panel.share and other.share.get("y") == panel.share["y"])]
         values = [value for other in alike for one in other.series for value in np.asarray(one.y, dtype=float)]
-        labels += draw_panel(axis, panel, values, {which: _limits(shown, panel, which) for which in panel.limits})
+        limits = {}  # those of all panels that have an axis in common: what one of them has would else leave it
+        for which in panel.limits:
+            common = panel.share.get(which)
+            ends = [one.limits[which] for one in shown
+                    if one is panel or (common and one.share.get(which) == common and which in one.limits)]
+            limits[which] = min(low for low, _ in ends), max(high for _, high in ends)
+        labels += draw_panel(axis, panel, values, limits)
         below, beside = shown[at + across:at + across + 1], shown[at - 1:at] if at % across else []
         axis.set(title=panel.title, **{"xlabel": panel.x} if not below or below[0].x != panel.x else {},
                  **{"ylabel": panel.y} if not beside or beside[0].y != panel.y else {})
@@ -107,14 +122,6 @@ def draw(chart: Chart) -> Any:
     figure.suptitle("\n".join(filter(None, (chart.title, chart.about))))
     label_points(figure, labels)
     return figure
-
-
-def _limits(shown: Sequence[Panel], panel: Panel, which: str) -> tuple[float, float]:
-    """Those of all panels that have this axis in common: what one of them has would else leave it."""
-    word = panel.share.get(which)
-    alike = [one.limits[which] for one in shown
-             if one is panel or (word and one.share.get(which) == word and which in one.limits)]
-    return min(low for low, _ in alike), max(high for _, high in alike)
 
 
 def draw_panel(axis: Any, panel: Panel, values: Sequence[float], limits: Mapping[str, tuple[float, float]]) -> list[Any]:
@@ -165,19 +172,13 @@ def legend_below(figure: Any, axes: Iterable[Any], columns: int = 4) -> None:
         lines[label] = line
         colours.setdefault(label, set()).add(getattr(line, "get_color", str)())
     for label in (label for label, found in colours.items() if len(found) > 1):
-        lines[label] = _grey(lines[label])
+        line, lines[label] = lines[label], _matplotlib().lines.Line2D([], [])
+        lines[label].update_from(line)
+        lines[label].set(color=MANY, markeredgecolor=MANY)  # the name stands for lines of several colours
+        if line.get_markerfacecolor() != "none":
+            lines[label].set_markerfacecolor(MANY)
     if lines:
         figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=min(columns, len(lines)))
-
-
-def _grey(line: Any) -> Any:
-    """The like of a line for a legend, where its name stands for lines of several colours."""
-    like = _matplotlib().lines.Line2D([], [])
-    like.update_from(line)
-    like.set(color=MANY, markeredgecolor=MANY)
-    if line.get_markerfacecolor() != "none":
-        like.set_markerfacecolor(MANY)
-    return like
 
 
 def rounding_below(axis: Any, errors: Iterable[float]) -> None:
@@ -234,10 +235,10 @@ def _put_labels(axis: Any, labels: Sequence[tuple[float, float, str, str]], pixe
 
     def place(x: float, y: float, text: str, colour: str, sides: Iterable[tuple[float, float]]) -> bool:
         """Whether there was room at one of these sides of a mark; the text stands there then."""
-        wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
+        wide, high = (0.62 * len(text) * SIZES.number + 1) * pixels, SIZES.number * pixels
         at = axis.transData.transform((x, y))
         others = [spot for spot, word, shade in mine if word != text and shade == colour
-                  and np.hypot(*(spot - at)) > TOUCHING * pixels]  # those that lie on each other have no side of their own
+                  and np.hypot(*(spot - at)) > SIZES.touching * pixels]  # those that lie on each other have no side of their own
         free: list[tuple[int, int, Any, Bbox]] = []
         for right, up in sides:
             gap = (4.0 if right and abs(up) == 1 else 6.5) * pixels
@@ -246,13 +247,13 @@ def _put_labels(axis: Any, labels: Sequence[tuple[float, float, str, str]], pixe
             if up and any(box.y0 < other[1] < box.y1 for other in others):
                 continue  # beside another's bar it would be read as that one's
             if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken) \
-                    and all(CLEARLY * _gap(box, at) <= _gap(box, other) for other in others):
+                    and all(SIZES.clearly * _gap(box, at) <= _gap(box, other) for other in others):
                 inside = ((crossed > box.p0) & (crossed < box.p1)).all(axis=1)
                 under = int((inside & (np.abs(crossed[:, 1] - at[1]) > 1)).sum())
                 free.append((under, len(free), shift, box))
         if free:  # where it covers least of the lines, but for a bar through its own mark
             _, _, shift, box = min(free, key=lambda one: one[:2])
-            axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
+            axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SIZES.number, color=colour,
                           ha="center", va="center", zorder=6, path_effects=[withStroke(linewidth=2, foreground="white")])
             taken.append(box)
         return bool(free)

@@ -9,30 +9,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub import components
-from femsub.app.figure_style import PAGE, legend_below, new_figure, rounding_below
+from femsub.app.figure_style import PAGE, SIZES, legend_below, new_figure, rounding_below
 from femsub.studies import ROUNDING, look
 
 if TYPE_CHECKING:
     from femsub import Mesh
     from femsub.checks import Array
 
-DECADES = 3  # of the spectrograms' scale
-STRETCH = 0.12  # how far the largest displacement of a solid is drawn, in parts of the mesh's largest side
 MARKS = {"contact": ("black", "v"), "interface": ("#0067a5", "s")}
 AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(35.0)  # from where solids are seen
 #: colours that readers who see no red or no green distinguish as well
 PARTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#999999")
 #: the same on the colours of solids, where black and blue are not seen
 MARKS_ON_SOLIDS = {"contact": ("#e41a1c", "v"), "interface": ("#ff7f00", "s")}
-CUT = 3  # pieces along an edge into which the faces of a coarse mesh are cut
-NEARER = 0.02  # of the largest displacement: how far in front of their face edges are taken to be
-FINE = 8000  # cells from which on their edges are not drawn
 APART = np.array([0.5, 0.5, 2.5])  # of its distance from the middle that each part is moved where parts are drawn apart
 # of a plate's deflection: shades with edges, since smooth ones show streaks of the mesh; none at 0, where they would zigzag
 LEVELS = np.linspace(-1.0, 1.0, 22)
 SHARP = np.cos(np.radians(40.0))  # between the normals of two faces, from which on their edge belongs to the outline
-SLIDES = 0.5  # share of the motion normal to the surface below which arrows show it, since the shape hardly changes
-ARROWS = 60  # of them, about
 LIGHT = np.array([0.2, -0.4, 0.9])  # from where it comes, of length 1 but for rounding
 
 
@@ -85,10 +78,10 @@ def spectrogram_figure(made: Sequence[tuple[Any, Any]], highest: float) -> Any:
     figure = new_figure(PAGE, 3.6)
     axes = figure.subplots(1, len(made), squeeze=False, sharey=True)[0]
     top = max(float(found.amplitude.max()) for _, found in made)
-    scale = LogNorm(top / 10**DECADES, top)
+    scale = LogNorm(top / 10**SIZES.decades, top)
     for axis, (item, found) in zip(axes, made, strict=True):
         inside = found.omega <= highest
-        values = np.maximum(found.amplitude[inside], top / 10**DECADES)
+        values = np.maximum(found.amplitude[inside], top / 10**SIZES.decades)
         picture = axis.pcolormesh(found.t, found.omega[inside], values, norm=scale, shading="nearest", cmap="magma",
                                   rasterized=True)
         axis.set(title=f"{look(item.kind).label}, {item.model.size} DOF", xlabel="t  [time]", ylim=(0, highest))
@@ -177,12 +170,18 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
     faces = components.corner_nodes(mesh, *components.boundary_faces(mesh))
     scale = ScalarMappable(cmap="viridis")
     scale.set_clim(0, 1)
-    stretch = STRETCH * np.ptp(mesh.points, axis=0).max()
+    stretch = SIZES.stretch * np.ptp(mesh.points, axis=0).max()
     plane, front, _ = _front(mesh.points + stretch * u, faces)
     corners, sizes = (mesh.points + stretch * u)[faces], np.linalg.norm(u, axis=1)[faces]
     lines = np.zeros((0, 4, 3))
-    if cut := faces.shape[1] == 4 and CUT**2 * len(faces) <= FINE:  # the order from far to near is better, and so are the colours
-        lines = _edges(corners[_normals(corners) @ seen_from() > 0])
+    cut = faces.shape[1] == 4 and SIZES.pieces**2 * len(faces) <= SIZES.fine
+    if cut:  # the order from far to near is better, and so are the colours
+        # edges, each in pieces as faces of no area
+        shown = corners[_normals(corners) @ seen_from() > 0]
+        ends, next_ends = shown[:, :, None], np.roll(shown, -1, axis=1)[:, :, None]
+        places = ends + np.linspace(0.0, 1.0, SIZES.pieces + 1)[:, None] * (next_ends - ends)
+        first, last = places[:, :, :-1].reshape(-1, 3), places[:, :, 1:].reshape(-1, 3)
+        lines = np.stack([first, last, last, first], axis=1)
         corners, sizes = _cut(corners), _cut(sizes)
     normal = _normals(corners)
     facing = normal @ seen_from() > 0
@@ -190,10 +189,10 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
     colours[:, :3] *= (0.8 + 0.2 * np.clip(normal[facing] @ LIGHT, 0, 1))[:, None]
     black = np.broadcast_to([0.0, 0.0, 0.0, 0.3], (len(lines), 4))
     depth = [seen(one.reshape(-1, 3))[1].reshape(one.shape[:2]).mean(axis=1) for one in (corners[facing], lines)]
-    order = np.argsort(np.concatenate([depth[0], depth[1] + NEARER * stretch]), kind="stable")
+    order = np.argsort(np.concatenate([depth[0], depth[1] + SIZES.nearer * stretch]), kind="stable")
     pieces = [seen(one)[0] for one in (*corners[facing], *lines)]
     paint, width = np.concatenate([colours, black]), np.repeat([0.3, 0.4], [len(colours), len(lines)])
-    around = paint[order] if cut or len(faces) > FINE else (0, 0, 0, 0.3)
+    around = paint[order] if cut or len(faces) > SIZES.fine else (0, 0, 0, 0.3)
     axis.add_collection(PolyCollection([pieces[at] for at in order], facecolors=paint[order], edgecolors=around,
                                        linewidths=width[order]))
     axis.add_collection(LineCollection(list(_outline(mesh.points, faces)), colors="0.25", linewidths=0.6, linestyles=":"))
@@ -213,22 +212,13 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
 
 
 def _cut(corners: Array) -> Array:
-    """Faces of four corners (m, 4, ...) as CUT x CUT smaller ones each, bilinear."""
-    ends = np.linspace(0.0, 1.0, CUT + 1)
-    s, t = (one.ravel() for one in np.meshgrid(np.arange(CUT), np.arange(CUT)))
+    """Faces of four corners (m, 4, ...) as SIZES.pieces x SIZES.pieces smaller ones each, bilinear."""
+    ends = np.linspace(0.0, 1.0, SIZES.pieces + 1)
+    s, t = (one.ravel() for one in np.meshgrid(np.arange(SIZES.pieces), np.arange(SIZES.pieces)))
     s, t = ends[np.stack([s, s + 1, s + 1, s], axis=1)], ends[np.stack([t, t, t + 1, t + 1], axis=1)]
     weights = np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=-1)
     found = np.einsum("qcn,mn...->mqc...", weights, corners)
     return np.asarray(found.reshape(-1, 4, *corners.shape[2:]))
-
-
-def _edges(corners: Array) -> Array:
-    """The edges of faces (m, k, 3), each in CUT pieces, as faces of no area (., 4, 3)."""
-    steps = np.linspace(0.0, 1.0, CUT + 1)[:, None]
-    one, other = corners[:, :, None], np.roll(corners, -1, axis=1)[:, :, None]
-    places = one + steps * (other - one)
-    first, last = places[:, :, :-1].reshape(-1, 3), places[:, :, 1:].reshape(-1, 3)
-    return np.stack([first, last, last, first], axis=1)
 
 
 def _outline(points: Array, faces: Array) -> Array:
@@ -249,10 +239,10 @@ def _arrows(axis: Any, points: Array, u: Array, faces: Array) -> None:
     """Arrows from where points are at rest to where they are moved to, if a body slides within its surface: it looks still."""
     plane, front, normal = _front(points, faces)
     mean = u[front].mean(axis=1)
-    if np.sum((mean * normal).sum(axis=1) ** 2) >= SLIDES**2 * np.sum(mean**2):
+    if np.sum((mean * normal).sum(axis=1) ** 2) >= SIZES.slides**2 * np.sum(mean**2):
         return
     at = np.unique(front)
-    at = at[np.linspace(0, len(at) - 1, min(ARROWS, len(at))).astype(int)]
+    at = at[np.linspace(0, len(at) - 1, min(SIZES.arrows, len(at))).astype(int)]
     axis.quiver(*plane[at].T, *seen(u[at])[0].T, angles="xy", scale_units="xy", scale=1.0, width=0.004, color="#c44e00", zorder=4)
 
 
@@ -306,11 +296,19 @@ def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
     figure = new_figure(PAGE if solid else 0.8 * PAGE, 4.4 if solid else 5.0)
     axes = figure.subplots(1, 2 if solid else 1, squeeze=False)[0]
     edge: dict[str, Any] = {"edgecolors": (0, 0, 0, 0.35),
-                            "linewidths": 0.3 if sum(len(mesh.cells) for mesh in meshes.values()) < FINE else 0.0}
+                            "linewidths": 0.3 if sum(len(mesh.cells) for mesh in meshes.values()) < SIZES.fine else 0.0}
     for axis, apart in zip(axes, (np.zeros(3), APART), strict=False):
         if solid:
-            polygons, fills = _painted(meshes, colours, apart)
-            axis.add_collection(PolyCollection(polygons, facecolors=fills, **edge))
+            middle = np.mean([mesh.points.mean(axis=0) for mesh in meshes.values()], axis=0)
+            moved = {name: mesh.points + apart * (mesh.points.mean(axis=0) - middle) for name, mesh in meshes.items()}
+            polygons: list[Array] = []
+            fills = []
+            for name in _far_to_near(moved):  # the visible faces, the nearest last
+                plane, front, normal = _front(moved[name], components.corner_nodes(
+                    meshes[name], *components.boundary_faces(meshes[name])))
+                polygons += list(plane[front])
+                fills.append((0.7 + 0.3 * np.clip(normal @ LIGHT, 0, 1))[:, None] * colours[name])
+            axis.add_collection(PolyCollection(polygons, facecolors=np.concatenate(fills), **edge))
             axis.set_title("drawn apart" if apart.any() else "joined")
             axis.set_axis_off()
         else:
@@ -325,20 +323,6 @@ def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
                   ncols=min(len(colours), 8))
     figure.suptitle(title)
     return figure
-
-
-def _painted(meshes: Mapping[str, Mesh], colours: Mapping[str, Array], apart: Array) -> tuple[list[Array], Array]:
-    """The visible faces of solids as polygons, the nearest last, and their colours; each part moved away from the middle."""
-    middle = np.mean([mesh.points.mean(axis=0) for mesh in meshes.values()], axis=0)
-    moved = {name: mesh.points + apart * (mesh.points.mean(axis=0) - middle) for name, mesh in meshes.items()}
-    polygons: list[Array] = []
-    fills = []
-    for name in _far_to_near(moved):
-        plane, front, normal = _front(moved[name], components.corner_nodes(
-            meshes[name], *components.boundary_faces(meshes[name])))
-        polygons += list(plane[front])
-        fills.append((0.7 + 0.3 * np.clip(normal @ LIGHT, 0, 1))[:, None] * colours[name])
-    return polygons, np.concatenate(fills)
 
 
 def _far_to_near(points: Mapping[str, Array]) -> list[str]:

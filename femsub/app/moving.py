@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from femsub.app.scene import Writer
 
 MODE_FILE = "mode.npz"
-MOST_NODES = 12_000  # of a surface: a browser redraws so many some 20 times a second
 MOST_BYTES = 1 << 26  # of a mode's file, unpacked: an order above what such a surface takes
 ARRAYS = ("points", "cells", "real", "imag")  # cells are lines or triangles
 
@@ -41,9 +40,18 @@ def mode_file(mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str
                                                  "nodes": len(mesh.points)})}
 
 
-def moving(mesh: Mesh, u: Array, facts: Mapping[str, Any], most: int = MOST_NODES) -> Moving:
-    """A mesh's surface, or its lines, with at most so many nodes; the largest displacement is 1, at the phase 0."""
-    points, cells = np.zeros((len(mesh.points), 3)), _drawn_cells(mesh)
+def moving(mesh: Mesh, u: Array, facts: Mapping[str, Any], most: int = 12_000) -> Moving:
+    """A mesh's surface, or its lines, with at most so many nodes; the largest displacement is 1, at the phase 0.
+
+    A browser redraws 12,000 nodes some 20 times a second.
+    """
+    cells = mesh.cells
+    if mesh.dimension == 1:
+        cells = cells[:, :2]
+    else:
+        corners = corner_nodes(mesh, *boundary_faces(mesh)) if mesh.dimension == 3 else cells
+        cells = corners if corners.shape[1] == 3 else corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    points = np.zeros((len(mesh.points), 3))
     points[:, :mesh.points.shape[1]] = mesh.points
     used, inverse = np.unique(cells, return_inverse=True)
     points, u, cells = points[used], u[used], inverse.reshape(cells.shape)
@@ -53,13 +61,6 @@ def moving(mesh: Mesh, u: Array, facts: Mapping[str, Any], most: int = MOST_NODE
     length = np.linalg.norm(u, axis=1).max()
     largest = u.ravel()[np.abs(u).argmax()]
     return Moving(dict(facts), points, cells, u * (np.conj(largest) / abs(largest) / length) if length else u)
-
-
-def _drawn_cells(mesh: Mesh) -> Array:
-    if mesh.dimension == 1:
-        return mesh.cells[:, :2]
-    corners = corner_nodes(mesh, *boundary_faces(mesh)) if mesh.dimension == 3 else mesh.cells
-    return corners if corners.shape[1] == 3 else corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
 
 
 def _clustered(points: Array, cells: Array, most: int) -> tuple[Array, Array]:
@@ -108,7 +109,12 @@ def read_mode(path: Path, content: BinaryIO | None = None) -> Moving:
         found = read_arrays(path, content, MOST_BYTES)
         facts = json.loads(found["facts"].tobytes())
         points, cells, real, imag = (found[name] for name in ARRAYS)
-        if not (_is_known(facts) and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
+        # a title, an eigenvalue and the size of the mesh, each of its type
+        value = facts.get("eigenvalue") if isinstance(facts, dict) else None
+        known = (isinstance(value, list) and len(value) == 2
+                 and all(type(part) in (int, float) and abs(part) < math.inf for part in value)
+                 and isinstance(facts.get("title"), str) and type(facts.get("nodes")) is int)
+        if not (known and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
                 and all(part.dtype.kind == "f" and np.isfinite(part).all() for part in (points, real, imag))
                 and cells.dtype.kind in "iu" and cells.shape[1] in (2, 3)
                 and cells.min(initial=0) >= 0 and cells.max(initial=0) < max(len(points), 1)):
@@ -117,13 +123,3 @@ def read_mode(path: Path, content: BinaryIO | None = None) -> Moving:
         raise InputError(f"{path} does not hold a mode as femsub writes it: {error!s:.200}. Delete it, or run the scene again") \
             from None
     return Moving(facts, points, cells, real + 1j * imag)
-
-
-def _is_known(facts: Any) -> bool:
-    """Whether a title, an eigenvalue and the size of the mesh are there, each of its type."""
-    if not isinstance(facts, dict):
-        return False
-    value = facts.get("eigenvalue")
-    return (isinstance(value, list) and len(value) == 2
-            and all(type(part) in (int, float) and abs(part) < math.inf for part in value)
-            and isinstance(facts.get("title"), str) and type(facts.get("nodes")) is int)

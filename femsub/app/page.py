@@ -28,11 +28,9 @@ from femsub.studies import ANSWERS, label
 PAGE_FILE = "report.html"
 TEMPLATE = Path(__file__).with_name("page.html")
 WHY = "the page of a run is drawn by Plotly", "plotly"
-OPEN = 40  # rows of a table that is shown at once; longer ones are folded
 TIMES = ("reduction_median_s", "solution_median_s")  # other times are in the files alone
 SLIDERS = (("phase", "phase φ", 0, 360, 1, 0), ("speed", "periods per second", 0.1, 2, 0.1, 0.5),
            ("scale", "scale", 0, 3, 0.05, 1))  # name, label, least, most, step and value
-CELLS_OF_LISTS = 6  # longest list that stands in a cell
 
 
 def check_plotly() -> None:
@@ -82,17 +80,14 @@ def show(folder: Path) -> Path:
 def write_page(data: Mapping[str, Any], mode: Moving | None, file: BinaryIO) -> None:
     """The page of results as results.json has them, and with the mode to be shown if there is one."""
     script = package("plotly.offline", *WHY).get_plotlyjs()
+    drawn = json.dumps({"charts": data["charts"], "mode": None if mode is None else _sent(mode)}, ensure_ascii=False,
+                       separators=(",", ":")).replace("<", "\\u003c")  # JSON that may stand within a script element
     parts = {"TITLE": escape(str(data["scene"])), "BODY": "\n".join(_body(data, mode)),
-             "DATA": _embedded({"charts": data["charts"], "mode": None if mode is None else _sent(mode)}), "PLOTLY": script}
+             "DATA": drawn, "PLOTLY": script}
     text = TEMPLATE.read_text(encoding="utf-8")
     pieces = text.split("%%")  # text, name, text, name, ...: what is put in is not searched again
     pieces[1::2] = [parts[name] for name in pieces[1::2]]
     file.write("".join(pieces).encode())
-
-
-def _embedded(data: Any) -> str:
-    """JSON that may stand within a script element."""
-    return json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _sent(mode: Moving) -> dict[str, Any]:
@@ -110,8 +105,17 @@ def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
     kind = data["inputs"]["scene"]
     by = f"femsub {data.get('versions', {}).get('femsub', '')}, {str(data.get('date', ''))[:16].replace('T', ' ')} UTC"
     yield f"<header><h1>{escape(str(data['scene']))}</h1><p>{escape(f'Scene {kind}, run by {by}')}</p></header>"
-    yield from _verdict(data["verdict"])
-    yield from _warned(data)
+    found = data["verdict"]
+    yield f'<section id="verdict" class="{found["answer"].replace(" ", "-")}"><h2>{escape(found["question"])}</h2>'
+    yield f'<p class="answer"><strong>{ANSWERS[found["answer"]]}.</strong> {escape(found["headline"])}</p>'
+    yield from (f"<p><strong>Condition:</strong> {escape(line)}</p>" for line in found["condition"])
+    for title, lines in (("What decides it", found["decides"]), ("What is not checked", found["unchecked"])):
+        if lines:
+            yield f"<h3>{title}</h3><ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+    yield "</section>"
+    if data.get("warnings"):
+        lines = "".join(f"<li>{escape(str(line))}</li>" for line in data["warnings"])
+        yield f'<section id="warnings"><h2>Warnings of the run</h2><ul>{lines}</ul></section>'
     if mode is not None:
         yield from _mode(data, mode)
     yield ('<section id="plots"><h2>Plots</h2><p class="note">Point at a mark to read its numbers. Click a name in a legend to '
@@ -122,22 +126,6 @@ def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
         yield from _table(name, table, rows_of(data, table))
     yield "</section>"
     yield from _rests_on(data, mode)
-
-
-def _verdict(found: Mapping[str, Any]) -> Iterator[str]:
-    yield f'<section id="verdict" class="{found["answer"].replace(" ", "-")}"><h2>{escape(found["question"])}</h2>'
-    yield f'<p class="answer"><strong>{ANSWERS[found["answer"]]}.</strong> {escape(found["headline"])}</p>'
-    yield from (f"<p><strong>Condition:</strong> {escape(line)}</p>" for line in found["condition"])
-    for title, lines in (("What decides it", found["decides"]), ("What is not checked", found["unchecked"])):
-        if lines:
-            yield f"<h3>{title}</h3><ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
-    yield "</section>"
-
-
-def _warned(data: Mapping[str, Any]) -> Iterator[str]:
-    if data.get("warnings"):
-        lines = "".join(f"<li>{escape(str(line))}</li>" for line in data["warnings"])
-        yield f'<section id="warnings"><h2>Warnings of the run</h2><ul>{lines}</ul></section>'
 
 
 def _mode(data: Mapping[str, Any], mode: Moving) -> Iterator[str]:
@@ -155,16 +143,17 @@ def _mode(data: Mapping[str, Any], mode: Moving) -> Iterator[str]:
            f'{fewer}</p></section>')
 
 
-def rows_of(data: Mapping[str, Any], table: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The rows of a table, without lists that no cell has room for."""
+def rows_of(data: Mapping[str, Any], table: Mapping[str, Any], longest: int = 6) -> list[dict[str, Any]]:
+    """The rows of a table, without lists that no cell has room for: those of more than `longest` numbers."""
     found: Any = table.get("rows", data)
     for key in table.get("place", ()):
         found = found[key]
     return [{key: value for key, value in row.items() if not (isinstance(value, dict) or (isinstance(value, list) and (
-        len(value) > CELLS_OF_LISTS or any(isinstance(item, (list, dict)) for item in value))))} for row in found]
+        len(value) > longest or any(isinstance(item, (list, dict)) for item in value))))} for row in found]
 
 
-def _table(name: str, table: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def _table(name: str, table: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], shown: int = 40) -> Iterator[str]:
+    """A table; one of more than `shown` rows is folded."""
     columns = [one for one in table["columns"] if (one["key"] in TIMES or not one["key"].endswith("_s"))
                and any(row.get(one["key"]) not in (None, "", []) for row in rows)]
     if any(one["key"] == "frequency_hz" for one in columns):
@@ -172,7 +161,7 @@ def _table(name: str, table: Mapping[str, Any], rows: Sequence[Mapping[str, Any]
     if not columns:
         return
     known, count = table["title"] or name.replace("-", " ").capitalize(), f"{len(rows)} row{'s' * (len(rows) != 1)}"
-    yield f"<details{' open' if len(rows) <= OPEN else ''}><summary>{escape(known)} <span>({count}, {escape(name)}.csv)</span>"
+    yield f"<details{' open' if len(rows) <= shown else ''}><summary>{escape(known)} <span>({count}, {escape(name)}.csv)</span>"
     yield '</summary><div class="scroll"><table><thead><tr>'
     for one in columns:
         values = [row.get(one["key"]) for row in rows]

@@ -10,12 +10,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.studies.charts import Chart, Level, Panel, Series, hover_of, look
 
-PERIODS = 10  # of the highest peak, at the end of a signal
-COLUMNS = 600  # of pixels across an envelope
-FLOOR = 1e-8  # errors below are drawn there: amplitudes are not known better
-PEAKS = 4  # that have their ω beside them
 WIDTHS = (2.0, 1.0, 1.3)  # of reduced models, in turn: where lines lie on each other, each is seen
-ACROSS = 2  # families side by side
 KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch point": "v"}
 UNITS = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [length/time]", "force": "normal force F  [force]"}
 SHOWN = {"rms": "rms of v  [length/time]", "omega": "ω  [rad/time]", "peak": "peak of v  [length/time]",
@@ -30,8 +25,8 @@ def _name(item: Any) -> str:
     return f"{look(item.kind).label}, {item.model.size} DOF"
 
 
-def signals_chart(tracks: Sequence[Any]) -> Chart:
-    """For each model the envelope of the whole run, and its last periods beside the belt's speed."""
+def signals_chart(tracks: Sequence[Any], periods: int = 10) -> Chart:
+    """For each model the envelope of the whole run, and its last periods, those of the highest peak, beside the belt's speed."""
     panels = []
     for item in tracks:
         run = item.run
@@ -41,12 +36,12 @@ def signals_chart(tracks: Sequence[Any]) -> Chart:
         known = item.spectrum is not None and len(item.spectrum.peaks)
         period = 2 * np.pi / item.spectrum.peaks[0] if known else np.ptp(run.t) / 20
         t, whole = run.t, v
-        if np.ptp(t) > 4 * PERIODS * period:  # too many to be distinguished
+        if np.ptp(t) > 4 * periods * period:  # too many to be distinguished
             t, *ends = envelope(t, v)
             t, whole = np.repeat(t, 2), np.stack(ends, axis=1).ravel()
-        late = run.t > run.t[-1] - PERIODS * period
+        late = run.t > run.t[-1] - periods * period
         about = f"{_name(item)}{'' if run.complete else ' (interrupted)'}"
-        for x, y, title in ((t, whole, about), (run.t[late], v[late], f"last {PERIODS} periods")):
+        for x, y, title in ((t, whole, about), (run.t[late], v[late], f"last {periods} periods")):
             panels.append(Panel([Series(_name(item), x, y, item.kind, "solid", "", width=0.7, legend=False)], "t  [time]",
                                 "velocity v  [length/time]", title, levels=[Level(speed, "speed of the belt", "y")],
                                 share={"y": "v"}, among=about))
@@ -54,15 +49,18 @@ def signals_chart(tracks: Sequence[Any]) -> Chart:
                  about="the least and the largest value over time, and the last periods")
 
 
-def envelope(t: Array, v: Array) -> tuple[Array, Array, Array]:
-    """The smallest and the largest value of a signal in each of COLUMNS stretches of equal length; all of it if it is short."""
-    column = np.minimum(((t - t[0]) / (t[-1] - t[0]) * COLUMNS).astype(int), COLUMNS - 1)
+def envelope(t: Array, v: Array, stretches: int = 600) -> tuple[Array, Array, Array]:
+    """The smallest and the largest value of a signal in each of so many stretches of equal length; all of it if it is short.
+
+    By default there are as many as a panel has pixels across.
+    """
+    column = np.minimum(((t - t[0]) / (t[-1] - t[0]) * stretches).astype(int), stretches - 1)
     starts = np.flatnonzero(np.diff(column, prepend=-1))
     return t[starts], np.minimum.reduceat(v, starts), np.maximum.reduceat(v, starts)
 
 
-def spectra_chart(tracks: Sequence[Any], highest: float) -> Chart:
-    """Amplitudes over ω in the window, one below the other, the peaks marked."""
+def spectra_chart(tracks: Sequence[Any], highest: float, labelled: int = 4) -> Chart:
+    """Amplitudes over ω in the window, one below the other, the peaks marked; the highest have their ω beside them."""
     top = max(float(item.spectrum.amplitude.max()) for item in tracks)
     panels = []
     for item in tracks:
@@ -73,21 +71,24 @@ def spectra_chart(tracks: Sequence[Any], highest: float) -> Chart:
         peaks, heights = np.asarray(found.peaks)[shown], np.asarray(found.heights)[shown]
         panels.append(Panel(
             [Series(name, omega, height, item.kind, "solid", "", width=0.8, legend=False),
-             Series(name, peaks, heights, item.kind, size=3.0, legend=False, labels=[f"{at:.4g}" for at in peaks[:PEAKS]],
+             Series(name, peaks, heights, item.kind, size=3.0, legend=False, labels=[f"{at:.4g}" for at in peaks[:labelled]],
                     hover={"ω [rad/time]": peaks, "amplitude": heights})],
             "ω  [rad/time]", "amplitude  [length/time]", f"{name}: t = {item.window[0]:g} to {item.window[1]:g}", "y",
             limits={"x": (0, highest), "y": (top * 1e-4, top * 5)}, share={"x": "omega", "y": "amplitude"}))
     return Chart("spectrum", "Spectra of the velocity under the belt", panels, note="Marks are the peaks.", height=1.7)
 
 
-def period_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
-    """Error of the amplitude over the wall time of a simulated period; the full model is the dashed line."""
+def period_chart(rows: Sequence[Mapping[str, Any]], floor: float = 1e-8) -> Chart:
+    """Error of the amplitude over the wall time of a simulated period; the full model is the dashed line.
+
+    Amplitudes are known to `floor` at best: errors below are drawn there.
+    """
     full = next(row for row in rows if row["model"] == "full")
     series = []
     for kind in dict.fromkeys(row["model"] for row in rows if row["model"] != "full"):
         own = [row for row in rows if row["model"] == kind]
         hover = hover_of(own, {"DOF": "size", "error": "amplitude_error", "s per period": "seconds_per_period", "steps": "steps"})
-        series.append(Series(look(kind).label, hover["s per period"], [max(error, FLOOR) for error in hover["error"]], kind,
+        series.append(Series(look(kind).label, hover["s per period"], [max(error, floor) for error in hover["error"]], kind,
                              "solid", width=0.8, labels=[str(size) for size in hover["DOF"]], hover=hover))
     levels = [Level(full["seconds_per_period"], f"full model, {full['size']} DOF"), Level(0.01, "1 %", "y", "dot", "#808080")]
     return Chart("error-time", "Error against run time in the limit cycle; numbers: DOF", [Panel(
@@ -105,7 +106,7 @@ def bifurcation_chart(branches: Sequence[Mapping[str, Any]], dots: Sequence[Mapp
     reduced = [name for name in dict.fromkeys(item["model"] for item in branches) if name != "full"]
     widths = {"full": 3.2} | {name: WIDTHS[i % len(WIDTHS)] for i, name in enumerate(reduced)}
     homes = [_home(dot["omega"], shown, branches) for dot in dots]
-    across = min(len(shown), ACROSS)
+    across = min(len(shown), 2)  # families side by side, as wide as a page has room for
     panels = []
     for start in range(0, len(shown), across):
         for key, label in SHOWN.items():
