@@ -266,7 +266,7 @@ def test_without_an_interface_methods_that_coincide_are_compared_once() -> None:
     assert " ".join(free.brief().split()).endswith(free.left_out[0])  # a table of one method only needs its reason
     joined = fs.study(fs.chain(10, belt=2), methods, (0.0, 0.75), repeats=1)
     assert len(joined.rows) == len(methods) and not joined.left_out
-    assert study_choice(free, 0.5).condition == ["the model has no interface. Nothing is told of it joined to others."]
+    assert study_choice(free, 0.5).condition == ["the model has no interface. Nothing is known of it joined to others."]
 
 
 def test_a_model_that_is_good_free_may_be_bad_held() -> None:

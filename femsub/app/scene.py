@@ -231,7 +231,7 @@ class Result:
     def printed(self, units: Units = UNKNOWN, whole: bool = False) -> str:
         """The verdict, then the short table of each comparison, or, with `whole` or where nothing was compared, all tables."""
         verdict = studies.answer(self.shown)
-        choices = [one for one in self.shown if isinstance(one, studies.Choice)]
+        choices = [one for one in self.shown if isinstance(one, studies.Advice)]
         parts = [verdict.text] if verdict.decided else []
         if whole or not choices:
             parts.append(self.text(units))

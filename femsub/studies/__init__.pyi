@@ -41,7 +41,7 @@ from .tables import (
 from .verdicts import (
     ANSWERS as ANSWERS,
     NEVER as NEVER,
-    Choice as Choice,
+    Advice as Advice,
     Remark as Remark,
     Verdict as Verdict,
     answer as answer,

@@ -13,7 +13,6 @@ from femsub.reduction import METHODS
 from femsub.studies.tables import SETTLED
 
 ROUNDING = 1e-13  # errors below are rounding, and drawn there
-DIGITS = 7  # of numbers in files: a chart shows no more
 
 
 class Look(NamedTuple):
@@ -172,24 +171,22 @@ class Chart:
         """As it stands in results.json, for a page; with `hertz` what is in rad/time is shown in Hz as well."""
         places: dict[str, list[dict[str, Any]]] = {}
         for panel in self.panels:
-            if panel.where != "figure" and panel.series:
-                places.setdefault(panel.among or panel.title, []).append(_panel(panel, hertz))
+            series = []
+            for one in panel.series if panel.where != "figure" else ():
+                _, colour, marker = one.look
+                hover = list(one.hover.items())
+                if hertz:
+                    hover += [("f [Hz]", np.asarray(values, dtype=float) / (2 * np.pi)) for name, values in hover
+                              if "[rad/time]" in name]
+                series.append({"name": one.name, "x": _plain(one.x), "y": _plain(one.y), "line": one.line, "marker": marker,
+                               "colour": colour, "size": one.size, "width": one.width, "hollow": one.hollow,
+                               "legend": one.legend, "hover": [[name, _plain(values)] for name, values in hover]})
+            if series:
+                places.setdefault(panel.among or panel.title, []).append({
+                    "title": panel.title, "x": panel.x, "y": panel.y, "logs": panel.logs, "series": series,
+                    "levels": [one._asdict() for one in panel.levels if math.isfinite(one.at)]})
         return {"name": self.name, "title": self.title, "note": self.note,
                 "places": [{"title": title, "panels": panels} for title, panels in places.items()]}
-
-
-def _panel(panel: Panel, hertz: bool) -> dict[str, Any]:
-    series = []
-    for one in panel.series:
-        _, colour, marker = one.look
-        hover = list(one.hover.items())
-        if hertz:
-            hover += [("f [Hz]", np.asarray(values, dtype=float) / (2 * np.pi)) for name, values in hover if "[rad/time]" in name]
-        series.append({"name": one.name, "x": _plain(one.x), "y": _plain(one.y), "line": one.line, "marker": marker,
-                       "colour": colour, "size": one.size, "width": one.width, "hollow": one.hollow, "legend": one.legend,
-                       "hover": [[name, _plain(values)] for name, values in hover]})
-    return {"title": panel.title, "x": panel.x, "y": panel.y, "logs": panel.logs, "series": series,
-            "levels": [one._asdict() for one in panel.levels if math.isfinite(one.at)]}
 
 
 def hover_of(rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> dict[str, list[Any]]:
@@ -198,8 +195,8 @@ def hover_of(rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> dic
 
 
 def _plain(values: Iterable[Any]) -> list[Any]:
-    """Numbers to the digits that are seen, None for what no axis has a place for; words as they are."""
-    return [value if isinstance(value, str) or value is None else float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+    """Numbers to the seven digits that a chart can show, None for what no axis has a place for; words as they are."""
+    return [value if isinstance(value, str) or value is None else float(f"{value:.7g}") if math.isfinite(value) else None
             for value in values]
 
 

@@ -9,10 +9,6 @@ import numpy as np
 
 from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, hover_of, look
 
-CLUMP = 0.4  # of the range of the full model's eigenvalues: reduced ones that fill less are drawn enlarged as well
-PILED = 0.03  # of the largest |Re λ|: where half of them are smaller, they pile up at 0
-DECADES = 5  # of Re λ on each side of 0, at most
-CROWD = 60  # eigenvalues of the full model from which on its circles are small
 SLOPE, ERROR = "critical slope dμ/dv  [time/length]", "relative error  [-]"
 MISSING = "A slope below the border destabilises. Where a point is missing, the band reaches above the model's cut-off."
 HOLLOW = "Right of the line Re λ = 0 a mode grows. Hollow marks of reduced models lie above their cut-off."
@@ -106,7 +102,9 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str) -> Chart:
     frames = {name: frame for name, several in places.items() if (frame := _clump(several)) is not None}
     line = [Level(0.0, line="solid", colour="#808080")]
     linear = _linear(np.concatenate([np.asarray(model["eigenvalues"]).real for model in models]))
-    panels = [Panel(_spectra(several), *PLANE, f"{name} ({_sizes(several)})" if len(several) > 1 else name, levels=line,
+    sizes = {name: " and ".join(dict.fromkeys(str(model["size"]) for model in several if model["model"] != "full"))
+             for name, several in places.items()}  # '5', or '9 and 10' where the methods differ
+    panels = [Panel(_spectra(several), *PLANE, f"{name} ({sizes[name]} DOF)" if len(several) > 1 else name, levels=line,
                     share={"x": "all", "y": "all"}, band=frames[name][1] if name in frames else None, linear=linear)
               for name, several in places.items()]
     for name, several in places.items() if frames else ():
@@ -118,22 +116,25 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str) -> Chart:
                  height=3.6, columns=3)
 
 
-def _linear(growth: Any) -> dict[str, float]:
-    """Where most of Re λ would pile up at 0, the decade from which on its axis is logarithmic."""
+def _linear(growth: Any, piled: float = 0.03, decades: int = 5) -> dict[str, float]:
+    """Where most of Re λ would pile up at 0, the decade from which on its axis is logarithmic.
+
+    They pile up if half of them are below `piled` of the largest |Re λ|. Each side of 0 has at most so many `decades`.
+    """
     sizes = np.abs(growth[np.isfinite(growth)])
     sizes = sizes[sizes > ROUNDING * sizes.max(initial=0.0)]
-    if not len(sizes) or np.median(sizes) > PILED * sizes.max():
+    if not len(sizes) or np.median(sizes) > piled * sizes.max():
         return {}
-    return {"x": float(10.0 ** max(np.floor(np.log10(np.quantile(sizes, 0.2))), np.ceil(np.log10(sizes.max())) - DECADES))}
+    return {"x": float(10.0 ** max(np.floor(np.log10(np.quantile(sizes, 0.2))), np.ceil(np.log10(sizes.max())) - decades))}
 
 
-def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False) -> list[Series]:
-    """The full model as large circles, the reduced ones within them."""
+def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False, crowd: int = 60) -> list[Series]:
+    """The full model as large circles, the reduced ones within them; small ones for more eigenvalues than a `crowd`."""
     series = []
     for at, model in enumerate(models):
         values, beyond = np.asarray(model["eigenvalues"]), np.asarray(model["above_cutoff"])
         full, label = model["model"] == "full", look(model["model"]).label
-        size = (10.0 if len(values) <= CROWD or enlarged else 5.0) if full else nested(at - 1)
+        size = (10.0 if len(values) <= crowd or enlarged else 5.0) if full else nested(at - 1)
         for chosen, hollow, word in ((~beyond, full, label), (beyond, True, f"{label}, above its cut-off")):
             own = values[chosen]
             if len(own):
@@ -144,25 +145,22 @@ def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False) -> lis
     return series
 
 
-def _clump(models: Sequence[Mapping[str, Any]]) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """The frame around the reduced models' eigenvalues below their cut-off, if they lie in a small part of the full model's."""
+def _clump(models: Sequence[Mapping[str, Any]], part: float = 0.4) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """The frame around the reduced models' eigenvalues below their cut-off, if they lie in a small part of the full model's.
+
+    `part` is that of the range of Im λ: what fills more is seen well enough.
+    """
     reduced = [model for model in models if model["model"] != "full"]
     inside = [np.asarray(model["eigenvalues"])[~np.asarray(model["above_cutoff"])] for model in reduced]
     all_values = np.concatenate([np.asarray(model["eigenvalues"]) for model in models])
     values = np.concatenate([*inside, np.zeros(0)])
     values = values[values.imag >= 0]
-    if not len(values) or values.imag.max() >= CLUMP * all_values.imag.max():
+    if not len(values) or values.imag.max() >= part * all_values.imag.max():
         return None
     low, high = -0.05 * values.imag.max(), 1.15 * values.imag.max()
     seen = all_values[(all_values.imag >= low) & (all_values.imag <= high)]
     room = 0.08 * (np.ptp(seen.real) or high)
     return (float(seen.real.min() - room), float(seen.real.max() + room)), (float(low), float(high))
-
-
-def _sizes(models: Sequence[Mapping[str, Any]]) -> str:
-    """'5 DOF', or '9 and 10 DOF' where the methods differ."""
-    sizes = dict.fromkeys(str(model["size"]) for model in models if model["model"] != "full")
-    return f"{' and '.join(sizes)} DOF"
 
 
 def springs_chart(rows: Sequence[Mapping[str, Any]], title: str) -> Chart:

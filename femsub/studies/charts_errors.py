@@ -21,18 +21,17 @@ FRICTION = {"error_eigenvalue": "eigenvalues λ", "error_real": "growth rates Re
 LEGEND = "filled: to solve once; hollow: to reduce and to solve; numbers: DOF"
 NOTE = ("Below and to the left is better. Filled: the time to solve once. Hollow: to reduce and to solve. Dashed: the full "
         f"model. Errors of zero are drawn at {ROUNDING:g}.")
-TOP = 2  # errors of a component that its figure shows; a page has all
 
 
-def error_time_chart(studies: Sequence[tuple[str, Study]]) -> Chart:
+def error_time_chart(studies: Sequence[tuple[str, Study]], top: int = 2) -> Chart:
     """Errors over seconds: a row of panels for each study, by the name of its interface.
 
-    Models of full size are not shown, since their errors are rounding. The figure has the two most telling errors: those of
-    growth rates and of the critical slope, or of eigenvalues where there is no slope or its error is rounding.
+    Models of full size are not shown, since their errors are rounding. The figure has the `top` errors, side by side: those of
+    growth rates and of the critical slope, or of eigenvalues where there is no slope or its error is rounding. A page has all.
     """
     shown = [[row for row in found.rows if row.missing == 0 and row.size < found.full.size] for _, found in studies]
     rows = [row for several in shown for row in several]
-    kinds = [kind for kind in COMPONENT if any(getattr(row, kind) > ROUNDING for row in rows)][:TOP] or ["error_growth"]
+    kinds = [kind for kind in COMPONENT if any(getattr(row, kind) > ROUNDING for row in rows)][:top] or ["error_growth"]
     found = studies[0][1]
     panels = [panel for (interface, one), several in zip(studies, shown, strict=True)
               for panel in _panels(one, several, COMPONENT, kinds, f"interface {interface}" if len(studies) > 1 else "")]
@@ -103,7 +102,8 @@ def _panel(rows: Sequence[Row], kind: str, title: str, full: Level, y: str, plac
                                  marker=mark, size=size, hollow=True))
     times = [time for row in rows for time in (*astuple(row.solution), *astuple(row.whole)) if time > 0] + [full.at]
     limits = {"x": (min(times) / 1.7, max(times) * 1.7)} if min(times) > 0 else {}
-    return Panel(series, "run time  [s]", y, title, "xy", [full], limits, True, {"x": "time"}, place, where)
+    return Panel(series, "run time  [s]", y, title, logs="xy", levels=[full], limits=limits, rounding=True, share={"x": "time"},
+                 among=place, where=where)
 
 
 def _method(method: str, rows: Sequence[Row], kind: str) -> list[Series]:

@@ -17,13 +17,8 @@ if TYPE_CHECKING:
 COLOURS = ("#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#bcbd22", "#7f7f7f")
 OTHERS = (("#c44e00", "s"), ("#0067a5", "^"), ("#333333", "D"), ("#6a3d9a", "v"))  # of models that are no reduction
 MEETS = "d"  # no model's mark
-MARKS = 31  # values marked of each model beside the first
 STABLE, UNSTABLE = "#4d4d4d", "#c0392b"
-ROOM = 0.06  # of the range of Re λ and Im λ, left around the curves
-FEW = 4  # losses and regains of a model that have a line and their value each; of more the first loss alone
 REGAINED = "#8f8f8f"
-LITTLE = 1.5  # times the largest Re λ: an axis that reaches no further down is not cut
-NEAR = 0.05  # of ω: how far a crossing may be from a branch whose sign it gives
 NOTE = "Dashed: where stability is lost. A mode with Re λ above 0 grows; its line is red and wide, its marks are filled."
 
 Points: TypeAlias = Sequence[tuple[float, Array]]  # values of the parameter, and the eigenvalues there
@@ -38,14 +33,17 @@ class Passage(NamedTuple):
     lost: bool
 
 
-def passages(item: Tracked, branch: int, known: Sequence[Crossing] = ()) -> list[Passage]:
-    """All of a branch: at the crossing that is known there, else where a straight line between both values has Re λ = 0."""
+def passages(item: Tracked, branch: int, known: Sequence[Crossing] = (), near: float = 0.05) -> list[Passage]:
+    """All of a branch: at the crossing that is known there, else where a straight line between both values has Re λ = 0.
+
+    A known crossing belongs to a branch if it is within `near` of its ω, or within what ω changes between the two values.
+    """
     found, values, grow = [], item.eigenvalues[:, branch], item.growing[:, branch]
     for i in np.flatnonzero((grow[:-1] != grow[1:]) & np.isfinite(values[:-1].real) & np.isfinite(values[1:].real)):
         (here, there), (left, right) = values[i:i + 2], item.values[i:i + 2]
         share = float(np.clip(-here.real / (there.real - here.real), 0.0, 1.0))
         omega = here.imag + share * (there.imag - here.imag)
-        least = max(NEAR * abs(omega), abs(there.imag - here.imag))
+        least = max(near * abs(omega), abs(there.imag - here.imag))
         mine = [one for one in known if left <= one.value <= right and abs(one.omega - omega) <= least]
         if mine:
             one = min(mine, key=lambda one: abs(one.omega - omega))
@@ -73,7 +71,12 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
         colour, marker = (style.colour, style.marker) if style.label != model else OTHERS[at % len(OTHERS)]
         pairs.append(_marks(style.label, item, colour, marker))
         levels += _levels(style.label, critical.get(model, ()), "dot", colour)
-    pairs += [_circles(model, solved) for model, solved in (points or {}).items()]
+    for model, solved in (points or {}).items():
+        where = np.concatenate([np.full(len(values), place) for place, values in solved])
+        found = np.concatenate([values for _, values in solved])
+        pairs += [_pair(found[chosen], where[chosen], f"{model}, {word}", colour=colour, size=6.0, hollow=True)
+                  for chosen, colour, word in ((found.real <= 0, STABLE, "stable"), (found.real > 0, UNSTABLE, "unstable"))
+                  if chosen.any()]
     every = np.concatenate([item.eigenvalues.ravel() for item in tracks.values()])
     every = every if every.size else np.zeros(1)  # no mode in the band
     top = float(np.nanmax(every.real))
@@ -83,9 +86,9 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
         values = getattr(every, part)
         least, most = float(np.nanmin(values)), float(np.nanmax(values))
         lowest = least
-        if many and part == "real" and 0 < LITTLE * top < -least:
+        if many and part == "real" and 0 < 1.5 * top < -least:  # one that reaches little further down is not cut
             least, most = max(-top, least), top
-        room = ROOM * ((most - least) or 1.0)
+        room = 0.06 * ((most - least) or 1.0)  # around the curves
         low = max(least - room, -room) if part == "imag" else least - room
         if lowest < low:
             about += f" (the axis is cut: values go down to {lowest:.4g})"
@@ -94,11 +97,11 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
     return Chart(name, f"{title}: flutter diagram", panels, note=NOTE, width=0.875, height=2.7, columns=2)
 
 
-def _levels(name: str, crossings: Sequence[Crossing], line: str, colour: str) -> list[Level]:
-    """Lines at a few losses and regains with their values, or at the first loss."""
+def _levels(name: str, crossings: Sequence[Crossing], line: str, colour: str, few: int = 4) -> list[Level]:
+    """Lines at a few losses and regains with their values, or at the first loss where there are more."""
     ordered = sorted(crossings, key=lambda one: one.value)
     hover = [(one, "lost" if one.growth[1] > one.growth[0] else "regained") for one in ordered]
-    if len(hover) > FEW:
+    if len(hover) > few:
         hover = [next((one for one in hover if one[1] == "lost"), hover[0])]
     return [Level(one.value, f"{name}: stability {word} at {one.value:.4g}", "x", line, colour if word == "lost" else REGAINED)
             for one, word in hover]
@@ -144,17 +147,10 @@ def _branches(model: str, item: Tracked, many: bool, known: Sequence[Crossing]) 
     return _joined(*(lines + wide if many else wide + lines), *ends)
 
 
-def _circles(name: str, solved: Points) -> dict[str, list[Series]]:
-    places = np.concatenate([np.full(len(values), place) for place, values in solved])
-    every = np.concatenate([values for _, values in solved])
-    return _joined(*(_pair(every[chosen], places[chosen], f"{name}, {word}", colour=colour, size=6.0, hollow=True)
-                     for chosen, colour, word in ((every.real <= 0, STABLE, "stable"), (every.real > 0, UNSTABLE, "unstable"))
-                     if chosen.any()))
-
-
-def _marks(name: str, item: Tracked, colour: str, marker: str) -> dict[str, list[Series]]:
+def _marks(name: str, item: Tracked, colour: str, marker: str, most: int = 31) -> dict[str, list[Series]]:
+    """Marks at the values that were asked for, at `most` so many; filled where a mode grows."""
     asked = np.flatnonzero(item.asked)
-    taken: Array = asked[np.unique(np.linspace(0, len(asked) - 1, min(MARKS, len(asked))).astype(int))]
+    taken: Array = asked[np.unique(np.linspace(0, len(asked) - 1, min(most, len(asked))).astype(int))]
     grow, values = item.growing[taken], item.eigenvalues[taken]
     places = np.broadcast_to(item.values[taken, None], values.shape)
     style: dict[str, Any] = {"colour": colour, "marker": marker, "size": 4.0}

@@ -12,7 +12,6 @@ from femsub.studies.charts import Chart, Panel, Series, look
 OMEGA = "ω  [rad/time]"
 NOTE = "The error is bounded: the difference from the full model's receptance, and what is not known of both."
 STYLES = (("solid", 1.6), ("dash", 1.2), ("dot", 1.0))  # of the models of one method, the most modes last
-ROWS = 3  # panels, one below the other
 
 
 def response_chart(curves: Sequence[Mapping[str, Any]], title: str) -> Chart:

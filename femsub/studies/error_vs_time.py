@@ -42,9 +42,7 @@ from femsub.studies.tables import label
 Step: TypeAlias = Method | Mapping[str, Method]
 Steps: TypeAlias = Step | Sequence[Step]
 Progress = Callable[[str], None]
-TWINS = 1e-6  # relative difference of shapes, M and K up to which two reduced models are the same
 SAME = "without an interface {} make the same models, which are compared once, as {}"
-SHORT_RUNS = 3  # solutions of a reduced model per turn
 
 
 def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, float], *, contacts: Contacts = None,
@@ -122,18 +120,33 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     """
     given = contacts_of(contacts)
     band = usable_band(instance("model", model, Substructure), band)
-    asked_for = [_steps(method) for method in items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]")]
+    asked_for: list[tuple[Step, ...]] = []
+    for method in items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]"):
+        several = isinstance(method, (list, tuple))
+        asked_for.append(tuple(items("each of methods", method, "steps of a reduction") if several else [method]))
+        for step in asked_for[-1]:
+            for one in step.values() if isinstance(step, Mapping) else [step]:
+                instance("each of methods", one, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
     if not asked_for:
         raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)
     instance("shared", shared, bool)
     instance("held", held, bool)
-    parameter, values, between = _range(given, parameter, values, between)
+    # the parameter ('' for none), its values and its range
+    belt, values = first_belt(given), tuple(real_array("values", values).ravel().tolist())
+    parameter = ("slope" if belt is not None else "") if parameter is None else word("parameter", parameter)
+    between = None if between is None else interval("between", between)
+    if not parameter and (values or between):
+        raise InputError("values and between are those of a parameter of the contacts: name it, e.g. parameter='mu'")
+    if parameter and not any(hasattr(contact, parameter) for contact in given):
+        raise unknown_name("parameter", parameter, sorted({name for contact in given for name in vars(contact)}))
+    if parameter == "slope" and belt is not None and between is not None:
+        raise InputError("the critical slope of a belt is the largest one up to 0: leave between out")
     known = None if critical is None else real_array("critical", critical, finite=False).ravel()
     if known is not None and len(known) != len(asked_for) + 1:
         raise InputError(f"critical must be {len(asked_for) + 1}, of the full model and of each method, not {len(known)}")
     say = listener("progress", progress)
-    asked = Question(model, given, band, parameter, values, between)
+    asked = Comparison(model, given, band, parameter, values, between)
     full, small, left_out = _measured(asked, asked_for, ports, repeats, say, shared)
     say(f"{model.name}: undamped frequencies")
     own = asked.at_rest(model)
@@ -154,32 +167,9 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         say(f"{model.name}: receptances")
         rows = [replace(row, error_response=error) for row, error in zip(
             rows, asked.response_errors([one.model for one in small], at), strict=True)]
-    return Study(model.name, band, repeats, rows[0], with_front(rows[1:], band[1]), assembly, parameter, values, between,
-                 left_out, tuple(one.model for one in small), tuple(full.spectra), len(model.interface))
-
-
-def _steps(method: Any) -> tuple[Step, ...]:
-    """An entry of `methods` as its steps, each checked."""
-    steps = tuple(items("each of methods", method, "steps of a reduction")) if isinstance(method, (list, tuple)) else (method,)
-    for step in steps:
-        for one in step.values() if isinstance(step, Mapping) else [step]:
-            instance("each of methods", one, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
-    return steps
-
-
-def _range(contacts: Sequence[Contact], parameter: str | None, values: Sequence[float], between: tuple[float, float] | None
-           ) -> tuple[str, tuple[float, ...], tuple[float, float] | None]:
-    """The parameter ('' for none), its values and its range, checked."""
-    belt, at = first_belt(contacts), tuple(real_array("values", values).ravel().tolist())
-    parameter = ("slope" if belt is not None else "") if parameter is None else word("parameter", parameter)
-    between = None if between is None else interval("between", between)
-    if not parameter and (at or between):
-        raise InputError("values and between are those of a parameter of the contacts: name it, e.g. parameter='mu'")
-    if parameter and not any(hasattr(contact, parameter) for contact in contacts):
-        raise unknown_name("parameter", parameter, sorted({name for contact in contacts for name in vars(contact)}))
-    if parameter == "slope" and belt is not None and between is not None:
-        raise InputError("the critical slope of a belt is the largest one up to 0: leave between out")
-    return parameter, at, between
+    return Study(model.name, band, repeats, full=rows[0], rows=with_front(rows[1:], band[1]), assembly=assembly,
+                 parameter=parameter, values=values, between=between, left_out=left_out,
+                 models=tuple(one.model for one in small), spectra=tuple(full.spectra), interface=len(model.interface))
 
 
 @dataclass(eq=False)
@@ -194,7 +184,7 @@ class Tried:
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class Comparison:
     """What is compared: the full model under contacts, at each value of a parameter and over its range, in a band."""
 
     model: Substructure
@@ -225,24 +215,32 @@ class Question:
         """The row of a model, without its first loss. `modes` are those of the full model at rest, `rates` the scales of Re λ."""
         model, reduced, pairs = one.model, one is not full, list(zip(full.spectra, one.spectra, strict=True))
         found = [spectrum_errors(*pair, (full.model, model), scale, self.band) for pair, scale in zip(pairs, rates, strict=True)]
-        growth, stable = zip(*(_judged(spectrum, self.band) for spectrum in one.spectra), strict=True)
+        growth, votes = [], []  # the largest Re λ in the band and below the cut-off, and whether the modes there are stable
+        for spectrum in one.spectra:
+            keep = np.flatnonzero(~spectrum.rigid & ~spectrum.above_cutoff & in_band(spectrum.eigenvalues, self.band))
+            growth.append(float(spectrum.eigenvalues.real[keep].max(initial=-np.inf)))
+            votes += [spectrum.stable[i] for i in keep] or [None]
         theirs = _all_modes(self.at_rest(model)) if reduced else modes
         kept, force = kept_modes(model), np.nan
         if isinstance(self.model, System) and isinstance(model, System):
             force = force_error(self.model, modes, model, theirs, self.band) if reduced else 0.0
+        stored = [model.M, model.D, model.K, *([model.V] if isinstance(model, ReducedSubstructure) else [])]
+        memory = sum(part.data.nbytes + part.indices.nbytes + part.indptr.nbytes if sp.issparse(part) else part.nbytes
+                     for part in stored) / 1e6
+        frequencies = elastic(modes)[in_band(elastic(modes), self.band)]
         return Row(
-            _key(one.steps), sum(kept.values()), model.size, _largest(each.eigenvalue for each in found),
-            _largest(each.growth for each in found), np.nan, sum(each.missing for each in found), np.nan, max(growth),
-            Timing.of([sum(seconds.values()) for seconds in one.phases]), Timing.of(one.solving),
-            max((port_error(model, name) for name in self.places), default=0.0), model.cutoff,
-            sum(extra_eigenvalues(*pair, self.band) for pair in pairs),
-            frequency_error(elastic(modes)[in_band(elastic(modes), self.band)], elastic(theirs)) if reduced else 0.0,
-            -_largest(-each.mac for each in found),
-            {name: Timing.of([seconds.get(name, 0.0) for seconds in one.phases]) for name in PHASES} if reduced else {},
-            _megabytes(model), stable=False if False in stable else None if None in stable else True,
-            parts=kept if reduced and isinstance(model, System) else {},
-            error_force=force, error_real=_largest(each.real for each in found), missed=sum(each.missed for each in found),
-            invented=sum(each.invented for each in found))
+            method=_key(one.steps), modes=sum(kept.values()), size=model.size, parts=kept if reduced and isinstance(
+                model, System) else {}, cutoff=model.cutoff, memory=memory,
+            error_eigenvalue=_largest(each.eigenvalue for each in found),
+            error_growth=_largest(each.growth for each in found), error_real=_largest(each.real for each in found),
+            error_frequency=frequency_error(frequencies, elastic(theirs)) if reduced else 0.0, error_force=force,
+            mac=-_largest(-each.mac for each in found), missing=sum(each.missing for each in found),
+            extra=sum(extra_eigenvalues(*pair, self.band) for pair in pairs), missed=sum(each.missed for each in found),
+            invented=sum(each.invented for each in found), growth=max(growth), critical=np.nan, error_critical=np.nan,
+            stable=False if False in votes else None if None in votes else True,
+            port_error=max((port_error(model, name) for name in self.places), default=0.0),
+            reduction=Timing.of([sum(seconds.values()) for seconds in one.phases]), solution=Timing.of(one.solving),
+            phases={name: Timing.of([seconds.get(name, 0.0) for seconds in one.phases]) for name in PHASES} if reduced else {})
 
     def held_errors(self, models: Sequence[Substructure]) -> list[float]:
         """The largest error of a frequency in the band, of the full model (0) and each of these, with interfaces at rest.
@@ -273,7 +271,7 @@ class Question:
         return [look(models[0], near=best.value), *small]
 
 
-def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool, repeats: int, say: Progress, shared: bool
+def _measured(asked: Comparison, methods: Sequence[tuple[Step, ...]], ports: bool, repeats: int, say: Progress, shared: bool
               ) -> tuple[Tried, list[Tried], tuple[str, ...]]:
     """The full and the reduced models, solved several times in turn, and why other methods are left out."""
     model, full, small = asked.model, Tried(asked.model, phases=[{}]), [Tried(asked.model, steps) for steps in methods]
@@ -281,7 +279,7 @@ def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool,
     if model.size <= QUADRATIC:
         say(f"{model.name}: complex modes of the full model")
         full.spectra = [complex_modes(model, load, band=asked.band) for load in asked.loads]
-    same: list[str] = []
+    same: dict[str, dict[str, None]] = {}
     for turn in range(repeats):
         bases = Bases(methods) if shared else None
         for one in list(small):
@@ -294,8 +292,12 @@ def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool,
             except FemsubError as error:
                 refused.append((one.steps, error))
                 small.remove(one)
-        if not turn and not len(model.interface):
-            same = _twins_left_out(small)
+        # without an interface several methods keep the same shapes: models that others are already are left out
+        for i in reversed(range(len(small))) if not turn and not len(model.interface) else ():
+            if twin := next((one for one in small[:i] if _key(one.steps) != _key(small[i].steps)
+                             and twins(one.model, small[i].model)), None):
+                same.setdefault(_name(twin.steps), {})[_name(small[i].steps)] = None
+                del small[i]
         if not small:
             raise refused[0][1] if len(refused) == 1 else InputError(
                 f"no method can reduce {model.name!r}: {'; '.join(_left_out(refused, small))}")
@@ -303,30 +305,23 @@ def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool,
         found = _solved(full, asked.loads, asked.band)
         full.spectra = full.spectra or found
         for one in small:  # for a small dense model the whole spectrum costs no more than the band
-            for _ in range(SHORT_RUNS if len(asked.loads) == 1 else 1):  # waking BLAS threads may cost as much as the work
+            for _ in range(3 if len(asked.loads) == 1 else 1):  # as `study` says; waking BLAS threads may cost as much as one
                 one.spectra = _solved(one, asked.loads, None if one.model.size <= WIDE else asked.band)
-    return full, small, (*same, *_left_out(refused, small))
+    several = {name: [name, *reversed(others)] for name, others in same.items()}
+    alike = [SAME.format(f"{', '.join(those[:-1])} and {those[-1]}", name) for name, those in several.items()]
+    return full, small, (*alike, *_left_out(refused, small))
 
 
-def _twins_left_out(small: list[Tried]) -> list[str]:
-    """Takes out models that others are already, and says so: without an interface several methods keep the same shapes."""
-    same: dict[str, dict[str, None]] = {}
-    for i in reversed(range(len(small))):
-        if twin := next((one for one in small[:i] if _key(one.steps) != _key(small[i].steps)
-                         and twins(one.model, small[i].model)), None):
-            same.setdefault(_name(twin.steps), {})[_name(small[i].steps)] = None
-            del small[i]
-    names = {name: [name, *reversed(others)] for name, others in same.items()}
-    return [SAME.format(f"{', '.join(those[:-1])} and {those[-1]}", name) for name, those in names.items()]
+def twins(one: Substructure, other: Substructure, tol: float = 1e-6) -> bool:
+    """Whether two reduced models of one part are the same in other coordinates, q = T p.
 
-
-def twins(one: Substructure, other: Substructure) -> bool:
-    """Whether two reduced models of one part are the same in other coordinates, q = T p."""
+    Shapes, M and K differ by at most `tol`: such models have rounding and the errors of an eigensolver apart.
+    """
     if one.size != other.size or not isinstance(one, ReducedSubstructure) or not isinstance(other, ReducedSubstructure):
         return False
     T = np.linalg.lstsq(one.V, other.V, rcond=None)[0]
     pairs = [(one.V @ T, other.V), *((T.T @ A @ T, B) for A, B in ((one.M, other.M), (one.K, other.K)))]
-    return all(np.linalg.norm(A - B) <= TWINS * np.linalg.norm(B) for A, B in pairs)
+    return all(np.linalg.norm(A - B) <= tol * np.linalg.norm(B) for A, B in pairs)
 
 
 def _left_out(refused: Sequence[tuple[tuple[Step, ...], FemsubError]], small: Sequence[Tried]) -> list[str]:
@@ -378,7 +373,7 @@ def _alike(one: Method, other: Method) -> bool:
         replace(one, modes=other.modes) == other
 
 
-def _reduced(model: Substructure, steps: Sequence[Step], asked: Question, ports: bool, bases: Bases | None) -> Substructure:
+def _reduced(model: Substructure, steps: Sequence[Step], asked: Comparison, ports: bool, bases: Bases | None) -> Substructure:
     """The model after all steps."""
     if bases is not None:
         bases.lent = 0.0
@@ -434,20 +429,6 @@ def elastic(modes: NormalModes) -> Array:
     return modes.frequencies[modes.rigid:]
 
 
-def _megabytes(model: Substructure) -> float:
-    parts = [model.M, model.D, model.K, *([model.V] if isinstance(model, ReducedSubstructure) else [])]
-    return sum(part.data.nbytes + part.indices.nbytes + part.indptr.nbytes if sp.issparse(part) else part.nbytes
-               for part in parts) / 1e6
-
-
-def _judged(modes: ComplexModes, band: tuple[float, float]) -> tuple[float, bool | None]:
-    """The largest Re λ in a band and below the cut-off, and whether the modes there are stable."""
-    keep = np.flatnonzero(~modes.rigid & ~modes.above_cutoff & in_band(modes.eigenvalues, band))
-    votes = [modes.stable[i] for i in keep]
-    stable = False if False in votes else (True if votes and None not in votes else None)
-    return float(modes.eigenvalues.real[keep].max(initial=-np.inf)), stable
-
-
 def _clocked(call: Callable[..., Any], model: Substructure, *arguments: Any, **options: Any) -> tuple[Any, float]:
     """The result of a call on a model, and its seconds without any factor made before."""
     _released(model)
@@ -477,16 +458,13 @@ def _name(steps: Sequence[Step]) -> str:
 
 def in_words(steps: Sequence[Step]) -> str:
     """'Craig-Bampton with 4 modes', or 'disc by Craig-Bampton with 4 modes, pad by Rubin with 2 modes'."""
-    return ", then ".join(map(_in_words, steps))
-
-
-def _in_words(step: Step) -> str:
-    if not isinstance(step, Mapping):
-        return str(step)
-    names = {name: str(one) for name, one in step.items()}
-    if len(set(names.values())) == 1:
-        return f"each part by {next(iter(names.values()))}"
-    return ", ".join(f"{name} by {one}" for name, one in names.items())
+    said = []
+    for step in steps:
+        names = {name: str(one) for name, one in step.items()} if isinstance(step, Mapping) else {"": str(step)}
+        alike = len(set(names.values())) == 1 and isinstance(step, Mapping)
+        said.append(f"each part by {next(iter(names.values()))}" if alike else
+                    ", ".join(f"{name} by {one}" if name else one for name, one in names.items()))
+    return ", then ".join(said)
 
 
 def kept_modes(model: Substructure) -> dict[str, int]:

@@ -13,18 +13,19 @@ if TYPE_CHECKING:
     from femsub.coupling import System
     from femsub.modes import NormalModes
 
-SAME = 0.1  # a mode of the reduced system is a counterpart (perhaps of a cluster) from this fraction of the largest share on
-NEAR = 0.5  # largest relative distance in ω of a counterpart
-HELD = 0.5  # smallest share of a mode's energy that its counterparts must have together
 
-
-def force_error(full: System, ours: NormalModes, reduced: System, theirs: NormalModes, band: tuple[float, float]) -> float:
+def force_error(full: System, ours: NormalModes, reduced: System, theirs: NormalModes, band: tuple[float, float],
+                near: float = 0.5, held: float = 0.5, least: float = 0.1) -> float:
     """The largest error of the joint forces over the undamped elastic modes of the full system in the band.
 
     max_j (‖g_j - ḡ_j‖ / ω_j) / max_k (‖g_k‖ / ω_k), g of the full system, ḡ of the reduced one. g are the forces on the
     interfaces of all parts in a mode of unit modal mass. The joints carry no load in some modes, such as the symmetric ones of
     two equal parts. So all modes share one scale, which grows with ω. Modes of a cluster are compared as a subspace. NaN if the
     band holds no mode of the full system, or if one of them has no counterpart. `theirs` are all modes of the reduced one.
+
+    A counterpart is within `near` of ω, as in `match`, and has at least `least` of the largest share of the mode's energy: its
+    cluster counts, noise does not. All counterparts together must have more than `held` of the energy, so that no two modes of
+    the full system claim the same.
     """
     at = np.flatnonzero(in_band(ours.frequencies, band) & (np.arange(len(ours.frequencies)) >= ours.rigid))
     if not len(at):
@@ -33,9 +34,9 @@ def force_error(full: System, ours: NormalModes, reduced: System, theirs: Normal
     size = np.sqrt(np.einsum("ij,ij->j", y, full.M @ y))  # 1 but for methods that change the mass, such as MacNeal's
     share = x.T @ (full.M @ y) / size
     omega = ours.frequencies[at, None]
-    share[np.abs(theirs.frequencies - omega) > NEAR * omega] = 0.0
-    share[np.abs(share) < SAME * np.abs(share).max(axis=1, keepdims=True)] = 0.0
-    if ((share**2).sum(axis=1) < HELD).any():
+    share[np.abs(theirs.frequencies - omega) > near * omega] = 0.0
+    share[np.abs(share) < least * np.abs(share).max(axis=1, keepdims=True)] = 0.0
+    if ((share**2).sum(axis=1) < held).any():
         return np.nan
     own = _forces(full, ours, at)
     found = _forces(reduced, theirs, np.arange(len(theirs.frequencies))) @ (share / size).T

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from femsub.model import Substructure
     from femsub.modes import ComplexModes
 
-APART = 1.25  # two models count as equally fast if their times, beyond the spread of the runs, differ by less
-ROUGH = 0.1  # error of the forces in the joints above which a recommendation warns of them
 STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
 BRIEF = ("method", "size", "error_growth", "missed", "missing", "error_critical", "error_force", "error_held", "error_response",
          "reduction_median_s", "solution_median_s")  # columns of the short table
@@ -159,7 +157,7 @@ class Row:
         """
         if any(row.reduction.most == row.reduction.least for row in (self, other)):
             return False
-        return APART * self.whole.most < other.whole.least
+        return 1.25 * self.whole.most < other.whole.least
 
     @property
     def sound(self) -> bool:
@@ -280,20 +278,18 @@ class Study:
             near = min(whole, key=self._error, default=None)
             nearest = "" if near is None else f"; {near.named} comes nearest with {100 * self._error(near):.2g} %"
             return f"for {where} no smaller model is accurate enough{nearest}. Keep more modes, or lower the band"
-        within = "are within" if row.error_force <= ROUGH else "are not to be trusted, they are off by up to"
+        # forces that are off by more than a tenth decide no design
+        within = "are within" if row.error_force <= 0.1 else "are not to be trusted, they are off by up to"
         forces = "" if np.isnan(row.error_force) else f"; the forces in the joints {within} {100 * row.error_force:.2g} %"
         faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
         ratio = f"{float(f'{faster if faster >= 1 else 1 / faster:.2g}'):g} times {'faster' if faster >= 1 else 'slower'}"
         missed = "" if self.between is None else "; it misses no unstable mode"
+        apart = "" if row.stable == self.full.stable else (
+            f"; mind that the full model is {STABLE[self.full.stable]} and this one {STABLE[row.stable]}: the border is nearer "
+            "than the error")
         return (f"for {where} take {row.named}: {seconds(row.reduction.median)} to "
                 f"reduce, {seconds(row.solution.median)} to solve, {ratio} than the full model"
-                f"{missed}{forces}{self._verdicts(row)}")
-
-    def _verdicts(self, row: Row) -> str:
-        if row.stable == self.full.stable:
-            return ""
-        return (f"; mind that the full model is {STABLE[self.full.stable]} and this one {STABLE[row.stable]}: the border is "
-                "nearer than the error")
+                f"{missed}{forces}{apart}")
 
     def brief(self, tol: float = 1e-3) -> str:
         """The full model, and of each method the model that is recommended, or else the most accurate one; which are left out."""
@@ -371,18 +367,20 @@ def with_front(rows: Sequence[Row], hi: float = 0.0) -> tuple[Row, ...]:
     Only rows without missing eigenvalues and with a cut-off not below the band's upper end `hi` take part.
     """
     fit = [row for row in rows if row.sound and row.cutoff >= hi]
-    return tuple(replace(row, pareto=row in fit and not any(_beats(other, row) for other in fit)) for row in rows)
+    found = []
+    for row in rows:
+        beaten = False
+        for other in fit:
+            quicker, slower = other.quicker(row), row.quicker(other)
+            as_quick = quicker or (not slower and other.size <= row.size)
+            better = quicker or (not slower and other.size < row.size) or other.error_growth < row.error_growth
+            beaten |= as_quick and other.error_growth <= row.error_growth and better
+        found.append(replace(row, pareto=row in fit and not beaten))
+    return tuple(found)
 
 
 def _modes(count: int) -> str:
     return f"{count} mode{'s' * (count != 1)}"
-
-
-def _beats(other: Row, row: Row) -> bool:
-    quicker, slower = other.quicker(row), row.quicker(other)
-    as_quick = quicker or (not slower and other.size <= row.size)
-    better = quicker or (not slower and other.size < row.size) or other.error_growth < row.error_growth
-    return as_quick and other.error_growth <= row.error_growth and better
 
 
 def seconds(value: float) -> str:

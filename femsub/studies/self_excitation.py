@@ -20,12 +20,6 @@ from femsub.modes import ComplexModes, frequency_response, likeness, listed, mat
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.motion import project
 
-NEAR = 0.05  # |Δλ| / |λ| up to which a mode of a reduced model may match one of the full model
-ALIKE = 0.9  # smallest MAC of the two shapes for a match
-DENSE_POINTS, SPARSE_POINTS = 400, 40  # frequencies at which compliances are compared; each needs a solve
-SMALL = 150  # DOF up to which DENSE_POINTS are used
-FAIR = 0.1  # error of growth rates or compliance up to which the verdict is favourable
-MANY = 0.3  # reduced chains that lack a larger share never reached the full model's motion (docs/guide/motion.md)
 CRITERIA = ("missing_share", "spurious_share", "growth_error", "frequency_error", "growth_distance", "projection_loss",
             "compliance_static", "compliance_max", "compliance_mean")
 
@@ -41,8 +35,8 @@ class SelfExcitation:
     growing : ndarray of complex, shape (k,)
         λ of the full model with Re λ > 0 and Im λ ≥ 0, by ascending Im λ.
     counterpart : ndarray of complex, shape (k,)
-        The matching λ of the reduced model, growing or not: within 5 % of |λ|, and with a MAC of at least 0.9 if shapes can be
-        compared; NaN if there is none.
+        The matching λ of the reduced model, growing or not: by default within 5 % of |λ|, and with a MAC of at least 0.9 if
+        shapes can be compared; NaN if there is none.
     mac : ndarray, shape (k,)
         The MAC with the mode assigned (`matching.likeness`), whether it matches or not; NaN if shapes cannot be compared.
     loss : ndarray, shape (k,)
@@ -120,7 +114,11 @@ class SelfExcitation:
 
     @property
     def verdict(self) -> str:
-        """What to expect of a transient, in words; the limits are FAIR and MANY."""
+        """What to expect of a transient, in words.
+
+        Reduced chains that lack more than 0.3 of the growing modes never reached the full model's motion
+        (docs/guide/motion.md). Growth rates and compliance within 0.1 are fair.
+        """
         if not len(self.growing) and not len(self.spurious):
             return "nothing grows, in either model"
         found = [f"{len(self.missing)} of {len(self.growing)} growing modes are missing (ω = {_list(self.missing)})"
@@ -130,9 +128,9 @@ class SelfExcitation:
                          f"grow{'s' * (len(self.spurious) == 1)} (ω = {_list(self.spurious)})")
         found.append(f"growth rates within {100 * self.growth_error:.2g} %")
         found.append(f"compliance at the contact {100 * self.compliance_mean:.2g} % off on average")
-        if self.missing_share > MANY or not len(self.growing):
+        if self.missing_share > 0.3 or not len(self.growing):
             expected = "other motions are to be expected"
-        elif len(self.missing) or len(self.spurious) or max(self.growth_error, self.compliance_mean) > FAIR:
+        elif len(self.missing) or len(self.spurious) or max(self.growth_error, self.compliance_mean) > 0.1:
             expected = "the main motion may be the same, but not all coexisting ones"
         else:
             expected = "the same motions are to be expected"
@@ -151,7 +149,8 @@ class SelfExcitation:
 
 def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substructure], contacts: Contacts, *,
                     band: tuple[float, float] | None = None, count: int | None = None,
-                    omega: Any = None, harmonics: float = 3.0) -> SelfExcitation | tuple[SelfExcitation, ...]:
+                    omega: Any = None, harmonics: float = 3.0, near: float = 0.05, alike: float = 0.9
+                    ) -> SelfExcitation | tuple[SelfExcitation, ...]:
     """Check by linear criteria whether a reduced model can show the full model's self-excited motion.
 
     Growing modes and the port compliance h(iω) = Wᵀ(-ω²M + iωD + K)⁻¹W are compared. A sequence of models gives a tuple.
@@ -171,6 +170,9 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         the highest growing frequency (the highest of all if none grows); 400 points, or 40 for more than 150 DOF.
     harmonics : float
         See `omega`. Friction is strongly nonlinear and excites harmonics of the growing frequencies.
+    near, alike : float
+        A mode of a reduced model matches one of the full model if |Δλ| / |λ| is at most `near` and the MAC of the two shapes at
+        least `alike`. By default 5 % of |λ|, and shapes whose angle is within 18°.
 
     Returns
     -------
@@ -204,16 +206,50 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
     if not given:
         raise InputError("self_excitation needs at least one contact, such as a Belt: without one nothing excites the motion")
     modes = complex_modes(full, given, band=band, count=count)
-    values, _, grows = ours = _upper(modes)
+    values, x, grows = _upper(modes)
     limits = band
     if band is None and len(modes) < 2 * full.size:
         limits = (0.0, float(np.abs(values).max(initial=0.0)))
-    top = float((values[grows] if grows.any() else values).imag.max(initial=0.0))
-    grid = _grid(omega, harmonics, top, full)
+    if omega is None:
+        top = float((values[grows] if grows.any() else values).imag.max(initial=0.0))
+        many = 400 if full.size <= 150 else 40  # each needs a solve
+        grid = np.linspace(0.0, positive_number("harmonics", harmonics) * (top or 1.0), many)
+    else:
+        grid = np.atleast_1d(real_array("omega", omega))
+        if grid.ndim != 1 or grid.size == 0 or grid.min() < 0:
+            raise InputError("omega must be a flat, non-empty sequence of finite frequencies, none negative")
+        grid = np.unique(grid)
     reference = _compliance(full, given, grid)
-    found = tuple(_compare(full, model, ours, _upper(complex_modes(model, given)), limits, reference,
-                           _compliance(model, given, grid), grid) for model in models)
-    return found if several else found[0]
+    norm = np.linalg.norm(reference, axis=(1, 2))
+    found = []
+    for model in models:
+        # modes: counterparts, their MAC, the share of energy that the basis cannot represent
+        others, y, increase = _upper(complex_modes(model, given))
+        mac, loss = likeness(full, model, x, y), np.full(len(values), np.nan)
+        if isinstance(model, ReducedSubstructure):
+            q = project(model, full.M, np.hstack([x.real, x.imag]))
+            kept = np.einsum("ij,ij->j", q, model.M @ q).reshape(2, -1).sum(axis=0)
+            loss = np.clip(1 - kept / np.einsum("ij,ij->j", x.conj(), full.M @ x).real, 0.0, 1.0)
+        at, to = match(values, others, mac)
+        fit = (np.abs(others[to] - values[at]) <= near * np.abs(values[at])) & ~(mac[at, to] < alike)
+        counterpart, agreement = np.full(len(values), complex(np.nan, np.nan)), np.full(len(values), np.nan)
+        counterpart[at[fit]] = others[to[fit]]
+        agreement[at] = mac[at, to]
+        # a growing mode that matches a decaying one is as spurious as one that matches none
+        extra = increase.copy()
+        extra[to[fit & grows[at]]] = False
+        if limits is not None:
+            extra &= within(others, limits)
+        # compliances
+        h = _compliance(model, given, grid)
+        error, sizes = (np.linalg.norm(part, axis=(1, 2)) for part in (h - reference, h))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            even = np.nan_to_num(error / (norm + sizes))
+        found.append(SelfExcitation(
+            growing=values[grows], counterpart=counterpart[grows], mac=agreement[grows], loss=loss[grows], spurious=others[extra],
+            compliance_static=float(error[0] / norm[0]) if grid[0] == 0 else np.nan,
+            compliance_max=float(error.max() / norm.max()), compliance_mean=float(even.mean()), omega=grid, band=limits))
+    return tuple(found) if several else found[0]
 
 
 def table_rows(full: Substructure, reduced: Sequence[Substructure], contacts: Contacts,
@@ -230,52 +266,12 @@ def table_rows(full: Substructure, reduced: Sequence[Substructure], contacts: Co
             for model, one, errors in zip(reduced, found, measured, strict=True)]  # type: ignore[arg-type]
 
 
-Spectrum = tuple[Array, Array, Array]
-
-
-def _upper(modes: ComplexModes) -> Spectrum:
+def _upper(modes: ComplexModes) -> tuple[Array, Array, Array]:
     """λ with Im λ ≥ 0 without rigid motion, ascending; their shapes; which certainly grow, even above the cut-off."""
     keep = np.flatnonzero(listed(modes))
     keep = keep[np.argsort(modes.eigenvalues[keep].imag, kind="stable")]
     grows = np.array([modes.stable[i] is False for i in keep], dtype=bool)
     return modes.eigenvalues[keep], modes.shapes[:, keep], grows
-
-
-def _compare(full: Substructure, model: Substructure, ours: Spectrum, theirs: Spectrum, limits: tuple[float, float] | None,
-             h: Array, other: Array, grid: Array) -> SelfExcitation:
-    (values, x, grows), (others, y, increase) = ours, theirs
-    alike, loss = likeness(full, model, x, y), np.full(len(values), np.nan)
-    if isinstance(model, ReducedSubstructure):
-        q = project(model, full.M, np.hstack([x.real, x.imag]))
-        kept = np.einsum("ij,ij->j", q, model.M @ q).reshape(2, -1).sum(axis=0)
-        loss = np.clip(1 - kept / np.einsum("ij,ij->j", x.conj(), full.M @ x).real, 0.0, 1.0)
-    at, to = match(values, others, alike)
-    fit = np.abs(others[to] - values[at]) <= NEAR * np.abs(values[at])
-    fit &= ~(alike[at, to] < ALIKE)
-    counterpart, mac = np.full(len(values), complex(np.nan, np.nan)), np.full(len(values), np.nan)
-    counterpart[at[fit]] = others[to[fit]]
-    mac[at] = alike[at, to]
-    # A growing mode that matches a decaying one is as spurious as one that matches none.
-    extra = increase.copy()
-    extra[to[fit & grows[at]]] = False
-    if limits is not None:
-        extra &= within(others, limits)
-    norm, error, sizes = (np.linalg.norm(part, axis=(1, 2)) for part in (h, other - h, other))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        even = np.nan_to_num(error / (norm + sizes))
-    still = float(error[0] / norm[0]) if grid[0] == 0 else np.nan
-    return SelfExcitation(values[grows], counterpart[grows], mac[grows], loss[grows], others[extra], still,
-                          float(error.max() / norm.max()), float(even.mean()), grid, limits)
-
-
-def _grid(omega: Any, harmonics: float, top: float, full: Substructure) -> Array:
-    if omega is None:
-        many = DENSE_POINTS if full.size <= SMALL else SPARSE_POINTS
-        return np.linspace(0.0, positive_number("harmonics", harmonics) * (top or 1.0), many)
-    grid = np.atleast_1d(real_array("omega", omega))
-    if grid.ndim != 1 or grid.size == 0 or grid.min() < 0:
-        raise InputError("omega must be a flat, non-empty sequence of finite frequencies, none negative")
-    return np.unique(grid)
 
 
 def _compliance(model: Substructure, contacts: Sequence[Contact], grid: Array) -> Array:

@@ -219,7 +219,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[
     body = [[_cell(value, form) for value, form in zip(row, formats, strict=True)] for row in rows]
     wide = [max((len(row[at]) for row in body), default=0) for at in range(len(head))]
     heads = [[text] for text in head]
-    if _total(heads, wide) > WIDTH:
+    if sum(max(least, len(text)) for text, least in zip(head, wide, strict=True)) + len(GAPS[0]) * (len(wide) - 1) > WIDTH:
         heads = [textwrap.wrap(text, max(least, 1), break_long_words=False, break_on_hyphens=False)
                  for text, least in zip(head, wide, strict=True)]
     wide = [max(least, *map(len, lines)) for lines, least in zip(heads, wide, strict=True)]
@@ -242,10 +242,6 @@ def _cell(value: Any, form: str) -> str:
     if isinstance(value, list):
         return ", ".join(_cell(one, form) for one in value) or NONE
     return value if isinstance(value, str) else format(value, form)
-
-
-def _total(heads: Sequence[Sequence[str]], wide: Sequence[int]) -> int:
-    return sum(max(least, *map(len, lines)) for lines, least in zip(heads, wide, strict=True)) + len(GAPS[0]) * (len(wide) - 1)
 
 
 def _blocks(wide: Sequence[int], keys: int, gap: str) -> list[list[int]]:

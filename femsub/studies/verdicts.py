@@ -63,7 +63,7 @@ class Verdict(Remark):
 
 
 @dataclass(frozen=True)
-class Choice(Remark):
+class Advice(Remark):
     """What one comparison recommends: `model` in words with its `size`, or '' if none will do, and for what it holds."""
 
     sentence: str = ""
@@ -79,74 +79,45 @@ class Choice(Remark):
 def answer(found: Iterable[Any]) -> Verdict:
     """The verdict of a run from the choices, verdicts and remarks of its outputs."""
     known = [one for one in found if isinstance(one, Remark)]
-    choices = [one for one in known if isinstance(one, Choice)]
-    base = _of_choices(choices) if choices else next((one for one in known if isinstance(one, Verdict)), Verdict())
-    others = [one for one in known if not isinstance(one, (Choice, Verdict))]
+    choices = [one for one in known if isinstance(one, Advice)]
+    base = next((one for one in known if isinstance(one, Verdict)), Verdict())
+    fit = [one for one in choices if one.model]
+    band = f"in the band {span(choices[0].band)}" if choices else ""
+    if fit:
+        best = min(fit, key=lambda one: one.size)
+        decides: list[str] = []
+        for one in choices:
+            said = one.decides if one.model else [sentence(one.sentence)]
+            several = one.where and len(choices) > 1
+            decides += [f"{one.where.capitalize()}: {' '.join(said)}"] if several else said
+        where = f" ({best.where})" if best.where else ""
+        base = Verdict(decides, [OUTSIDE, *best.unchecked, NEVER, LINEAR], "yes" if len(fit) == len(choices) else "in part",
+                       f"{best.model} may replace the full model of {best.full} DOF {band}{where}.", condition=best.condition)
+    elif choices:
+        base = Verdict([sentence(one.sentence, one.where) for one in choices], [NEVER, LINEAR], "no",
+                       f"No small model of this run may replace the full one {band}.")
+    others = [one for one in known if not isinstance(one, (Advice, Verdict))]
     return replace(base, decides=[*base.decides, *(line for one in others for line in one.decides)],
                    unchecked=[*base.unchecked, *(line for one in others for line in one.unchecked)])
 
 
-def _of_choices(choices: Sequence[Choice]) -> Verdict:
-    fit = [one for one in choices if one.model]
-    band = f"in the band {span(choices[0].band)}"
-    if not fit:
-        return Verdict([sentence(one.sentence, one.where) for one in choices], [NEVER, LINEAR], "no",
-                       f"No small model of this run may replace the full one {band}.")
-    best = min(fit, key=lambda one: one.size)
-    decides: list[str] = []
-    for one in choices:
-        said = one.decides if one.model else [sentence(one.sentence)]
-        several = one.where and len(choices) > 1
-        decides += [f"{one.where.capitalize()}: {' '.join(said)}"] if several else said
-    where = f" ({best.where})" if best.where else ""
-    return Verdict(decides, [OUTSIDE, *best.unchecked, NEVER, LINEAR], "yes" if len(fit) == len(choices) else "in part",
-                   f"{best.model} may replace the full model of {best.full} DOF {band}{where}.",
-                   condition=best.condition)
-
-
-def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Choice:
+def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Advice:
     """What a study recommends, and what makes that model fit, figure by figure."""
     row, full = found.recommended(tol), found.full
-    choice = Choice(sentence=found.recommendation(tol), full=full.size, band=found.band, where=where, brief=found.brief(tol))
+    choice = Advice(sentence=found.recommendation(tol), full=full.size, band=found.band, where=where, brief=found.brief(tol))
     if found.values:
         at = ", ".join(f"{value:g}" for value in found.values)
         choice = replace(choice, unchecked=[f"The full model was solved at {found.symbol} = {at} alone."])
     if row is None:
         return choice
-    said = _over_range(found, row) if found.between else _in_band(found, row, tol)
-    return replace(choice, decides=said, model=row.named, size=row.size, condition=_conditions(found, row, tol))
-
-
-def _conditions(found: Study, row: Row, tol: float) -> list[str]:
-    """For what a recommendation holds, and what it is worth with the interface held at rest."""
+    choice = replace(choice, model=row.named, size=row.size, condition=_conditions(found, row, tol))
     if found.between:
-        return [f"{found.symbol} lies between {found.between[0]:g} and {found.between[1]:g}."]
-    if not found.interface:
-        return ["the model has no interface. Nothing is known of it joined to others."]
-    free = "the interface is free, as in this run."
-    if math.isnan(row.error_held):
-        return [f"{free} A held interface was not compared."]
-    off = "Held at rest, this model " + ("lacks a mode of the band" if math.isinf(row.error_held) else
-                                         f"has frequencies that are off by {row.error_held:.1e}")
-    if row.error_held <= tol:
-        return [f"the interface is free, as in this run, or held at rest. {off}."]
-    other = found.recommended(tol, held=True)
-    then = "no model of this run will do" if other is None else f"take {other.named}, which is off by {other.error_held:.1e}"
-    return [f"{free} {off}; there {then}."]
-
-
-def _over_range(found: Study, row: Row) -> list[str]:
-    """What makes a model fit over a range of a parameter."""
-    invented = f", but {row.invented} invented" if row.invented else " and none is invented"
-    return [f"{row.named}: no unstable mode of the full model is missed{invented}.",
+        invented = f", but {row.invented} invented" if row.invented else " and none is invented"
+        return replace(choice, decides=[
+            f"{row.named}: no unstable mode of the full model is missed{invented}.",
             f"Its critical {found.symbol} is within {_shown(row.error_critical, '.1e')} of the full model's.",
             f"Its eigenvalues are within {_shown(row.error_eigenvalue, '.1e')} of their modulus, its growth rates within "
-            f"{_shown(row.error_real, '.1e')}."]
-
-
-def _in_band(found: Study, row: Row, tol: float) -> list[str]:
-    """What makes a model fit in the band."""
-    full = found.full
+            f"{_shown(row.error_real, '.1e')}."])
     said = [f"{row.named}: the growth rates in the band are within {_shown(row.error_growth, '.1e')} of the rates of "
             f"damping and friction; the tolerance is {tol:g}." if found.decisive == "error_growth" else
             f"{row.named}: the undamped frequencies in the band are within {_shown(row.error_frequency, '.1e')}; the tolerance "
@@ -166,8 +137,30 @@ def _in_band(found: Study, row: Row, tol: float) -> list[str]:
         said.append(f"In the band both models are {STABLE[full.stable]}.")
     if full.solution.median and row.solution.median:
         reducing, small, large = (seconds(one.median) for one in (row.reduction, row.solution, full.solution))
-        said.append(f"It takes {reducing} to reduce and {small} to solve. The full model takes {large}: {_pays(row, full)}.")
-    return said
+        gain = full.solution.median - row.solution.median
+        count = math.ceil(row.reduction.median / gain) if gain > 0 else 0
+        pays = "nothing is gained in time" if gain <= 0 else "the reduction pays at once" if count <= 1 else \
+            f"the reduction pays from {count} solutions on"
+        said.append(f"It takes {reducing} to reduce and {small} to solve. The full model takes {large}: {pays}.")
+    return replace(choice, decides=said)
+
+
+def _conditions(found: Study, row: Row, tol: float) -> list[str]:
+    """For what a recommendation holds, and what it is worth with the interface held at rest."""
+    if found.between:
+        return [f"{found.symbol} lies between {found.between[0]:g} and {found.between[1]:g}."]
+    if not found.interface:
+        return ["the model has no interface. Nothing is known of it joined to others."]
+    free = "the interface is free, as in this run."
+    if math.isnan(row.error_held):
+        return [f"{free} A held interface was not compared."]
+    off = "Held at rest, this model " + ("lacks a mode of the band" if math.isinf(row.error_held) else
+                                         f"has frequencies that are off by {row.error_held:.1e}")
+    if row.error_held <= tol:
+        return [f"the interface is free, as in this run, or held at rest. {off}."]
+    other = found.recommended(tol, held=True)
+    then = "no model of this run will do" if other is None else f"take {other.named}, which is off by {other.error_held:.1e}"
+    return [f"{free} {off}; there {then}."]
 
 
 def stability_remark(models: Sequence[Mapping[str, Any]]) -> Remark:
@@ -223,15 +216,6 @@ def sentence(text: str, start: str = "") -> str:
     """A recommendation as a sentence of its own."""
     text = f"{start}: {text}" if start else text
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
-
-
-def _pays(row: Row, full: Row) -> str:
-    """From how many solutions on the reduction is worth its time."""
-    gain = full.solution.median - row.solution.median
-    if gain <= 0:
-        return "nothing is gained in time"
-    count = math.ceil(row.reduction.median / gain)
-    return "the reduction pays at once" if count <= 1 else f"the reduction pays from {count} solutions on"
 
 
 def _shown(value: float, form: str) -> str:

@@ -32,7 +32,7 @@ from femsub.checks import Array
 from femsub.model import in_band
 from femsub.modes import beside_the_full, listed, relative_error
 from femsub.studies import (
-    Choice,
+    Advice,
     Remark,
     Table,
     column,
@@ -311,7 +311,7 @@ def _responses(work: Work) -> Result:
     words = "no small model of this run is accurate enough. Keep more modes, or lower the band" if best is None else (
         f"for {100 * scene.tolerance:.3g} % of the largest receptance take {label(best['model'])} with {best['size']} DOF: it is "
         f"off by at most {best['error']:.1e}")
-    choice = Choice([] if best is None else [f"Its receptance at the contact is off by at most {best['error']:.1e} of the "
+    choice = Advice([] if best is None else [f"Its receptance at the contact is off by at most {best['error']:.1e} of the "
                                              f"largest one, {where}."], sentence=words, full=work.sub.size, band=(lo, hi),
                     model="" if best is None else f"{label(best['model'])} with {best['modes']} modes ({best['size']} DOF)",
                     size=0 if best is None else best["size"], brief=table.text(work.units.known))
