@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import platform
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
@@ -33,15 +35,88 @@ class Findings:
     def add(self, what: str, found: object) -> None:
         self.lines.append(f"{what:<12} {found}")
 
+    @contextmanager
+    def noting(self, part: str) -> Iterator[None]:
+        """What is raised within is one of the wrong things, and the rest goes on. An error of femsub says itself what to do."""
+        try:
+            yield
+        except THROWN as error:
+            said = " ".join(str(error).split())
+            self.wrong.append(said if isinstance(error, FemsubError) else f"{part}: {type(error).__name__}: {said}")
+
 
 def examine() -> Findings:
     """Everything, however much of it fails: each part that does is one of the wrong things."""
     found = Findings()
-    for part in (_python, _packages, _petsc, _blas, _memory):
-        try:
-            part(found)
-        except THROWN as error:
-            found.wrong.append(f"{part.__name__.strip('_')}: {type(error).__name__}: {' '.join(str(error).split())}")
+    with found.noting("python"):
+        found.add("femsub", f"{femsub.__version__}, in {Path(str(femsub.__file__)).parent}")
+        found.add("Python", f"{platform.python_version()}, {sys.executable}")
+        found.add("system", f"{platform.platform()}, {processors()} processors")
+    with found.noting("packages"):
+        found.add("numpy", np.__version__)
+        found.add("scipy", metadata.version("scipy"))
+        for name in OPTIONAL:
+            try:
+                found.add(name, metadata.version(name))
+            except metadata.PackageNotFoundError:
+                found.add(name, f"not installed; if you need it: {installed_by(name)}")
+    with found.noting("petsc"):
+        for name, version in petsc.versions().items():
+            found.add(name, version)
+        there = {name: petsc.has(key) for name, key in PACKAGES.items()}
+        for name in there:
+            found.add(name, "in PETSc" if there[name] else "not in PETSc")
+        if not there["MUMPS"]:
+            found.wrong.append("this PETSc has no MUMPS, which symmetric indefinite and unsymmetric matrices need. "
+                               + petsc.installation())
+        if not there["CHOLMOD"]:
+            found.add("", "MUMPS factorises positive definite matrices instead, and PETSc itself those of chains and beams")
+        n = 400
+        A = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
+        kinds: dict[petsc.Kind, float] = {"definite": 0.0, "symmetric": 0.5, "general": 0.5}
+        b = np.linspace(-1.0, 1.0, n)
+        for kind, shift in kinds.items():
+            K = sp.csr_array(A - shift * sp.eye_array(n))
+            x = petsc.SparseFactor(K, kind).solve(b)
+            residual = float(np.linalg.norm(K @ x - b) / (np.linalg.norm(x) * 4 + np.linalg.norm(b)))
+            if not residual <= EQUAL:
+                found.wrong.append(f"a {kind} factorisation has a residual of {residual:.0e}: PETSc and its packages do not fit "
+                                   f"each other, or its BLAS is broken. {petsc.installation()}")
+        count = inertia(sp.csr_array(A - 0.5 * sp.eye_array(n)))
+        true = int(np.count_nonzero(2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)) < 0.5))
+        if count != true:
+            found.wrong.append(f"the inertia of a matrix with {true} negative eigenvalues is counted as {count}: certificates "
+                               f"cannot be trusted; take a PETSc with Debian's MUMPS. {petsc.installation()}")
+    with found.noting("blas"):  # the libraries in the process, their kernels and threads, and whether their products are right
+        import scipy.linalg  # loads SciPy's own  # noqa: F401
+
+        lines = libraries().info()
+        for one in lines:
+            found.add("BLAS", f"{Path(one['filepath']).name}: {one['internal_api']} {one['version']}, kernels "
+                              f"{one.get('architecture')}, {one['num_threads']} thread(s)")
+        if not lines:
+            found.add("BLAS", "no BLAS found in the process")
+        own = own_processors()
+        for one in lines:
+            if (threads := one["num_threads"]) > own:
+                found.wrong.append(f"{Path(one['filepath']).name} uses {threads} threads, but this process may use {own} "
+                                   f"processors, which slows small products down by far: set OMP_NUM_THREADS={own}, or 1")
+        for name in ("OPENBLAS_CORETYPE", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+            if value := variable(name):
+                found.add("", f"{name}={value}")
+        A = np.random.default_rng(0).standard_normal((300, 300))
+        Q = np.linalg.qr(A)[0]
+        off = float(np.abs(Q.T @ Q - np.eye(300)).max())
+        if not off <= EQUAL:
+            found.wrong.append(f"NumPy's BLAS is broken: QᵀQ of a QR decomposition is {off:.0e} off; try "
+                               f"OPENBLAS_CORETYPE=Haswell, and install NumPy anew: {installed_by('numpy')}")
+    with found.noting("memory"):
+        free = available()
+        found.add("memory", "unknown on this system" if free is None else f"{free / 1e9:.1f} GB available to this process")
+        # all modes of a dense model: the two matrices of its linearisation, of twice its size, and the vectors of both sides
+        if free is not None and free < 4 * 8 * (2 * DENSE)**2:
+            found.wrong.append(f"only {free / 1e9:.1f} GB of memory are available: end other programs, or raise the container's "
+                               "limit")
     return found
 
 
@@ -53,90 +128,3 @@ def report() -> int:
         print(f"WRONG        {one}")
     print("something is wrong: see above" if found.wrong else "nothing is wrong")
     return bool(found.wrong)
-
-
-def _python(found: Findings) -> None:
-    found.add("femsub", f"{femsub.__version__}, in {Path(str(femsub.__file__)).parent}")
-    found.add("Python", f"{platform.python_version()}, {sys.executable}")
-    found.add("system", f"{platform.platform()}, {processors()} processors")
-
-
-def _packages(found: Findings) -> None:
-    found.add("numpy", np.__version__)
-    found.add("scipy", metadata.version("scipy"))
-    for name in OPTIONAL:
-        try:
-            found.add(name, metadata.version(name))
-        except metadata.PackageNotFoundError:
-            found.add(name, f"not installed; if you need it: {installed_by(name)}")
-
-
-def _petsc(found: Findings) -> None:
-    try:
-        for name, version in petsc.versions().items():
-            found.add(name, version)
-    except FemsubError as error:
-        found.wrong.append(str(error))
-        return
-    there = {name: petsc.has(key) for name, key in PACKAGES.items()}
-    for name in there:
-        found.add(name, "in PETSc" if there[name] else "not in PETSc")
-    if not there["MUMPS"]:
-        found.wrong.append("this PETSc has no MUMPS, which symmetric indefinite and unsymmetric matrices need. "
-                           + petsc.installation())
-    if not there["CHOLMOD"]:
-        found.add("", "MUMPS factorises positive definite matrices instead, and PETSc itself those of chains and beams")
-    n = 400
-    A = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
-    kinds: dict[petsc.Kind, float] = {"definite": 0.0, "symmetric": 0.5, "general": 0.5}
-    b = np.linspace(-1.0, 1.0, n)
-    for kind, shift in kinds.items():
-        K = sp.csr_array(A - shift * sp.eye_array(n))
-        x = petsc.SparseFactor(K, kind).solve(b)
-        residual = float(np.linalg.norm(K @ x - b) / (np.linalg.norm(x) * 4 + np.linalg.norm(b)))
-        if not residual <= EQUAL:
-            found.wrong.append(f"a {kind} factorisation has a residual of {residual:.0e}: PETSc and its packages do not fit each "
-                               f"other, or its BLAS is broken. {petsc.installation()}")
-    count = inertia(sp.csr_array(A - 0.5 * sp.eye_array(n)))
-    true = int(np.count_nonzero(2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)) < 0.5))
-    if count != true:
-        found.wrong.append(f"the inertia of a matrix with {true} negative eigenvalues is counted as {count}: certificates cannot "
-                           f"be trusted; take a PETSc with Debian's MUMPS. {petsc.installation()}")
-
-
-def _blas(found: Findings) -> None:
-    """The BLAS libraries in the process, each with its kernels and threads, and whether their products are right."""
-    import scipy.linalg  # loads SciPy's own  # noqa: F401
-
-    lines = libraries().info()
-    for one in lines:
-        found.add("BLAS", f"{Path(one['filepath']).name}: {one['internal_api']} {one['version']}, kernels "
-                          f"{one.get('architecture')}, {one['num_threads']} thread(s)")
-    if not lines:
-        found.add("BLAS", "no BLAS found in the process")
-    own = own_processors()
-    for one in lines:
-        if (threads := one["num_threads"]) > own:
-            found.wrong.append(f"{Path(one['filepath']).name} uses {threads} threads, but this process may use {own} "
-                               f"processors, which slows small products down by far: set OMP_NUM_THREADS={own}, or 1")
-    for name in ("OPENBLAS_CORETYPE", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        if value := variable(name):
-            found.add("", f"{name}={value}")
-    A = np.random.default_rng(0).standard_normal((300, 300))
-    Q = np.linalg.qr(A)[0]
-    off = float(np.abs(Q.T @ Q - np.eye(300)).max())
-    if not off <= EQUAL:
-        found.wrong.append(f"NumPy's BLAS is broken: QᵀQ of a QR decomposition is {off:.0e} off; try OPENBLAS_CORETYPE=Haswell, "
-                           f"and install NumPy anew: {installed_by('numpy')}")
-
-
-def _memory(found: Findings) -> None:
-    free = available()
-    if free is None:
-        found.add("memory", "unknown on this system")
-        return
-    found.add("memory", f"{free / 1e9:.1f} GB available to this process")
-    # all modes of a dense model: the two matrices of its linearisation, of twice its size, and the vectors of both sides
-    if free < 4 * 8 * (2 * DENSE)**2:
-        found.wrong.append(f"only {free / 1e9:.1f} GB of memory are available: end other programs, or raise the container's "
-                           "limit")
