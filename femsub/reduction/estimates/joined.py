@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra import QUADRATIC
 from femsub.checks import DENSE, EPS, Array, instance
 from femsub.coupling import System, couple, linked, rows_of_parts, sprung
 from femsub.errors import InputError
@@ -60,10 +61,11 @@ class JoinedSpace(Space):
         self.damped, self.symmetric = pencil.norms[1] > 0, pencil.symmetric[1]
         self.all = damped_parts(system, contacts)
         whole = {name: part.size for name, part in system.parts.items() if name not in statics}
-        if sum(whole.values()) > DENSE:
+        most = QUADRATIC if self.damped else DENSE  # λ of all of them is computed by LAPACK
+        if sum(whole.values()) > most:
             raise InputError(f"no estimate can be had of {system.name!r}: its parts that are not reduced have "
                              f"{sum(whole.values())} DOF, {max(whole, key=lambda name: whole[name])!r} most of them, and at most "
-                             f"{DENSE} are allowed. Reduce them, too")
+                             f"{most} are allowed. Reduce them, too")
         self.enough = 1.0 if given else SHARE
         super().__init__(f"the parts of {system.name!r}", {name: FoundModes(one, self.all[name].pencil if self.damped else None)
                                                            for name, one in statics.items()}, top, given)
