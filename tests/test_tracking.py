@@ -10,6 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks import meetings
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.components import two_mode, two_mode_critical, ziegler, ziegler_critical
@@ -77,6 +78,31 @@ def test_a_value_at_the_exceptional_point_itself_breaks_no_branch() -> None:
     (met,) = found.meetings
     assert met.kind == "splitting" and abs(met.value) < 1e-7 and met.condition > 1e6
     assert np.allclose((-found.eigenvalues**2 - 2) ** 2, found.values[:, None], atol=1e-7)
+
+
+def test_a_mode_that_looks_rigid_beside_its_coalescence_breaks_no_branch() -> None:
+    """Where a step was halved it had ω = 7e-6, was taken for rigid motion there, and its branch ended."""
+    with pytest.warns(fs.ConditionWarning, match="rigid"):
+        assert meetings.attacked("symmetric", 2) == "certified"
+
+
+@pytest.mark.parametrize("rigid", [0, 1])
+@pytest.mark.parametrize("values", [[-1, 0, 1], [-1, 0.3, 1], [0, 0.5, 1], [-1, -0.5, 0], [-1, -0.5, 0, 0.5, 1]])
+@pytest.mark.parametrize("damping", [0.0, 0.1])
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_an_eigenvalue_0_at_a_value_asked_for_breaks_no_branch(rigid: int, values: list[float], damping: float, way: float
+                                                              ) -> None:
+    """λ² + dλ ∓ p = 0 has λ = 0 at p = 0: of a pair without damping, else of one real λ. Rigid motion is no branch."""
+    moves = np.diag(np.eye(2 + rigid)[0])
+    model = fs.Affine(np.eye(len(moves)), damping * moves, [(1.0, np.diag(4 * np.eye(2 + rigid)[1])), ("p", way * moves)])
+    found = fs.track(model, None, "p", values)
+    real = max(damping**2 / 4 - way * p for p in values) > 0
+    assert found.eigenvalues.shape[1] == (3 if real else 2) and not np.isnan(found.eigenvalues).any()
+    polynomial = found.eigenvalues**2 + damping * found.eigenvalues + way * found.values[:, None]
+    assert (np.count_nonzero(np.abs(polynomial) < 1e-8, axis=1) == (2 if real else 1)).all()
+    if not damping and values[0] < 0 < values[-1]:
+        (met,) = found.meetings
+        assert met.kind == ("coalescence" if way < 0 else "splitting") and abs(met.value) < 1e-8
 
 
 @pytest.mark.parametrize("coupling", [0.2, 1e-2, 1e-4])

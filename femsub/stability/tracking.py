@@ -196,15 +196,17 @@ class _Chain:
         self.finest = (EQUAL if question.size <= WIDE else ASIDE) * (self.between[1] - self.between[0])
         margin = BEYOND_EDGE * (self.band[1] - self.band[0])
         self.wide = max(self.band[0] - margin, 0.0), self.band[1] + margin
+        self.still = 2 * question.size  # the least number of eigenvalues 0 at a value so far: rigid motion over the whole range
         self.rows: list[tuple[float, Array, Array, Array, Array, Array]] = []  # p, branch, λ, bar, condition, inside
 
     def follow(self, points: Array) -> None:
         """All steps from left to right, each halved as often as it must be."""
+        last, still = self._node(float(points[-1])), self.still  # both ends first: they show what passes 0 at the other one
         here = self._node(float(points[0]))
         label = self._new(len(here.values))
         self._keep(here, label)
         for end in points[1:]:
-            ahead = [self._node(float(end))]
+            ahead = [last if end == points[-1] and self.still == still else self._node(float(end))]
             while ahead:
                 there = ahead[-1]
                 to, clear = _successors(here, there)
@@ -238,7 +240,10 @@ class _Chain:
         else:
             region = Region(box=(-self.wide[1], self.wide[1], *self.wide))
         found = search(pencil, region, None)
-        moving = (found.values != 0) & upper(found.values)
+        zero = np.flatnonzero(found.values == 0)
+        self.still = min(self.still, len(zero))
+        moving = upper(found.values)
+        moving[zero[:self.still]] = False  # the others pass 0 here, or so near that they look like rigid motion
         moving &= in_band(np.where(moving, found.values, 0), self.wide, (-self.wide[1], self.wide[1]))
         values, X, Y = found.values[moving], found.X[:, moving], found.Y[:, moving]
         modes = with_bars(pencil, values, X, Y, found.known)
@@ -248,6 +253,8 @@ class _Chain:
         heights = values.real + 1j * np.abs(values.imag)
         inside = in_band(heights, self.band, (-self.band[1], self.band[1]))
         cluster, Y = np.arange(len(values)), Y.astype(complex)
+        if len(zero) > 1:  # their vectors are arbitrary, and a pair that passes 0 without damping has one only
+            Y[:, values == 0] = np.nan
         with np.errstate(all="ignore"):
             slope = 2 * (pencil.M @ X) * values + pencil.D @ X
             norm = np.einsum("ij,ij->j", Y.conj(), slope).conj()
@@ -279,7 +286,8 @@ def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
         s = _overlap(there.pencil, here, there) * _overlap(there.pencil, there, here).T
     s[~np.isfinite(s)] = 0.0
     whole = _by_clusters(s, here.cluster, there.cluster)
-    far = np.abs(here.values[:, None] - there.values) / np.abs(here.values)[:, None]
+    far, size = np.abs(here.values[:, None] - there.values), np.abs(here.values)[:, None]
+    far = np.divide(far, size, out=np.ones_like(far), where=size > 0)
     # vectors decide, and where they do not, what is at stake in λ
     cost = np.minimum(np.abs(whole - 1), 1.0) + 1e-3 * np.minimum(np.abs(s - 1), 1.0) + np.minimum(far, 1.0) / 2
     rows, columns = assigned(cost)
@@ -298,7 +306,7 @@ def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
     if len(left) and len(free):
         distance = np.abs(here.values[left, None] - there.values[free])
         for i, j in zip(*assigned(distance), strict=True):
-            if distance[i, j] <= ASIDE * np.abs(here.values[left[i]]):
+            if distance[i, j] <= ASIDE * np.abs(here.values[left[i]]) or 0 in (here.values[left[i]], there.values[free[j]]):
                 to[left[i]] = free[j]
     _order_alike(here, there, s, to)
     return to, clear
