@@ -26,6 +26,21 @@ def test_a_coalescence_without_damping_is_followed_to_its_place(seed: int) -> No
     assert solvers.attacked("undamped", seed) == "agree"
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_coalescence_without_damping_lies_within_a_narrow_width(seed: int) -> None:
+    """Beside its value ∓ width the full matrices have different numbers of complex ω²; by iω alone the width was up to 9 %."""
+    rng = np.random.default_rng([seed, solvers.KINDS.index("undamped")])
+    model, _, name, between, top = solvers._model("undamped", rng)
+    M, K, turning = model.M[0][1], model.K[0][1], model.K[1][1]
+    found = fs.critical_value(model, None, name, between=between, band=(0.0, top), solver="followed")
+    for one in [*found.losses, *found.regains]:
+        assert one.width < 1e-9
+        if one.kind == "flutter":
+            before, after = (np.count_nonzero(np.linalg.eigvals(np.linalg.solve(M, K + p * turning)).imag)
+                             for p in (one.value - one.width, one.value + one.width))
+            assert after - before == (2 if one in found.losses else -2)
+
+
 @pytest.mark.parametrize(("begin", "end"), [(0.0, -0.03), (-0.03, 0.0)])
 def test_a_range_that_falls_is_met_on_the_way_down(begin: float, end: float) -> None:
     """Losses of one direction are regains of the other."""

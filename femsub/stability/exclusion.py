@@ -97,9 +97,7 @@ class Family:
             self.size = np.maximum(self.size, off / (4 * EPS))  # of which `_spectrum` takes 4 EPS
         self.floating = all(pencil.symmetric[0] and definite_form(pencil).rigid > 0
                             for pencil in (pencils[0], pencils[2], pencils[len(points) - 1]))
-        undamped = all(not np.any(pencil.D) for pencil in pencils)
-        gyroscopic = all(pencil.symmetric[2] and np.array_equal(pencil.D, -pencil.D.T) for pencil in pencils)
-        self.mirrored = undamped or gyroscopic
+        self.mirrored = all(map(is_mirrored, pencils))
         self.solved = 0
 
     def _matrix(self, p: float) -> Array:
@@ -263,6 +261,12 @@ def union(intervals: Iterable[tuple[float, float]]) -> list[tuple[float, float]]
         else:
             found.append((a, b))
     return found
+
+
+def is_mirrored(pencil: Pencil) -> bool:
+    """Whether λ and -λ̄ are eigenvalues together: without damping, or of a gyroscopic model with symmetric M and K."""
+    gyroscopic = pencil.symmetric[0] and pencil.symmetric[2]
+    return bool(abs(pencil.D + pencil.D.T if gyroscopic else pencil.D).max() == 0)
 
 
 def _is_eye(M: Array) -> bool:

@@ -28,7 +28,7 @@ from femsub.stability.border import OUTSIDE
 from femsub.stability.crossings import ASIDE, STEP, Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
 from femsub.stability.edges import factor_at, modes_at
-from femsub.stability.exclusion import RESOLUTION, union
+from femsub.stability.exclusion import RESOLUTION, is_mirrored, union
 from femsub.stability.question import CriticalValue, LossQuestion, fastest
 
 if TYPE_CHECKING:
@@ -190,6 +190,10 @@ def _refined(question: LossQuestion, piece: _Piece, steps: int) -> CriticalValue
         rough: list[Array] = []
         for at, one in enumerate(crossings):
             x = V @ one.shape
+            joined = _coalesced(over, (lo, hi), one, x, steps, lost=at < len(found.losses))
+            if joined is not None and np.abs(np.array([joined.value, joined.omega]) / unit - now[at]).max() <= close[at]:
+                refined[id(one)] = joined
+                continue
             if error_of(over, one, x) <= RESOLUTION:  # it is as exact as it can be found
                 continue
             met = _newton(over, (lo, hi), _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0), x, steps)
@@ -216,6 +220,48 @@ def _refined(question: LossQuestion, piece: _Piece, steps: int) -> CriticalValue
             else:
                 poor.append((max(lo, one.value - EXPECTED * (hi - lo)), min(hi, one.value + EXPECTED * (hi - lo))))
     return replace(found, losses=tuple(good[0]), regains=tuple(good[1]), open=(*found.open, *poor))
+
+
+def _coalesced(over: PencilOver, between: tuple[float, float], one: Crossing, x: Array, steps: int, *, lost: bool
+               ) -> Crossing | None:
+    """Where two modes coalesce on the axis, on the full pencil; None where that is not found, or if a pencil has damping.
+
+    p(ω), at which iω is an eigenvalue, is real, and has an extremum there: both modes are on the axis below a loss, which is a
+    maximum, and above a regain. With yᴴPx = 0 and P' = ∂P/∂λ,
+
+        dp/dω = -i yᴴP'x / yᴴ∂P/∂p x,   d²p/dω² = 2(yᴴMx + yᴴP'x') / yᴴ∂P/∂p x,   x' = -P⁻¹P'x without its part in x.
+
+    Newton's method for dp/dω = 0 finds ω, and p to the square of the error of ω. It takes x ← P⁻¹y and y ← P⁻ᴴx, since
+    P⁻¹P'x has no larger part in x where yᴴP'x = 0.
+    """
+    if one.kind == "divergence" or not is_mirrored(over(one.value)):
+        return None
+    width, value, omega, y = between[1] - between[0], one.value, one.omega, x
+    for _ in range(steps):
+        pencil, lam = over(value), 1j * omega
+        factor = factor_at(pencil, lam)
+        if factor is None:
+            break
+        with np.errstate(all="ignore"):
+            for _ in range(2):  # the first left vector is a guess
+                y = factor.solve(x.conj(), transposed=True).conj()
+                y /= np.linalg.norm(y)
+                x = factor.solve(y)
+                x /= np.linalg.norm(x)
+            error, change, turning = _quotient(over, between, _At(value, lam, 1j), x, y)
+            bent = factor.solve(slope(pencil, lam, x))
+            bent = x * (x.conj() @ bent) - bent
+            rise = (-1j * turning / change).real
+            curve = 2 * ((y.conj() @ (pencil.M @ x) + y.conj() @ slope(pencil, lam, bent)) / change).real
+            turn = -rise / curve
+            move = (-error / change).real + rise * turn / 2
+        if not np.isfinite([move, turn]).all() or abs(move) > EXPECTED * width or abs(turn) > EXPECTED * omega:
+            break
+        value, omega = float(np.clip(value + move, *between)), float(omega + turn)
+        if abs(move) <= EQUAL * width and abs(turn) <= EQUAL * omega:
+            return replace(one, value=value, omega=omega, shape=x, width=max(one.width, 2 * abs(move))) \
+                if (curve < 0) == lost else None
+    return None
 
 
 def _verified(over: PencilOver, between: tuple[float, float], one: Crossing, x: Array) -> Crossing | None:
@@ -302,11 +348,7 @@ def _step(over: PencilOver, between: tuple[float, float], at: _At, factor: Compl
 
 def _corrected(over: PencilOver, between: tuple[float, float], at: _At, x: Array, y: Array) -> _Met:
     """Newton's step for yᴴP(λ; p)x = 0, which ends within the range."""
-    pencil, lam = over(at.value), at.lam
-    aside = STEP * (between[1] - between[0])
-    aside = aside if at.value + aside <= between[1] else -aside
-    rest, other = (one.residual(np.array([lam]), x[:, None])[:, 0] for one in (pencil, over(at.value + aside)))
-    error, change, turning = y.conj() @ rest, (y.conj() @ (other - rest)) / aside, y.conj() @ slope(pencil, lam, x)
+    error, change, turning = _quotient(over, between, at, x, y)
     with np.errstate(all="ignore"):
         rate = complex(-change / turning)
     if not at.along:
@@ -318,3 +360,12 @@ def _corrected(over: PencilOver, between: tuple[float, float], at: _At, x: Array
         turn, move = np.linalg.lstsq(system, -np.array([error.real, error.imag]), rcond=None)[0] if known else np.full(2, np.nan)
     value = min(max(at.value + float(move), between[0]), between[1])
     return _Met(at._replace(value=value, lam=at.lam + at.along * float(turn)), np.stack([x, y], axis=1), rate, abs(float(move)))
+
+
+def _quotient(over: PencilOver, between: tuple[float, float], at: _At, x: Array, y: Array) -> tuple[complex, complex, complex]:
+    """yᴴPx, yᴴ∂P/∂p x and yᴴP'x."""
+    pencil = over(at.value)
+    aside = STEP * (between[1] - between[0])
+    aside = aside if at.value + aside <= between[1] else -aside
+    rest, other = (one.residual(np.array([at.lam]), x[:, None])[:, 0] for one in (pencil, over(at.value + aside)))
+    return complex(y.conj() @ rest), complex(y.conj() @ (other - rest)) / aside, complex(y.conj() @ slope(pencil, at.lam, x))
