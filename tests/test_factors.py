@@ -112,7 +112,7 @@ def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
 def test_a_border_takes_one_factor_and_one_count(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(growing_border, "port_responses", None)  # nor one that nobody counts
     assert made(lambda: fs.critical_slope(long_chain(), band=BAND)) == 2
-    assert made(lambda: fs.critical_slope(plate((26, 30)), band=(0.0, 1500.0))) == 2
+    assert made(lambda: fs.critical_slope(plate((34, 30)), band=(0.0, 1500.0))) == 2
 
 
 @pytest.mark.parametrize(("damping", "iterated"), [(1e-3, True), (50.0, False)])

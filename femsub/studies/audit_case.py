@@ -46,8 +46,8 @@ class Unknown(NamedTuple):
 class KeptModes(NamedTuple):
     """The modes of the full model up to the first one that the reduced model lacks.
 
-    `apart` is how far ω² of each mode kept is from the nearest of these, `first` the frequency of the first one missing,
-    `counted` and `listed` the modes below the cut-off in the full and in the reduced model; -1 where no cut-off is stated.
+    `apart` is how far ω² of each mode kept is from the nearest of these, and `first` the frequency of the first one missing.
+    `counted` and `listed` are the modes below the cut-off in the full and in the reduced model; -1 where no cut-off is stated.
     """
 
     modes: NormalModes | None

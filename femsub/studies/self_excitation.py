@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, instance, positive_number, real_array
+from femsub.checks import Array, finite_number, instance, positive_number, real_array
 from femsub.errors import InputError
 from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, columns_of, contacts_of, within
 from femsub.modes import ComplexModes, frequency_response, likeness, listed, match
@@ -202,6 +202,7 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         if isinstance(model, ReducedSubstructure) and len(model.V) != full.size:
             raise InputError(f"the basis of {model.name!r} has {len(model.V)} rows, but the full model has {full.size} DOF. Give "
                              "models reduced from it")
+    near, alike = positive_number("near", near), finite_number("alike", alike)
     given = contacts_of(contacts)
     if not given:
         raise InputError("self_excitation needs at least one contact, such as a Belt: without one nothing excites the motion")
