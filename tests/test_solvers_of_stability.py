@@ -233,8 +233,8 @@ def test_two_coupled_masses_of_a_chain_lose_their_modes_where_the_two_by_two_det
 def test_a_mode_that_the_small_model_gets_wrong_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without refinement the candidates do not solve the full pencil: none is listed, and their places are open."""
     family, band = brake_like(18)
-    monkeypatch.setattr(followed, "_newton", lambda over, between, start, x: followed._Met(start, x[:, None], 0.0, np.nan))
-    monkeypatch.setattr(followed, "GOOD", 0.0)
+    monkeypatch.setattr(followed, "_newton", lambda over, between, start, x, steps: followed._Met(start, x[:, None], 0.0, np.nan))
+    monkeypatch.setattr(followed, "error_of", lambda over, one, x: np.inf)
     found = fs.critical_value(family, None, "mu", between=(0.0, 0.01), band=band)
     assert found.open and found.evidence == "not checked"
 
