@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -23,6 +24,9 @@ PACKAGE = Path(__file__).parent.parent / "femsub"
 ORDER = (("errors", "checks"), ("algebra",), ("model",), ("components",), ("coupling",), ("modes",), ("reduction",),
          ("stability",), ("io", "motion"), ("studies",), ("femsub",), ("app",), ("__main__",))
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
+ROOMS = 15  # entries of the package beside its __init__, at most
+ACROSS = 299  # later work does not move it
+PRIVATE = 18  # uses of private names of femsub's modules in tests, at most
 DRAWERS = ("figure_style.py", "figures.py")  # import matplotlib
 
 
@@ -90,6 +94,12 @@ def upward(path: Path, package: Path = PACKAGE) -> set[str]:
     return {name for name in imported(path, package) if (other := room(name)) != here and LEVEL[other] >= LEVEL[here] > 0}
 
 
+def across(package: Path = PACKAGE) -> Counter[tuple[str, str]]:
+    """How many imports lead from one room into another, by pairs of rooms; those of the vocabulary do not count."""
+    return Counter((here, room(name)) for path in modules(package) for name in imported(path, package)
+                   if (here := room(name_of(path, package))) != room(name) and LEVEL[room(name)] > 0)
+
+
 def circle(package: Path = PACKAGE) -> list[str]:
     """Modules that import each other in a circle, or none."""
     try:
@@ -117,13 +127,21 @@ def test_imports_go_to_rooms_before() -> None:
     assert not offenders(upward)
 
 
+def test_imports_across_rooms_are_few(capsys: pytest.CaptureFixture[str]) -> None:
+    pairs = across()
+    with capsys.disabled():
+        print(f"\n{pairs.total()} imports across rooms:", ", ".join(f"{here} → {there} {count}" for (here, there), count in
+                                                                  sorted(pairs.items())))
+    assert pairs.total() <= ACROSS
+
+
 def test_no_modules_import_each_other() -> None:
     assert not circle()
 
 
 def test_the_rooms_are_few_and_each_says_what_it_is() -> None:
     inside = {path.name.removesuffix(".py") for path in PACKAGE.iterdir() if path.stem not in ("__init__", "__pycache__")}
-    assert inside == set(LEVEL) - {"femsub"} | {"py.typed"}
+    assert inside == set(LEVEL) - {"femsub"} | {"py.typed"} and len(inside) <= ROOMS
     assert not unexplained()
 
 
@@ -315,6 +333,22 @@ def test_another_word_for_tolerances_is_seen(tmp_path: Path) -> None:
     path = tmp_path / "module.py"
     path.write_text("def f(tolerance):\n    return solve(rtol=tolerance)\nclass A:\n    rtol: float = 1\n    tol: float = 1\n")
     assert other_words_for_tolerance(path) == {"module.py:1", "module.py:4"}
+
+
+def private_names_in(folder: Path) -> list[str]:
+    """Where tests reach for a module's private names."""
+    own = {path.stem for path in modules()}
+    files = [path for path in sorted(folder.glob("test_*.py")) if re.search(r"[.]\s*_[a-z]", path.read_text(encoding="utf-8"))]
+    return [f"{path.name}:{node.lineno} {ast.unparse(node)}" for path in files for node in nodes(path)
+            if isinstance(node, ast.Attribute) and re.match(r"_[a-z]", node.attr) and isinstance(node.value, ast.Name)
+            and node.value.id in own]
+
+
+def test_tests_use_few_private_names(tmp_path: Path) -> None:
+    found = private_names_in(PACKAGE.parent / "tests")
+    assert len(found) <= PRIVATE, found
+    (tmp_path / "test_x.py").write_text("petsc._load()\npetsc.load()\nself._x\nmemory.__doc__\n")
+    assert private_names_in(tmp_path) == ["test_x.py:1 petsc._load"]
 
 
 @cache
