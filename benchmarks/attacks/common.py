@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from mpmath import mp
+from scipy.optimize import linear_sum_assignment
 
+import femsub as fs
 from femsub.checks import Array
 
 Random = np.random.Generator
@@ -38,6 +40,17 @@ def attack(kinds: Sequence[str], seed_first: bool = False, silent: bool = True) 
     return made
 
 
+def heard(call: Callable[..., Any], *args: Any, **options: Any) -> tuple[Any, fs.FemsubError | None, list[Warning]]:
+    """What a call returned (None if it was refused), the refusal, and the warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            found, error = call(*args, **options), None
+        except fs.FemsubError as refusal:
+            found, error = None, refusal
+    return found, error, [one.message for one in caught if isinstance(one.message, Warning)]
+
+
 def dense(A: Any) -> Array:
     return np.array(A.toarray() if sp.issparse(A) else A, dtype=float)
 
@@ -48,11 +61,18 @@ def positive(rng: Random, n: int, least: float) -> Array:
     return np.asarray(A @ A.T / n + least * np.eye(n))
 
 
+def stiffness(n: int, pairs: Any, springs: Any) -> Array:
+    """K (n, n) of springs between pairs of DOF; -1 is the ground."""
+    K, (i, j) = np.zeros((n + 1, n + 1)), np.asarray(pairs).T
+    for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+        np.add.at(K, (a, b), sign * np.asarray(springs))
+    return K[:n, :n]
+
+
 def row_of_springs(springs: Array) -> Array:
     """K of a row of masses: springs[i] is before mass i, and one more than masses holds the last."""
-    behind = springs[1:] if len(springs) > 1 else np.zeros(0)
     n = len(springs) - 1
-    return np.asarray(np.diag(springs[:n] + behind) - np.diag(behind[:n - 1], 1) - np.diag(behind[:n - 1], -1))
+    return stiffness(n, [(i - 1, i if i < n else -1) for i in range(n + 1)], springs)
 
 
 def null_space(B: Array, basis: Array, rank: float) -> Array:
@@ -69,8 +89,12 @@ def eigenvalues(M: Array, D: Array, K: Array) -> Array:
     return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]]))
 
 
-def exact_eigenvalues(M: mp.matrix, D: mp.matrix, K: mp.matrix) -> list[mp.mpc]:
-    """The same in the digits that mpmath works with."""
+def exact_eigenvalues(M: mp.matrix, D: mp.matrix, K: mp.matrix, shift: Any = None) -> list[mp.mpc]:
+    """The same in the digits that mpmath works with; with a `shift` all finite ones, of a singular M too, by 1/(λ - shift)."""
+    if shift is not None:
+        found = exact_eigenvalues(K + shift * D + shift * shift * M, D + 2 * shift * M, M)
+        least = max(abs(value) for value in found) * mp.mpf(10) ** -20
+        return [shift + 1 / value for value in found if abs(value) > least]
     n, lead = M.rows, M ** -1
     low, middle, companion = -(lead * K), -(lead * D), mp.zeros(2 * M.rows)
     for i in range(n):
@@ -78,3 +102,17 @@ def exact_eigenvalues(M: mp.matrix, D: mp.matrix, K: mp.matrix) -> list[mp.mpc]:
         for j in range(n):
             companion[n + i, j], companion[n + i, n + j] = low[i, j], middle[i, j]
     return list(mp.eig(companion, left=False, right=False))
+
+
+def misfit(found: Array, bars: Array, exact: Sequence[Any]) -> str:
+    """What lies further from its exact λ than its bar and the last digit of λ, paired one to one; nothing if all fit."""
+    there = [mp.mpc(value) for value in found]
+    room = [mp.mpf(bar) + abs(value) * mp.mpf(2.0**-53) + mp.mpf(10) ** -400 for value, bar in zip(there, bars, strict=True)]
+    excess = np.array([[float(mp.log10(abs(value - other) / size)) for other in exact]
+                       for value, size in zip(there, room, strict=True)]).reshape(len(found), len(exact))
+    rows, columns = linear_sum_assignment(np.maximum(excess, 0.0))
+    worst = int(excess[rows, columns].argmax()) if len(rows) else 0
+    if not len(rows) or excess[rows[worst], columns[worst]] <= 0:
+        return ""
+    return (f"λ = {found[rows[worst]]:.6g}, exactly {complex(exact[columns[worst]]):.6g}, bar {bars[rows[worst]]:.1e}, off by a "
+            f"factor 1e{excess[rows[worst], columns[worst]]:.3f}")

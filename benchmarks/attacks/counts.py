@@ -7,10 +7,11 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack
+from benchmarks.attacks.common import Random, attack, row_of_springs, stiffness
 from femsub.checks import Array
 
 KINDS = ("dashpots", "everywhere", "friction", "gyroscopic", "cells")
@@ -51,36 +52,24 @@ def _pencil(kind: str, rng: Random) -> fs.Pencil:
     if kind == "cells":
         parts = []
         for _ in range(int(rng.integers(30, 55))):
-            line = sp.diags_array([-np.ones(3), 2 * np.ones(4), -np.ones(3)], offsets=[-1, 0, 1])
-            K = 10 ** rng.uniform(-1, 2) * line
-            parts.append((1e-3 * K + sp.diags_array(np.array([0, 1.0, 0, 0]) * 10 ** rng.uniform(-1, 3)), K))
-        D, K = (sp.csr_array(sp.block_diag(some)) for some in zip(*parts, strict=True))
-        n = K.shape[0]
-        ends = np.arange(3, n - 1, 4)
-        B = sp.csr_array((np.ones(len(ends)), (np.arange(len(ends)), ends)), shape=(len(ends), n))
-        B = B - sp.csr_array((np.ones(len(ends)), (np.arange(len(ends)), ends + 1)), shape=(len(ends), n))
-        return fs.Pencil(sp.eye_array(n), D, sp.csr_array(K + B.T @ sp.diags_array(10 ** rng.uniform(-3, 0, len(ends))) @ B))
-    a, b = rng.integers(11, 16, 2)
-    n = int(a * b)
-    place = np.arange(n).reshape(a, b)
-    pairs = (place[:-1], place[1:]), (place[:, :-1], place[:, 1:])
-    ends = np.vstack([np.stack([one.ravel(), other.ravel()], 1) for one, other in pairs])
-    rows = np.arange(len(ends))
-    B = (sp.csr_array((np.ones(len(ends)), (rows, ends[:, 0])), shape=(len(ends), n))
-         - sp.csr_array((np.ones(len(ends)), (rows, ends[:, 1])), shape=(len(ends), n)))
+            K = 10 ** rng.uniform(-1, 2) * row_of_springs(np.ones(5))
+            parts.append((1e-3 * K + np.diag([0, 1.0, 0, 0]) * 10 ** rng.uniform(-1, 3), K))
+        D, K = (la.block_diag(*some) for some in zip(*parts, strict=True))
+        ends = np.arange(3, len(K) - 1, 4)
+        K = K + stiffness(len(K), np.stack([ends, ends + 1], 1), 10 ** rng.uniform(-3, 0, len(ends)))
+        return fs.Pencil(sp.eye_array(len(K)), sp.csr_array(D), sp.csr_array(K))
+    shape = rng.integers(11, 16, 2)
+    n = int(shape.prod())
+    place = np.arange(n).reshape(shape)
+    ends = np.vstack([np.stack([place[:-1].ravel(), place[1:].ravel()], 1),
+                      np.stack([place[:, :-1].ravel(), place[:, 1:].ravel()], 1)])
     spread = rng.uniform(0, 2)
-    K = sp.csr_array(B.T @ sp.diags_array(10 ** rng.uniform(-spread, spread, len(ends))) @ B + 0.01 * sp.eye_array(n))
+    K = stiffness(n, ends, 10 ** rng.uniform(-spread, spread, len(ends))) + 0.01 * np.eye(n)
     share, low = 1.0 if kind == "everywhere" else rng.choice([0.02, 0.05, 0.15, 0.4]), rng.uniform(-2, 3)
     d = np.where(rng.random(n) < share, 10 ** rng.uniform(low, low + rng.uniform(0, 3), n) * np.sqrt(K.diagonal()), 0.0)
-    D = sp.csr_array(sp.diags_array(d)) + (1e-3 * K if rng.random() < 0.3 else 0.0 * K)
-
-    def somewhere(size: float) -> sp.csr_array:
-        i, j = rng.integers(0, n, (2, n // 8))
-        return sp.csr_array((size * rng.standard_normal(n // 8), (i, j)), shape=(n, n))
-
-    if kind == "gyroscopic":
-        G = somewhere(10 ** rng.uniform(-3, 0))
-        D = D + G - G.T
-    if kind == "friction":
-        K = K + somewhere(10 ** rng.uniform(-2, 0))
+    D = np.diag(d) + (1e-3 * K if rng.random() < 0.3 else 0.0)
+    if kind in ("gyroscopic", "friction"):
+        G, size = np.zeros((n, n)), 10 ** rng.uniform(*((-3, 0) if kind == "gyroscopic" else (-2, 0)))
+        np.add.at(G, tuple(rng.integers(0, n, (2, n // 8))), size * rng.standard_normal(n // 8))
+        D, K = (D + G - G.T, K) if kind == "gyroscopic" else (D, K + G)
     return fs.Pencil(sp.eye_array(n), sp.csr_array(D), sp.csr_array(K))

@@ -13,10 +13,9 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 from mpmath import mp
-from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack, dense, exact_eigenvalues
+from benchmarks.attacks.common import Random, attack, dense, exact_eigenvalues, misfit, row_of_springs
 from femsub.checks import Array
 from femsub.coupling.joints import Joint, Link
 
@@ -50,11 +49,8 @@ def part(kind: str, rng: Random, name: str, small: bool) -> fs.Substructure:
         h = rng.choice([1.0, -0.5, 0.25, 2.0], n)
         K = size * np.outer(h, h)
     elif way == 1:  # springs, held or floating
-        K = np.zeros((n, n))
-        for i in range(n - 1):
-            K[i:i + 2, i:i + 2] += rng.uniform(0.5, 2.0) * np.array([[1.0, -1.0], [-1.0, 1.0]])
-        K[0, 0] += rng.choice([0.0, 1.0])
-        K *= size
+        inner = [rng.uniform(0.5, 2.0) for _ in range(n - 1)]
+        K = size * row_of_springs(np.array([rng.choice([0.0, 1.0]), *inner, 0.0]))
     elif way == 2:
         K = size * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     else:
@@ -105,27 +101,23 @@ def joined(kind: str, rng: Random) -> tuple[dict[str, fs.Substructure], list[Joi
 
 def motions(parts: dict[str, fs.Substructure], joints: list[Joint]) -> mp.matrix:
     """T with q = T y for all q that the joints allow, by Gauss-Jordan elimination of their equations."""
-    start = dict(zip(parts, np.cumsum([0, *(one.size for one in parts.values())])[:-1].tolist(), strict=True))
+    start = dict(zip(parts, np.cumsum([0, *(one.size for one in parts.values())]), strict=False))
     n = sum(one.size for one in parts.values())
-    rows = []
-    for joint in joints:
-        link = joint.link(parts)
-        for i in range(next(iter(link.equations.values())).shape[0]):
-            row = [mp.mpf(0)] * n
-            for name, C in link.equations.items():
-                for place, weight in enumerate(dense(C)[i]):
-                    row[start[name] + int(parts[name].interface_numbers[place])] += mp.mpf(float(weight))
-            rows.append(row)
     pivots: dict[int, list[mp.mpf]] = {}
-    for row in rows:
-        for at, other in pivots.items():
-            row = [a - row[at] * b for a, b in zip(row, other, strict=True)]
-        best = max(range(n), key=lambda j: abs(row[j]))
-        if abs(row[best]) < mp.mpf(10) ** -30:
-            continue
-        row = [a / row[best] for a in row]
-        pivots = {at: [a - other[best] * b for a, b in zip(other, row, strict=True)] for at, other in pivots.items()}
-        pivots[best] = row
+    for equations in (joint.link(parts).equations for joint in joints):
+        rows = np.zeros((next(iter(equations.values())).shape[0], n))
+        for name, C in equations.items():
+            rows[:, start[name] + parts[name].interface_numbers] += dense(C)
+        for row in rows.tolist():
+            row = [mp.mpf(value) for value in row]
+            for at, other in pivots.items():
+                row = [a - row[at] * b for a, b in zip(row, other, strict=True)]
+            best = max(range(n), key=lambda j: abs(row[j]))
+            if abs(row[best]) < mp.mpf(10) ** -30:
+                continue
+            row = [a / row[best] for a in row]
+            pivots = {at: [a - other[best] * b for a, b in zip(other, row, strict=True)] for at, other in pivots.items()}
+            pivots[best] = row
     free = [j for j in range(n) if j not in pivots]
     T = mp.zeros(n, len(free))
     for k, j in enumerate(free):
@@ -136,30 +128,19 @@ def motions(parts: dict[str, fs.Substructure], joints: list[Joint]) -> mp.matrix
 
 
 def finite(parts: dict[str, fs.Substructure], T: mp.matrix, belts: list[tuple[str, float]]) -> list[mp.mpc] | None:
-    """All finite λ in 60 digits: λ = σ + 1/θ, θ ≠ 0 from a companion matrix with P(σ) in front; None if P is singular."""
-    M, D, K = (mp.zeros(T.rows) for _ in range(3))
-    start = 0
-    for name, one in parts.items():
-        for whole, A in ((M, one.M), (D, one.D), (K, one.K)):
-            for (i, j), value in np.ndenumerate(dense(A)):
-                whole[start + i, start + j] = mp.mpf(float(value))
-        for port, slope in belts:
-            if port == f"{name}.p":
-                w = one.port("p")
-                for i, j in np.ndindex(one.size, one.size):
-                    D[start + i, start + j] += mp.mpf(slope) * mp.mpf(float(w[i])) * mp.mpf(float(w[j]))
-        start += one.size
+    """All finite λ in 60 digits; None if the pencil is singular."""
+    M, D, K = (mp.matrix(la.block_diag(*(dense(getattr(one, key)) for one in parts.values())).tolist()) for key in "MDK")
+    for port, slope in belts:
+        w = mp.matrix(np.concatenate([one.port("p").ravel() * (port == f"{name}.p") for name, one in parts.items()]).tolist())
+        D += mp.mpf(slope) * w * w.T
     M, D, K = T.T * M * T, T.T * D * T, T.T * K * T
-    sigma = mp.mpf("0.73205080756887729352744634150587236694280525381038") * max(
-        [mp.sqrt(K[i, i] / M[i, i]) for i in range(T.cols) if M[i, i] > 0 and K[i, i] > 0] + [mp.mpf(1)])
+    sizes = [mp.sqrt(K[i, i] / M[i, i]) for i in range(T.cols) if M[i, i] > 0 and K[i, i] > 0]
+    sigma = (mp.sqrt(3) - 1) * max([*sizes, mp.mpf(1)])
     try:
-        theta = exact_eigenvalues(sigma**2 * M + sigma * D + K, 2 * sigma * M + D, M)
+        found = exact_eigenvalues(M, D, K, sigma)
     except ZeroDivisionError:
         return None
-    size = max(abs(value) for value in theta)
-    if size > mp.mpf(10) ** 25 / sigma:
-        return None
-    return [sigma + 1 / value for value in theta if abs(value) > size * mp.mpf(10) ** -20]
+    return None if min((abs(value - sigma) for value in found), default=sigma) < sigma * mp.mpf(10) ** -25 else found
 
 
 def floating(parts: dict[str, fs.Substructure], T: mp.matrix) -> int:
@@ -177,20 +158,9 @@ def fault(modes: fs.ComplexModes, exact: list[mp.mpc], free: int) -> str:
         return "a pair is split"
     if len(found) != len(exact):
         return f"{len(found)} eigenvalues of {len(exact)}"
-    if not exact:
-        return ""
-    there = np.array([complex(value) for value in exact])
     if np.count_nonzero(modes.rigid) > 2 * free:
         return f"{np.count_nonzero(modes.rigid)} of rigid motion, where {free} motions cost nothing"
-    slack = np.where(modes.rigid, 1e300, 0.0)  # where K is singular within rounding, λ is 0
-    distance = np.array([[float(abs(mp.mpc(complex(value)) - other)) for other in exact] for value in found])
-    ratio = distance / (modes.error_bar[:, None] + slack[:, None] + 1e-16 * np.abs(found)[:, None] + 1e-300)
-    rows, columns = linear_sum_assignment(np.minimum(ratio, 1e8))
-    worst = int(ratio[rows, columns].argmax())
-    if ratio[rows, columns].max() > 1:
-        return (f"λ = {found[rows[worst]]:.6g}, exactly {there[columns[worst]]:.6g}, with a bar of "
-                f"{modes.error_bar[rows[worst]]:.1e}{' (rigid)' * bool(modes.rigid[rows[worst]])}")
-    return ""
+    return misfit(found, np.where(modes.rigid, np.inf, modes.error_bar), exact)  # where K is singular within rounding, λ is 0
 
 
 @attack(KINDS)

@@ -8,13 +8,11 @@ an exchanged model cannot be told from in some units.
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack
+from benchmarks.attacks.common import Random, attack, heard
 from benchmarks.lattices import lattice
 from femsub.model import look_at_the_order
 
@@ -30,16 +28,10 @@ def attacked(kind: str, rng: Random) -> str:
     D = _damping(sub, ratio, rng, kind)
     time = 10 ** rng.uniform(-3, 3)  # its unit
     M, D, K = sub.M * time**2, D * time, sub.K
-    if (told := _told(M, D, K)):
-        return "alarm" if kind == "heavy material" else f"wrong: {sub!r} of damping ratio {ratio:.2g}: {told}"
-    return "told apart" if heavy or _told(M, K, D) else "not noticed"
-
-
-def _told(M: sp.csr_array, D: sp.csr_array, K: sp.csr_array) -> str:
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always")
-        look_at_the_order(*([(1.0, part)] for part in (M, D, K)))
-    return str(found[0].message) if found else ""
+    right, exchanged = (heard(look_at_the_order, *([(1.0, part)] for part in parts))[2] for parts in ((M, D, K), (M, K, D)))
+    if right:
+        return "alarm" if kind == "heavy material" else f"wrong: {sub!r} of damping ratio {ratio:.2g}: {right[0]}"
+    return "told apart" if heavy or exchanged else "not noticed"
 
 
 def _model(kind: str, rng: Random) -> fs.Substructure:

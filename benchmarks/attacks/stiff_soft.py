@@ -4,7 +4,6 @@ bodies whose K was written with few digits.
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import mpmath
@@ -13,7 +12,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack
+from benchmarks.attacks.common import Random, attack, heard
 
 KINDS = ("stiff-soft chains", "random stiff-soft", "written with few digits", "free lumps")
 SURE = 1e-7  # relative error of ω² that is allowed beside that of rounding in K
@@ -164,13 +163,9 @@ def _rounded(K: Any, way: str, digits: int, unit: float, rng: Random) -> Any:
 
 
 def _modes(sub: fs.Substructure, count: int) -> tuple[fs.NormalModes | None, bool]:
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        try:
-            modes = fs.normal_modes(sub, count=count)
-        except fs.FemsubError:
-            return None, True
-    return modes, any(issubclass(one.category, fs.ConditionWarning) for one in told)
+    """The modes, None if they were refused, and whether a warning tells of digits."""
+    modes, _, said = heard(fs.normal_modes, sub, count=count)
+    return modes, any(isinstance(one, fs.ConditionWarning) for one in said)
 
 
 CASES = {"stiff-soft chains": _chain, "random stiff-soft": _random, "written with few digits": _written, "free lumps": _lumps}
