@@ -39,17 +39,16 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     rom = fs.reduce(sub, fs.CraigChang(modes=3), ports=True)
     modes = fs.complex_modes(rom, slope)
     mesh, flat = fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"), fs.rectangle((1.0, 1.0), (2, 2))
-    brick = fs.solid(mesh, fs.Material(1.0, 0.3, 1.0))
+    steel = fs.Material(1.0, 0.3, 1.0)
+    brick = fs.solid(mesh, steel)
     ring = fs.annulus(0.1, 0.2, 0.02, (1, 8, 1), "hexahedron")
     run = fs.transient(sub, belt, (0.0, 20.0))
     t = np.linspace(0.0, 20.0, 500)
     y = np.exp(0.1 * t) * np.sin(3 * t)
-    cycle = fs.harmonic_balance(rom, fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2)), harmonics=40)
-    matrices = {"M": sub.M, "D": sub.D, "K": sub.K}
     fs.write_matrices(folder / "model", rom)
     fs.write_mesh(folder / "mesh.vtu", mesh)
-    one = {"mesh": mesh, "name": "x"}
     soft = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    cycle = fs.harmonic_balance(rom, soft, harmonics=40)
     parts = {"a": fs.chain(4, interface=[4]), "b": fs.chain(3, interface=[1], fixed=False)}
     pair = fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0]))])
 
@@ -64,7 +63,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
 
     def rubbing(**given: Any) -> fs.Pencil:
         """Arguments of a friction contact, where they are used."""
-        return fs.solid(mesh, fs.Material(1.0, 0.3, 1.0), interface=["top"]).linearised(fs.FrictionContact(**given))
+        return fs.solid(mesh, steel, interface=["top"]).linearised(fs.FrictionContact(**given))
 
     rubbing.__signature__ = inspect.signature(fs.FrictionContact)  # type: ignore[attr-defined]
 
@@ -72,8 +71,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         return fs.cut(model, fs.plate, into=into, sets=sets, E=1.0, nu=0.3, rho=1.0, thickness=0.1)
 
     def pieces(folder: Any, mesh: Any, build: Any, into: Any, supports: Any, interface: Any, ports: Any) -> Any:
-        return fs.cut_to_files(folder, mesh, build, into=into, material=fs.Material(1.0, 0.3, 1.0), supports=supports,
-                               interface=interface, ports=ports)
+        return fs.cut_to_files(folder, mesh, build, into=into, material=steel, supports=supports, interface=interface,
+                               ports=ports)
 
     (folder / "hammer.uff").write_text("\n".join([
         "    -1", "    58", *"abcde", "    4         0    1         0       NONE         1   1       NONE         1   1",
@@ -90,132 +89,95 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     row = fs.block((6.0, 1.0, 1.0), (6, 1, 1), "hexahedron")
     recipes = pieces(folder / "pieces", row, fs.solid, 2, ["left"], None, None)
     coupled.__signature__ = inspect.signature(fs.Spring)  # type: ignore[attr-defined]
-    return {
-        "Affine": (fs.Affine, {"M": np.eye(2), "D": None, "K": [(1.0, np.eye(2)), ("mu", [[0.0, 1.0], [0.0, 0.0]])]}),
-        "FrictionContact": (rubbing, {"stiffness": 1.0, "mu": 0.4, "pressure": 0.0, "direction": (1.0, 0.0, 0.0), "axis": None,
-            "centre": (0.0, 0.0, 0.0), "speed": None, "slope": 0.0, "tol": None, "first": "top", "second": "ground",
-            "meshes": mesh}),
-        "LinearContact": (fs.LinearContact, {"ports": ("belt",), "stiffness": [[1.0]], "damping": None}),
-        "Averaged": (fs.Averaged, {"reference": ("a", [3]), "surface": ("b", [0]), "weights": None, "name": ""}),
-        "Kinematic": (fs.Kinematic, {"reference": ("a", [3]), "surface": ("b", [0]), "name": ""}),
-        "Rigid": (rigid, {"end": ("a", [3]), "tol": None, "name": ""}),
-        "Spring": (coupled, {"first": ("a", [3]), "second": ("b", [0]), "stiffness": 1.0, "damping": 0.1, "tol": None,
-            "name": ""}),
-        "Tied": (fs.Tied, {"first": ("a", "right"), "second": ("b", "left"), "meshes": {"a": mesh, "b": mesh}, "tol": None,
-            "name": ""}),
-        "system_estimate": (fs.system_estimate, {"full": pair, "rom": fs.reduce(pair, {"b": fs.CraigBampton(1)}),
-            "contacts": None, "band": (0.0, 1.0), "tol": 0.01}),
-        "couple": (fs.couple, {"parts": parts, "joints": [fs.Rigid(("a", [3]), ("b", [0]))], "name": "pair",
-            "assembly": "primal", "interface": [("a", [3])]}),
-        "cut": (cut, {"model": flat, "into": 2, "sets": None}),
-        "Belt": (fs.Belt, {"port": "belt", "force": 1.0, "speed": 0.2, "law": fs.StribeckArctan(), "slope": None}),
-        **{one.__name__: (one, {"modes": 3, "band": None, "tol": None, "cutoff": None}) for one in (
-            fs.CraigBampton, fs.DualCraigBampton, fs.Herting, fs.Hurty, fs.InterfaceModes, fs.MacNeal, fs.Rubin)},
-        "CraigBampton(tol)": (fs.CraigBampton, {"modes": None, "band": (0.0, 1.0), "tol": 0.01, "cutoff": None}),
-        "CraigBampton(cutoff)": (fs.CraigBampton, {"modes": None, "cutoff": 1.0}),
-        "CraigChang": (fs.CraigChang, {"modes": None, "band": (0.0, 1.0), "tol": 0.01, "cutoff": None}),
-        "DofMap": (fs.DofMap, {"nodes": [1, 1], "components": [0, 1], "labels": ("ux", "uy"), "points": None}),
-        "ContactModes": (fs.ContactModes, {"modes": 3, "band": None, "tol": None, "cutoff": None, "contacts": sliding,
-            "parameter": "mu", "friction": True}),
-        "Guyan": (fs.Guyan, {"modes": 0, "band": None, "tol": None, "cutoff": None}),
-        "Material": (fs.Material, {"E": 1.0, "nu": 0.3, "rho": 1.0, "loss": 0.1}),
-        "Mesh": (fs.Mesh, {"points": mesh.points, "cells": mesh.cells, "kind": mesh.kind, "sets": {"a": [0, 1]},
-            "groups": {"g": [0]}, "numbers": None, "repairs": (), "name": "m"}),
-        "Pencil": (fs.Pencil, dict(matrices)),
-        "State": (fs.State, {"displacement": np.zeros(6), "velocity": np.zeros(6)}),
-        "StribeckArctan": (fs.StribeckArctan, {"eps": 0.001, "coulomb": 0.3, "drop": 0.2, "decay": 2.0}),
-        "StribeckArctanOdd": (fs.StribeckArctanOdd, {"eps": 0.001, "coulomb": 0.3, "drop": 0.2, "decay": 2.0}),
-        "Substructure": (fs.Substructure, matrices | {"interface": [0], "ports": {"belt": np.eye(6)[1]}, "name": "s",
-            "sets": {"left": [0]}, "dofs": None, "H": None}),
-        "annulus": (fs.annulus, {"inner": 1.0, "outer": 2.0, "thickness": 0.1, "counts": (1, 8, 1), "kind": "hexahedron20",
-            "name": "a", "sector": (0.0, 1.0)}),
-        "beam": (fs.beam, {"length": 1.0, "elements": 4, "E": 1.0, "I": 1.0, "rho": 1.0, "A": 1.0, "foundation": 0.0,
-            "supports": {0: "clamped"}, "interface": ("right",), "ports": {"belt": 0.5}, "rayleigh": (0.0, 0.1), "name": "b"}),
-        "block": (fs.block, {"lengths": (1.0, 1.0, 1.0), "counts": (1, 1, 1), "kind": "hexahedron20", "name": "b"}),
-        "branch": (fs.branch, {"model": rom, "contacts": soft, "parameter": "slope", "between": None, "start": None,
-            "port": None, "points": 3, "harmonics": 40, "tol": 0.01, "stability": False, "progress": None}),
-        "chain": (fs.chain, {"n": 5, "belt": 2, "damping": 0.1, "masses": 1.0, "springs": 1.0, "interface": (1,), "fixed": True,
-            "name": "c"}),
-        "chain_frequencies": (fs.chain_frequencies, {"n": 5, "count": 3}),
-        "complex_modes": (fs.complex_modes, {"model": sub, "contacts": slope, "count": 4, "band": None, "re": None,
-            "evidence": None}),
-        "complex_modes(band)": (fs.complex_modes, {"model": rom, "contacts": slope, "band": (0.0, 0.5), "re": (-1.0, 1.0)}),
-        "critical_slope": (fs.critical_slope, {"model": sub, "port": "belt", "force": 1.0, "contacts": None, "band": (0.0, 3.0),
-            "method": "auto"}),
-        "critical_value": (fs.critical_value, {"model": sub, "contacts": slope, "parameter": "slope", "between": (-0.1, 0.0),
-            "band": (0.0, 3.0), "solver": "auto"}),
-        "cut_to_files": (pieces, {"folder": folder / "cut", "mesh": row, "build": fs.solid, "into": 2, "supports": ["left"],
-            "interface": ["right"], "ports": {"belt": ("right", "y")}}),
-        "damped": (fs.damped, {"sub": sub, "rayleigh": (0.1, 0.1), "ratios": None, "modal": None, "dashpots": {0: 0.1},
-            "structural": 0.1}),
-        "equivalent_viscous": (fs.equivalent_viscous, {"model": fs.damped(sub, structural=0.1), "omega": 0.5}),
-        "damped(modal)": (fs.damped, {"sub": sub, "modal": 0.01}),
-        "damped(ratios)": (fs.damped, {"sub": sub, "ratios": ((0.5, 0.01), (1.0, 0.01))}),
-        "displacements": (fs.displacements, {"mesh": mesh, "dofs": brick.dofs, "u": np.zeros(brick.size)}),
-        "audit": (fs.audit, {"reduced": fs.reduce(sub, fs.CraigBampton(3), ports=True), "full": sub, "mass": 1.0, "cutoff": 1.0,
-            "floating": True, "gyroscopic": True, "units": "SI"}),
-        "FrequencyResponse": (fs.FrequencyResponse.measured, {"at": [1.0], "receptance": [[[1.0]]], "responses": ["a"],
-            "loads": ["a"], "level": 0.1, "scatter": None}),
-        "couple_responses": (fs.couple_responses, {"parts": {"a": tip, "b": tip}, "joints": [(("a", "belt"), ("b", "belt"))],
-            "tol": 1e-05}),
-        "frequency_response": (fs.frequency_response, {"model": sub, "contacts": slope, "at": [0.1, 0.2], "loads": ["belt"],
-            "responses": 0, "method": "auto", "tol": 1e-06}),
-        "ModeSet": (fs.ModeSet, {"eigenvalues": [1j], "shapes": np.ones((2, 1)), "dofs": fs.DofMap([1, 2], [0, 0]),
-            "notes": ()}),
-        "read_modes": (fs.read_modes, {"path": folder / "modes.uff"}),
-        "read_response": (fs.read_response, {"path": folder / "hammer.uff", "level": 0.1, "quantity": "acceleration",
-            "over": "force"}),
-        "virtual_point": (fs.virtual_point, {"response": sensed, "point": (0, 0, 0), "sensors": places, "impacts": None,
-            "name": "point", "tol": 1e-05}),
-        "frequency_bounds": (fs.frequency_bounds, {"model": fs.reduce(sub, fs.CraigBampton(3), ports=True), "count": 1}),
-        "growth_rate": (fs.growth_rate, {"t": t, "signal": y, "between": (0.0, 10.0), "below": None}),
-        "harmonic_balance": (fs.harmonic_balance, {"model": rom, "contacts": soft, "harmonics": 40, "start": None,
-            "tol": 0.001}),
-        "normal_modes": (fs.normal_modes, {"model": sub, "count": 3, "band": None}),
-        "normal_modes(band)": (fs.normal_modes, {"model": sub, "band": (0.0, 1.0)}),
-        "plate": (fs.plate, {"mesh": flat, "E": 1.0, "nu": 0.3, "rho": 1.0, "thickness": 0.1, "supports": {"left": "clamped"},
-            "interface": ("right",), "ports": {"belt": "right"}, "rayleigh": (0.0, 0.1), "name": "p"}),
-        "read_component": (fs.read_component, {"M": folder / "model", "K": None, "D": None, "dofs": None, "interface": (),
-            "ports": None, "name": None, "massless": False, "drop_empty": False, "cutoff": None}),
-        "read_matrix": (fs.read_matrix, {"path": folder / "model" / "M.mtx", "variable": None}),
-        "read_mesh": (fs.read_mesh, {"path": folder / "mesh.vtu", "kind": None, "name": None, "includes": None}),
-        "rectangle": (fs.rectangle, {"lengths": (1.0, 1.0), "counts": (1, 1), "kind": "quad", "name": "r"}),
-        "reduce": (fs.reduce, {"sub": sub, "method": fs.CraigBampton(2), "ports": False, "contacts": None}),
-        "reduce(parts)": (fs.reduce, {"sub": pair, "method": dict.fromkeys(parts, fs.CraigBampton(2)), "ports": False,
-            "workers": None, "executor": None}),
-        "reduce_by_levels": (fs.reduce_by_levels, {"parts": recipes, "method": fs.CraigBampton(2), "folder": folder / "levels",
-            "workers": 1, "executor": None}),
-        "refine": (fs.refine, {"full": sub, "modes": modes, "rom": rom, "contacts": slope, "which": None, "tol": 1e-08,
-            "steps": 20}),
-        "rms": (fs.rms, {"t": t, "signal": y, "between": None}),
-        "rotating": (fs.rotating, {"part": fs.solid(ring, fs.Material(1.0, 0.3, 1.0)), "mesh": ring, "material": fs.Material(1.0,
-            0.3, 1.0), "axis": "z", "centre": (0.0, 0.0, 0.0)}),
-        "self_excitation": (fs.self_excitation, {"full": sub, "reduced": rom, "contacts": belt, "band": (0.0, 2.0),
-            "count": None, "omega": None, "harmonics": 3.0, "near": 0.05, "alike": 0.9}),
-        "shoot": (fs.shoot, {"model": rom, "contacts": soft, "start": cycle, "period": None, "tol": 1e-06, "rounds": 3}),
-        "solid": (fs.solid, one | {"material": fs.Material(1.0, 0.3, 1.0), "supports": ["left"], "interface": ["right"],
-            "ports": {"belt": ("right", "y")}, "rayleigh": (0.0, 0.1)}),
-        "spectrogram": (fs.spectrogram, {"t": t, "signal": y, "length": 5.0, "between": None, "windows": 20}),
-        "spectrum": (fs.spectrum, {"t": t, "signal": y, "between": None, "count": 8, "floor": 0.01}),
-        "sticking": (fs.sticking, {"run": run, "port": "belt", "between": None, "multiple": 3.0, "below": None}),
-        "study": (fs.study, {"model": sub, "methods": [fs.CraigBampton(2)], "band": (0.0, 0.5), "contacts": slope,
-            "parameter": "slope", "values": [-0.1], "between": None, "ports": False, "repeats": 1, "shared": False,
-            "critical": None, "assembly": 0.0, "held": True, "at": None, "progress": None}),
-        "sweep": (fs.sweep, {"model": sub, "contacts": slope, "parameter": "slope", "values": [-0.1, 0.0], "band": (0.0, 3.0),
-            "workers": None, "executor": None}),
-        "track": (fs.track, {"model": sub, "contacts": slope, "parameter": "slope", "values": [-0.1, 0.0], "band": (0.0, 1.0),
-            "halvings": 3000}),
-        "transient": (fs.transient, {"model": rom, "contacts": belt, "time": (0.0, 5.0), "start": None, "impulse": None,
-            "ports": (), "step": None, "samples": None, "record_from": None, "record": "ports", "tol": None, "method": "auto",
-            "progress": None}),
-        "transient(alpha)": (fs.transient, {"model": sub, "contacts": belt, "time": (0.0, 5.0), "step": 0.1, "tol": None,
-            "method": "alpha"}),
-        "write_matrices": (fs.write_matrices, {"folder": folder / "new", "model": rom, "format": "mtx"}),
-        "write_superelement": (fs.write_superelement, {"folder": folder / "super", "model": sub, "program": "dmig", "full": None,
-            "number": 101, "recover": None}),
-        "write_mesh": (fs.write_mesh, {"path": folder / "again.vtu", "mesh": mesh, "shapes": {"a": np.zeros((len(mesh.points),
-            3))}}),
+    usual: dict[str, Any] = {
+        "M": sub.M, "K": sub.K, "reference": ("a", [3]), "surface": ("b", [0]), "full": sub, "model": sub, "sub": sub, "into": 2,
+        "E": 1.0, "nu": 0.3, "rho": 1.0, "thickness": 0.1, "material": steel, "contacts": soft, "parameter": "slope",
+        "values": [-0.1, 0.0], "mesh": mesh, "t": t, "signal": y, "method": fs.CraigBampton(2)}
+    own: dict[str, dict[str, Any]] = {  # beside the usual values and the defaults
+        "Affine": {"M": np.eye(2), "D": None, "K": [(1.0, np.eye(2)), ("mu", [[0.0, 1.0], [0.0, 0.0]])]},
+        "FrictionContact": {"stiffness": 1.0, "mu": 0.4, "direction": (1.0, 0.0, 0.0), "first": "top", "second": "ground",
+            "meshes": mesh},
+        "LinearContact": {"ports": ("belt",), "stiffness": [[1.0]]}, "Averaged": {}, "Kinematic": {},
+        "Rigid": {"end": ("a", [3]), "tol": None, "name": ""},
+        "Spring": {"first": ("a", [3]), "second": ("b", [0]), "stiffness": 1.0, "damping": 0.1},
+        "Tied": {"first": ("a", "right"), "second": ("b", "left"), "meshes": {"a": mesh, "b": mesh}},
+        "system_estimate": {"full": pair, "rom": fs.reduce(pair, {"b": fs.CraigBampton(1)}), "band": (0.0, 1.0)},
+        "couple": {"parts": parts, "joints": [fs.Rigid(("a", [3]), ("b", [0]))], "name": "pair", "interface": [("a", [3])]},
+        "cut": {"model": flat, "sets": None}, "Belt": {"speed": 0.2, "law": fs.StribeckArctan()},
+        **{name: {"modes": 3} for name in ("CraigBampton", "DualCraigBampton", "Herting", "Hurty", "InterfaceModes", "MacNeal",
+                                           "Rubin")},
+        "CraigBampton(tol)": {"modes": None, "band": (0.0, 1.0), "tol": 0.01, "cutoff": None},
+        "CraigBampton(cutoff)": {"modes": None, "cutoff": 1.0}, "CraigChang": {"band": (0.0, 1.0), "tol": 0.01},
+        "DofMap": {"nodes": [1, 1], "components": [0, 1], "labels": ("ux", "uy")},
+        "ContactModes": {"modes": 3, "contacts": sliding}, "Guyan": {"modes": 0}, "Material": {"loss": 0.1},
+        "Mesh": {"points": mesh.points, "cells": mesh.cells, "kind": mesh.kind, "sets": {"a": [0, 1]}, "groups": {"g": [0]},
+            "name": "m"},
+        "Pencil": {"D": sub.D}, "State": {"displacement": np.zeros(6), "velocity": np.zeros(6)}, "StribeckArctan": {},
+        "StribeckArctanOdd": {},
+        "Substructure": {"D": sub.D, "interface": [0], "ports": {"belt": np.eye(6)[1]}, "name": "s", "sets": {"left": [0]}},
+        "annulus": {"inner": 1.0, "outer": 2.0, "counts": (1, 8, 1), "name": "a", "sector": (0.0, 1.0)},
+        "beam": {"length": 1.0, "elements": 4, "I": 1.0, "A": 1.0, "supports": {0: "clamped"}, "interface": ("right",),
+            "ports": {"belt": 0.5}, "rayleigh": (0.0, 0.1), "name": "b"},
+        "block": {"lengths": (1.0, 1.0, 1.0), "counts": (1, 1, 1), "name": "b"},
+        "branch": {"model": rom, "points": 3, "harmonics": 40, "tol": 0.01, "stability": False},
+        "chain": {"n": 5, "belt": 2, "name": "c"}, "chain_frequencies": {"n": 5, "count": 3},
+        "complex_modes": {"contacts": slope, "count": 4},
+        "complex_modes(band)": {"model": rom, "contacts": slope, "band": (0.0, 0.5), "re": (-1.0, 1.0)},
+        "critical_slope": {"band": (0.0, 3.0)},
+        "critical_value": {"contacts": slope, "between": (-0.1, 0.0), "band": (0.0, 3.0)},
+        "cut_to_files": {"folder": folder / "cut", "mesh": row, "build": fs.solid, "supports": ["left"], "interface": ["right"],
+            "ports": {"belt": ("right", "y")}},
+        "damped": {"rayleigh": (0.1, 0.1), "dashpots": {0: 0.1}, "structural": 0.1},
+        "equivalent_viscous": {"model": fs.damped(sub, structural=0.1), "omega": 0.5}, "damped(modal)": {"modal": 0.01},
+        "damped(ratios)": {"ratios": ((0.5, 0.01), (1.0, 0.01))},
+        "displacements": {"dofs": brick.dofs, "u": np.zeros(brick.size)},
+        "audit": {"reduced": fs.reduce(sub, fs.CraigBampton(3), ports=True), "full": sub, "mass": 1.0, "cutoff": 1.0,
+            "floating": True, "gyroscopic": True, "units": "SI"},
+        "FrequencyResponse": {"at": [1.0], "receptance": [[[1.0]]], "responses": ["a"], "loads": ["a"], "level": 0.1},
+        "couple_responses": {"parts": {"a": tip, "b": tip}, "joints": [(("a", "belt"), ("b", "belt"))]},
+        "frequency_response": {"contacts": slope, "at": [0.1, 0.2], "loads": ["belt"], "responses": 0, "tol": 1e-06},
+        "ModeSet": {"eigenvalues": [1j], "shapes": np.ones((2, 1)), "dofs": fs.DofMap([1, 2], [0, 0])},
+        "read_modes": {"path": folder / "modes.uff"},
+        "read_response": {"path": folder / "hammer.uff", "level": 0.1, "quantity": "acceleration", "over": "force"},
+        "virtual_point": {"response": sensed, "point": (0, 0, 0), "sensors": places},
+        "frequency_bounds": {"model": fs.reduce(sub, fs.CraigBampton(3), ports=True), "count": 1},
+        "growth_rate": {"between": (0.0, 10.0)}, "harmonic_balance": {"model": rom, "harmonics": 40, "tol": 0.001},
+        "normal_modes": {"count": 3}, "normal_modes(band)": {"band": (0.0, 1.0)},
+        "plate": {"mesh": flat, "supports": {"left": "clamped"}, "interface": ("right",), "ports": {"belt": "right"},
+            "rayleigh": (0.0, 0.1), "name": "p"},
+        "read_component": {"M": folder / "model"}, "read_matrix": {"path": folder / "model" / "M.mtx"},
+        "read_mesh": {"path": folder / "mesh.vtu"}, "rectangle": {"lengths": (1.0, 1.0), "counts": (1, 1), "name": "r"},
+        "reduce": {},
+        "reduce(parts)": {"sub": pair, "method": dict.fromkeys(parts, fs.CraigBampton(2)), "ports": False, "workers": None,
+            "executor": None},
+        "reduce_by_levels": {"parts": recipes, "folder": folder / "levels", "workers": 1},
+        "refine": {"modes": modes, "rom": rom, "contacts": slope}, "rms": {},
+        "rotating": {"part": fs.solid(ring, steel), "mesh": ring},
+        "self_excitation": {"reduced": rom, "contacts": belt, "band": (0.0, 2.0)},
+        "shoot": {"model": rom, "start": cycle, "tol": 1e-06, "rounds": 3},
+        "solid": {"name": "x", "supports": ["left"], "interface": ["right"], "ports": {"belt": ("right", "y")},
+            "rayleigh": (0.0, 0.1)},
+        "spectrogram": {"length": 5.0, "windows": 20}, "spectrum": {}, "sticking": {"run": run},
+        "study": {"methods": [fs.CraigBampton(2)], "band": (0.0, 0.5), "contacts": slope, "parameter": "slope",
+            "values": [-0.1], "repeats": 1, "assembly": 0.0, "held": True},
+        "sweep": {"contacts": slope, "band": (0.0, 3.0)}, "track": {"contacts": slope, "band": (0.0, 1.0)},
+        "transient": {"model": rom, "contacts": belt, "time": (0.0, 5.0)},
+        "transient(alpha)": {"contacts": belt, "time": (0.0, 5.0), "step": 0.1, "tol": None, "method": "alpha"},
+        "write_matrices": {"folder": folder / "new", "model": rom},
+        "write_superelement": {"folder": folder / "super", "program": "dmig"},
+        "write_mesh": {"path": folder / "again.vtu", "shapes": {"a": np.zeros((len(mesh.points), 3))}},
     }
+    special = {"FrictionContact": rubbing, "Rigid": rigid, "Spring": coupled, "cut": cut, "cut_to_files": pieces,
+               "FrequencyResponse": fs.FrequencyResponse.measured}
+    table = {}
+    for name, given in own.items():
+        plain = name.partition("(")[0]
+        function = special.get(plain) or getattr(fs, plain)
+        table[name] = function, {
+            key: given[key] if key in given else usual[key] if one.default is one.empty else one.default
+            for key, one in inspect.signature(function).parameters.items()
+            if plain == name or key in given or one.default is one.empty}  # those in brackets have these alone
+    return table
 
 
 class Odd:
