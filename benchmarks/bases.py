@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import statistics
 import sys
 from importlib.util import find_spec
@@ -33,7 +32,7 @@ import numpy as np
 
 import femsub as fs
 from benchmarks import comparisons as tasks
-from benchmarks.processes import Row, StoppedError, fresh, machine, watched
+from benchmarks.processes import Row, StoppedError, arguments, fresh, machine, watched
 from benchmarks.users import Case, Journal, compared
 from femsub.algebra.petsc import has_cholmod
 from femsub.app import report
@@ -107,14 +106,9 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=3, metavar="N", help="runs of each measurement (default 3)")
     parser.add_argument("--out", type=Path, default=Path("out/bases"), metavar="DIR", help="output folder (default out/bases)")
     parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that all works, times mean nothing")
-    asked = parser.parse_args()
+    asked = arguments(parser, "out")
     if asked.repeats < 1:
         parser.error("--repeats must be at least 1")
-    try:
-        report.check_folder(str(asked.out))  # to know it now and not at the end
-    except fs.InputError as error:
-        parser.error(str(error))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that measures stays behind
     # Debian's PETSc starts OpenMPI, see femsub/algebra/petsc.py; here slepc4py is loaded without it.
     os.environ |= {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
     computer, sizes, journal = fresh(machine), SIZES[asked.quick], Journal(asked.out)

@@ -53,54 +53,48 @@ class Laps:
         return {"seconds": sum(self.seconds.values()), "phases": self.seconds, "peak_mb": peak_mb(), "base_mb": self.base}
 
 
-def block(component: str, counts: tuple[int, ...], nodes: int) -> fs.Mesh:
-    """The mesh of slab or bulk. Its set 'joint' are the `nodes` nodes about the middle of the face x = 0."""
+def solid(component: str, counts: tuple[int, ...], nodes: int) -> fs.Substructure:
+    """Slab or bulk; its interface are the `nodes` nodes about the middle of the face x = 0."""
     lengths, kind = BLOCKS[component]
     mesh = fs.block(lengths, counts, kind)
-    face = mesh.nodes("left")
-    away = np.linalg.norm(mesh.points[face] - np.array([0, lengths[1] / 2, lengths[2] / 2]), axis=1)
-    return mesh.with_sets(joint=face[np.argsort(away.round(9), kind="stable")[:nodes]])
+    mesh = mesh.with_sets(joint=about(mesh, mesh.nodes("left"), np.array([0, lengths[1] / 2, lengths[2] / 2]), nodes))
+    return fs.solid(mesh, fs.Material(*STEEL), interface=["joint"], name=component)
 
 
-def solid(component: str, counts: tuple[int, ...], nodes: int) -> fs.Substructure:
-    """Slab or bulk; its interface is the set 'joint'."""
-    return fs.solid(block(component, counts, nodes), fs.Material(*STEEL), interface=["joint"], name=component)
+def about(mesh: fs.Mesh, face: np.ndarray, middle: np.ndarray, count: int) -> np.ndarray:
+    """The nodes of a face that are nearest to its middle."""
+    away = np.linalg.norm(mesh.points[face] - middle, axis=1)
+    return face[np.argsort(away.round(9), kind="stable")[:count]]
 
 
-class Disc:
+def disc(size: float, nodes: int) -> fs.Substructure:
     """The undamped brake with elements of so many metres: disc and pads on the stiffness of their contact, without friction.
 
     The interface are the `nodes` nodes about the middles of the pads' backs, half of them on each. It holds the pads, so that the
     springs of the scene's brake are left out.
     """
+    from benchmarks.brake import brake
+    from femsub.app.scenes.brake import PADS
 
-    def __init__(self, size: float, nodes: int) -> None:
-        from benchmarks.brake import brake
-        from femsub.app.scenes.brake import PADS
+    made = brake(size)
+    system = fs.couple({name: made.part(name) for name in ("disc", *PADS)}, made.contacts(0.0), DISC)
+    contact = system.linearised(made.contacts(0.0)).K - system.K
+    # normals are tilted by rounding, so that DOF along the contact would join the parts for nothing
+    contact.data[np.abs(contact.data) < DUST * np.abs(contact.data).max()] = 0.0
+    contact.eliminate_zeros()
+    start, interface = 0, []
+    for name, part in system.parts.items():
+        if name in PADS:  # nothing holds a DOF of a pad, so that node i has the DOF 3 i to 3 i + 2
+            mesh, back = made.meshes[name], made.meshes[name].nodes("back")
+            chosen = np.sort(about(mesh, back, mesh.points[back].mean(axis=0), nodes // 2))
+            interface.append(start + (3 * chosen[:, None] + np.arange(3)).ravel())
+        start += part.size
+    return fs.Substructure(system.M, system.K + contact, interface=np.concatenate(interface), name=DISC)
 
-        self.brake, self.pads = brake(size), PADS
-        system = fs.couple({name: self.brake.part(name) for name in ("disc", *PADS)}, self.brake.contacts(0.0), DISC)
-        self.parts, self.contact = dict(system.parts), system.linearised(self.brake.contacts(0.0)).K - system.K
-        # normals are tilted by rounding, so that DOF along the contact would join the parts for nothing
-        self.contact.data[np.abs(self.contact.data) < DUST * np.abs(self.contact.data).max()] = 0.0
-        self.contact.eliminate_zeros()
-        ends = np.cumsum([part.size for part in self.parts.values()])
-        self.rows = {name: np.arange(end - part.size, end) for (name, part), end in zip(self.parts.items(), ends, strict=True)}
-        self.joints = {name: self.rows[name][self._backs(name, nodes // 2)] for name in PADS}
-        self.whole = fs.Substructure(system.M, system.K + self.contact, interface=np.concatenate(list(self.joints.values())),
-                                     name=DISC)
-
-    def _backs(self, name: str, nodes: int) -> np.ndarray:
-        """DOF of a pad. Nothing holds one of them, so that node i has the DOF 3 i to 3 i + 2."""
-        mesh = self.brake.meshes[name]
-        back = mesh.nodes("back")
-        away = np.linalg.norm(mesh.points[back] - mesh.points[back].mean(axis=0), axis=1)
-        chosen = np.sort(back[np.argsort(away.round(9), kind="stable")[:nodes]])
-        return np.asarray((3 * chosen[:, None] + np.arange(3)).ravel())
 
 def built(component: str, size: Any, nodes: int) -> fs.Substructure:
     """Slab or bulk of so many cells, or the disc with pads of elements so long."""
-    return Disc(size, nodes).whole if component == DISC else solid(component, size, nodes)
+    return disc(size, nodes) if component == DISC else solid(component, size, nodes)
 
 
 def size_for(component: str, size: Any, dof: int) -> Any:

@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 import warnings
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -28,6 +29,18 @@ Row = dict[str, Any]
 
 class StoppedError(Exception):
     """A measurement took longer or more memory than it may."""
+
+
+def arguments(parser: ArgumentParser, *folders: str) -> Namespace:
+    """The arguments of a command that takes long: that its folders can be written to is known now, not at its end."""
+    asked = parser.parse_args()
+    for name in folders:
+        try:
+            report.check_folder(str(getattr(asked, name)))
+        except fs.InputError as error:
+            parser.error(str(error))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that computes stays behind
+    return asked
 
 
 def peak_mb() -> float:

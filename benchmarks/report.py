@@ -15,7 +15,6 @@ import argparse
 import json
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -24,8 +23,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import femsub as fs
 from benchmarks.pictures import NUMBERS, commit, plain, shown
+from benchmarks.processes import arguments
 from femsub.algebra.petsc import versions
 from femsub.app import report
 from femsub.app.scene import SCENES
@@ -193,19 +192,13 @@ def main() -> int:
                         help="figures (default docs/pictures)")
     parser.add_argument("--fresh", action="store_true", help="run again what has been run")
     parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that all works, times mean nothing")
-    asked = parser.parse_args()
+    asked = arguments(parser, "work", "data", "pictures")
     names = [step.name for step in STEPS]
     if asked.list:
         print(*(f"{step.name:22} {step.title}. {step.says}" for step in STEPS), sep="\n")
         return 0
     if strange := set(asked.steps) - set(names):
         parser.error(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(names)}")
-    for folder in (asked.work, asked.data, asked.pictures):
-        try:
-            report.check_folder(str(folder))
-        except fs.InputError as error:
-            parser.error(str(error))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the step that runs stays behind
     steps = [step for step in STEPS if step.quick or not asked.quick]
     failed: list[str] = []
     for step in steps:

@@ -23,7 +23,6 @@ residual  The largest of the kept modes, ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|
 from __future__ import annotations
 
 import argparse
-import signal
 import statistics
 import sys
 import time
@@ -36,7 +35,7 @@ import numpy as np
 import femsub as fs
 from benchmarks import models
 from benchmarks.pictures import save
-from benchmarks.processes import Row, fresh, machine, peak_mb, warm_up
+from benchmarks.processes import Row, arguments, fresh, machine, peak_mb, warm_up
 from femsub.app import report
 from femsub.app.figure_style import PAGE, legend_below, new_figure
 from femsub.app.scene import Result
@@ -188,14 +187,9 @@ def main() -> int:
                         help="what takes longer is measured once (default 60)")
     parser.add_argument("--out", type=Path, default=Path("out/scaling"), metavar="DIR",
                         help="output folder (default out/scaling)")
-    asked = parser.parse_args()
+    asked = arguments(parser, "out")
     if asked.repeats < 1 or (asked.largest is not None and asked.largest < 10):
         parser.error("--largest must be at least 10, --repeats at least 1")
-    try:
-        report.check_folder(str(asked.out))  # to know it now and not at the end
-    except fs.InputError as error:
-        parser.error(str(error))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that measures stays behind
     rows: list[Row] = []
     failed: list[str] = []
     for kind in asked.components:

@@ -8,13 +8,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import chdir, redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import femsub as fs
+from benchmarks.pages import blocks_of
 from benchmarks.pictures import draw_all
 from femsub.app.figure_style import new_figure
 from femsub.app.figures import shapes_figure
@@ -23,21 +26,22 @@ from femsub.studies import look
 ROOT = Path(__file__).resolve().parent.parent
 
 
+def from_page(page: str, *names: str) -> list[Any]:
+    """What the blocks of a tutorial define by these names: they are run up to the one that defines the last."""
+    known: dict[str, Any] = {}
+    blocks = iter(blocks_of((ROOT / "docs" / "tutorials" / f"{page}.md").read_text(encoding="utf-8")))
+    with chdir(ROOT), redirect_stdout(StringIO()):
+        while not known.keys() >= set(names):
+            exec(next(blocks).text, known)
+    return [known[name] for name in names]
+
+
 def disc() -> Any:
     """The mode of the disc that grows fastest, from the full model and from 22 DOF."""
-    mesh = fs.read_mesh(ROOT / "meshes" / "disc-with-pad.msh")
-    rim = np.flatnonzero(np.hypot(*mesh.points[:, :2].T) > 0.1499)
-    rim = rim[mesh.points[rim, 2] > 0.0119]
-    angle = np.degrees(np.arctan2(mesh.points[rim, 1], mesh.points[rim, 0]))
-    mesh = mesh.with_sets(guides=[rim[np.abs(angle - wanted).argmin()] for wanted in (-120, 0, 120)])
-    steel = fs.Material(E=2.1e11, nu=0.3, rho=7850.0)
-    full = fs.solid(mesh, steel, supports=["inner"], interface=["guides"], ports={"belt": ("pad", "y")}, rayleigh=(5.0, 1e-7))
-    belt = fs.Belt(force=8000.0, slope=-0.5)
+    mesh, full, belt, band, reduced = from_page("disc", "mesh", "disc", "belt", "band", "rom")
     fields, titles = [], []
-    reduced = fs.reduce(full, fs.CraigChang(modes=12), ports=True)
-    assert full.dofs is not None
     for name, model in (("full", full), ("Craig-Chang", reduced)):
-        found = fs.complex_modes(model, belt, band=(0.0, 2.2e4))
+        found = fs.complex_modes(model, belt, band=band)
         worst = found.eigenvalues.real.argmax()
         shape = found.shapes[:, worst] if model is full else reduced.expand(found.shapes[:, worst])
         shape = shape * np.exp(-1j * np.angle(shape[np.abs(shape).argmax()]))  # the largest displacement is real
@@ -51,15 +55,12 @@ def disc() -> Any:
 
 def matrices() -> Any:
     """What a force at the tip moves it by, over the frequency: the full beam and the reduced one, and the difference."""
-    files, tip = ROOT / "meshes" / "calculix" / "beam", [17, 18, 19, 20]
-    full = fs.read_component(f"{files}.mas", f"{files}.sti", dofs=f"{files}.dof", interface=[f"{node}:*" for node in tip],
-                             ports={"belt": [f"{node}:uy" for node in tip]})
-    band = (0.0, 2e4)
+    full, band, reduced = from_page("matrices", "beam", "band", "rom")
     omega = 2 * np.pi * np.linspace(1.0, 3600.0, 1500)
     figure = new_figure(7.5, 5)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     responses = {}
-    for kind, model in (("full", full), ("craig-bampton", fs.reduce(full, fs.CraigBampton(band=band, tol=1e-3)))):
+    for kind, model in (("full", full), ("craig-bampton", reduced)):
         M, K = (A.toarray() if hasattr(A, "toarray") else A for A in (model.M, model.K))
         w = model.port("belt").ravel()
         responses[kind] = np.array([w @ np.linalg.solve(K * (1 + 0.01j) - at**2 * M, w) for at in omega])
@@ -78,9 +79,7 @@ def matrices() -> Any:
 
 def how_many_modes() -> Any:
     """Errors of HCB and CC over the size, and what a tolerance chooses."""
-    full = fs.chain(200, belt=20, interface=[1, 20])
-    belt = fs.Belt(force=0.1, speed=0.19113, law=fs.StribeckArctan(eps=1e-3))
-    band = (0.0, 0.2)
+    full, belt, band = from_page("how-many-modes", "full", "belt", "band")
     kinds = {"error_frequency": "error of ω", "error_growth": "error of Re λ", "error_critical": "error of the critical slope"}
     figure = new_figure(10, 4)
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
@@ -107,16 +106,14 @@ def how_many_modes() -> Any:
 
 def superelements() -> Any:
     """Errors of the joined superelements' frequencies: of the system against Nastran, and of three reduced ones against it."""
-    files, band = ROOT / "meshes" / "nastran", (0.0, 60.0)
-    parts = {name: fs.read_component(files / f"{name}board.asm", cutoff=314.0) for name in ("in", "out")}
-    system = fs.couple(parts, [fs.Rigid(("in", "boundary"), ("out", "boundary"))])
-    theirs = np.sqrt(np.loadtxt(files / "eigenvalues.txt")[6:])
+    system, band = from_page("superelements", "system", "band")
+    theirs = np.sqrt(np.loadtxt(ROOT / "meshes" / "nastran" / "eigenvalues.txt")[6:])
     ours = fs.normal_modes(system, count=48).frequencies[6:]
     figure = new_figure(8, 4.2)
     axis = figure.subplots()
     axis.loglog(theirs, np.abs(ours / theirs - 1), "k.", ms=5, label=f"joined, {system.size} DOF, against Nastran")
     for tol, colour in ((1e-2, "#882255"), (1e-3, "#cc6677"), (1e-4, "#ddcc77")):
-        small = fs.reduce(system, dict.fromkeys(parts, fs.CraigBampton(band=band, tol=tol)))
+        small = fs.reduce(system, dict.fromkeys(system.parts, fs.CraigBampton(band=band, tol=tol)))
         found = fs.normal_modes(small, count=10).frequencies[6:]
         axis.loglog(ours[:10], np.abs(found / ours[:10] - 1), "s-", color=colour, ms=4, lw=1,
                     label=f"tol={tol:g}, {small.size} DOF")
@@ -130,11 +127,10 @@ def superelements() -> Any:
 
 def beyond_the_border() -> Any:
     """Limit cycles over the belt's speed, full and reduced, and runs in time with rising and falling speed."""
-    full = fs.damped(fs.chain(20, belt=20, damping=0.0, interface=[20]), rayleigh=(0.01, 0.2))
-    belt = fs.Belt(speed=0.5, law=fs.StribeckArctan(eps=0.01))
+    full, reduced, belt = from_page("beyond-the-border", "full", "rom", "belt")
     figure = new_figure(8, 5)
     axis = figure.subplots()
-    for kind, model in (("full", full), ("craig-chang", fs.reduce(full, fs.CraigChang(modes=4)))):
+    for kind, model in (("full", full), ("craig-chang", reduced)):
         found = fs.branch(model, belt, "speed", between=(0.4, 1.0))
         turn = int(np.argmax(found.values))
         style = {"color": look(kind).colour, "lw": 4 if kind == "full" else 1.5, "alpha": 0.35 if kind == "full" else 1.0}
@@ -166,24 +162,12 @@ def beyond_the_border() -> Any:
 
 def flutter() -> Any:
     """A block on an inclined arm: its modes over μ, and growth rates over the arm's angle and μ."""
-    steel, mesh = fs.Material(E=2.1e11, nu=0.3, rho=7850.0), fs.block((0.06, 0.02, 0.02), (3, 1, 1))
-    rubbing = fs.FrictionContact("pad.bottom", "ground", {"pad": mesh}, stiffness=3e10, mu=0.4,
-                                 direction=np.array([1.0, 0.0, 0.0]))
-
-    def on_arm(degrees: float) -> fs.System:
-        angle = np.radians(degrees)
-        pad = fs.solid(mesh, steel, supports={"front": "y", "back": "y"}, interface=["bottom"],
-                       ports={"arm": ("right", (np.cos(angle), 0.0, np.sin(angle)))})
-        return fs.couple({"pad": pad}, [fs.Spring(("pad", "arm"), stiffness=1e8)])
-
-    def reduced(degrees: float) -> fs.Substructure:
-        return fs.reduce(on_arm(degrees), fs.ContactModes(6, contacts=rubbing))
-
+    on_arm, rubbing, full, small = from_page("flutter", "on_arm", "rubbing", "block", "small")
     figure = new_figure(10.5, 5)
     grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.25])
     upper, lower = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
     chart = figure.add_subplot(grid[:, 1])
-    for kind, model, steps in (("full", on_arm(-30), np.linspace(0.0, 1.0, 11)), ("", reduced(-30), np.linspace(0.0, 1.0, 201))):
+    for kind, model, steps in (("full", full, np.linspace(0.0, 1.0, 11)), ("", small, np.linspace(0.0, 1.0, 201))):
         at, im, re = [], [], []
         for mu in steps:
             values = fs.complex_modes(model, replace(rubbing, mu=float(mu))).eigenvalues
@@ -203,7 +187,7 @@ def flutter() -> Any:
     angles, friction = np.arange(-80.0, 80.1, 2.0), np.linspace(0.0, 1.5, 61)
     growth = np.empty((len(friction), len(angles)))
     for column, degrees in enumerate(angles):
-        model = reduced(degrees)
+        model = fs.reduce(on_arm(degrees), fs.ContactModes(6, contacts=rubbing))
         for row, mu in enumerate(friction):
             growth[row, column] = max(fs.complex_modes(model, replace(rubbing, mu=float(mu))).growth, 0.0)
     shown = np.where(growth > 1.0, growth, np.nan)

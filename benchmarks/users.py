@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 from collections.abc import Iterable, Sequence
@@ -16,26 +15,6 @@ from benchmarks.processes import Row
 
 FILE = "measured.jsonl"
 LOST = 1e-2  # relative: a mode of which no frequency is nearer than that is missed
-
-SEAL = "sha256"  # of all else in a line: one that was cut or changed is measured anew
-
-
-def sealed(record: dict[str, Any]) -> str:
-    """A line of JSON with the hash of all else in it."""
-    return json.dumps(record | {SEAL: hashlib.sha256(json.dumps(record).encode()).hexdigest()})
-
-
-def opened(line: str | bytes, path: Path) -> dict[str, Any] | None:
-    """The record of such a line; None if it was cut or changed, which is printed."""
-    try:
-        record: dict[str, Any] = json.loads(line)
-        known = record.pop(SEAL, None)
-    except (ValueError, AttributeError):
-        record, known = {}, None
-    if known == hashlib.sha256(json.dumps(record).encode()).hexdigest():
-        return record
-    print(f"{path}: a line is damaged, or was written without its hash, and is made anew: {line[:80]!r}", file=sys.stderr)
-    return None
 
 
 class Case(NamedTuple):
@@ -60,18 +39,21 @@ class Journal:
         self.path = folder / FILE
         text = self.path.read_text(encoding="utf-8", errors="replace") if self.path.exists() else ""
         self.known: dict[tuple[Case, str, int], Row] = {}
-        for line in text.splitlines():
-            if line and (row := opened(line, self.path)) is not None:  # the process may have been killed while it wrote it
-                size = tuple(row["size"]) if isinstance(row["size"], list) else row["size"]
-                case = Case(row["component"], size, row["nodes"], row["modes"])
-                self.known[case, row["method"], row["round"]] = row
+        for line in filter(None, text.splitlines()):
+            try:
+                row = json.loads(line)
+            except ValueError:  # the process was killed while it wrote it
+                print(f"{self.path}: a line is damaged, and is made anew: {line[:80]!r}", file=sys.stderr)
+                continue
+            size = tuple(row["size"]) if isinstance(row["size"], list) else row["size"]
+            self.known[Case(row["component"], size, row["nodes"], row["modes"]), row["method"], row["round"]] = row
 
     def add(self, case: Case, method: str, turn: int, row: Row) -> Row:
         """Writes a measurement at the end of the file."""
         row = case._asdict() | {"method": method, "round": turn} | row
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with open(self.path, "a", encoding="utf-8") as file:
-            file.write(f"\n{sealed(row)}\n")  # on a line of its own, whatever was left before
+            file.write(f"\n{json.dumps(row)}\n")  # on a line of its own, whatever was left before
         self.known[case, method, turn] = row
         return row
 

@@ -23,7 +23,6 @@ Written are extreme.csv, extreme.json and extreme.png. Exit status 1: a row is w
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import time
 from collections import Counter
@@ -33,9 +32,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import femsub as fs
 from benchmarks.extreme.table import CASES
 from benchmarks.extreme.verdict import FIGURES, Row, evaluate
+from benchmarks.processes import arguments
 from femsub.app import report
 from femsub.app.scene import Picture, Result
 from femsub.studies.tables import Table
@@ -113,7 +112,7 @@ def main() -> int:
     parser.add_argument("--limit", type=float, default=300.0, metavar="SECONDS", help="for one case (default 300)")
     parser.add_argument("--out", type=Path, default=Path("out/extreme"), metavar="DIR",
                         help="output folder (default out/extreme)")
-    asked = parser.parse_args()
+    asked = arguments(parser, "out")
     names = [name for name, case in CASES.items() if (case.quick or not asked.quick) and (
         asked.cases is None or any(part in name or part == case.group for part in asked.cases))]
     if not names:
@@ -121,11 +120,6 @@ def main() -> int:
     if asked.list:
         print(*(f"{CASES[name].group}: {name}" for name in names), sep="\n")
         return 0
-    try:
-        report.check_folder(str(asked.out))  # to know it now and not at the end
-    except fs.InputError as error:
-        parser.error(str(error))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that computes stays behind
     start = time.perf_counter()
     rows = run(names, asked.limit)
     counts = Counter(row["verdict"] for row in rows)
