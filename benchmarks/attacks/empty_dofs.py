@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack, dense
+from benchmarks.attacks.common import Random, attack, dense, heard
 from femsub.checks import Array
 
 KINDS = ("refused", "dropped", "with dashpots", "joined")
@@ -40,24 +39,17 @@ class Model:
         kinds = np.arange(self.size) % width
         self.dofs = fs.DofMap(10 + np.arange(self.size) // width, kinds, WAYS) if rng.random() < 0.7 else None
 
-    def spread(self, A: Array) -> Any:
-        """With rows and columns of zeros."""
-        found = np.zeros((self.size, self.size))
-        found[np.ix_(self.rows, self.rows)] = A
-        return found if self.dense else sp.csr_array(found)
-
-    def whole(self, **other: Any) -> fs.Substructure:
-        w = np.zeros(self.size)
-        w[self.rows[self.at]] = 1.0
-        given = {"M": self.spread(self.M), "K": self.spread(self.K), "D": self.spread(self.D), "interface": self.rows[self.ends],
-                 "ports": {"belt": w}, "name": "part", "dofs": self.dofs}
+    def part(self, empty: bool = True, **other: Any) -> fs.Substructure:
+        """The model with its empty DOF or without them."""
+        rows, size, dofs = (self.rows, self.size, self.dofs) if empty else (
+            np.arange(self.own), self.own, self.dofs and self.dofs.kept(self.rows))
+        given: dict[str, Any] = {"interface": rows[self.ends], "ports": {"belt": np.eye(size)[rows[self.at]]}, "name": "part",
+                                 "dofs": dofs}
+        for key, A in (("M", self.M), ("K", self.K), ("D", self.D)):
+            found = np.zeros((size, size))
+            found[np.ix_(rows, rows)] = A
+            given[key] = found if self.dense else sp.csr_array(found)
         return fs.Substructure(**(given | other))
-
-    def without(self) -> fs.Substructure:
-        w = np.zeros(self.own)
-        w[self.at] = 1.0
-        M, K, D = ((A if self.dense else sp.csr_array(A)) for A in (self.M, self.K, self.D))
-        return fs.Substructure(M, K, D, self.ends, {"belt": w}, "part", None if self.dofs is None else self.dofs.kept(self.rows))
 
     def name(self, row: int) -> str:
         return f"DOF {row}" if self.dofs is None else self.dofs.name(row)
@@ -84,22 +76,23 @@ def analyses(part: fs.Substructure) -> dict[str, Callable[[], Any]]:
                                     [fs.Rigid(("part", part.interface[:1].tolist()), ("end", [0]))])}
 
 
+def refusal(ask: Callable[..., Any], *args: Any, **options: Any) -> str:
+    """What a call says when it refuses, without the remedy; nothing if it answers."""
+    error = heard(ask, *args, **options)[1]
+    kind = "" if error is None or isinstance(error, fs.SingularMatrixError) else f"{type(error).__name__}: "
+    return "" if error is None else f"{kind}{error}".split(". Leave")[0]
+
+
 def refused(model: Model) -> str:
-    part, wanted = model.whole(), model.words(model.empty)
-    for name, ask in analyses(part).items():
-        try:
-            ask()
-        except fs.FemsubError as error:
-            if str(error).split(". Leave")[0] != wanted or not isinstance(error, fs.SingularMatrixError):
-                return f"wrong: {name}: {error}"
-        else:
-            return f"wrong: {name} takes them"
+    for name, ask in analyses(model.part()).items():
+        if (said := refusal(ask)) != model.words(model.empty):
+            return f"wrong: {name}: {said}"
     return "refused: in the same words"
 
 
 def dropped(model: Model) -> str:
     """Read from files with and without `drop_empty`, as plain matrices with a map or as Abaqus writes them."""
-    part, alone, rng = model.whole(), model.without(), model.rng
+    part, alone, rng = model.part(), model.part(empty=False), model.rng
     with tempfile.TemporaryDirectory() as folder:
         if model.dofs is not None and rng.random() < 0.5:
             files: dict[str, Any] = {}
@@ -115,23 +108,17 @@ def dropped(model: Model) -> str:
             files = {path.stem: path for path in Path(folder).iterdir() if path.stem in "MKD" and path.suffix != ".json"}
             files["dofs"] = model.dofs
         given = {"interface": model.rows[model.ends].tolist(), "ports": {"belt": [int(model.rows[model.at])]}, "name": "part"}
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter("always")
-            fs.read_component(**files, **given)
-        if [str(one.message).split(". Analyses")[0] for one in told] != [model.words(model.empty)]:
-            return f"wrong: the warning is {[str(one.message) for one in told]}"
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            found = fs.read_component(**files, **given, drop_empty=True)
-        for what, bad in (("interface", {"interface": [int(model.empty[0])]}),
-                          ("port", {"ports": {"p": [int(model.empty[-1])]}})):
-            try:
-                fs.read_component(**files, **(given | bad), drop_empty=True)
-            except fs.InputError as error:
-                if model.name(int(model.empty[0 if what == "interface" else -1])) not in str(error) or what not in str(error):
-                    return f"wrong: {error}"
-            else:
-                return f"wrong: an empty {what} is taken"
+        told = heard(fs.read_component, **files, **given)[2]
+        if [str(one).split(". Analyses")[0] for one in told] != [model.words(model.empty)]:
+            return f"wrong: the warning is {[str(one) for one in told]}"
+        found, error, told = heard(fs.read_component, **files, **given, drop_empty=True)
+        if error or told:
+            return f"wrong: {error}, {told}"
+        for what, row, bad in (("interface", model.empty[0], {"interface": [int(model.empty[0])]}),
+                               ("port", model.empty[-1], {"ports": {"p": [int(model.empty[-1])]}})):
+            error = heard(fs.read_component, **files, **(given | bad), drop_empty=True)[1]
+            if not isinstance(error, fs.InputError) or model.name(int(row)) not in str(error) or what not in str(error):
+                return f"wrong: an empty {what}: {error}"
     for name in "MKD":
         A, B = (dense(getattr(one, name)) for one in (found, alone))
         if not np.array_equal(A, B):
@@ -149,21 +136,13 @@ def dashed(model: Model) -> str:
     """A dashpot alone acts on empty DOF: they have real λ, and a response, but no undamped modes."""
     d = np.zeros((model.size, 1))
     d[[model.empty[0], model.rows[0]], 0] = 1.0, -1.0
-    D = model.spread(model.D)
-    D = dense(D) + d @ d.T * np.sqrt(model.K[0, 0] * model.M[0, 0])
-    part, left = model.whole(D=D if model.dense else sp.csr_array(D)), model.empty[1:]
-    for name, ask in analyses(part).items():
-        if name not in ("normal modes", "complex modes", "responses", "couple"):
-            continue
-        wanted = model.words(model.empty if name == "normal modes" else left)
-        try:
-            ask()
-        except fs.SingularMatrixError as error:
-            if str(error).split(". Leave")[0] != wanted:
-                return f"wrong: {name}: {error}"
-        else:
-            if name == "normal modes" or len(left):
-                return f"wrong: {name} takes them"
+    D = dense(model.part().D) + d @ d.T * np.sqrt(model.K[0, 0] * model.M[0, 0])
+    ask, left = analyses(model.part(D=D if model.dense else sp.csr_array(D))), model.empty[1:]
+    for name in ("normal modes", "complex modes", "responses", "couple"):
+        said = refusal(ask[name])
+        undamped = name == "normal modes"
+        if said != model.words(model.empty if undamped else left) and (said or undamped or len(left)):
+            return f"wrong: {name}: {said}"
     return "refused: in the same words"
 
 
@@ -171,9 +150,8 @@ def joined(model: Model) -> str:
     """An interface DOF without anything of its own is joined to a part that has both; nothing else may be empty."""
     only = model.empty[:1]
     keep = np.setdiff1d(np.arange(model.size), model.empty[1:])
-    M, K, D = (dense(model.spread(A))[np.ix_(keep, keep)] for A in (model.M, model.K, model.D))
-    if not model.dense:
-        M, K, D = map(sp.csr_array, (M, K, D))
+    full = model.part()
+    M, K, D = (A[keep][:, keep] for A in (full.M, full.K, full.D))
     at = int(np.searchsorted(keep, only[0]))
     first = int(np.searchsorted(keep, model.rows[0]))
     dofs = None if model.dofs is None else model.dofs.kept(keep)
@@ -182,15 +160,10 @@ def joined(model: Model) -> str:
     name = f"DOF {at}" if dofs is None else dofs.name(at)
     whole = fs.couple({"a": part, "b": end}, [fs.Rigid(("a", [at]), ("b", [0]))])
     loose = fs.couple({"a": part, "b": end}, [fs.Rigid(("a", [first]), ("b", [0]))])
-    for system in (part, loose):
-        try:
-            fs.normal_modes(system, count=1)
-        except fs.SingularMatrixError as error:
-            said = f"1 DOF has neither mass nor stiffness: {'a: ' if system is loose else ''}{name}"
-            if said not in str(error):
-                return f"wrong: {error}"
-        else:
-            return "wrong: an empty DOF is taken"
+    for system, where in ((part, ""), (loose, "a: ")):
+        said = refusal(fs.normal_modes, system, count=1)
+        if f"1 DOF has neither mass nor stiffness: {where}{name}" not in said:
+            return f"wrong: {said}"
     fixed = fs.couple({"a": fs.reduce(part, fs.CraigBampton(model.own - 1)), "b": end}, [fs.Rigid(("a", [at]), ("b", [0]))])
     own = np.concatenate([np.linalg.eigvals(np.linalg.solve(model.M, model.K)).real, fs.normal_modes(end, count=3).eigenvalues])
     for system in (whole, fixed):

@@ -17,7 +17,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -26,13 +25,12 @@ from pathlib import Path
 import numpy as np
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack
+from benchmarks.attacks.common import Random, attack, heard
 from femsub.checks import CERTIFIED
 
 KINDS = ("killed", "damaged", "expanded", "pieces", "full")
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 Digits = tuple[np.ndarray, dict[str, np.ndarray]]
-Fault = Callable[[np.random.Generator, Path, list[Path]], None]
 
 
 def arm(at: int, count: int, length: int, seed: int) -> fs.Substructure:
@@ -68,54 +66,38 @@ def off(found: Digits, right: Digits) -> float:
                *(float(np.abs(sign * found[1][name] - u).max()) / size for name, u in right[1].items()))
 
 
-def _zeroed(rng: np.random.Generator, path: Path, _: list[Path]) -> None:
-    content = bytearray(path.read_bytes())
-    begin = int(rng.choice([128, 4096, rng.integers(len(content))]))  # as a power cut leaves a file
-    content[begin:] = bytes(max(len(content) - begin, 0))
-    path.write_bytes(content)
+FAULTS = ("zeroed", "zeroed", "cut", "longer", "flipped", "flipped", "gone", "folder", "exchanged", "linked")
 
 
-def _cut(rng: np.random.Generator, path: Path, _: list[Path]) -> None:
-    with path.open("r+b") as file:
-        file.truncate(int(rng.integers(path.stat().st_size)))
-
-
-def _longer(rng: np.random.Generator, path: Path, _: list[Path]) -> None:
-    path.write_bytes(path.read_bytes() + rng.bytes(int(rng.integers(1, 99))))
-
-
-def _flipped(rng: np.random.Generator, path: Path, _: list[Path]) -> None:
-    content = bytearray(path.read_bytes())
-    for at in rng.integers(len(content), size=int(rng.integers(1, 4))):
-        content[at] ^= 1 << int(rng.integers(8))
-    path.write_bytes(content)
-
-
-def _gone(_rng: np.random.Generator, path: Path, _: list[Path]) -> None:
-    path.unlink()
-
-
-def _folder(_rng: np.random.Generator, path: Path, _: list[Path]) -> None:
-    path.unlink()
-    path.mkdir()
-
-
-def _exchanged(rng: np.random.Generator, path: Path, others: list[Path]) -> None:
-    other = others[int(rng.integers(len(others)))]
-    if other.exists() and other != path:
-        own = path.read_bytes()
-        path.write_bytes(other.read_bytes())
-        other.write_bytes(own)
-
-
-def _linked(rng: np.random.Generator, path: Path, others: list[Path]) -> None:
-    other = others[int(rng.integers(len(others)))]
-    if other.exists() and other != path:
+def damage(rng: Random, path: Path, others: list[Path]) -> str:
+    """Does one of these to a file, in two cases with another one; what was done."""
+    fault, content = FAULTS[int(rng.integers(len(FAULTS)))], bytearray(path.read_bytes())
+    if fault == "zeroed":  # as a power cut leaves a file
+        begin = int(rng.choice([128, 4096, rng.integers(len(content))]))
+        content[begin:] = bytes(max(len(content) - begin, 0))
+    elif fault == "cut":
+        del content[int(rng.integers(len(content))):]
+    elif fault == "longer":
+        content += rng.bytes(int(rng.integers(1, 99)))
+    elif fault == "flipped":
+        for at in rng.integers(len(content), size=int(rng.integers(1, 4))):
+            content[at] ^= 1 << int(rng.integers(8))
+    elif fault in ("exchanged", "linked"):
+        other = others[int(rng.integers(len(others)))]
+        if not other.exists() or other == path:
+            return fault
+        if fault == "exchanged":
+            mine, content = content, bytearray(other.read_bytes())
+            other.write_bytes(mine)
+    if fault in ("gone", "folder", "linked"):
         path.unlink()
+    else:
+        path.write_bytes(content)
+    if fault == "folder":
+        path.mkdir()
+    elif fault == "linked":
         path.symlink_to(other)
-
-
-FAULTS: tuple[Fault, ...] = (_zeroed, _zeroed, _cut, _longer, _flipped, _flipped, _gone, _folder, _exchanged, _linked)
+    return fault
 
 
 def files_of(folder: Path) -> list[Path]:
@@ -127,7 +109,7 @@ def content_of(folder: Path) -> dict[str, bytes | None]:
             if path.name not in ("alive", "task") and (path.is_file() or not any(path.iterdir()))}
 
 
-def harmed(rng: np.random.Generator, folder: Path, stale: Path) -> str:
+def harmed(rng: Random, folder: Path, stale: Path) -> str:
     """One to three faults; what was done. Of two models, whole tasks and single files of the other come as well."""
     done = []
     for _ in range(int(rng.integers(1, 4))):
@@ -143,9 +125,7 @@ def harmed(rng: np.random.Generator, folder: Path, stale: Path) -> str:
             shutil.copytree(stale / where.parts[0], folder / where.parts[0])
             done.append(f"all of {where.parts[0]} of another model")
         else:
-            fault = FAULTS[int(rng.integers(len(FAULTS)))]
-            fault(rng, path, paths)
-            done.append(f"{where} {fault.__name__[1:]}")
+            done.append(f"{where} {damage(rng, path, paths)}")
     return ", ".join(done)
 
 
@@ -166,15 +146,14 @@ def damaged(seed: int, place: Path, expanded: bool) -> str:
         return "certified" if (far := off(found, right)) < 1e-9 else f"wrong: {what}: off by {far:.1e}"
     after = content_of(place / "work")
     changed = {name.partition("/")[0] for name in before | after if before.get(name) != after.get(name)}
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        again = fs.reduce_by_levels(parts, method, place / "work")
-    named = {task for task in changed for one in said
-             if re.search(rf"{re.escape(str(place / 'work' / task))}[/ ]", str(one.message))}
+    again, error, said = heard(fs.reduce_by_levels, parts, method, place / "work")
+    if error:
+        raise error
+    named = {task for task in changed for one in said if re.search(rf"{re.escape(str(place / 'work' / task))}[/ ]", str(one))}
     if (far := off(digits(again), right)) > 1e-9:
         return f"wrong: {what}: off by {far:.1e}"
     if silent := [task for task in changed - named if f"all of {task} of" not in what and f"{task}/task/" not in what]:
-        return f"wrong: {what}: {silent} without a word: {[str(one.message) for one in said]}"
+        return f"wrong: {what}: {silent} without a word: {[str(one) for one in said]}"
     return "certified, and named" if named else "certified"
 
 
@@ -187,13 +166,12 @@ def pieces(seed: int, place: Path) -> str:
     right, x = digits(levels), fs.normal_modes(levels.model, 3).shapes
     paths = files_of(place / "meshes")
     path = paths[int(rng.integers(3))]
-    fault = FAULTS[int(rng.integers(len(FAULTS)))]
-    fault(rng, path, paths)
+    fault = damage(rng, path, paths)
     try:
         found = (right[0], dict(levels.expand(x))) if late else digits(fs.reduce_by_levels(parts, method, place / "again"))
     except fs.InputError as error:
         return "refused" if f"{place / 'meshes'}" in str(error) else f"wrong: no file is named: {error}"
-    return "certified" if (far := off(found, right)) < 1e-9 else f"wrong: {fault.__name__}: off by {far:.1e}"
+    return "certified" if (far := off(found, right)) < 1e-9 else f"wrong: {fault}: off by {far:.1e}"
 
 
 def run(seed: int, folder: str, workers: int) -> None:
