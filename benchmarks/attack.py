@@ -3,7 +3,7 @@
     python -m benchmarks attack SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1]
 
 SUBJECT is a module of benchmarks/attacks, beside `common`. Each case is compared with a reference of its own. The counts are
-printed by kind and outcome. Exit status 1 if a case was wrong.
+printed by kind and outcome. A case that crashes its process or takes longer than --limit is wrong. Exit status 1 if one was.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ import os
 import sys
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
-from itertools import repeat
-from multiprocessing import get_context
 from pathlib import Path
 from pkgutil import iter_modules
+from queue import SimpleQueue
+
+from benchmarks.processes import StoppedError, Worker
 
 SUBJECTS = sorted(item.name for item in iter_modules([str(Path(__file__).parent / "attacks")]) if item.name != "common")
 
@@ -38,6 +39,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="the first seed")
     parser.add_argument("--kind", help="one kind alone")
     parser.add_argument("--workers", type=int, default=1, help="number of processes")
+    parser.add_argument("--limit", type=float, default=600.0, metavar="SECONDS", help="for one case (default 600)")
     given = parser.parse_args()
     kinds = import_module(f"benchmarks.attacks.{given.subject}").KINDS
     if given.kind is not None and given.kind not in kinds:
@@ -45,11 +47,23 @@ def main() -> int:
     tasks = [(kind, given.seed + i) for i in range(given.cases) for kind in (kinds if given.kind is None else (given.kind,))]
     tasks = tasks[:given.cases]
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the worker processes, which are started below
+    idle: SimpleQueue[Worker] = SimpleQueue()
+    for _ in range(given.workers):
+        idle.put(Worker())
+
+    def outcome_of(task: tuple[str, int]) -> str:
+        worker = idle.get()
+        try:
+            return worker(attacked, given.subject, *task, limit=given.limit)
+        except StoppedError as error:
+            return f"wrong: seed {task[1]}: {error}"
+        finally:
+            idle.put(worker)
+
     outcomes: Counter[tuple[str, str]] = Counter()
     start = time.perf_counter()
-    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
-        found = pool.map(attacked, repeat(given.subject), *zip(*tasks, strict=True), chunksize=5)
-        for done, ((kind, _), outcome) in enumerate(zip(tasks, found, strict=True), 1):
+    with ThreadPoolExecutor(given.workers) as threads:
+        for done, ((kind, _), outcome) in enumerate(zip(tasks, threads.map(outcome_of, tasks), strict=True), 1):
             outcomes[kind, outcome.split(":")[0]] += 1
             if outcome.startswith("wrong"):
                 print(f"{kind}: {outcome}", flush=True)

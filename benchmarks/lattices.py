@@ -20,14 +20,14 @@ def membrane_eigenvalues(m: int) -> np.ndarray:
     return np.sort((one[:, None] + one[None, :]).ravel())
 
 
-def lattice(nx: int, ny: int, *, held: bool = False, seed: int = 0) -> fs.Substructure:
-    """A plane truss of springs with diagonals, two DOF a node: three rigid-body modes if it is not held."""
+def lattice(nx: int, ny: int, *, held: bool = False, seed: int = 0, diagonals: bool = True) -> fs.Substructure:
+    """A plane truss of springs, two DOF a node: three rigid-body modes if it is not held; of equal springs without diagonals."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
     node = (x * ny + y).ravel()
     place = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
     bars = []
-    for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
+    for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1))[:4 if diagonals else 2]:
         start = node.reshape(nx, ny)[max(0, -dx):nx - max(0, dx), max(0, -dy):ny - max(0, dy)]
         bars.append(np.stack([start.ravel(), start.ravel() + dx * ny + dy], axis=1))
     pairs = np.concatenate(bars)
@@ -37,7 +37,7 @@ def lattice(nx: int, ny: int, *, held: bool = False, seed: int = 0) -> fs.Substr
     rows = np.repeat(np.arange(count), 4)
     columns = np.stack([2 * pairs[:, 0], 2 * pairs[:, 0] + 1, 2 * pairs[:, 1], 2 * pairs[:, 1] + 1], axis=1).ravel()
     B = sp.csr_array((np.hstack([-direction, direction]).ravel(), (rows, columns)), shape=(count, n))
-    K = B.T @ sp.diags_array(rng.uniform(0.5, 2.0, count)) @ B
+    K = B.T @ sp.diags_array(rng.uniform(0.5, 2.0, count) if diagonals else np.ones(count)) @ B
     if held:
         K = K + sp.diags_array(np.where(np.arange(n) < 2 * ny, 1.0, 0.0))
     M = sp.diags_array(np.repeat(rng.uniform(0.5, 2.0, nx * ny), 2))

@@ -77,6 +77,24 @@ def fresh(task: Callable[..., Any], *args: Any) -> Any:
         return pool.submit(task, *args).result()
 
 
+class Worker:
+    """A process that does one task after the other, and is replaced when it crashes or takes too long."""
+
+    pool: ProcessPoolExecutor | None = None
+
+    def __call__(self, task: Callable[..., Any], *args: Any, limit: float | None = None) -> Any:
+        self.pool = self.pool or ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn"))
+        try:
+            return self.pool.submit(task, *args).result(timeout=limit)
+        except (BrokenProcessPool, TimeoutError) as error:
+            for process in list(self.pool._processes.values()):
+                process.kill()
+            self.pool.shutdown(wait=False)
+            self.pool = None
+            late = isinstance(error, TimeoutError)
+            raise StoppedError(f"no answer within {limit:g} s" if late else "its process crashed") from None
+
+
 def watched(task: Callable[..., Row], *args: Any, limit: float) -> Row:
     """The row of `fresh`, whose peak_mb is that of the process with all it started; Linux.
 

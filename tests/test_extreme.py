@@ -12,12 +12,12 @@ import pytest
 import scipy.linalg as la
 
 import femsub as fs
+from benchmarks.extreme.command import evaluate
 from benchmarks.extreme.complex import cea
 from benchmarks.extreme.motion import Chain
-from benchmarks.extreme.reference import Sturm, border, chain_border, matched, mp, quadratic
+from benchmarks.extreme.reference import Sturm, border, matched, mp, quadratic
 from benchmarks.extreme.spectra import copies, damped, edge, listed, mixed
 from benchmarks.extreme.table import CASES
-from benchmarks.extreme.verdict import evaluate
 
 ROOT = Path(__file__).parent.parent
 
@@ -65,11 +65,11 @@ def test_companion_matrix_and_border_are_right() -> None:
     assert min(abs(mp.re(value)) for value in spectrum) < 1e-16 and 1e-17 < moved < 1e-12
 
 
-def test_a_continued_fraction_is_the_border_of_a_chain() -> None:
+def test_the_last_pivot_is_the_border_of_a_chain() -> None:
     sub = fs.chain(9, belt=4)
     omega = fs.critical_slope(sub).omega * (1 + 1e-7)
     whole, moved = border(sub.M, sub.D, sub.K, sub.port("belt"), omega)
-    c, other = chain_border(9, 4, 0.1, omega)
+    c, other = border(sub.M, sub.D, sub.K, sub.port("belt"), omega, sparse=True)
     assert abs(c / whole - 1) < 1e-30 and other == pytest.approx(moved, rel=1e-6)
 
 

@@ -167,9 +167,10 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "write_superelement": {"folder": folder / "super", "program": "dmig"},
         "write_mesh": {"path": folder / "again.vtu", "shapes": {"a": np.zeros((len(mesh.points), 3))}},
     }
-    special = {"FrictionContact": rubbing, "Rigid": rigid, "Spring": coupled, "cut": cut, "cut_to_files": pieces,
-               "FrequencyResponse": fs.FrequencyResponse.measured}
-    table = {}
+    special: dict[str, Callable[..., Any]] = {
+        "FrictionContact": rubbing, "Rigid": rigid, "Spring": coupled, "cut": cut, "cut_to_files": pieces,
+        "FrequencyResponse": fs.FrequencyResponse.measured}
+    table: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {}
     for name, given in own.items():
         plain = name.partition("(")[0]
         function = special.get(plain) or getattr(fs, plain)

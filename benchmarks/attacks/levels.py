@@ -146,9 +146,9 @@ def damaged(seed: int, place: Path, expanded: bool) -> str:
         return "certified" if (far := off(found, right)) < 1e-9 else f"wrong: {what}: off by {far:.1e}"
     after = content_of(place / "work")
     changed = {name.partition("/")[0] for name in before | after if before.get(name) != after.get(name)}
-    again, error, said = heard(fs.reduce_by_levels, parts, method, place / "work")
-    if error:
-        raise error
+    again, refusal, said = heard(fs.reduce_by_levels, parts, method, place / "work")
+    if refusal:
+        raise refusal
     named = {task for task in changed for one in said if re.search(rf"{re.escape(str(place / 'work' / task))}[/ ]", str(one))}
     if (far := off(digits(again), right)) > 1e-9:
         return f"wrong: {what}: off by {far:.1e}"

@@ -11,7 +11,9 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.extreme.reference import EPS, Array, Found, Sturm, dense, entry_condition, exact, mp
+from benchmarks import lattices
+from benchmarks.attacks.common import dense, stiffness
+from benchmarks.extreme.reference import EPS, Array, Found, Sturm, entry_condition, exact, mp
 
 STEEL: dict[str, Any] = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
 ASKED = 1e-12  # of Krylov-Schur by femsub, relative to the shifted and inverted eigenvalue
@@ -56,25 +58,15 @@ def pieces(*parts: fs.Substructure, interface: tuple[int, ...] = ()) -> fs.Subst
 
 
 def lattice(nx: int, ny: int, seed: int = 0, diagonals: bool = True) -> fs.Substructure:
-    """A plane truss with springs between 0.5 and 2: three rigid-body modes, and without diagonals nx + ny free shears."""
-    rng, n = np.random.default_rng(seed), 2 * nx * ny
-    K = np.zeros((n, n))
-    for dx, dy in [(1, 0), (0, 1)] + [(1, 1), (1, -1)] * diagonals:
-        for x in range(nx - dx):
-            for y in range(max(0, -dy), ny - max(0, dy)):
-                a, b = x * ny + y, (x + dx) * ny + y + dy
-                bar = np.zeros(n)
-                bar[[2 * a, 2 * a + 1, 2 * b, 2 * b + 1]] = np.array([-dx, -dy, dx, dy]) / np.hypot(dx, dy)
-                K += (rng.uniform(0.5, 2.0) if diagonals else 1.0) * np.outer(bar, bar)
-    mass = np.repeat(rng.uniform(0.5, 2.0, nx * ny), 2)
-    return fs.Substructure(sp.diags_array(mass), sp.csr_array(K), interface=[0, 1, n - 1])
+    """A plane truss of springs between 0.5 and 2: three rigid-body modes, and without diagonals nx + ny free shears."""
+    sub = lattices.lattice(nx, ny, seed=seed, diagonals=diagonals)
+    return fs.Substructure(sub.M, sub.K, interface=[0, 1, sub.size - 1])
 
 
 def ring(n: int) -> fs.Substructure:
     """Equal masses on a circle: λ_j = 4 sin²(jπ/n), each twice but the rigid-body one and, for even n, the last."""
-    K = 2 * sp.eye_array(n) - sp.csr_array((np.ones(2 * n), (np.tile(np.arange(n), 2), np.concatenate(
-        [(np.arange(n) + 1) % n, (np.arange(n) - 1) % n]))), shape=(n, n))
-    return fs.Substructure(sp.eye_array(n), K)
+    K = stiffness(n, [(i, (i + 1) % n) for i in range(n)], np.ones(n))
+    return fs.Substructure(sp.eye_array(n), sp.csr_array(K))
 
 
 def held(K: Any, free: int) -> Any:

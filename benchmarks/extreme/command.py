@@ -25,39 +25,71 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+import warnings
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+import femsub as fs
 from benchmarks.extreme.table import CASES
-from benchmarks.extreme.verdict import FIGURES, Row, evaluate
-from benchmarks.processes import arguments
+from benchmarks.processes import Row, StoppedError, Worker, arguments
 from femsub.app import report
 from femsub.app.scene import Picture, Result
 from femsub.studies.tables import Table
 
+BACKWARD, ORTHOGONAL = 1e-9, 1e-8  # a backward error above the first is warned of by femsub itself
+FIGURES = ("error", "bound", "ratio", "backward", "orthogonality", "condition", "missed")
+
+
+def empty_row(name: str) -> Row:
+    """What is known of a case that gave nothing."""
+    return {"group": CASES[name].group, "case": name, "verdict": "wrong", "as_known": False, "computed": "", "reason": "",
+            **dict.fromkeys(FIGURES), "why": "", "warnings": []}
+
+
+def evaluate(name: str) -> Row:
+    """Runs one case and judges it."""
+    case, start = CASES[name], time.perf_counter()
+    row = empty_row(name)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", fs.FemsubWarning)
+        warnings.simplefilter("ignore", fs.PortWarning)
+        try:
+            found = case.run()
+        except fs.FemsubError as error:
+            row |= {"verdict": "refused", "reason": f"{type(error).__name__}: {error}"}
+            found = None
+        except Exception as error:  # whatever else is raised is no refusal, but must not end the run
+            row |= {"reason": f"{type(error).__name__}: {error}"}
+            found = None
+    told = [one for one in caught if issubclass(one.category, fs.FemsubWarning)]
+    row |= {"warnings": [str(one.message) for one in told]}
+    if found is not None:
+        row |= {key: getattr(found, key) for key in ("computed", "why", *FIGURES)}
+        faults = [found.lie, f"{found.ratio:.2g} times its bound" if found.ratio > 1 else "",
+                  "the bound says nothing" if not found.bound < 1 else "", f"{found.missed} missed" if found.missed else "",
+                  f"‖ΦᵀMΦ - I‖ = {found.orthogonality:.1e}" if (found.orthogonality or 0) > ORTHOGONAL else "",
+                  f"backward error {found.backward:.1e}" if (found.backward or 0) > BACKWARD and not told else ""]
+        lost = [str(one.message) for one in told if issubclass(one.category, fs.ConditionWarning)]
+        row["reason"] = "; ".join(fault for fault in faults if fault)
+        if not row["reason"]:
+            row["verdict"] = "right"
+        elif lost:
+            row |= {"verdict": "refused", "reason": f"ConditionWarning: {lost[0]} [{row['reason']}]"}
+    known = "right" if case.expect == "right" else "refused"
+    row["as_known"] = row["verdict"] == known and (known == "right" or case.expect in row["reason"])
+    return row | {"seconds": time.perf_counter() - start}
+
 
 def run(names: list[str], limit: float) -> list[Row]:
     """All rows, from a process that is replaced when it crashes or hangs."""
-    rows, pool = [], None
+    rows, worker = [], Worker()
     for at, name in enumerate(names):
         report.progress(f"{at + 1}/{len(names)}: {CASES[name].group}: {name}")
-        pool = pool or ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn"))
         try:
-            rows.append(pool.submit(evaluate, name).result(timeout=limit))
-        except (BrokenProcessPool, TimeoutError) as error:
-            why = f"no answer within {limit:g} s" if isinstance(error, TimeoutError) else "its process crashed"
-            rows.append({"group": CASES[name].group, "case": name, "verdict": "wrong", "as_known": False, "computed": "",
-                         "reason": why} | dict.fromkeys(FIGURES) | {"why": "", "warnings": [], "seconds": limit})
-            for process in list(pool._processes.values()):
-                process.kill()
-            pool.shutdown(wait=False)
-            pool = None
-    if pool:
-        pool.shutdown()
+            rows.append(worker(evaluate, name, limit=limit))
+        except StoppedError as error:
+            rows.append(empty_row(name) | {"reason": str(error), "seconds": limit})
     report.progress_done()
     return rows
 

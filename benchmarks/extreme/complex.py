@@ -10,14 +10,13 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import dense
 from benchmarks.extreme.cases import judge
 from benchmarks.extreme.reference import (
     EPS,
     Array,
     Found,
     border,
-    chain_border,
-    dense,
     energy_conditions,
     matched,
     mp,
@@ -142,11 +141,11 @@ def _against_band(partner: Array, reference: list[Any], band: tuple[float, float
 
 
 def slope(build: Callable[[], fs.Substructure], known: float | None = None, within: float = 0.0, at: float | None = None,
-          chain: tuple[int, int, float] | None = None, **options: Any) -> Found:
+          sparse: bool = False, **options: Any) -> Found:
     """The critical slope against the root of Im G in 60 digits, with no mode unstable at 0.999 of it.
 
-    Or against a known one, exactly or `within` a relative error, `at` a known frequency; or against the continued fraction of
-    a chain given by its masses, the belt's place and the dashpot.
+    Or against a known one, exactly or `within` a relative error, `at` a known frequency; or of a `sparse`
+    chain by its pivots, without that look at the modes.
     """
     sub = build()
     found = fs.critical_slope(sub, **options)
@@ -158,9 +157,9 @@ def slope(build: Callable[[], fs.Substructure], known: float | None = None, with
     w = sub.port(options.get("port", "belt"))
     if found.value == 0.0 or not np.isfinite(found.value):
         return Found(told, 1.0, EPS, np.inf, "it is neither 0 nor infinite")
-    exact_slope, moved = border(sub.M, sub.D, sub.K, w, found.omega) if chain is None else chain_border(*chain, found.omega)
+    exact_slope, moved = border(sub.M, sub.D, sub.K, w, found.omega, sparse)
     growing = None
-    if chain is None:
+    if not sparse:
         spectrum = quadratic(sub.M, dense(sub.D) + 0.999 * found.value * np.outer(w, w), sub.K)
         size = max(abs(value) for value in spectrum)
         lo, hi = found.band[0] - mp.mpf(10) ** -30 * size, found.band[1]  # of a real λ Im λ is rounding

@@ -12,9 +12,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import dense
 from benchmarks.extreme.cases import basis, judge, lattice
 from benchmarks.extreme.complex import roots, slope
-from benchmarks.extreme.reference import EPS, Array, Found, answered, border, claim, dense, matched, mp, quadratic, worst
+from benchmarks.extreme.reference import EPS, Array, Found, answered, border, claim, matched, mp, quadratic, worst
 
 CORRECTED = 1e-10  # what is left of inertia relief after its last correction, relatively
 TALLEST = 1e6  # entry of V of a model of unit masses and springs; it was 1e42

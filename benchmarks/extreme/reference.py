@@ -12,15 +12,11 @@ import scipy.sparse as sp
 from mpmath import mp
 from scipy.optimize import linear_sum_assignment
 
-from benchmarks.attacks.common import exact_eigenvalues
+from benchmarks.attacks.common import dense, exact_eigenvalues
 
 EPS = float(np.finfo(float).eps)
 Array = np.ndarray
 mp.dps = 60
-
-
-def dense(matrix: Any) -> Array:
-    return matrix.toarray() if sp.issparse(matrix) else np.asarray(matrix, dtype=float)
 
 
 def exact(matrix: Any) -> Any:
@@ -28,39 +24,48 @@ def exact(matrix: Any) -> Any:
     return mp.matrix(dense(matrix).tolist())
 
 
-class Sturm:
-    """How many eigenvalues of Kφ = λMφ lie below σ: the negative pivots of K - σM = LDLᵀ in 60 digits, M semidefinite.
+class Pivots:
+    """The pivots of Σ fᵢAᵢ = LDLᵀ in 60 digits for symmetric sparse Aᵢ; one DOF may be eliminated `last`.
 
     Without pivoting, in a band-reducing order: 60 digits bear the growth.
     """
 
-    def __init__(self, K: Any, M: Any) -> None:
-        K, M = sp.csr_array(K), sp.csr_array(M)
-        order = sp.csgraph.reverse_cuthill_mckee(sp.csr_array(abs(K) + abs(M)), symmetric_mode=True)
-        upper = [sp.triu(part[order][:, order]).tocoo() for part in (K, M)]
-        self.rows: list[dict[int, list[Any]]] = [{} for _ in range(K.shape[0])]
-        for which, part in enumerate(upper):
-            for i, j, value in zip(part.row, part.col, part.data, strict=True):
-                self.rows[i].setdefault(int(j), [mp.zero, mp.zero])[which] += mp.mpf(float(value))
+    def __init__(self, *parts: Any, last: int | None = None) -> None:
+        several = [sp.csr_array(part) for part in parts]
+        order = sp.csgraph.reverse_cuthill_mckee(sp.csr_array(sum(abs(part) for part in several)), symmetric_mode=True)
+        if last is not None:
+            order = np.append(order[order != last], last)
+        self.rows: list[dict[int, list[Any]]] = [{} for _ in order]
+        for which, part in enumerate(several):
+            upper = sp.triu(part[order][:, order]).tocoo()
+            for i, j, value in zip(upper.row, upper.col, upper.data, strict=True):
+                self.rows[i].setdefault(int(j), [mp.zero] * len(several))[which] += mp.mpf(float(value))
 
-    def count(self, sigma: Any) -> int:
-        """Eigenvalues below σ."""
-        rows = [{j: k - sigma * m for j, (k, m) in row.items()} for row in self.rows]
-        negative = 0
+    def __call__(self, *factors: Any) -> list[Any]:
+        rows = [{j: mp.fdot(factors, several) for j, several in row.items()} for row in self.rows]
+        pivots = []
         for i, row in enumerate(rows):
             pivot = row.pop(i, mp.zero)
             if pivot == 0:
                 if not any(row.values()):
                     continue  # a DOF on its own with λ = σ
                 pivot = mp.mpf(10) ** -50 * max(abs(value) for value in row.values())
-            negative += pivot < 0
+            pivots.append(pivot)
             entries = sorted(row.items())
             for at, (j, value) in enumerate(entries):
                 if value:
                     factor, below = value / pivot, rows[j]
                     for k, other in entries[at:]:
                         below[k] = below.get(k, mp.zero) - factor * other
-        return negative
+        return pivots
+
+
+class Sturm(Pivots):
+    """How many eigenvalues of Kφ = λMφ lie below σ: the negative pivots of K - σM, M semidefinite."""
+
+    def count(self, sigma: Any) -> int:
+        """Eigenvalues below σ."""
+        return sum(pivot < 0 for pivot in self(1, -sigma))
 
     def errors(self, values: Iterable[float], first: int = 1) -> Array:
         """Relative distance of each value (ascending) to the eigenvalue of its number, `first` that of the first one.
@@ -86,17 +91,8 @@ def quadratic(M: Any, D: Any, K: Any) -> list[Any]:
     """All finite λ of (λ²M + λD + K)x = 0 in 60 digits: a companion matrix of it, or of its reverse where M is singular,
     that of μ = λ - 1 if K is as well.
     """
-    parts, n = [exact(part) for part in (M, D, K)], np.shape(M)[0]
-    reverse = np.linalg.matrix_rank(dense(M)) < n
-    shift = int(reverse and np.linalg.matrix_rank(dense(K)) < n)
-    if reverse:
-        mass, damping, stiffness = parts
-        parts = [mass * shift + damping * shift + stiffness, mass * (2 * shift) + damping, mass]
-    found = exact_eigenvalues(*parts)
-    if reverse:
-        size = max(abs(value) for value in found)
-        found = [1 / value + shift for value in found if abs(value) > size * mp.mpf(10) ** -25]
-    return found
+    singular = [np.linalg.matrix_rank(dense(part)) < np.shape(M)[0] for part in (M, K)]
+    return exact_eigenvalues(exact(M), exact(D), exact(K), int(singular[1]) if singular[0] else None)
 
 
 def matched(found: Array, reference: list[Any]) -> tuple[Array, Array]:
@@ -111,61 +107,25 @@ def matched(found: Array, reference: list[Any]) -> tuple[Array, Array]:
     return distance, partner
 
 
-def border(M: Any, D: Any, K: Any, w: Array, omega: float) -> tuple[Any, float]:
+def border(M: Any, D: Any, K: Any, w: Array, omega: float, sparse: bool = False) -> tuple[Any, float]:
     """c = -1/G in 60 digits where Im G = 0 next to a given ω, G(ω) = iω wᵀ(-ω²M + iωD + K)⁻¹w; and how far c moves,
     relatively, when each entry of M, D, K moves by one eps.
 
-    To first order yᵀδP q + yᵀP'q iδω + iω (wᵀq)² δc = 0 with δω and δc real.
+    To first order yᵀδP q + yᵀP'q iδω + iω (wᵀq)² δc = 0 with δω and δc real. Of a `sparse` symmetric model, whose belt is under
+    one DOF, 1/wᵀP⁻¹w is the pivot of that DOF when it is eliminated last.
     """
-    mass, damping, stiffness, column = exact(M), exact(D), exact(K), mp.matrix(w.tolist())
+    last = Pivots(M, D, K, last=int(np.argmax(w))) if sparse else None
+    mass, damping, stiffness = (None if sparse else exact(part) for part in (M, D, K))
+    column = mp.matrix(w.tolist())
 
-    def response(at: Any) -> Any:
-        return mp.lu_solve(stiffness - at * at * mass + 1j * at * damping, column)
+    def response(at: Any, way: str = "right") -> Any:
+        P = stiffness - at * at * mass + 1j * at * damping
+        return mp.lu_solve(P if way == "right" else P.T, column)
 
     def G(at: Any) -> Any:
-        return 1j * at * (column.T * response(at))[0]
+        return 1j * at / last(-at * at, 1j * at, 1)[-1] if last else 1j * at * (column.T * response(at))[0]
 
-    root = _root(G, omega)
-    G_root = G(root)
-    c = (-1 / G_root).real
-    if abs((-1 / G_root).imag) > mp.mpf(10) ** -20 * abs(c):
-        raise ArithmeticError(f"no crossing next to ω = {omega}")
-    q = np.array([complex(value) for value in response(root)])  # P is symmetric or not: the left shape from Pᵀ
-    left = mp.lu_solve((stiffness - root * root * mass + 1j * root * damping).T, column)
-    y = np.array([complex(value) for value in left])
-    return c, _moved((dense(M), dense(D), dense(K)), w, q, y, float(root), float(c))
-
-
-def chain_border(n: int, belt: int, damping: float, omega: float) -> tuple[Any, float]:
-    """The same for the chain of n unit masses and springs, fixed at the left, with a dashpot at the first mass: its
-    P(iω) has three diagonals, and wᵀP⁻¹w is a continued fraction from both sides.
-    """
-    import scipy.sparse as sparse
-    from scipy.sparse.linalg import spsolve
-
-    def diagonal(j: int, at: Any) -> Any:
-        return (1 if j == n else 2) - at * at + (1j * at * mp.mpf(damping) if j == 1 else 0)
-
-    def G(at: Any) -> Any:
-        ends = []
-        for first, step in ((1, 1), (n, -1)):
-            end = mp.mpc(mp.inf)
-            for j in range(first, belt, step):
-                end = diagonal(j, at) - (0 if mp.isinf(end) else 1 / end)
-            ends.append(0 if mp.isinf(end) else 1 / end)
-        return 1j * at / (diagonal(belt, at) - ends[0] - ends[1])
-
-    root = _root(G, omega)
-    c, at, w = (-1 / G(root)).real, float(root), np.eye(n)[belt - 1]
-    M, D = sparse.eye_array(n), sparse.csr_array(([damping], ([0], [0])), shape=(n, n))
-    K = sparse.diags_array([-np.ones(n - 1), np.append(2 * np.ones(n - 1), 1), -np.ones(n - 1)], offsets=[-1, 0, 1])
-    q = spsolve(sparse.csc_array(K - at**2 * M + 1j * at * D), w.astype(complex))
-    return c, _moved((M.toarray(), D.toarray(), K.toarray()), w, q, q, at, float(c))
-
-
-def _root(G: Callable[[Any], Any], omega: float) -> Any:
-    """The root of Im G next to ω, by secants."""
-    # a resonance may be no wider than the spacing of doubles
+    # the root of Im G by secants: a resonance may be no wider than the spacing of doubles
     before, root = mp.mpf(omega), mp.mpf(omega) * (1 + mp.mpf(10) ** -22)
     there, here = G(before).imag, G(root).imag
     for _ in range(60):
@@ -173,16 +133,19 @@ def _root(G: Callable[[Any], Any], omega: float) -> Any:
             break
         before, root, there = root, root - here * (root - before) / (here - there), here
         here = G(root).imag
-    return root
-
-
-def _moved(parts: tuple[Array, Array, Array], w: Array, q: Array, y: Array, at: float, c: float) -> float:
-    M, D, _ = parts
+    c = -1 / G(root)
+    if abs(c.imag) > mp.mpf(10) ** -20 * abs(c.real):
+        raise ArithmeticError(f"no crossing next to ω = {omega}")
+    M, D, K, at = dense(M), dense(D), dense(K), float(root)
+    if sparse:
+        q = y = np.linalg.solve(K - at**2 * M + 1j * at * D, w)
+    else:  # P is symmetric or not: the left shape from Pᵀ
+        q, y = (np.array([complex(value) for value in response(root, way)]) for way in ("right", "left"))
     turn = y @ ((2j * at * M + D) @ q) * 1j
     feed = 1j * at * (w @ q) * (w @ y)
     moved = sum(float((np.abs(part) * np.abs((np.conj(turn) * factor * np.outer(y, q)).imag)).sum())
-                for part, factor in zip(parts, (-at * at, 1j * at, 1.0), strict=True))
-    return float(moved / abs((np.conj(turn) * feed).imag) / abs(c)) * EPS
+                for part, factor in zip((M, D, K), (-at * at, 1j * at, 1.0), strict=True))
+    return c.real, float(moved / abs((np.conj(turn) * feed).imag) / abs(float(c.real))) * EPS
 
 
 def entry_condition(K: Any, M: Any, shapes: Array, values: Array) -> Array:

@@ -11,9 +11,10 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks import lattices
+from benchmarks.attacks.common import dense
 from benchmarks.extreme.cases import ASKED, judge, lattice, spread
 from benchmarks.extreme.complex import roots
-from benchmarks.extreme.reference import Array, Found, dense, entry_condition, exact, mp
+from benchmarks.extreme.reference import Array, Found, entry_condition, exact, mp
 
 Known = tuple[fs.Pencil, Array]
 

@@ -298,8 +298,7 @@ for belt in (2, 5, 10):
     case(group, f"slope on an edge, chain 10, belt m{belt}", on_an_edge, chain(10, belt=belt), None, quick=belt == 2)
 case(group, "slope on an edge, bracketed", on_an_edge, chain(10, belt=2), None, method="bracketing", quick=False)
 for belt in (2, 7):
-    case(group, f"slope on an edge, chain 400, belt m{belt}", on_an_edge, chain(400, belt=belt), (0.0, 0.025),
-         chain=(400, belt, 0.1))
+    case(group, f"slope on an edge, chain 400, belt m{belt}", on_an_edge, chain(400, belt=belt), (0.0, 0.025), sparse=True)
 
 group = "border"
 for label, six in (("HCB", HCB(6)), ("CC", CC(6))):
