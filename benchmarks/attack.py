@@ -69,6 +69,8 @@ def main() -> int:
                 print(f"{kind}: {outcome}", flush=True)
             if sys.stderr.isatty():
                 print(f"\r{done} of {len(tasks)}", end="" if done < len(tasks) else "\n", file=sys.stderr)
+    while not idle.empty():
+        idle.get().close()
     for (kind, outcome), count in sorted(outcomes.items()):
         print(f"{kind}: {outcome}: {count}")
     wrong = sum(count for (_, outcome), count in outcomes.items() if outcome == "wrong")

@@ -89,10 +89,15 @@ class Worker:
         except (BrokenProcessPool, TimeoutError) as error:
             for process in list(self.pool._processes.values()):
                 process.kill()
-            self.pool.shutdown(wait=False)
-            self.pool = None
+            self.close()
             late = isinstance(error, TimeoutError)
             raise StoppedError(f"no answer within {limit:g} s" if late else "its process crashed") from None
+
+    def close(self) -> None:
+        """Ends the process; the next task has a new one."""
+        if self.pool:
+            self.pool.shutdown()
+            self.pool = None
 
 
 def watched(task: Callable[..., Row], *args: Any, limit: float) -> Row:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack
+from benchmarks.attacks.common import Random, attack, component
 from femsub.checks import Array
 from femsub.reduction import METHODS
 
@@ -82,31 +82,6 @@ def is_fault(given: dict[str, Any], changed: dict[str, Any], rom: fs.ReducedSubs
             turns.append(turn.copy())
     return not any(all(np.allclose(turn @ given[key] @ turn.T, changed[key], rtol=1e-9, atol=1e-12 * np.abs(given[key]).max())
                        for key in "MK") for turn in turns)
-
-
-def component(rng: Random) -> fs.Substructure:
-    """A random chain, beam, plate or solid, held or floating, with one or more interfaces, some with a port inside."""
-    kind = str(rng.choice(["chain", "chain", "beam", "beam", "plate", "solid"]))
-    held = bool(rng.random() < 0.5)
-    if kind == "chain":
-        n = int(rng.integers(10, 40))
-        spots = sorted({1, *map(int, rng.integers(2, n, int(rng.integers(0, 3)))), *([n] if rng.random() < 0.5 else [])})
-        return fs.chain(n, belt=int(rng.integers(2, n)), interface=spots, fixed=held,
-                        masses=np.exp(rng.uniform(-1, 1, n)), springs=np.exp(rng.uniform(-1, 1, n)))
-    ends = ["right"] if rng.random() < 0.5 or held else ["left", "right"]
-    if kind == "beam":
-        more: Any = {"supports": {"left": str(rng.choice(["clamped", "pinned"]))}} if held else {}
-        scale = 10.0 ** rng.uniform(-3, 1)
-        return fs.beam(float(rng.uniform(0.5, 4.0)), int(rng.integers(8, 30)), E=2.1e11, I=1e-7 * scale**2, rho=7850.0,
-                       A=1e-3 * scale, interface=ends, **more)
-    if kind == "plate":
-        more = {"supports": {"left": "clamped"}} if held else {}
-        mesh = fs.rectangle((0.4, float(rng.uniform(0.2, 0.4))), (int(rng.integers(4, 7)), 3))
-        return fs.plate(mesh, E=2.1e11, nu=0.3, rho=7850.0, thickness=float(rng.uniform(1e-3, 1e-2)), interface=ends,
-                        **more)
-    mesh = fs.block((1.0, 0.1, float(rng.uniform(0.05, 0.1))), (int(rng.integers(4, 7)), 1, 1), "hexahedron")
-    return fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), interface=ends, supports=["left"] if held else [],
-                    rayleigh=(2.0, 1e-7) if rng.random() < 0.5 else (0.0, 0.0))
 
 
 def plant(given: dict[str, Any], rng: Random) -> str:

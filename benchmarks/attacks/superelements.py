@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack
+from benchmarks.attacks.common import Random, attack, component
 from femsub.checks import EPS, Array
 
 KINDS = ("nastran", "dmig", "abaqus", "calculix", "exudyn")
@@ -81,7 +81,7 @@ def _read(kind: str, files: list[Path], model: fs.Substructure) -> fs.Substructu
 
 def _model(random: Random, scaled: bool) -> tuple[fs.Substructure, fs.Substructure]:
     """A full model, and what is written."""
-    full = _full(random)
+    full = component(random, mapped=True)
     if random.random() < 0.3:
         full = fs.damped(full, rayleigh=(10.0 ** random.uniform(-2, 1), 10.0 ** random.uniform(-9, -5)))
     if random.random() < 0.1 or not len(full.interior):
@@ -105,33 +105,3 @@ def _scaled(random: Random, rom: fs.ReducedSubstructure) -> fs.ReducedSubstructu
     D = None if not np.any(rom.D) else rom.D * np.outer(s, s)
     return replace(rom, M=rom.M * np.outer(s, s), K=rom.K * np.outer(s, s), D=D, V=rom.V * s, ports={}, rigid_motion=None,
                    noise=np.zeros((rom.size, 0)), estimate=None, estimated=None)
-
-
-def _full(random: Random) -> fs.Substructure:
-    which, scale = int(random.integers(6)), 10.0 ** random.uniform(-2, 2)
-    E, rho = 10.0 ** random.uniform(5, 12), 10.0 ** random.uniform(2, 4)
-    if which <= 1:
-        cells = int(random.integers(2, 9)), int(random.integers(1, 3)), 1
-        size = scale, scale * random.uniform(0.05, 0.4), scale * random.uniform(0.05, 0.4)
-        sets = [["left"], ["right"], ["left", "right"]][int(random.integers(3))]
-        held = ["left"] if sets == ["right"] and random.random() < 0.7 else []
-        return fs.solid(fs.block(size, cells, "hexahedron"), fs.Material(E, 0.3, rho), supports=held, interface=sets,
-                        name="solid")
-    if which == 2:
-        supports: dict[str, str] = [{}, {"left": "clamped"}, {"left": "pinned"}][int(random.integers(3))]
-        ends = ["right"] if supports else ["left", "right"]
-        return fs.beam(scale, int(random.integers(3, 12)), E=E, I=1e-6 * scale**4, rho=rho, A=1e-2 * scale**2, supports=supports,
-                       interface=ends, name="beam")
-    if which == 3:
-        return fs.plate(fs.rectangle((scale, 0.6 * scale), (int(random.integers(2, 5)), 2), "quad"), E=E, nu=0.3, rho=rho,
-                        thickness=0.02 * scale, interface=["left", "right"][:int(random.integers(1, 3))], name="plate")
-    n = int(random.integers(6, 20))
-    places = [int(i) for i in random.choice(np.arange(1, n + 1), int(random.integers(0, 4)), replace=False)]
-    one = fs.chain(n, masses=random.lognormal(0, 1, n), springs=random.lognormal(0, 1, n), interface=places,
-                   belt=int(random.integers(1, n + 1)), damping=0.0)
-    if which == 4 or not places:
-        return one
-    # with a map of its own: motions of nodes in three directions, of which some are held
-    nodes = np.repeat(np.arange(1, n + 1), 1)
-    dofs = fs.DofMap(nodes, random.integers(0, 3, n), ("ux", "uy", "uz"), random.uniform(-1, 1, (n, 3)))
-    return fs.Substructure(one.M, one.K, one.D, one.interface, one.ports, "mapped", dofs)

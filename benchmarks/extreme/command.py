@@ -90,6 +90,7 @@ def run(names: list[str], limit: float) -> list[Row]:
             rows.append(worker(evaluate, name, limit=limit))
         except StoppedError as error:
             rows.append(empty_row(name) | {"reason": str(error), "seconds": limit})
+    worker.close()
     report.progress_done()
     return rows
 
