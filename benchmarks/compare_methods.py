@@ -14,7 +14,6 @@ size     coordinates of the assembled system; Dual Craig-Bampton has its multipl
 from __future__ import annotations
 
 import argparse
-import csv
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ import femsub as fs
 from benchmarks import joined
 from benchmarks.pictures import save
 from femsub.app.figure_style import PAGE, legend_below, new_figure
+from femsub.app.report import table_csv
 from femsub.reduction.reduce import METHODS
 from femsub.studies import look
 
@@ -74,10 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
               f"{row['largest']:9.1e} {row['mean']:9.1e}")
     if asked.out:
         asked.out.mkdir(parents=True, exist_ok=True)
-        with open(asked.out / "methods.csv", "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
+        with open(asked.out / "methods.csv", "wb") as file:
+            table_csv(rows, file)
         save(asked.out / "methods.png", lambda: figure(rows))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import resource
 import signal
@@ -18,7 +17,11 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import femsub as fs
+from femsub.algebra.processes.memory import available
+from femsub.algebra.processes.threads import libraries
 from femsub.app import report
 
 LEFT_MB = 500.0  # below so much free memory of the machine a measurement is stopped, before the system stops something else
@@ -60,12 +63,7 @@ def warm_up() -> None:
 def machine() -> Row:
     """Processor, cores, versions, and how many threads each BLAS has, when everything is loaded."""
     warm_up()
-    threads, maps = {}, Path("/proc/self/maps")
-    loaded = maps.read_text().splitlines() if maps.exists() else []
-    for library in sorted({Path(line.split()[-1]) for line in loaded if "openblas" in line.rpartition("/")[2]}):
-        for name in ("openblas_get_num_threads", "openblas_get_num_threads64_", "scipy_openblas_get_num_threads"):
-            if hasattr(handle := ctypes.CDLL(str(library)), name):
-                threads[library.name] = getattr(handle, name)()
+    threads = {Path(one["filepath"]).name: one["num_threads"] for one in libraries().info() if one["user_api"] == "blas"}
     return report.machine() | report.versions() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS"),
                                "blas_threads": threads}
 
@@ -119,7 +117,7 @@ def watched(task: Callable[..., Row], *args: Any, limit: float) -> Row:
                     due = time.perf_counter() + SELDOM * (time.perf_counter() - begun)
                 if time.perf_counter() - start > limit:
                     why = f"longer than {limit:g} s"
-                elif available_mb() < LEFT_MB:
+                elif (available() or np.inf) < 1e6 * LEFT_MB:
                     why = f"stopped at {peak / 1e3:.1f} GB, with no memory left"
                 if why:
                     os.kill(process, signal.SIGKILL)
@@ -132,12 +130,6 @@ def watched(task: Callable[..., Row], *args: Any, limit: float) -> Row:
                 os.kill(process, signal.SIGKILL)  # or leaving the pool would wait for it
             raise
     return row | {"peak_mb": max(row["peak_mb"], peak)}
-
-
-def available_mb() -> float:
-    """The memory that the machine has left, in 10⁶ bytes."""
-    lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-    return 1.024e-3 * int(next(line for line in lines if line.startswith("MemAvailable")).split()[1])
 
 
 def together_mb(process: int) -> float:

@@ -134,6 +134,13 @@ def exact_eigenvalues(M: mp.matrix, D: mp.matrix, K: mp.matrix, shift: Any = Non
     return list(mp.eig(companion, left=False, right=False))
 
 
+def crossings(found: fs.CriticalValue) -> tuple[Array, Array]:
+    """Where eigenvalues cross the axis, ascending, and by how many more grow after each, beginning with 0."""
+    events = sorted([(one.value, 2 if one.omega else 1) for one in found.losses]
+                    + [(one.value, -2 if one.omega else -1) for one in found.regains])
+    return np.array([value for value, _ in events]), np.cumsum([0, *(step for _, step in events)])
+
+
 def misfit(found: Array, bars: Array, exact: Sequence[Any]) -> str:
     """What lies further from its exact λ than its bar and the last digit of λ, paired one to one; nothing if all fit."""
     there = [mp.mpc(value) for value in found]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack, eigenvalues, positive
+from benchmarks.attacks.common import Random, attack, crossings, eigenvalues, positive
 from femsub.checks import Array
 
 KINDS = ("table", "table with knots", "two contacts", "stiffness", "declared", "declared falsely")
@@ -127,9 +127,8 @@ def _model(rng: Random) -> fs.Substructure:
 def _difference(model: fs.Substructure, contacts: list[Any], name: str, found: fs.CriticalValue, p: Array) -> str:
     """Where the number of growing eigenvalues is not what follows from the losses and regains; nothing if it is everywhere."""
     width = found.searched[1] - found.searched[0]
-    events = [(one.value, sign * (2 if one.omega > 0 else 1)) for sign, ones in ((1, found.losses), (-1, found.regains))
-              for one in ones]
-    edges = np.array([value for value, _ in events] + [edge for part in found.open for edge in part])
+    places, change = crossings(found)
+    edges = np.append(places, [edge for part in found.open for edge in part])
     for value in np.sort(p):
         if (len(edges) and np.abs(edges - value).min() <= BESIDE * width) or any(a <= value <= b for a, b in found.open):
             continue
@@ -146,7 +145,7 @@ def _difference(model: fs.Substructure, contacts: list[Any], name: str, found: f
         z = eigenvalues(model.M, D, K)
         if np.abs(z.real).min() <= CLEAR * np.abs(z).max():
             continue
-        expected = found.growing + sum(weight for at, weight in events if at < value)
+        expected = found.growing + change[np.searchsorted(places, value)]
         if (counted := int((z.real > 0).sum())) != expected:
             return f"at {value:.9g} {counted} grow, not {expected}"
     return ""

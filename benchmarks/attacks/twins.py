@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack, dense, heard
+from benchmarks.attacks.common import Random, attack, heard
 
 KINDS = ("twin beams", "free interface", "joined", "tolerance")
 OFF = 0.035
@@ -20,14 +20,16 @@ def attacked(kind: str, rng: Random) -> str:
     """One random case: 'right', 'told' if the slope is off, 'needless' if the warning was not necessary."""
     beams, foot, port = _parts(rng)
     modes, with_port = int(rng.integers(2, 9)), bool(rng.random() < 0.5)
+    joints = [fs.Rigid((name, "left"), ("foot", "top")) for name in beams]
     if kind == "joined":
-        joints = [fs.Rigid((name, "left"), ("foot", "top")) for name in beams]
         full: fs.Substructure = fs.couple(beams | {"foot": foot}, joints)
         method = (fs.CraigBampton, fs.Rubin)[int(rng.integers(2))]
         small: fs.Substructure = fs.reduce(full, {name: method(modes) for name in beams}, ports=with_port)
         port = "one.tip" if port == "tip" else "foot.foot"
     else:
-        full = _whole(beams, foot)
+        parts = fs.couple(beams | {"foot": foot}, joints, interface=[("foot", "top")])
+        full = fs.Substructure(parts.M, parts.K, parts.D, interface=parts.interface, name="twins",
+                               ports={"tip": parts.port("one.tip"), "foot": parts.port("foot.foot")})
         if kind == "tolerance":
             top = float(fs.normal_modes(full, count=8).frequencies[int(rng.integers(2, 8))])
             asked = fs.CraigBampton(band=(0.0, top), tol=float(10.0 ** rng.uniform(-4, -1.5)))
@@ -67,20 +69,3 @@ def _parts(rng: Random) -> tuple[dict[str, fs.Substructure], fs.Substructure, st
     D[0, 0] += 10.0 ** rng.uniform(-3, 0.5) * (b < 0.5)
     foot = fs.Substructure(M, K, D, interface={"top": [0, 1]}, ports={"foot": [1.0, 0.0]}, name="foot")
     return beams, foot, "tip" if rng.random() < 0.7 else "foot"
-
-
-def _whole(beams: dict[str, fs.Substructure], foot: fs.Substructure) -> fs.Substructure:
-    """The same as one component, with the foot's DOF as interface."""
-    size = sum(beam.size - 2 for beam in beams.values()) + 2
-    M, D, K = (np.zeros((size, size)) for _ in range(3))
-    start, ports = 2, {"foot": np.eye(size)[0]}
-    for name, beam in beams.items():
-        at = np.append([0, 1], start + np.arange(beam.size - 2))
-        for A, own, ground in ((M, beam.M, foot.M), (D, beam.D, foot.D), (K, beam.K, foot.K)):
-            A[np.ix_(at, at)] += dense(own)
-            A[:2, :2] += np.asarray(ground) * (name == "one")
-        if name == "one":
-            ports["tip"] = np.zeros(size)
-            ports["tip"][at] = beam.port("tip")
-        start += beam.size - 2
-    return fs.Substructure(M, K, D, interface=[0, 1], ports=ports, name="twins")
