@@ -12,7 +12,6 @@ nearest to 0. All are counted. Last come the N nearest without a count, by PEP. 
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 
@@ -27,7 +26,7 @@ from femsub.studies.tables import table
 TURNING, UNEVEN, DASHPOTS, STRONG = 200.0, 2e-8, 20, (0.05, 0.3)  # rad/s, s, their number, in units of sqrt(mk)
 
 
-def hard(pencil: fs.Pencil) -> fs.Pencil:
+def hardened(pencil: fs.Pencil) -> fs.Pencil:
     """The same pencil with gyroscopic, uneven and strong damping."""
     n, rng = pencil.size, np.random.default_rng(5)
     shift = sp.diags_array(np.ones(n - 1), offsets=1, shape=(n, n))
@@ -40,36 +39,30 @@ def hard(pencil: fs.Pencil) -> fs.Pencil:
     return fs.Pencil(pencil.M, sp.csr_array(D), pencil.K)
 
 
-def main() -> None:
+def main(*, size: float = 0.0085, hard: bool = False, count: int = 60, rounds: int = 1) -> None:
     """Prints a row for each search."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", type=float, default=0.0085)
-    parser.add_argument("--hard", action="store_true")
-    parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--rounds", type=int, default=1)
-    asked = parser.parse_args()
-    made = brake(asked.size)
+    made = brake(size)
     affine = affine_over(made.system, made.contacts(0.0), "mu", made.range)
 
     def pencil() -> fs.Pencil:  # a new one each time: factors and counts go with it
         found = affine.at(mu=MU)
-        return hard(found) if asked.hard else found
+        return hardened(found) if hard else found
 
     def band() -> float:
-        sizes = np.sort(fs.complex_modes(pencil(), count=asked.count + 2).eigenvalues.imag)
+        sizes = np.sort(fs.complex_modes(pencil(), count=count + 2).eigenvalues.imag)
         return float(sizes[-2:].mean())
 
     def real() -> str:
         given = affine.at(mu=0.0)
-        return repr(fs.normal_modes(fs.Substructure(given.M, sp.csr_array((given.K + given.K.T) * 0.5)), count=asked.count))
+        return repr(fs.normal_modes(fs.Substructure(given.M, sp.csr_array((given.K + given.K.T) * 0.5)), count=count))
 
     hi = band()
     searches: dict[str, Callable[[], str]] = {
         "real": real, f"band to {hi:.0f} rad/s": lambda: repr(fs.complex_modes(pencil(), band=(0.0, hi))),
-        "nearest to 0": lambda: repr(fs.complex_modes(pencil(), count=asked.count)),
-        "nearest to 0, not counted": lambda: repr(fs.complex_modes(pencil(), count=asked.count, evidence=False))}
+        "nearest to 0": lambda: repr(fs.complex_modes(pencil(), count=count)),
+        "nearest to 0, not counted": lambda: repr(fs.complex_modes(pencil(), count=count, evidence=False))}
     rows = []
-    for _ in range(asked.rounds):
+    for _ in range(rounds):
         first = 0.0
         for name, search in searches.items():
             start = time.perf_counter()
@@ -79,7 +72,3 @@ def main() -> None:
             rows.append([name, seconds, seconds / first, told])
     print(f"{made.system.size} DOF")
     print(table(["modes", "seconds", "times", "found"], rows, ["", ".3g", ".2f", ""]))
-
-
-if __name__ == "__main__":
-    main()

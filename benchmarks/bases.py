@@ -3,6 +3,11 @@
     python -m benchmarks bases [--component slab bulk disc] [--dof N ...] [--modes N ...] [--only METHOD ...]
                                [--defaults] [--limit SECONDS] [--repeats N] [--out DIR] [--quick]
 
+--component  slab or bulk of hexahedra, or a disc with pads; --dof is about their DOF (some 110,000, the disc 50,000)
+--modes      of the fixed interface; --only: femsub and these methods alone
+--limit      seconds of one measurement, the component's assembly included; --repeats: runs of each
+--quick      tiny sizes show that all works; times mean nothing
+
 All constraint modes and 40 fixed-interface modes, with the reduced M and K. `reduce` finds and certifies them. What users have
 today is compared with it:
 - SciPy's `eigsh(sigma=0)` with MKL's Pardiso (the extra `pardiso`), and with SuperLU and its options for symmetric
@@ -21,18 +26,17 @@ folder has of other cases as well. A measurement that takes longer than --limit,
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
-import sys
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 import femsub as fs
-from benchmarks import comparisons as tasks
-from benchmarks.processes import Row, StoppedError, arguments, fresh, machine, watched
+from benchmarks import UsageError, comparisons as tasks
+from benchmarks.processes import Row, StoppedError, begin, fresh, machine, watched
 from benchmarks.users import Case, Journal, compared
 from femsub.algebra.petsc import has_cholmod
 from femsub.app import report
@@ -93,36 +97,26 @@ def spread(name: str, values: list[float]) -> Row:
     return {name: statistics.median(values), f"{name}_least": min(values), f"{name}_most": max(values)}
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--component", nargs="+", choices=list(tasks.COMPONENTS), default=["slab"],
-                        help=f"{', '.join(f'{key} = {text}' for key, text in tasks.COMPONENTS.items())} (default slab)")
-    parser.add_argument("--dof", type=int, nargs="+", help="of the components, about (default some 110,000; disc 50,000)")
-    parser.add_argument("--defaults", action="store_true", help="SciPy's own choice of ordering, too (slow)")
-    parser.add_argument("--modes", type=int, nargs="+", help="fixed-interface modes (default 40)")
-    parser.add_argument("--limit", type=float, default=1200.0, metavar="SECONDS",
-                        help="most seconds of one measurement, the component's assembly included (default 1200)")
-    parser.add_argument("--only", nargs="+", choices=tasks.NAMES, help="femsub and these alone")
-    parser.add_argument("--repeats", type=int, default=3, metavar="N", help="runs of each measurement (default 3)")
-    parser.add_argument("--out", type=Path, default=Path("out/bases"), metavar="DIR", help="output folder (default out/bases)")
-    parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that all works, times mean nothing")
-    asked = arguments(parser, "out")
-    if asked.repeats < 1:
-        parser.error("--repeats must be at least 1")
+def main(*, component: Annotated[tuple[str, ...], tasks.COMPONENTS] = ("slab",), dof: tuple[int, ...] = (),
+         defaults: bool = False, modes: tuple[int, ...] = (), limit: float = 1200.0, repeats: int = 3,
+         only: Annotated[tuple[str, ...], tasks.NAMES] = (), out: Path = Path("out/bases"), quick: bool = False) -> int:
+    if repeats < 1:
+        raise UsageError("--repeats must be at least 1")
+    begin(out)
     # Debian's PETSc starts OpenMPI, see femsub/algebra/petsc.py; here slepc4py is loaded without it.
     os.environ |= {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
-    computer, sizes, journal = fresh(machine), SIZES[asked.quick], Journal(asked.out)
-    cases = [Case(name, size, sizes["interface"], modes) for name in asked.component
-             for size in ([sizes[name]] if asked.dof is None else
-                          [fresh(tasks.size_for, name, sizes[name], dof) for dof in asked.dof])
-             for modes in asked.modes or [sizes["modes"]]]
+    computer, sizes, journal = fresh(machine), SIZES[quick], Journal(out)
+    cases = [Case(name, size, sizes["interface"], count) for name in component
+             for size in ([sizes[name]] if not dof else
+                          [fresh(tasks.size_for, name, sizes[name], wanted) for wanted in dof])
+             for count in modes or [sizes["modes"]]]
     left_out = {name for name, package in PACKAGES.items() if find_spec(package) is None}
-    left_out |= set() if asked.defaults else {"SciPy, defaults"}
+    left_out |= set() if defaults else {"SciPy, defaults"}
     left_out |= set() if fresh(has_cholmod) else {name for name in tasks.NAMES if name.endswith("CHOLMOD")}
     methods = [name for name in tasks.NAMES if name not in left_out
-               and (asked.only is None or name in (tasks.REFERENCE, *asked.only))]
-    failed = [fault for case in cases for turn in range(asked.repeats) for name in methods[::1 if turn % 2 == 0 else -1]
-              if (fault := measured(case, name, turn, journal, asked.limit))]
+               and (not only or name in (tasks.REFERENCE, *only))]
+    failed = [fault for case in cases for turn in range(repeats) for name in methods[::1 if turn % 2 == 0 else -1]
+              if (fault := measured(case, name, turn, journal, limit))]
     report.progress_done()
     rows = [row for case in journal.cases for row in rows_of(case, journal)]
     text = table([key.replace("_", " ") for key in COLUMNS], [[row.get(key) for key in COLUMNS] for row in rows],
@@ -130,12 +124,8 @@ def main() -> int:
     phases = table(["phases", "medians"], [[f"{row['method']}, {row['case']}", ", ".join(
         f"{key} {value:.3g} s" for key, value in row["phases"].items())] for row in rows], ["", ""])
     flat = [{key: value for key, value in row.items() if key != "phases"} for row in rows]
-    data = {"machine": computer, "quick": asked.quick, "repeats": asked.repeats, "rows": rows, "failed": failed}
+    data = {"machine": computer, "quick": quick, "repeats": repeats, "rows": rows, "failed": failed}
     result = Result(data, [text, phases, Table("bases", flat)])
     print(result.text(), *(f"failed: {line}" for line in failed), sep="\n")
-    report.write(result, asked.out, figures=False, name="bases")
+    report.write(result, out, figures=False, name="bases")
     return 1 if failed else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,15 +6,14 @@ parts  Each part is reduced by itself, in a process of its own, to its real mode
        responses to smooth tractions there. The joined parts are reduced to contact modes. No process holds more than one part.
 full   The full brake is solved at mu = 0.5.
 
-Each measurement runs in a process of its own, so that the memory told is its own. Elements of 0.025 m make 7,458 DOF, of
-0.0085 50,000, of 0.0034 573,714. Rows of the file with the same size and model are replaced. Beside a full model, the others of
-its size are compared with it. Seconds of the processor tell more than those of the clock where other programs run. The number of
-threads is that of OMP_NUM_THREADS.
+--size is the length of elements, --mu the number of values. Each measurement runs in a process of its own, so that the memory
+told is its own. Elements of 0.025 m make 7,458 DOF, of 0.0085 50,000, of 0.0034 573,714. Rows of the file with the same size and
+model are replaced. Beside a full model, the others of its size are compared with it. Seconds of the processor tell more than
+those of the clock where other programs run. The number of threads is that of OMP_NUM_THREADS.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -22,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar
+from typing import Annotated, Any, BinaryIO, ClassVar
 
 import numpy as np
 
@@ -186,25 +185,16 @@ def _write(text: bytes, file: BinaryIO) -> None:
     file.write(text)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", type=float, nargs="+", default=[0.0085], metavar="METRES", help="of elements; default 0.0085")
-    parser.add_argument("--model", choices=("parts", "full"), nargs="+", default=["parts"], help="default parts")
-    parser.add_argument("--mu", type=int, default=100, metavar="N", help="values of mu; default 100")
-    parser.add_argument("--out", type=Path, default=Path("out/brake.json"), metavar="FILE", help="default out/brake.json")
-    given = parser.parse_args()
+def main(*, size: tuple[float, ...] = (0.0085,), model: Annotated[tuple[str, ...], ("parts", "full")] = ("parts",), mu: int = 100,
+         out: Path = Path("out/brake.json")) -> None:
     measures: dict[str, Callable[[float, int], Row]] = {"parts": by_parts, "full": partial(fresh, full)}
     host = fresh(machine)
-    for size in given.size:
-        for model in given.model:
-            row = {"model": model, "element": size} | measures[model](size, given.mu)
-            rows = json.loads(given.out.read_text(encoding="utf-8"))["rows"] if given.out.exists() else []
-            rows = [one for one in rows if (one["model"], one["element"]) != (model, size)] + [row]
+    for element in size:
+        for name in model:
+            row = {"model": name, "element": element} | measures[name](element, mu)
+            rows = json.loads(out.read_text(encoding="utf-8"))["rows"] if out.exists() else []
+            rows = [one for one in rows if (one["model"], one["element"]) != (name, element)] + [row]
             rows.sort(key=lambda one: (-one["element"], one["model"]))
             text = json.dumps({"machine": host, "mu": MU, "rows": rows}, indent=1) + "\n"
-            write_whole(given.out.parent, {given.out.name: partial(_write, text.encode())})
-            print(told([one for one in rows if one["element"] == size]), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            write_whole(out.parent, {out.name: partial(_write, text.encode())})
+            print(told([one for one in rows if one["element"] == element]), flush=True)

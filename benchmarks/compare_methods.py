@@ -13,11 +13,10 @@ size     coordinates of the assembled system; Dual Craig-Bampton has its multipl
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import femsub as fs
 from benchmarks import joined
@@ -27,7 +26,7 @@ from femsub.app.report import table_csv
 from femsub.reduction.reduce import METHODS
 from femsub.studies import look
 
-KEYS = ["craig-bampton", "macneal", "dual-craig-bampton", "rubin", "herting"]
+KEYS = ("craig-bampton", "macneal", "dual-craig-bampton", "rubin", "herting")
 
 
 def figure(rows: Sequence[dict[str, Any]]) -> Any:
@@ -59,25 +58,16 @@ def figure(rows: Sequence[dict[str, Any]]) -> Any:
     return drawn
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--methods", nargs="+", default=KEYS, choices=sorted(METHODS), metavar="KEY")
-    parser.add_argument("--coordinates", nargs="+", type=int, default=[4, 6, 8, 12], metavar="N")
-    parser.add_argument("--count", type=int, default=8, metavar="K")
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args(arguments)
+def main(*, methods: Annotated[tuple[str, ...], sorted(METHODS)] = KEYS, coordinates: tuple[int, ...] = (4, 6, 8, 12),
+         count: int = 8, out: Path | None = None) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.PortWarning)
-        rows = joined.table(asked.methods, asked.coordinates, asked.count)
+        rows = joined.table(methods, coordinates, count)
     for row in rows:
         print(f"{row['problem']:22} {METHODS[row['method']].label:20} {row['coordinates']:3} {row['size']:4} "
               f"{row['largest']:9.1e} {row['mean']:9.1e}")
-    if asked.out:
-        asked.out.mkdir(parents=True, exist_ok=True)
-        with open(asked.out / "methods.csv", "wb") as file:
+    if out:
+        out.mkdir(parents=True, exist_ok=True)
+        with open(out / "methods.csv", "wb") as file:
             table_csv(rows, file)
-        save(asked.out / "methods.png", lambda: figure(rows))
-
-
-if __name__ == "__main__":
-    main()
+        save(out / "methods.png", lambda: figure(rows))

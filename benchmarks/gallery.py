@@ -10,7 +10,6 @@ files of their own: those in meshes/.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -20,7 +19,7 @@ import tempfile
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from benchmarks.pictures import commit, shown
 from femsub.app.scene import SCENES
@@ -56,7 +55,7 @@ def scene_file(scene: str, folder: Path) -> str:
     return str(path)
 
 
-def run(scene: str, out: Path) -> dict[str, Any]:
+def run_scene(scene: str, out: Path) -> dict[str, Any]:
     """Runs a scene, and gives its processor time [s], its memory [MB], the commit, and what its figure shows."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "femsub", "run", scene_file(scene, Path(folder)), "--quiet", "--out", str(out)]
@@ -109,23 +108,15 @@ def seconds(found: dict[str, Any]) -> str:
     return f"{found['seconds']:.2g} s" if found["seconds"] < 100 else f"{found['seconds'] / 60:.2g} min"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Makes the gallery of scenes.")
-    parser.add_argument("--run", nargs="+", default=[], metavar="SCENE", choices=["all", *SCENES], help="scenes to run first")
-    parser.add_argument("--work", type=Path, help="keep the runs' folders there")
-    options = parser.parse_args()
+def main(*, run: Annotated[tuple[str, ...], ("all", *SCENES)] = ()) -> None:
     runs = json.loads(RUNS.read_text(encoding="utf-8")) if RUNS.exists() else {}
     with tempfile.TemporaryDirectory() as folder:
-        for scene in SCENES if "all" in options.run else options.run:
-            out = (options.work or Path(folder)) / scene
-            runs[scene] = run(scene, out)
+        for scene in SCENES if "all" in run else run:
+            out = Path(folder) / scene
+            runs[scene] = run_scene(scene, out)
             picture(scene, out)
             print(scene, seconds(runs[scene]), flush=True)
             kept = {name: runs[name] for name in SCENES if name in runs}
             lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(one, ensure_ascii=False)}" for name, one in kept.items())
             RUNS.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8")
     PAGE.write_text(page(runs), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

@@ -28,7 +28,6 @@ beam and disc need femsub alone; the other two need Gmsh: pip install gmsh (made
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -38,7 +37,10 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
+from benchmarks import UsageError
 from femsub.checks import installed_by
+
+MESHES = Path(__file__).resolve().parents[1] / "meshes"
 
 
 def beam() -> fs.Mesh:
@@ -106,19 +108,15 @@ def bracket(path: Path) -> None:
         gmsh.write(str(path))
 
 
-def main() -> int:
+def main(names: tuple[str, ...] = (), *, out: Path = MESHES) -> int:
     made: dict[str, Callable[[Path], object]] = {
         "beam.inp": lambda path: fs.write_mesh(path, beam()), "disc.vtu": lambda path: fs.write_mesh(path, disc()),
         "plate-with-hole.msh": plate_with_hole, "bracket.msh": bracket}
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(made)}; all by default")
-    parser.add_argument("--out", default=Path(__file__).resolve().parent.parent / "meshes", type=Path)
-    arguments = parser.parse_args()
-    if set(arguments.names) - set(made):
-        parser.error(f"unknown: {', '.join(sorted(set(arguments.names) - set(made)))}; there are {', '.join(made)}")
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    for name in arguments.names or made:
-        path = arguments.out / name
+    if strange := set(names) - set(made):
+        raise UsageError(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(made)}")
+    out.mkdir(parents=True, exist_ok=True)
+    for name in names or made:
+        path = out / name
         try:
             made[name](path)
         except (ImportError, OSError) as error:
@@ -128,7 +126,3 @@ def main() -> int:
             raise
         print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB, {fs.read_mesh(path)!r}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -130,9 +131,5 @@ def figure(page: str) -> Any:
 FIGURES = {page: partial(figure, page) for page in (*METHODS, "contact-modes", "interface-modes")}
 
 
-def main() -> None:
-    draw_all(FIGURES, "method-pictures", __doc__)
-
-
-if __name__ == "__main__":
-    main()
+def main(names: tuple[str, ...] = (), *, out: Path = Path("out/method-pictures")) -> None:
+    draw_all(FIGURES, names, out)

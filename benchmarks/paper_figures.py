@@ -20,7 +20,6 @@ from benchmarks.pictures import draw_all
 from femsub.app.figure_style import new_figure
 from femsub.studies import look
 
-ROOT = Path(__file__).resolve().parent.parent
 LAW = fs.StribeckArctan(eps=1e-3)
 BELT = fs.Belt(speed=0.19113, law=LAW)
 SIZES = range(2, 11)  # DOF of the reduced models in Fig. 3b
@@ -139,9 +138,5 @@ def figure_5() -> Any:
 FIGURES: dict[str, Callable[[], Any]] = {"figure-2": figure_2, "figure-3": figure_3, "figure-4": figure_4, "figure-5": figure_5}
 
 
-def main() -> None:
-    draw_all(FIGURES, "paper", __doc__)
-
-
-if __name__ == "__main__":
-    main()
+def main(names: tuple[str, ...] = (), *, out: Path = Path("out/paper")) -> None:
+    draw_all(FIGURES, names, out)

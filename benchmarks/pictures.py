@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import UsageError
 from femsub.app.figure_style import render
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -49,18 +49,14 @@ def save(path: Path, draw: Callable[[], Any]) -> None:
     known.write_text(json.dumps(told | {path.name: list(lines(made[0]))}), encoding="utf-8")
 
 
-def draw_all(figures: Mapping[str, Callable[[], Any]], folder: str, doc: str | None) -> None:
-    """A command that draws all figures, or those that are named, into out/FOLDER or another one."""
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="FIGURE", help=f"of {', '.join(figures)}; all by default")
-    parser.add_argument("--out", type=Path, default=ROOT / "out" / folder, metavar="DIR", help=f"default out/{folder}")
-    asked = parser.parse_args()
-    if strange := set(asked.names) - set(figures):
-        parser.error(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(figures)}")
-    asked.out.mkdir(parents=True, exist_ok=True)
-    for name in asked.names or figures:
-        save(asked.out / f"{name}.png", figures[name])
-        print(asked.out / f"{name}.png")
+def draw_all(figures: Mapping[str, Callable[[], Any]], names: Sequence[str], out: Path) -> None:
+    """Draws the figures that are named, or all."""
+    if strange := set(names) - set(figures):
+        raise UsageError(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(figures)}")
+    out.mkdir(parents=True, exist_ok=True)
+    for name in names or figures:
+        save(out / f"{name}.png", figures[name])
+        print(out / f"{name}.png")
 
 
 def lines(figure: Any) -> Iterator[dict[str, Any]]:

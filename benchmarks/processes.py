@@ -8,7 +8,6 @@ import signal
 import sys
 import time
 import warnings
-from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
+from benchmarks import UsageError
 from femsub.algebra.processes.memory import available
 from femsub.algebra.processes.threads import libraries
 from femsub.app import report
@@ -34,16 +34,14 @@ class StoppedError(Exception):
     """A measurement took longer or more memory than it may."""
 
 
-def arguments(parser: ArgumentParser, *folders: str) -> Namespace:
-    """The arguments of a command that takes long: that its folders can be written to is known now, not at its end."""
-    asked = parser.parse_args()
-    for name in folders:
+def begin(*folders: Path) -> None:
+    """What a command that takes long does first: its folders can be written to, and it leaves in order when it is ended."""
+    for folder in folders:
         try:
-            report.check_folder(str(getattr(asked, name)))
+            report.check_folder(str(folder))
         except fs.InputError as error:
-            parser.error(str(error))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that computes stays behind
-    return asked
+            raise UsageError(str(error)) from None
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # or the process that computes stays behind
 
 
 def peak_mb() -> float:

@@ -7,7 +7,6 @@ DIR holds a run of the scene brake. The mode is computed anew, by the full model
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -74,18 +73,10 @@ def figure(told: Mapping[str, Any]) -> Any:
     return drawn
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--brake", type=Path, required=True, metavar="DIR", help="of a run of the scene brake")
-    parser.add_argument("--out", type=Path, default=Path("out/readme"), metavar="DIR")
-    asked = parser.parse_args()
-    told = json.loads((asked.brake / "results.json").read_text(encoding="utf-8"))
-    asked.out.mkdir(parents=True, exist_ok=True)
-    save(asked.out / NAME, lambda: figure(told))
+def main(*, brake: Path, out: Path = Path("out/readme")) -> None:
+    told = json.loads((brake / "results.json").read_text(encoding="utf-8"))
+    out.mkdir(parents=True, exist_ok=True)
+    save(out / NAME, lambda: figure(told))
     rows = [{"mode": disc_mode(told)["hertz"], "growth": disc_mode(told)["growth"]},
             *(one for one in shown(told, "error-time") if one["panel"] == PANEL)]
-    (asked.out / NUMBERS).write_text(json.dumps({NAME: rows}), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+    (out / NUMBERS).write_text(json.dumps({NAME: rows}), encoding="utf-8")

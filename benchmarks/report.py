@@ -11,7 +11,6 @@ that are drawn: tests/test_pictures.py compares them with a run of that day. The
 
 from __future__ import annotations
 
-import argparse
 import json
 import shlex
 import shutil
@@ -23,8 +22,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from benchmarks import UsageError
 from benchmarks.pictures import NUMBERS, commit, plain, shown
-from benchmarks.processes import arguments
+from benchmarks.processes import begin
 from femsub.algebra.petsc import versions
 from femsub.app import report
 from femsub.app.scene import SCENES
@@ -181,47 +181,34 @@ def _put(file: BinaryIO, content: str | bytes) -> None:
     file.write(content.encode() if isinstance(content, str) else content)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("steps", nargs="*", metavar="NAME", help="of a step (default: all)")
-    parser.add_argument("--list", action="store_true", help="show the names of the steps, and run nothing")
-    parser.add_argument("--work", type=Path, default=ROOT / "out" / "report", metavar="DIR", help="results (default out/report)")
-    parser.add_argument("--data", type=Path, default=ROOT / "benchmarks" / "data", metavar="DIR",
-                        help="what the steps print (default benchmarks/data)")
-    parser.add_argument("--pictures", type=Path, default=ROOT / "docs" / "pictures", metavar="DIR",
-                        help="figures (default docs/pictures)")
-    parser.add_argument("--fresh", action="store_true", help="run again what has been run")
-    parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that all works, times mean nothing")
-    asked = arguments(parser, "work", "data", "pictures")
-    names = [step.name for step in STEPS]
-    if asked.list:
+def main(steps: tuple[str, ...] = (), *, list: bool = False, work: Path = ROOT / "out" / "report",
+         data: Path = ROOT / "benchmarks" / "data", pictures: Path = ROOT / "docs" / "pictures", fresh: bool = False,
+         quick: bool = False) -> int:
+    if list:
         print(*(f"{step.name:22} {step.title}. {step.says}" for step in STEPS), sep="\n")
         return 0
-    if strange := set(asked.steps) - set(names):
-        parser.error(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(names)}")
-    steps = [step for step in STEPS if step.quick or not asked.quick]
-    failed: list[str] = []
-    for step in steps:
-        folder = asked.work.resolve() / step.name
-        if asked.steps and step.name not in asked.steps:
+    if strange := set(steps) - {step.name for step in STEPS}:
+        raise UsageError(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(step.name for step in STEPS)}")
+    begin(work, data, pictures)
+    known = [step for step in STEPS if step.quick or not quick]
+    failed = []
+    for step in known:
+        folder = work.resolve() / step.name
+        if steps and step.name not in steps:
             continue
-        if (folder / "done.json").exists() and not asked.fresh:
+        if (folder / "done.json").exists() and not fresh:
             print(f"{step.name}: done before")
             continue
-        if asked.fresh:
+        if fresh:
             shutil.rmtree(folder, ignore_errors=True)
         try:
-            run(step, folder, asked.quick)
+            run(step, folder, quick)
         except Stopped as error:
             failed.append(str(error))
             print(f"failed: {error}", file=sys.stderr)
             continue
         print(f"{step.name}: done")
     report.progress_done()
-    written = write(steps, asked.work, asked.data, asked.pictures)
-    print(f"written to {asked.data}: {', '.join(written) or 'nothing, since no step has ended well'}")
+    written = write(known, work, data, pictures)
+    print(f"written to {data}: {', '.join(written) or 'nothing, since no step has ended well'}")
     return 0 if written and not failed else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -22,20 +22,18 @@ residual  The largest of the kept modes, ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|
 
 from __future__ import annotations
 
-import argparse
 import statistics
-import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 import femsub as fs
-from benchmarks import models
+from benchmarks import UsageError, models
 from benchmarks.pictures import save
-from benchmarks.processes import Row, arguments, fresh, machine, peak_mb, warm_up
+from benchmarks.processes import Row, begin, fresh, machine, peak_mb, warm_up
 from femsub.app import report
 from femsub.app.figure_style import PAGE, legend_below, new_figure
 from femsub.app.scene import Result
@@ -176,29 +174,20 @@ def draw(rows: list[Row]) -> Any:
     return figure
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    kinds = list(models.KINDS)
-    parser.add_argument("--components", nargs="+", choices=kinds, default=kinds, metavar="NAME", help="default: all four")
-    parser.add_argument("--steps", nargs="+", choices=STEPS, metavar="STEP", help=f"of {', '.join(STEPS)} (default: all)")
-    parser.add_argument("--largest", type=int, metavar="N", help="most DOF (default: 10^6; beam 20,000, plate 300,000)")
-    parser.add_argument("--repeats", type=int, default=1, metavar="N", help="runs of each measurement (default 1)")
-    parser.add_argument("--long", type=float, default=60.0, metavar="SECONDS",
-                        help="what takes longer is measured once (default 60)")
-    parser.add_argument("--out", type=Path, default=Path("out/scaling"), metavar="DIR",
-                        help="output folder (default out/scaling)")
-    asked = arguments(parser, "out")
-    if asked.repeats < 1 or (asked.largest is not None and asked.largest < 10):
-        parser.error("--largest must be at least 10, --repeats at least 1")
+def main(*, components: Annotated[tuple[str, ...], models.KINDS] = tuple(models.KINDS), largest: int = 0, repeats: int = 1,
+         steps: Annotated[tuple[str, ...], STEPS] = (), long: float = 60.0, out: Path = Path("out/scaling")) -> int:
+    if repeats < 1 or 0 < largest < 10:
+        raise UsageError("--largest must be at least 10, --repeats at least 1")
+    begin(out)
     rows: list[Row] = []
     failed: list[str] = []
-    for kind in asked.components:
+    for kind in components:
         of = models.KINDS[kind]
-        top = of.sizes[-1] if asked.largest is None else max(of.sizes[0], min(asked.largest, of.most))
+        top = of.sizes[-1] if not largest else max(of.sizes[0], min(largest, of.most))
         for n in [*(n for n in of.sizes if n < top), int(top)]:
-            steps = [step for step in STEPS if (step in asked.steps or f"CEA {step}" in asked.steps if asked.steps
-                                                else step != "CEA full" or n <= of.pep)]
-            rows += run(kind, n, steps, asked.repeats, asked.long, failed)
+            some = [step for step in STEPS if (step in steps or f"CEA {step}" in steps if steps
+                                               else step != "CEA full" or n <= of.pep)]
+            rows += run(kind, n, some, repeats, long, failed)
     report.progress_done()
     powers = exponents(rows)
     text = table([key.replace("_", " ") for key in COLUMNS], [[row[key] for key in COLUMNS] for row in rows],
@@ -207,11 +196,7 @@ def main() -> int:
     result = Result(data, [text, Table("scaling", rows)])
     print(result.text(), *(f"{name}: seconds ~ n^{power:.2f} from n = {LARGE:,} on" for name, power in powers.items()),
           *(f"failed: {line}" for line in failed), sep="\n")
-    report.write(result, asked.out, figures=False, name="scaling")
+    report.write(result, out, figures=False, name="scaling")
     if rows:
-        save(asked.out / "scaling.png", lambda: draw(rows))
+        save(out / "scaling.png", lambda: draw(rows))
     return 1 if failed else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

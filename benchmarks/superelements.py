@@ -9,7 +9,6 @@ pyyeti and pyNastran installed. Prints one line per case.
 
 from __future__ import annotations
 
-import argparse
 import struct
 import tempfile
 from collections.abc import Sequence
@@ -127,12 +126,7 @@ def bushes(folder: Path) -> tuple[Any, Any]:
     return ours.transpose(2, 1, 0), theirs
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for clone in ("pyyeti", "pynastran", "sdynpy"):
-        parser.add_argument(clone, type=Path, metavar=clone.upper())
-    asked = parser.parse_args()
-    pyyeti, pynastran, sdynpy = asked.pyyeti, asked.pynastran, asked.sdynpy
+def main(pyyeti: Path, pynastran: Path, sdynpy: Path) -> None:
     cases = {"NX Nastran 9, two parts joined": joined(pyyeti / "pyyeti/tests/nas2cam_extseout")}
     for run in ("msc2017", "msc2017_b", "nx2021"):
         cases[f"{run}, one part free"] = free(pyyeti / "pyyeti/tests/nas2cam_extseout", run)
@@ -145,7 +139,3 @@ def main() -> None:
         print(f"MSC Nastran 2017, a part held by three bushes: 9 {what}, difference {worst:.1e} of the largest")
     op2_matrices([pynastran, pyyeti])
     sierra(sdynpy / "docs/book/assets")
-
-
-if __name__ == "__main__":
-    main()

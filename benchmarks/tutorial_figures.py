@@ -210,9 +210,5 @@ FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices, "su
                                        "flutter": flutter}
 
 
-def main() -> None:
-    draw_all(FIGURES, "tutorials", __doc__)
-
-
-if __name__ == "__main__":
-    main()
+def main(names: tuple[str, ...] = (), *, out: Path = Path("out/tutorials")) -> None:
+    draw_all(FIGURES, names, out)

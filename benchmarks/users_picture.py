@@ -8,7 +8,6 @@ DIR of --take is the folder of a run of `python -m benchmarks bases`.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -148,13 +147,9 @@ def between(text: str) -> str:
     return text[text.index(start) + len(start):text.index(end)]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--take", type=Path, metavar="DIR", help="of a run of bases")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="for the pictures")
-    asked = parser.parse_args()
-    if asked.take:
-        told = taken(json.loads((asked.take / "bases.json").read_text(encoding="utf-8")))
+def main(*, take: Path | None = None, out: Path | None = None) -> None:
+    if take:
+        told = taken(json.loads((take / "bases.json").read_text(encoding="utf-8")))
         lines = ",\n".join(f"  {json.dumps(row, ensure_ascii=False)}" for row in told["rows"])
         DATA.write_text(f'{{"machine": {json.dumps(told["machine"])},\n "rows": [\n{lines}]}}\n', encoding="utf-8")
         for page, make in PAGES.items():
@@ -162,12 +157,8 @@ def main() -> None:
             start, end = MARKS
             new = text.replace(start + between(text) + end, start + make(told["rows"]) + end)
             (ROOT / page).write_text(new, encoding="utf-8")
-    if asked.out:
+    if out:
         rows = json.loads(DATA.read_text(encoding="utf-8"))["rows"]
-        asked.out.mkdir(parents=True, exist_ok=True)
-        save(asked.out / "users.png", lambda: figure(rows))
-        save(asked.out / "readme.png", lambda: figure(fullest(rows)))
-
-
-if __name__ == "__main__":
-    main()
+        out.mkdir(parents=True, exist_ok=True)
+        save(out / "users.png", lambda: figure(rows))
+        save(out / "readme.png", lambda: figure(fullest(rows)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
@@ -74,8 +73,7 @@ def test_every_method_has_its_page_and_its_picture() -> None:
         assert f"`{key}`" in told["index"]
 
 
-def test_the_pictures_are_drawn_from_the_bases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["method-pictures", "--out", str(tmp_path)])
-    method_pictures.main()
+def test_the_pictures_are_drawn_from_the_bases(tmp_path: Path) -> None:
+    method_pictures.main(out=tmp_path)
     assert {file.name for file in tmp_path.glob("*.png")} == {file.name for file in (ROOT / "docs/pictures/methods").iterdir()}
     assert all(5_000 < file.stat().st_size < 150_000 for file in tmp_path.glob("*.png"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -45,9 +44,8 @@ def test_each_picture_is_drawn_by_the_script_and_shown_on_a_page(figures: dict[s
 
 
 @pytest.mark.parametrize("name", ["figure-2", "figure-4"])
-def test_the_script_draws(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["paper-figures", name, "--out", str(tmp_path / "new")])
-    paper_figures.main()
+def test_the_script_draws(name: str, tmp_path: Path) -> None:
+    paper_figures.main((name,), out=tmp_path / "new")
     assert [path.name for path in tmp_path.rglob("*.png")] == [f"{name}.png"]
     assert (tmp_path / "new" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 

@@ -22,8 +22,6 @@ Written are extreme.csv, extreme.json and extreme.png. Exit status 1: a row is w
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 import warnings
 from collections import Counter
@@ -31,8 +29,9 @@ from pathlib import Path
 from typing import Any
 
 import femsub as fs
+from benchmarks import UsageError
 from benchmarks.extreme.table import CASES
-from benchmarks.processes import Row, StoppedError, Worker, arguments
+from benchmarks.processes import Row, StoppedError, Worker, begin
 from femsub.app import report
 from femsub.app.scene import Picture, Result
 from femsub.studies.tables import Table
@@ -137,24 +136,18 @@ def draw(rows: list[Row]) -> Any:
     return figure
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", nargs="+", metavar="NAME", help="names, parts of names, or groups (default: all)")
-    parser.add_argument("--quick", action="store_true", help="only what takes a second or two")
-    parser.add_argument("--list", action="store_true", help="show the names, and run nothing")
-    parser.add_argument("--limit", type=float, default=300.0, metavar="SECONDS", help="for one case (default 300)")
-    parser.add_argument("--out", type=Path, default=Path("out/extreme"), metavar="DIR",
-                        help="output folder (default out/extreme)")
-    asked = arguments(parser, "out")
-    names = [name for name, case in CASES.items() if (case.quick or not asked.quick) and (
-        asked.cases is None or any(part in name or part == case.group for part in asked.cases))]
+def main(*, cases: tuple[str, ...] = (), quick: bool = False, list: bool = False, limit: float = 300.0,
+         out: Path = Path("out/extreme")) -> int:
+    names = [name for name, case in CASES.items() if (case.quick or not quick) and (
+        not cases or any(part in name or part == case.group for part in cases))]
     if not names:
-        parser.error("no case has such a name; --list shows them")
-    if asked.list:
+        raise UsageError("no case has such a name; --list shows them")
+    if list:
         print(*(f"{CASES[name].group}: {name}" for name in names), sep="\n")
         return 0
+    begin(out)
     start = time.perf_counter()
-    rows = run(names, asked.limit)
+    rows = run(names, limit)
     counts = Counter(row["verdict"] for row in rows)
     odd = [row["case"] for row in rows if not row["as_known"]]
     summary = (f"{len(rows)} cases in {time.perf_counter() - start:.0f} s: {counts['right']} right within their bounds, "
@@ -163,9 +156,5 @@ def main() -> int:
     flat = [row | {"warnings": "; ".join(row["warnings"])} for row in rows]
     result = Result(data, [text(rows), Table("extreme", flat), Picture("extreme", lambda: draw(rows))])
     print(result.text(), "", summary, *([f"other than known: {', '.join(odd)}"] if odd else []), sep="\n")
-    report.write(result, asked.out, figures=True, name="extreme")
+    report.write(result, out, figures=True, name="extreme")
     return 1 if odd or counts["wrong"] else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
