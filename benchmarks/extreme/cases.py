@@ -13,7 +13,7 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks import lattices
 from benchmarks.attacks.common import dense, stiffness
-from benchmarks.extreme.reference import EPS, Array, Found, Sturm, entry_condition, exact, mp
+from benchmarks.extreme.reference import EPS, Array, Found, Sturm, answered, entry_condition, exact, mp
 
 STEEL: dict[str, Any] = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
 ASKED = 1e-12  # of Krylov-Schur by femsub, relative to the shifted and inverted eigenvalue
@@ -232,3 +232,137 @@ def _flexibility(sub: fs.Substructure, rom: fs.ReducedSubstructure) -> tuple[flo
     error = max(abs(answer[c][b[r]] - mp.mpf(float(there[r, c]))) for r in range(len(b)) for c in range(len(b)))
     u = np.abs(np.array([[float(value) for value in column] for column in answer]).T)
     return float(error) / size, 8 * EPS * float((u.T @ (abs(sub.K) @ u)).max()) / size + rom.dropped * DEPENDENT
+
+
+HCB, CC = fs.CraigBampton, fs.CraigChang
+
+
+def chain(n: int, **options: Any) -> Callable[[], fs.Substructure]:
+    return lambda: fs.chain(n, **options)
+
+
+LARGE = "chain of a million masses"
+
+
+def thin(kind: str, thickness: float, count: int = 1) -> object:
+    """A cantilever of steel, 1 long, as thick as wide."""
+    return lambda: fs.solid(fs.block((1.0, thickness, thickness), (count, 1, 1), kind), fs.Material(2.1e11, 0.0, 7850.0),
+                            supports={"left": "clamped"})
+
+
+case("ratios", "every other spring 1e12", modes, chain(12, springs=alternating(12, 1e12)), 12)
+case("ratios", "every other spring 1e-12, 200 masses", modes, chain(200, springs=alternating(200, 1e-12)), 10, checked=4,
+     expect="rounding in the entries of K")
+case("ratios", "springs graded over 1e12, 200 masses", modes, chain(200, springs=10 ** np.linspace(0, 12, 200)), 10, checked=4)
+case("ratios", "one spring of 1e12, 200 masses", modes, chain(200, springs=one(200, 100, 1e12)), 10, checked=6)
+case("ratios", "one spring of 1e-12", modes, chain(12, springs=one(12, 6, 1e-12)), 12)
+case("ratios", "mount of 1e-12", modes, chain(12, springs=one(12, 0, 1e-12)), 12)
+case("ratios", "mount of 1e-12 under 200 masses", soft_rigid, 200, 1e-12)
+case("ratios", "every other mass 1e12", modes, chain(12, masses=alternating(12, 1e12)), 12)
+case("ratios", "one mass of 1e12, 60 of 200 modes", modes, chain(200, masses=one(200, 100, 1e12)), 60, checked=6)
+case("ratios", "masses graded over 1e12, 200 masses", modes, chain(200, masses=10 ** np.linspace(0, 12, 200)), 60, checked=6)
+case("ratios", "springs and masses graded over 1e12", modes,
+     chain(12, springs=10 ** np.linspace(0, 12, 12), masses=10 ** np.linspace(0, -12, 12)), 12)
+case("ratios", "soft and light end, 1e24 in ω²", modes,
+     chain(12, springs=10 ** np.linspace(0, -12, 12), masses=10 ** np.linspace(0, 12, 12)), 12)
+case("ratios", "HCB, every other spring 1e12", basis, chain(12, springs=alternating(12, 1e12), interface=(1, 12)), HCB(4))
+case("ratios", "CC, every other spring 1e12", basis, chain(12, springs=alternating(12, 1e12), interface=(1, 12)), CC(4))
+case("ratios", "HCB, every other mass 1e12", basis, chain(12, masses=alternating(12, 1e12), interface=(1, 12)), HCB(10),
+     whole=True)
+case("ratios", "CC, every other mass 1e12", basis, chain(12, masses=alternating(12, 1e12), interface=(1, 12)), CC(4))
+for label, mass, spring in (("mm, t, s", 1e-3, 1e-3), ("nm, ng, ns", 1e12, 1e-6), ("1e-30 and 1e30", 1e-30, 1e30),
+                               ("1e30 and 1e-30", 1e30, 1e-30)):
+    case("units", f"floating lattice, {label}", modes, lambda m=mass, k=spring: in_units(lattice(3, 4), m, k), 5, rigid=3)
+case("units", "HCB in mm, t, s", basis, lambda: in_units(fs.chain(12, interface=(1, 12)), 1e-3, 1e-3), HCB(10), whole=True)
+case("units", "CC in units of 1e30 and 1e-30", basis, lambda: in_units(fs.chain(12, interface=(1, 12)), 1e30, 1e-30), CC(10),
+     whole=True)
+for n in (20, 300):
+    case("massless", f"every other mass 0, n = {n}", modes,
+         lambda n=n: fs.Substructure(sp.diags_array(1.0 - np.arange(n) % 2), fs.chain(n).K), 5, checked=3)
+case("massless", "M of half rank, no zero on its diagonal", modes, lambda: fs.Substructure(
+    sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 10)
+case("massless", "more modes than masses", modes,
+     lambda: fs.Substructure(sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 11)
+case("massless", "HCB, massless interface", basis,
+     lambda: fs.Substructure(np.diag(1.0 - np.arange(12) % 2), fs.chain(12).K, interface=[1]),
+     HCB(3))
+case("massless", "CC, massless interface", basis,
+     lambda: fs.Substructure(np.diag(1.0 - np.arange(12) % 2), fs.chain(12).K, interface=[1]),
+     CC(3))
+case("massless", "neither mass nor stiffness", modes,
+     lambda: fs.Substructure(sp.diags_array(one(8, 7, 0.0)), held(fs.chain(8).K, 7)), 3,
+     expect="1 DOF has neither mass nor stiffness: DOF 7")
+for count in (1, 2, 5, 12):
+    case("rigid", f"{count} floating chains", modes, lambda c=count: pieces(*[fs.chain(6, fixed=False)] * c), 4, rigid=count)
+case("rigid", "4 floating lattices, 12 rigid modes", modes,
+     lambda: pieces(*[lattice(3, 4, seed) for seed in range(4)]), 4, rigid=12,
+     checked=3)
+case("rigid", "mechanism with 12 free shears", modes, lambda: lattice(4, 8, diagonals=False), 3, rigid=12)
+case("rigid", "a mass without springs", modes, lambda: fs.Substructure(sp.eye_array(8), held(fs.chain(8).K, 4)), 3, rigid=1)
+case("rigid", "one piece held, one floating", modes, lambda: pieces(fs.chain(60, fixed=False), fs.chain(50)), 5, rigid=1)
+case("rigid", "two floating pieces, 1e6 in stiffness", modes,
+     lambda: pieces(fs.chain(60, fixed=False), fs.chain(50, fixed=False, springs=1e6)), 5, rigid=2)
+case("rigid", "two floating pieces, 1e12 in stiffness", modes,
+     lambda: pieces(fs.chain(60, fixed=False), fs.chain(50, fixed=False, springs=1e12)), 5, rigid=2)
+case("rigid", "no stiffness at all", modes,
+     lambda: fs.Substructure(np.eye(8), np.zeros((8, 8))), 0, expect="no DOF has both stiffness and mass")
+case("rigid", "a negative spring", modes, lambda: fs.Substructure(np.eye(8), fs.chain(8).K.toarray() - 0.5 * np.eye(8)), 2,
+     expect="negative eigenvalue")
+case("interface", "HCB, empty", basis, lambda: fs.Substructure(fs.chain(12).M, fs.chain(12).K), HCB(3))
+case("interface", "HCB, empty and floating", basis,
+     lambda: fs.Substructure(fs.chain(12).M, fs.chain(12, fixed=False).K), HCB(3), rigid=1)
+case("interface", "HCB, all DOF", basis, chain(12, interface=range(1, 13)), HCB(0), whole=True)
+case("interface", "HCB, all DOF, and modes", basis, chain(12, interface=range(1, 13)), HCB(3), expect="every DOF is interface")
+case("interface", "HCB, not restraining", basis, lambda: fs.Substructure(lattice(3, 4).M, lattice(3, 4).K, interface=[0, 1]),
+     HCB(3),
+     expect="the interface does not hold")
+case("interface", "HCB, just restraining", basis, lambda: lattice(3, 4), HCB(3))
+case("interface", "HCB, on one of two pieces", basis, lambda: pieces(fs.chain(8), fs.chain(8, fixed=False), interface=(0,)),
+     HCB(3),
+     expect="the interface does not hold")
+case("interface", "CC, empty", basis, lambda: fs.Substructure(fs.chain(12).M, fs.chain(12).K), CC(3))
+case("interface", "CC, all DOF", basis, chain(12, interface=range(1, 13)), CC(3), whole=True)
+case("interface", "CC, not restraining", basis,
+     lambda: fs.Substructure(lattice(3, 4).M, lattice(3, 4).K, interface=[0, 1]), CC(3), rigid=3)
+case("interface", "port on a support", answered, lambda: fs.plate(fs.rectangle((1.0, 1.0), (4, 4)), **STEEL, thickness=0.01,
+     supports={"edge": "clamped"}, ports={"p": "left"}), expect="sits on DOF that the supports hold")
+case("modes 0, 1, all", "no modes", modes, chain(300), 0)
+case("modes 0, 1, all", "no modes, floating", modes, chain(300, fixed=False), 0, rigid=1)
+case("modes 0, 1, all", "all of 300", modes, chain(300), 300, frequencies=fs.chain_frequencies(300))
+case("modes 0, 1, all", "a single mass", modes, chain(1), 1)
+for method in (HCB, CC):
+    name = "HCB" if method is HCB else "CC"
+    case("modes 0, 1, all", f"{name}, no modes", basis, chain(12, interface=(1, 12)), method(0))
+    case("modes 0, 1, all", f"{name}, one mode", basis, chain(12, interface=(1, 12)), method(1))
+    case("modes 0, 1, all", f"{name}, all modes", basis, chain(12, interface=(1, 12)), method(10), whole=True)
+    case("modes 0, 1, all", f"{name}, neither modes nor interface", basis, lambda: fs.Substructure(np.eye(3), fs.chain(3).K),
+         method(0),
+         expect="would be empty")
+case("repeated", "ring of 24, all modes", modes, lambda: ring(24), 23, rigid=1)
+case("repeated", "ring of 240, a pair cut", modes, lambda: ring(240), 8, rigid=1, checked=8)
+case("repeated", "square plate", modes, lambda: fs.plate(fs.rectangle((1.0, 1.0), (3, 3)), **STEEL, thickness=0.01,
+     supports=dict.fromkeys(("left", "right", "front", "back"), "simply supported")), 8, checked=6)
+case("repeated", "annulus, floating", modes,
+     lambda: fs.solid(fs.annulus(0.1, 0.2, 0.02, (1, 8, 1), "hexahedron"), fs.Material(**STEEL)), 8,
+     rigid=6, checked=4, quick=False)
+case("repeated", "twins coupled by 1e-8", modes, lambda: coupled_twins(60, 1e-8), 9, checked=6)
+case("repeated", "twins coupled by 1e-14", modes, lambda: coupled_twins(60, 1e-14), 9, checked=6)
+case("repeated", "300 equal modes", modes, lambda: fs.Substructure(sp.eye_array(300), sp.eye_array(300)), 5)
+BAR: dict[str, Any] = {"E": 2.1e11, "I": 1e-16 / 12, "rho": 7850.0, "A": 1e-8}
+case("slender", "beam of 1 : 1e-4, 100 elements", modes, lambda: fs.beam(1.0, 100, **BAR, supports={"left": "clamped"}), 6,
+     checked=4)
+case("slender", "beam of 2,000 elements", modes, lambda: fs.beam(1.0, 2000, **BAR, supports={"left": "pinned",
+     "right": "pinned"}), 6,
+     checked=2, quick=False)
+case("slender", "beam of 6,000 elements", modes, lambda: fs.beam(1.0, 6000, **BAR, supports={"left": "clamped"}), 6, checked=1,
+     expect="rounding may take", quick=False)
+case("slender", "plate cells of 1 : 1e4", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-4), (2, 2)), **STEEL, thickness=1e-6,
+     supports={"left": "clamped"}), 5, checked=4, expect="rounding may take")
+case("slender", "plate cells of 1 : 100", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-2), (2, 2)), **STEEL, thickness=1e-4,
+     supports={"left": "clamped"}), 5, checked=4)
+case("slender", "brick of 1 : 1e-3, 20 nodes", modes, thin("hexahedron20", 1e-3), 3, checked=2, quick=False)
+case("slender", "bricks of 1 : 1e-4, 20 nodes", modes, thin("hexahedron20", 1e-4, 8), 3, quick=False,
+     expect="elements too thin or too small")
+case("slender", "locking: 8 elements of 20 nodes", bending, "hexahedron20", 1e-3)
+case("slender", "locking: 8 elements of 8 nodes, as foretold", bending, "hexahedron", 1e-3)
+case("large", LARGE, modes, chain(1_000_000), 20, frequencies=fs.chain_frequencies(1_000_000, 20), quick=False)

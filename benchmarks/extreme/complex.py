@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.attacks.common import dense
-from benchmarks.extreme.cases import judge
+from benchmarks.extreme.cases import alternating, case, chain, judge, one
 from benchmarks.extreme.reference import (
     EPS,
     Array,
@@ -203,3 +203,74 @@ def _modal(sub: fs.Substructure, w: Array, omega: float) -> float:
     C, load = shapes.T @ dense(sub.D) @ shapes, shapes.T @ w
     q = np.linalg.solve(np.diag(values - omega**2 + 0j) + 1j * omega * C, load)
     return float(len(w) * EPS * omega * np.abs(q) @ np.abs(C) @ np.abs(q) / np.abs(load @ q))
+
+
+BELT = fs.Belt(slope=-0.2677)
+TWIN = np.array([[1.0, 0.5], [-0.5, 2.0]])  # two modes whose frequencies have just met: defective
+case("ratios", "CEA, every other spring 1e12", cea, chain(6, springs=alternating(6, 1e12)), belt=BELT)
+case("ratios", "CEA, every other mass 1e12", cea, chain(6, masses=alternating(6, 1e12)), belt=BELT)
+case("ratios", "CEA, mount of 1e-12", cea, chain(6, springs=one(6, 0, 1e-12)))
+case("ratios", "slope, every other mass 1e12", slope, chain(6, belt=2, masses=alternating(6, 1e12)))
+case("ratios", "slope, every other spring 1e12", slope, chain(6, belt=2, springs=alternating(6, 1e12)))
+case("ratios", "slope, mount of 1e-12", slope, chain(6, belt=2, springs=one(6, 0, 1e-12)))
+for ratio in (1e12, 1e-12):
+    case("units", f"CEA, ω times {ratio:g}", cea, lambda r=ratio: fs.Pencil(fs.chain(6).M / r, fs.chain(6).D, fs.chain(6).K * r))
+    case("units", f"slope, ω times {ratio:g}", slope, lambda r=ratio: fs.Substructure(
+        fs.chain(6).M / r, fs.chain(6).K * r, fs.chain(6).D, [0], fs.chain(6, belt=2).ports))
+case("massless", "CEA, a massless DOF without damping", cea, lambda: fs.Pencil(np.diag(one(6, 2, 0.0)), 0.1 * np.diag(one(6, 2,
+     0.0)),
+     fs.chain(6).K), regular=False)
+case("massless", "CEA, a massless DOF on a dashpot", cea,
+     lambda: fs.Pencil(np.diag(one(6, 2, 0.0)), np.diag(one(6, 2, 0.0) == 0) * 1e6,
+     fs.chain(6).K), regular=False)
+case("massless", "slope, a massless DOF", slope, lambda: fs.Substructure(np.diag(one(6, 1, 0.0)), fs.chain(6).K, fs.chain(6).D,
+     [0],
+     fs.chain(6, belt=3).ports), expect="M is singular or nearly so")
+case("repeated", "CEA, equal damped twins", cea, lambda: fs.Pencil(np.eye(4), np.kron(np.eye(2), fs.chain(2).D.toarray()),
+     np.kron(np.eye(2), fs.chain(2).K.toarray())))
+for belt in (2, 5, 10):
+    case("edges", f"slope on an edge, chain 10, belt m{belt}", on_an_edge, chain(10, belt=belt), None, quick=belt == 2)
+case("edges", "slope on an edge, bracketed", on_an_edge, chain(10, belt=2), None, method="bracketing", quick=False)
+for belt in (2, 7):
+    case("edges", f"slope on an edge, chain 400, belt m{belt}", on_an_edge, chain(400, belt=belt), (0.0, 0.025), sparse=True)
+for way in ("auto", "bracketing"):
+    case("border", f"drift first, {way}", drift, 10, 1e-4, 0.05, method=way)
+    case("border", f"drift first, CC, {way}", drift, 10, 1e-4, 0.05, True, method=way)
+case("border", "drift first, 3,000 masses", drift, 3000, 1e-6, 5.0, band=(0.0, 0.01))
+case("border", "drift without damping, 400 masses", drift, 400, 0.0, 0.05, band=(0.0, 0.006))
+case("border", "drift first, pairs above it", slope, lambda: fs.damped(fs.chain(10, belt=10, damping=0.0, fixed=False),
+     rayleigh=(1e-4, 0.05)), band=(1e-3, 1.0))
+DENSE, A = fs.chain(6), np.random.default_rng(3).standard_normal((6, 6))
+for label, D in (("undamped", None), ("overdamped", 10 * np.eye(6)), ("overdamped 1e6", 1e6 * np.eye(6)),
+                 ("negatively damped", -0.1 * np.eye(6)), ("D not proportional", A @ A.T), ("D unsymmetric", A)):
+    case("damping", f"CEA, {label}", cea, lambda D=D: fs.Pencil(DENSE.M, D, DENSE.K))
+case("damping", "CEA, D and K unsymmetric", cea, lambda: fs.Pencil(DENSE.M, A, DENSE.K.toarray() + 0.5 * (A - A.T)))
+case("damping", "CEA, K negative", cea, lambda: fs.Pencil(np.eye(6), 0.1 * np.eye(6), -DENSE.K.toarray()))
+case("damping", "CEA, K = 0", cea, lambda: fs.Pencil(np.eye(3), np.diag([1.0, 2.0, 3.0]), np.zeros((3, 3))), regular=False)
+for alpha, beta in ((0.0, 0.0), (0.01, 1e-3), (-0.01, 0.0), (10.0, 0.0), (1e-9, 0.0)):
+    case("damping", f"PEP, D = {alpha:g} M + {beta:g} K", cea, lambda a=alpha, b=beta: proportional(300, a, b), closed=True,
+         count=12)
+case("damping", "PEP, undamped, band", cea, lambda: proportional(300, 0.0, 0.0), closed=True, band=(0.0, 0.1), quick=False)
+case("damping", "PEP, D = 1e4 K", cea, lambda: proportional(300, 0.0, 1e4), closed=True, count=12, quick=False)
+case("damping", "PEP, D = 1e4 K, 2,100 masses", cea, lambda: proportional(2100, 0.0, 1e4), closed=True, count=12,
+     expect="of 16 complex modes converged", quick=False)
+case("damping", "PEP, gyroscopic", cea, lambda: paired(150, 1.0, 0.0), closed=True, count=12)
+case("damping", "PEP, circulatory", cea, lambda: paired(150, 0.0, 1e-3), closed=True, count=12)
+case("damping", "slope, undamped", slope, lambda: fs.chain(6, belt=3).with_damping(None), known=0.0)
+case("damping", "slope, damping of 1e-13", tiny_slope, chain(6, belt=2, damping=1e-13), 1e-12)
+case("damping", "slope, overdamped", slope, lambda: fs.chain(6, belt=3).with_damping(10 * np.eye(6)))
+case("damping", "slope, negatively damped", slope, lambda: fs.chain(6, belt=3).with_damping(-0.1 * np.eye(6)),
+     expect="unstable before the belt acts")
+case("damping", "slope, dashpot of 1e4", slope, chain(6, belt=2, damping=1e4))
+case("damping", "slope, dashpot of 1e7", slope, chain(6, belt=2, damping=1e7), expect="rounding may move the border")
+case("damping", "slope, dashpot of 1e11", slope, chain(6, belt=2, damping=1e11), expect="lost in the rounding of a dashpot")
+case("damping", "slope, gyroscopic", slope, lambda: fs.chain(6, belt=3).with_damping(0.05 * np.eye(6) + 0.3 * (A - A.T)))
+case("defective", "flutter, two modes just met", cea, lambda: fs.Pencil(np.eye(2), None, TWIN), power=2)
+case("defective", "flutter, 1e-8 beyond", cea, lambda: fs.Pencil(np.eye(2), None, TWIN + 1e-8 * np.array([[0, 1], [-1, 0]])),
+     power=2)
+case("defective", "flutter, 1e-8 before", cea, lambda: fs.Pencil(np.eye(2), None, TWIN - 1e-8 * np.array([[0, 1], [-1, 0]])),
+     power=2)
+case("defective", "critical damping", cea, lambda: fs.Pencil(np.eye(2), np.diag([2.0, 4.0]), np.diag([1.0, 4.0])), power=2)
+case("defective", "triple eigenvalue", cea, lambda: fs.Pencil(np.eye(3), None, np.eye(3) + np.diag([1.0, 1.0], 1)), power=3)
+case("defective", "PEP, every mode of 150 a defective pair", cea, lambda: paired(150, 0.0, TWIN), closed=True, count=12,
+     quick=False)

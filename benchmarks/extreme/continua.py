@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from benchmarks.extreme.cases import STEEL
+from benchmarks.extreme.cases import STEEL, case
 from benchmarks.extreme.reference import EPS, Array, Found, answered, mp
 
 
@@ -122,3 +122,15 @@ def beam_frequency(elements: int, ends: str) -> Found:
     error, bound = abs(float(found.frequencies[0]) / exact - 1), max(figures, default=1e-6)
     return Found(f"ω of {elements} elements, {'told' if figures else 'not told'}", error, bound, error / bound,
                  "the figure of the warning, 1e-6 without one", float(found.residual[0]))
+
+
+for kind in ("quad", "triangle"):
+    case("interface", f"port on sets of a plate, {kind}", edge_mean, kind, 8)
+    case("interface", f"port on a mixed set, {kind}", mixed_set, kind, expect="belong to none of the cells")
+for kind in ("hexahedron20", "tetra10"):
+    case("interface", f"port on sets of a solid, {kind}", face_mean, kind)
+for n in (1000, 3000):
+    case("slender", f"entries of a beam of {n:,} elements", beam_entries, n)
+for held_as in ("clamped", "pinned"):
+    for n in (500, 1000, 2000, 3000):
+        case("slender", f"ω of a {held_as} beam of {n:,} elements", beam_frequency, n, held_as)

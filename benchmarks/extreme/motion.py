@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse.linalg import spsolve
 
 import femsub as fs
-from benchmarks.extreme.cases import judge
+from benchmarks.extreme.cases import case, judge
 from benchmarks.extreme.reference import Array, Found, claim
 
 
@@ -165,3 +165,15 @@ def sticking_unknown() -> Found:
     peak = float(np.abs(found.peak))
     lie = "the cycle does not stick" if peak <= 0.1 else "" if np.isnan(found.sticking) else f"sticking {found.sticking:.0%}"
     return claim(f"peak speed {peak:.3g}, sticking {found.sticking}", lie, "without ε nobody knows what sticks")
+
+
+for n, belt, blow in ((120, 5, 1e-3), (320, 20, 1e-3), (320, 20, 1e-9), (320, 20, 0.1)):
+    case("motion", f"alpha, {n} masses, blow of {blow:g}", small_motion, n, belt, blow, 60.0)
+case("motion", "alpha, 320 masses, few samples", small_motion, 320, 20, 1e-3, 60.0, 100, quick=False)
+for integrator in ("alpha", "lsoda", "dop853", "radau"):
+    case("motion", f"{integrator}, tiny blows", proportional_to_its_blow, integrator, 1e-4, quick=integrator != "radau")
+for cycle, harmonics in ((Chain(2, 2, 0.05, 0.2, 0.01, odd=True), 8), (Chain(3, 2, 0.1, 0.3, 0.01), 10),
+                         (Chain(3, 3, 0.1, 0.2, 0.005), None), (Chain(4, 4, 0.2, 0.15, 0.01), 20),
+                         (Chain(5, 2, 0.1, 0.3, 0.01, odd=True), 12)):
+    case("motion", f"Floquet, chain {cycle.n}, belt m{cycle.belt}, {harmonics or 'usual'} harmonics", floquet, cycle, harmonics)
+case("motion", "sticking without an ε", sticking_unknown)

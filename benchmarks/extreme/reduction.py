@@ -13,8 +13,8 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.attacks.common import dense
-from benchmarks.extreme.cases import basis, judge, lattice
-from benchmarks.extreme.complex import roots, slope
+from benchmarks.extreme.cases import basis, case, judge, lattice
+from benchmarks.extreme.complex import cea, roots, slope
 from benchmarks.extreme.reference import EPS, Array, Found, answered, border, claim, matched, mp, quadratic, worst
 
 CORRECTED = 1e-10  # what is left of inertia relief after its last correction, relatively
@@ -249,3 +249,44 @@ def unsymmetric_files(K: Array) -> Found:
         for name, part in (("M", np.eye(len(K))), ("K", K)):
             mmwrite(Path(folder) / f"{name}.mtx", sp.coo_array(part), precision=17)
         return answered(lambda: fs.read_component(Path(folder) / "M.mtx", Path(folder) / "K.mtx"))
+
+
+HCB, CC = fs.CraigBampton, fs.CraigChang
+for method, label in ((HCB, "HCB"), (CC, "CC")):
+    case("massless", f"{label}, all and nearly all modes, 2 of 5 bare", nearly_complete, issue, method)
+    case("massless", f"{label}, all and nearly all modes, every 2nd bare", nearly_complete, lambda: bare(12, 2), method)
+    case("massless", f"{label}, all and nearly all modes, floating", nearly_complete, lambda: bare(12, 2, held=False), method, 1)
+    case("massless", f"{label}, all and nearly all modes, N, t and s", nearly_complete, lambda: bare(11, 3, units=(1e-3, 1e8)),
+         method)
+    case("massless", f"{label}, all and nearly all modes, consistent M", nearly_complete, lambda: bare(12, 3, consistent=True),
+         method)
+    case("massless", f"CEA, {label} with all modes, 2 of 5 bare", same_poles, issue, method(most(issue(), method)))
+    case("massless", f"CEA, {label} with all modes, every 2nd bare", same_poles, lambda: bare(10, 2),
+         method(most(bare(10, 2), method)))
+    case("massless", f"slope, {label} with all modes, 2 of 5 bare", lambda m=method: slope(lambda: fs.reduce(
+         issue(), m(most(issue(), m)), ports=True), port="p"), expect="M is singular or nearly so")
+    for tol, hi in ((1e-3, 0.3), (1e-6, 0.6)):
+        case("massless", f"{label}, tolerance {tol:g}", tolerance, lambda: bare(40, 3), method(band=(0.0, hi), tol=tol))
+        case("massless", f"{label}, tolerance {tol:g}, floating", tolerance, lambda: bare(40, 3, held=False),
+             method(band=(0.0, hi), tol=tol), 1)
+case("interface", "CC, inertia relief at 40 DOF", relief, 4)
+for label, six in (("HCB", HCB(6)), ("CC", CC(6))):
+    case("border", f"slope, {label}, band above the cut-off", above_cutoff, six, "slope", expect="reaches above the cut-off")
+    case("border", f"sweep, {label}, band above the cut-off", above_cutoff, six, "sweep", expect="reaches above the cut-off")
+    case("border", f"CEA, {label}, band above the cut-off", above_cutoff, six, "modes", expect="reaches above the cut-off")
+    case("border", f"CEA, {label}, all modes", above_cutoff, six, "all")
+case("border", "slope, CC, shape above the cut-off", without_artefact)
+case("border", "slope, CC, next to the cut-off", near_cutoff)
+for factor, label in ((0.5, "before"), (1.0, "at"), (1.5, "beyond")):
+    case("border", f"study {label} the border, first pair", study_at_border, factor, 0.2, quick=factor == 1)
+    case("border", f"study {label} the border, half of them", study_at_border, factor, 0.75, quick=factor > 0.5)
+case("damping", "CC, a tolerance and another damping", other_damping)
+
+
+FLUTTER = np.array([[1000.0, 200, 0], [-600, 1010, 0], [0, 0, 1e13]])  # Re λ = +5.4
+case("ratios", "flutter beside 1e13, as a component", answered, lambda: fs.Substructure(np.eye(3), FLUTTER),
+     expect="K is not symmetric")
+case("ratios", "M unsymmetric beside 1e13", answered, lambda: fs.Substructure(FLUTTER + 1e3 * np.eye(3), np.eye(3)),
+     expect="M is not symmetric")
+case("ratios", "flutter beside 1e13, in files", unsymmetric_files, FLUTTER, expect="K is not symmetric")
+case("ratios", "CEA, flutter beside 1e13", cea, lambda: fs.Pencil(np.eye(3), None, FLUTTER))

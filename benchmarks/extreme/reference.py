@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -201,6 +201,11 @@ def worst(founds: Iterable[Found]) -> Found:
     missed = [found.missed for found in several if found.missed is not None]
     found = max(several, key=lambda found: found.ratio)
     return replace(found, lie=said, missed=sum(missed) if missed else None, computed=f"{len(several)} x {found.computed}")
+
+
+def every(run: Callable[..., Found], *arguments: object, asks: Sequence[dict[str, object]], **options: object) -> Found:
+    """One case for several bands or counts."""
+    return worst(run(*arguments, **options, **ask) for ask in asks)
 
 
 def answered(run: Callable[[], Any]) -> Found:

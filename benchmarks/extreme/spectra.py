@@ -12,9 +12,9 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks import lattices
 from benchmarks.attacks.common import dense
-from benchmarks.extreme.cases import ASKED, judge, lattice, spread
-from benchmarks.extreme.complex import roots
-from benchmarks.extreme.reference import Array, Found, entry_condition, exact, mp
+from benchmarks.extreme.cases import ASKED, case, judge, lattice, spread
+from benchmarks.extreme.complex import cea, proportional, roots
+from benchmarks.extreme.reference import Array, Found, entry_condition, every, exact, mp
 
 Known = tuple[fs.Pencil, Array]
 
@@ -181,3 +181,57 @@ def rubbing(number: int) -> Known:
     M, K, values = _rubbing()
     M, K = (sp.csr_array(sp.kron(sp.eye_array(number), part)) for part in (M, K))
     return fs.Pencil(M, None, K), np.tile(values, number)
+
+
+SCALED = ("by turns", "halves", "rising", "each")
+case("units", "PEP, DOF in units of 2^-17 to 2^17", every, cea, asks=[{"build": lambda p=p: in_other_units(proportional(
+     300, 0.01, 1e-3), p), **ask} for p in SCALED for ask in ({"count": 12}, {"band": (0.0, 0.1)})], closed=True)
+case("units", "modes, DOF in units of 2^-17 to 2^17", every, listed, asks=[{"build": lambda p=p: component(in_other_units(
+     proportional(300, 0.0, 0.0), p), fs.chain_frequencies(300))} for p in SCALED], count=12)
+case("units", "CEA, DOF in units of 2^-17 to 2^17", every, cea, asks=[{"build": lambda p=p: in_other_units(
+     proportional(60, 0.01, 1e-3), p)} for p in SCALED], closed=True)
+for label, parts in (("statics", [(1, 0, 4), (2, 0, 3), (0, 0, 1), (0, 0, 5), (1, 0, 9), (0, 0, 2)]),
+                     ("dashpots", [(1, 0.5, 4), (0, 3, 1), (2, 0.25, 3), (0, 0, 1), (0, 0.5, 2), (1, 0.125, 16)]),
+                     ("one mass", [(1, 0.5, 1), (0, 2, 1), (0, 1, 8), (0, 0, 1), (0, 0, 3)]),
+                     ("unstable", [(1, -0.5, 4), (0, 0, 2), (1, 0.25, 9), (0, 1, 3), (0, 0, 7)])):
+    case("massless", f"CEA, singular M in mixed DOF, {label}", every, cea, asks=[
+         {"build": lambda parts=parts, seed=seed: mixed(parts, seed)} for seed in range(4)], closed=True)
+case("massless", "CEA, tied by a multiplier", every, cea, asks=[{"build": lambda f=f: tied(f)} for f in (0.0, 0.125)],
+     closed=True)
+for pieces_of, counts in ((1, (2, 4, 9)), (5, (6, 18, 19, 40))):
+    case("rigid", f"CEA, {pieces_of} floating with friction, by count", every, cea, lambda p=pieces_of: rubbing(p), closed=True,
+         asks=[{"count": count} for count in counts])
+case("rigid", "PEP, floating, K unsymmetric, by count", every, cea, lambda: sliding_pairs(100), closed=True,
+     asks=[{"count": count} for count in (6, 18, 19, 40)])
+for sparse, label in ((False, "dense"), (True, "sparse")):
+    for n in ((12, 60), (300, 3100))[sparse]:
+        case("repeated", f"K = 2 M, {n} DOF", listed, lambda n=n, s=sparse: stiffness_of_mass(n, 2.0, s), count=9)
+        case("repeated", f"CEA, K = 2 M, {n} DOF", cea, lambda n=n, s=sparse: damped(stiffness_of_mass(n, 2.0, s), 0.02),
+             closed=True,
+             count=8, semisimple=True)
+    size = 70 if sparse else 12
+    case("repeated", f"counts that cut a sixfold one, {label}", every, listed, lambda n=size, s=sparse: copies(n, 6, s),
+         asks=[{"count": count} for count in (2, 5, 8, 11, 17)])
+    case("repeated", f"CEA, counts that cut a sixfold one, {label}", every, cea,
+         lambda n=size, s=sparse: damped(copies(n, 6, s), 1e-3), asks=[{"count": count} for count in (2, 5, 8, 11, 17)],
+         closed=True, semisimple=True)
+for sparse, label in ((False, "dense"), (True, "sparse")):
+    for name, known in (("pairs", lambda s=sparse: membrane(16 if s else 7, s)),
+                        ("sixfold", lambda s=sparse: copies(70 if s else 12, 6, s))):
+        omega = np.sort(known()[1])
+        levels = omega[np.diff(omega, prepend=-1.0) > 1e-9]
+        ends = [(0.0, levels[2]), (levels[1], levels[2]), (levels[1], levels[4]), (levels[3], levels[5])]
+        tilted = [tuple(edge(omega, 1e-3) if omega else 0.0 for omega in band) for band in ends]
+        case("edges", f"{name} on edges, {label}", every, listed, known, asks=[{"band": band} for band in ends])
+        case("edges", f"CEA, {name} on edges, {label}", every, cea, lambda known=known: damped(known(), 1e-3), closed=True,
+             semisimple=True, asks=[{"band": band, **re} for band in tilted for re in ({}, {"re": (-5e-4, 0.1)})])
+    case("edges", f"CEA, double real λ on an edge, {label}", every, cea, lambda s=sparse: critical(0.0, s), closed=True, power=2,
+         asks=[{"band": (0.0, 10.0), "re": (-3.0, 10.0)}, {"band": (0.0, 10.0), "re": (-100.0, -3.0)}])
+for near in (0.0, 2.0**-30, 2.0**-44, -(2.0**-30)):
+    for sparse, label in ((False, "dense"), (True, "sparse")):
+        case("defective", f"damping {near:.0e} off critical, {label}", every, cea, lambda r=near, s=sparse: critical(r, s),
+             closed=True,
+             power=2, asks=[{"band": (0.0, 10.3), "re": (-100.0, 100.0)}, {"count": 4}, {"count": 5}])
+case("defective", "critical damping, 25 models", every, cea, closed=True, power=2, asks=[
+     {"build": lambda seed=seed: critical_ones(seed), **ask} for seed in range(25)
+     for ask in ({"band": (0.0, 10.3), "re": (-100.0, 100.0)}, {"count": 1 + seed % 8})])
