@@ -21,14 +21,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
-from benchmarks.processes import fresh, machine, peak_mb
+from benchmarks.processes import fresh, machine, peak_mb, put
 from femsub.app.scenes.brake import PADS, Brake, BrakeScene
-from femsub.io.atomic import write_whole
 from femsub.model.affine import Affine
 from femsub.modes import match
 from femsub.studies.losses import affine_over, first_loss
@@ -181,10 +180,6 @@ def told(rows: list[Row]) -> str:
                  ["s", "g", ",d", ",d", "d", ".0f", ".0f", ".0f", ".0f", ".1f", ".5f", ".1e", ".1e", "s"])
 
 
-def _write(text: bytes, file: BinaryIO) -> None:
-    file.write(text)
-
-
 def main(*, size: tuple[float, ...] = (0.0085,), model: Annotated[tuple[str, ...], ("parts", "full")] = ("parts",), mu: int = 100,
          out: Path = Path("out/brake.json")) -> None:
     measures: dict[str, Callable[[float, int], Row]] = {"parts": by_parts, "full": partial(fresh, full)}
@@ -196,5 +191,5 @@ def main(*, size: tuple[float, ...] = (0.0085,), model: Annotated[tuple[str, ...
             rows = [one for one in rows if (one["model"], one["element"]) != (name, element)] + [row]
             rows.sort(key=lambda one: (-one["element"], one["model"]))
             text = json.dumps({"machine": host, "mu": MU, "rows": rows}, indent=1) + "\n"
-            write_whole(out.parent, {out.name: partial(_write, text.encode())})
+            put(out.parent, {out.name: text})
             print(told([one for one in rows if one["element"] == element]), flush=True)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -64,11 +63,8 @@ def run_scene(scene: str, out: Path) -> dict[str, Any]:
     if status:
         sys.exit(f"gallery: {scene} failed")
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
-    return told(used) | {"commit": commit(), "shows": shown(results, GALLERY[scene].figure)}
-
-
-def told(used: resource.struct_rusage) -> dict[str, Any]:
-    return {"seconds": float(f"{used.ru_utime + used.ru_stime:.2g}"), "megabytes": 10 * round(used.ru_maxrss / 1e4)}
+    return {"seconds": float(f"{used.ru_utime + used.ru_stime:.2g}"), "megabytes": 10 * round(used.ru_maxrss / 1e4),
+            "commit": commit(), "shows": shown(results, GALLERY[scene].figure)}
 
 
 def picture(scene: str, out: Path) -> None:

@@ -79,17 +79,13 @@ def shown(results: Mapping[str, Any], figure: str) -> list[dict[str, Any]]:
         every = [(panel["title"], one, dict(one["hover"])) for panel in panels for one in panel["series"]]
         errors = [{"panel": title, "model": one["name"], "DOF": told["DOF"], "error": told[key]} for title, one, told in every
                   for key in ERRORS if one["legend"] and "DOF" in told and key in told]
-        return unique(errors) or [{"panel": title, "line": one["name"], "x": plain(one["x"]), "y": plain(one["y"])}
-                                  for title, one, _ in every if one["legend"]][:MOST]
+        return [row for at, row in enumerate(errors) if row not in errors[:at]] or [
+            {"panel": title, "line": one["name"], "x": plain(one["x"]), "y": plain(one["y"])}
+            for title, one, _ in every if one["legend"]][:MOST]
     found = results.get(figure, {})
     found = found.get("rows", found) if isinstance(found, Mapping) else found
     rows = [found] if isinstance(found, Mapping) else found
     return [{key: plain(value) for key, value in row.items() if not isinstance(value, Mapping)} for row in rows[:MOST] if row]
-
-
-def unique(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows without what was told twice."""
-    return [row for at, row in enumerate(rows) if row not in rows[:at]]
 
 
 def plain(values: Any) -> Any:

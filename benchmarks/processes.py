@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 import femsub as fs
 from benchmarks import UsageError
-from femsub.algebra.processes.memory import available
+from femsub.algebra.processes.memory import available, most_memory
 from femsub.algebra.processes.threads import libraries
 from femsub.app import report
+from femsub.io.atomic import write_whole
 
 LEFT_MB = 500.0  # below so much free memory of the machine a measurement is stopped, before the system stops something else
 WATCHED = 0.25  # seconds between two looks at a measurement,
@@ -44,9 +45,17 @@ def begin(*folders: Path) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # or the process that computes stays behind
 
 
+def put(folder: Path, files: Mapping[str, str | bytes]) -> None:
+    """Writes files into a folder, all of them or none."""
+    def written(file: BinaryIO, content: str | bytes) -> None:
+        file.write(content.encode() if isinstance(content, str) else content)
+
+    write_whole(folder, {name: partial(written, content=content) for name, content in files.items()})
+
+
 def peak_mb() -> float:
     """The largest resident memory of this process so far, in 10⁶ bytes."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
+    return most_memory() / 1e6
 
 
 def warm_up() -> None:

@@ -18,17 +18,15 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from benchmarks import UsageError
 from benchmarks.pictures import NUMBERS, commit, plain, shown
-from benchmarks.processes import begin
+from benchmarks.processes import begin, put
 from femsub.algebra.petsc import versions
 from femsub.app import report
 from femsub.app.scene import SCENES
-from femsub.io.atomic import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 SHOWN = "data.json"  # of the pictures
@@ -125,7 +123,7 @@ def run(step: Step, folder: Path, quick: bool) -> None:
                         for part in command])
     done = {"command": shown, "commit": commit(), "seconds": time.perf_counter() - start, "date": time.strftime("%Y-%m-%d"),
             "machine": report.machine() | report.versions() | versions(), "warnings": errors.strip().splitlines()}
-    write_whole(folder, {"done.json": partial(_put, content=json.dumps(done, indent=1))})
+    put(folder, {"done.json": json.dumps(done, indent=1)})
 
 
 def text(step: Step, folder: Path) -> str:
@@ -164,21 +162,15 @@ def numbers(step: Step, folder: Path) -> dict[str, dict[str, Any]]:
 def write(steps: list[Step], work: Path, data: Path, pictures: Path) -> list[str]:
     """The texts and figures of the steps that have ended well, each folder whole or not at all; their names."""
     ended = [step for step in steps if (work / step.name / "done.json").exists()]
-    texts = {f"{step.name}.txt": partial(_put, content=text(step, work / step.name)) for step in ended if step.table}
-    write_whole(data, texts)
+    put(data, {f"{step.name}.txt": text(step, work / step.name) for step in ended if step.table})
     index = pictures / SHOWN
     known = json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}
     for step in ended:
         known |= numbers(step, work / step.name)
     lines = ",\n".join(f" {json.dumps(place)}: {json.dumps(known[place], ensure_ascii=False)}" for place in sorted(known))
-    figures = {place: partial(_put, content=path.read_bytes()) for step in ended
-               for place, path in pictures_of(step, work / step.name).items()}
-    write_whole(pictures, {**figures, SHOWN: partial(_put, content=f"{{\n{lines}\n}}\n")})
+    figures = {place: path.read_bytes() for step in ended for place, path in pictures_of(step, work / step.name).items()}
+    put(pictures, {**figures, SHOWN: f"{{\n{lines}\n}}\n"})
     return [step.name for step in ended]
-
-
-def _put(file: BinaryIO, content: str | bytes) -> None:
-    file.write(content.encode() if isinstance(content, str) else content)
 
 
 def main(steps: tuple[str, ...] = (), *, list: bool = False, work: Path = ROOT / "out" / "report",

@@ -5,8 +5,8 @@
 
 Measured are the assembly (from the mesh on), HCB and CC, and the CEA of the full model by PEP (of a solid above 300,000 DOF
 only where --steps asks for it) and of both reduced ones. Chain, beam and plate keep 20 modes and give the 20 eigenvalues
-nearest to 0; the floating solid keeps 50 and gives 32, of which 12 belong to its rigid-body modes. What the components are
-is in benchmarks/models.py. Beams end at 20,000 DOF: the condition of their K grows with n⁴, and at 10,000 rounding takes 1.5 % of
+nearest to 0; the floating solid keeps 50 and gives 32, of which 12 belong to its rigid-body modes. What the components are is
+below. Beams end at 20,000 DOF: the condition of their K grows with n⁴, and at 10,000 rounding takes 1.5 % of
 their lowest frequencies, full and reduced, at 20,000 that of HCB altogether (`fs.beam` warns from 6,300 on).
 
 Each measurement has a process of its own, so that the peak of its resident memory is its own; packages are loaded, and a
@@ -25,13 +25,14 @@ from __future__ import annotations
 import statistics
 import time
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
 import femsub as fs
-from benchmarks import UsageError, models
+from benchmarks import UsageError
 from benchmarks.pictures import save
 from benchmarks.processes import Row, begin, fresh, machine, peak_mb, warm_up
 from femsub.app import report
@@ -39,6 +40,111 @@ from femsub.app.figure_style import PAGE, legend_below, new_figure
 from femsub.app.scene import Result
 from femsub.studies import look
 from femsub.studies.tables import Table, table
+
+# ---- the components: the chain has unit masses and springs and a dashpot; the others are of steel, in m, kg and s, without
+# damping, and their belt takes so little (damping ratios of about 1e-6) that it moves no frequency by more than 1e-12
+
+DAMPING = 0.1  # of the chain
+STEEL: dict[str, Any] = {"E": 2.1e11, "rho": 7850.0}
+NU = 0.3
+LENGTH, SIDE = 1.0, 0.02  # of the beam, which is square
+SIDES, THICKNESS = (1.0, 0.8), 0.005  # of the plate
+SLAB, NODES = (2.0, 1.5, 0.1), 33  # of the solid; nodes of its interface
+REFERENCE = 100_000  # up to so many DOF the solid's reduced models are compared with its own modes
+
+
+@dataclass(frozen=True)
+class Kind:
+    """The sizes measured, the most that make sense, the modes kept, and how many frequencies are compared."""
+
+    sizes: tuple[int, ...]
+    modes: int
+    compared: int
+    slope: float
+    rigid: int = 0
+    most: float = np.inf
+    pep: float = np.inf  # up to so many DOF the full CEA is solved unless asked for
+
+
+KINDS = {
+    "chain": Kind((10, 100, 1_000, 10_000, 30_000, 100_000, 300_000, 1_000_000), 20, 20, 0.0),
+    # The condition of K grows with n⁴; at 2·10⁴ DOF rounding alone moves the lowest ω by 10 % in the full model's PEP.
+    "beam": Kind((10, 100, 1_000, 10_000, 20_000), 20, 5, 3e-4, most=20_000),
+    "plate": Kind((80, 1_000, 10_000, 30_000, 100_000, 300_000), 20, 5, 6e-3, most=300_000),
+    "solid": Kind((1_000, 10_000, 30_000, 100_000, 300_000, 1_000_000), 50, 10, 2.0, rigid=6, pep=300_000),
+}
+
+
+def build(kind: str, n: int) -> fs.Substructure:
+    """The component of about n DOF, from its mesh on; its interface does not grow with n."""
+    return {"chain": chain, "beam": beam, "plate": plate, "solid": solid}[kind](n)
+
+
+def chain(n: int) -> fs.Substructure:
+    """Belt under m2, which is not in the interface {m1}, as in the paper."""
+    return fs.chain(n, belt=2, damping=DAMPING)
+
+
+def beam(n: int) -> fs.Substructure:
+    """Clamped at the left, joined at the right (2 DOF), a belt at 0.35 L."""
+    elements = n // 2
+    return fs.beam(LENGTH, elements, E=STEEL["E"], I=SIDE**4 / 12, rho=STEEL["rho"], A=SIDE**2, supports={"left": "clamped"},
+                   interface=["right"], ports={"belt": np.linspace(0, LENGTH, elements + 1)[round(0.35 * elements)]})
+
+
+def plate(n: int) -> fs.Substructure:
+    """Simply supported all round, Bogner-Fox-Schmit rectangles (4 nx ny DOF); joined at 3 nodes (12 DOF), a belt at one."""
+    nx = round((n / 4 * SIDES[0] / SIDES[1]) ** 0.5)
+    ny = round(nx * SIDES[1] / SIDES[0])
+    mesh = fs.rectangle(SIDES, (nx, ny))
+
+    def node(x: float, y: float) -> int:
+        return round(x * nx) * (ny + 1) + round(y * ny)
+
+    mesh = mesh.with_sets(joint=np.array([node(0.6, share) for share in (0.25, 0.5, 0.75)]))
+    return fs.plate(mesh, **STEEL, nu=NU, thickness=THICKNESS, supports={"edge": "simply supported"}, interface=["joint"],
+                    ports={"belt": tuple(mesh.points[node(0.35, 0.4)])})
+
+
+def solid(n: int) -> fs.Substructure:
+    """A floating slab of bricks with 8 nodes, joined at 33 nodes of its left face (99 DOF), a belt along its right face."""
+    size = np.linspace(0.5, 20, 4000)[:, None] * [20, 15, 1]
+    counts = np.maximum(1, size.round()).astype(int)
+    chosen = counts[np.abs(np.log(3 * np.prod(counts + 1, axis=1) / n)).argmin()]
+    mesh = fs.block(SLAB, [int(count) for count in chosen], "hexahedron")
+    left = mesh.nodes("left")
+    mesh = mesh.with_sets(joint=left[np.linspace(0, len(left) - 1, min(NODES, len(left))).astype(int)])
+    return fs.solid(mesh, fs.Material(STEEL["E"], NU, STEEL["rho"]), interface=["joint"], ports={"belt": ("right", "y")})
+
+
+def lowest(kind: str, n: int) -> np.ndarray | None:
+    """The exact ω of the beam, k⁴ EI/ρA = ω² with cos kL cosh kL = -1, and of the plate; None where there are none."""
+    count = KINDS[kind].compared
+    if kind == "beam":
+        roots = np.pi * (np.arange(1, count + 1) - 0.5)
+        for _ in range(50):  # cos x = -1/cosh x, from the zeros of the cosine
+            roots -= (np.cos(roots) + 1 / np.cosh(roots)) / (-np.sin(roots) - np.tanh(roots) / np.cosh(roots))
+        return (roots / LENGTH) ** 2 * (STEEL["E"] * SIDE**2 / 12 / STEEL["rho"]) ** 0.5
+    if kind == "plate":
+        waves = [np.arange(1, 20) / side for side in SIDES]
+        bending = STEEL["E"] * THICKNESS**2 / (12 * (1 - NU**2) * STEEL["rho"])
+        return np.sort(np.pi**2 * np.add.outer(waves[0] ** 2, waves[1] ** 2).ravel() * bending**0.5)[:count]
+    if kind == "chain" or n >= REFERENCE:  # the chain's are known in closed form for any size
+        return None
+    modes = fs.normal_modes(build(kind, n), count=count)
+    return modes.frequencies[modes.rigid:]
+
+
+def slope(kind: str, n: int) -> float:
+    """The belt's slope; of the chain about half of the one at which a mode loses its stability.
+
+    First order in the damping: mode j moves m_k by sin(kθ_j), θ_j = (2j - 1)π/(2n + 1), and decays while
+    d1 sin²θ_j + c sin²2θ_j > 0, that is c > -d1/(4 cos²θ_j). At n = 10⁴ the exact value agrees to 6e-11.
+    """
+    return -DAMPING / (4 * np.cos(np.pi / (2 * n + 1)) ** 2) / 2 if kind == "chain" else KINDS[kind].slope
+
+
+# ---- what is measured
 
 STEPS = ("assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC")
 METHODS: dict[str, Any] = {"HCB": fs.CraigBampton, "CC": fs.CraigChang}
@@ -60,11 +166,11 @@ def measure(kind: str, step: str, n: int, exact: np.ndarray | None, reduced: tup
         return {"seconds": time.perf_counter() - since, "peak_mb": peak_mb(), "dof": model.size}
 
     warm_up()
-    of = models.KINDS[kind]
-    fs.reduce(models.build(kind, of.sizes[0]), fs.CraigBampton(modes=3), ports=True)
+    of = KINDS[kind]
+    fs.reduce(build(kind, of.sizes[0]), fs.CraigBampton(modes=3), ports=True)
     row: Row = {"base_mb": peak_mb()}
     start = time.perf_counter()
-    model = models.build(kind, n) if reduced is None else fs.Substructure(
+    model = build(kind, n) if reduced is None else fs.Substructure(
         reduced[0], reduced[1], reduced[2], ports={"belt": reduced[3]})
     if step == "assembly":
         return row | seen(model, start)
@@ -75,7 +181,7 @@ def measure(kind: str, step: str, n: int, exact: np.ndarray | None, reduced: tup
         row |= seen(model, start) | modes_kept(kind, step, model, rom, exact)
         return row | {"reduced": (rom.M, rom.K, rom.D, rom.port("belt"))}
     start = time.perf_counter()
-    modes = fs.complex_modes(model, fs.Belt(slope=models.slope(kind, n)), count=min(20 + 2 * of.rigid, 2 * model.size))
+    modes = fs.complex_modes(model, fs.Belt(slope=slope(kind, n)), count=min(20 + 2 * of.rigid, 2 * model.size))
     row |= seen(model, start) | {"residual": float(modes.backward_error.max())}
     found = np.sort(modes.eigenvalues.imag[modes.eigenvalues.imag > 0])
     if kind == "chain":
@@ -99,7 +205,7 @@ def modes_kept(kind: str, step: str, model: fs.Substructure, rom: fs.ReducedSubs
     if kind == "chain":  # with m1 held, n - 1 masses vibrate
         exact = fs.chain_frequencies(model.size - 1 if step == "HCB" else model.size, len(at))
     elif exact is not None:
-        exact, rigid = exact[:model.size // 2], models.KINDS[kind].rigid
+        exact, rigid = exact[:model.size // 2], KINDS[kind].rigid
         squares = scipy.linalg.eigh(rom.K, rom.M, eigvals_only=True)[rigid:rigid + len(exact)]
     row = {"residual": float(residual.max())}
     return row if exact is None else row | {"error": float(np.abs(np.sqrt(np.maximum(squares, 0)) / exact - 1).max())}
@@ -107,7 +213,7 @@ def modes_kept(kind: str, step: str, model: fs.Substructure, rom: fs.ReducedSubs
 
 def run(kind: str, n: int, steps: list[str], repeats: int, long: float, failed: list[str]) -> list[Row]:
     """A row for each step: medians over the runs, the spread of its seconds, its largest errors."""
-    exact = fresh(models.lowest, kind, n)
+    exact = fresh(lowest, kind, n)
     reduced: dict[str, tuple[np.ndarray, ...]] = {}
     rows = []
     for step in steps:
@@ -174,7 +280,7 @@ def draw(rows: list[Row]) -> Any:
     return figure
 
 
-def main(*, components: Annotated[tuple[str, ...], models.KINDS] = tuple(models.KINDS), largest: int = 0, repeats: int = 1,
+def main(*, components: Annotated[tuple[str, ...], KINDS] = tuple(KINDS), largest: int = 0, repeats: int = 1,
          steps: Annotated[tuple[str, ...], STEPS] = (), long: float = 60.0, out: Path = Path("out/scaling")) -> int:
     if repeats < 1 or 0 < largest < 10:
         raise UsageError("--largest must be at least 10, --repeats at least 1")
@@ -182,7 +288,7 @@ def main(*, components: Annotated[tuple[str, ...], models.KINDS] = tuple(models.
     rows: list[Row] = []
     failed: list[str] = []
     for kind in components:
-        of = models.KINDS[kind]
+        of = KINDS[kind]
         top = of.sizes[-1] if not largest else max(of.sizes[0], min(largest, of.most))
         for n in [*(n for n in of.sizes if n < top), int(top)]:
             some = [step for step in STEPS if (step in steps or f"CEA {step}" in steps if steps

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 from benchmarks.__main__ import COMMANDS
+from benchmarks.bases import Case, Journal, compared
 from benchmarks.comparisons import NAMES
 from benchmarks.processes import StoppedError, together_mb, watched
-from benchmarks.users import Case, Journal, compared
 
 ROOT = Path(__file__).parent.parent
 
