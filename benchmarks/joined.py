@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import grid_pairs, stiffness
 from benchmarks.lattices import lattice
 from femsub.reduction.reduce import METHODS
 
@@ -83,12 +84,9 @@ def membranes(n: int = 5) -> Joined:
     parts = {}
     nodes = np.arange(n * n).reshape(n, n)
     edges = {"west": nodes[0], "east": nodes[-1], "south": nodes[:, 0], "north": nodes[:, -1]}
-    one = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    pairs = grid_pairs(nodes)
     for i, j in itertools.product((0, 1), repeat=2):
-        K = np.zeros((n * n, n * n))
-        for a, b in (*zip(nodes[:, :-1].ravel(), nodes[:, 1:].ravel(), strict=True),
-                     *zip(nodes[:-1].ravel(), nodes[1:].ravel(), strict=True)):
-            K[np.ix_([a, b], [a, b])] += (1 + 0.1 * i + 0.3 * j) * one
+        K = stiffness(n * n, pairs, np.full(len(pairs), 1 + 0.1 * i + 0.3 * j))
         used = {key: edges[key] for key in ("west" if i else "east", "south" if j else "north")}
         parts[f"m{i}{j}"] = fs.Substructure(sp.diags_array(np.linspace(1, 2, n * n)), sp.csr_array(K), interface=used,
                                             name=f"m{i}{j}")

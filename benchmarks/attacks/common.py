@@ -69,6 +69,12 @@ def stiffness(n: int, pairs: Any, springs: Any) -> Array:
     return K[:n, :n]
 
 
+def grid_pairs(place: Array) -> Array:
+    """The neighbours (k, 2) in a grid of numbers, along both axes."""
+    return np.vstack([np.stack([one.ravel(), other.ravel()], axis=1) for one, other in (
+        (place[:-1], place[1:]), (place[:, :-1], place[:, 1:]))])
+
+
 def row_of_springs(springs: Array) -> Array:
     """K of a row of masses: springs[i] is before mass i, and one more than masses holds the last."""
     n = len(springs) - 1

@@ -11,7 +11,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack, row_of_springs, stiffness
+from benchmarks.attacks.common import Random, attack, grid_pairs, row_of_springs, stiffness
 from femsub.checks import Array
 
 KINDS = ("dashpots", "everywhere", "friction", "gyroscopic", "cells")
@@ -60,9 +60,7 @@ def _pencil(kind: str, rng: Random) -> fs.Pencil:
         return fs.Pencil(sp.eye_array(len(K)), sp.csr_array(D), sp.csr_array(K))
     shape = rng.integers(11, 16, 2)
     n = int(shape.prod())
-    place = np.arange(n).reshape(shape)
-    ends = np.vstack([np.stack([place[:-1].ravel(), place[1:].ravel()], 1),
-                      np.stack([place[:, :-1].ravel(), place[:, 1:].ravel()], 1)])
+    ends = grid_pairs(np.arange(n).reshape(shape))
     spread = rng.uniform(0, 2)
     K = stiffness(n, ends, 10 ** rng.uniform(-spread, spread, len(ends))) + 0.01 * np.eye(n)
     share, low = 1.0 if kind == "everywhere" else rng.choice([0.02, 0.05, 0.15, 0.4]), rng.uniform(-2, 3)
