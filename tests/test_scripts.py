@@ -18,10 +18,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import femsub as fs
 from benchmarks.__main__ import COMMANDS
+from benchmarks.attacks.common import misfit, row_of_springs
 from benchmarks.bases import Case, Journal, compared
 from benchmarks.comparisons import NAMES
-from benchmarks.processes import StoppedError, together_mb, watched
+from benchmarks.processes import StoppedError, Worker, together_mb, watched
 
 ROOT = Path(__file__).parent.parent
 
@@ -145,6 +147,24 @@ def test_a_measurement_that_takes_too_long_is_told(tmp_path: Path) -> None:
     journal.add(case, "SciPy", 0, {"ended": "longer than 0.1 s"})
     assert Journal(tmp_path).ended(case, "SciPy") == "longer than 0.1 s" and not journal.ended(case, "femsub")
     assert Journal(tmp_path).runs(case, ["SciPy"]) == {"SciPy": [None]}
+
+
+def test_a_worker_is_replaced_when_it_crashes_or_hangs() -> None:
+    worker = Worker()
+    with pytest.raises(StoppedError, match="its process crashed"):
+        worker(os._exit, 1)
+    with pytest.raises(StoppedError, match=re.escape("no answer within 0.5 s")):
+        worker(time.sleep, 30.0, limit=0.5)
+    assert worker(abs, -1) == 1
+    worker.close()
+
+
+def test_springs_and_the_pairing_with_bars_that_attacks_share() -> None:
+    springs = np.array([2.0, 3.0, 5.0, 0.0])
+    assert np.array_equal(row_of_springs(springs), fs.chain(3, springs=springs[:3], damping=0.0).K.toarray())
+    found, bars = np.array([1.0, 1.0 + 1e-9, 2j]), np.array([1e-12, 1e-8, np.inf])
+    assert not misfit(found, bars, [1.0, 1.0, 7.0])
+    assert "λ = 1+0j, exactly 1+0j, bar 1.0e-12" in misfit(found, bars, [1.0 + 1e-8, 1.0 + 1e-9, 7.0])
 
 
 @pytest.mark.skipif(not all(Path("/proc/self", name).exists() for name in ("smaps_rollup", f"task/{os.getpid()}/children")),
