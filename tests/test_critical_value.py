@@ -447,7 +447,7 @@ def test_what_is_told_of_an_open_interval_holds() -> None:
     """Tiny damping: rounding hides which of two close modes grow. A crossing is told as wide as it is known, or not at all."""
     checked = 0
     for seed in (1, 4):
-        family, between = attack._general("tiny damping", np.random.default_rng([seed, attack.KINDS.index("tiny damping")]))
+        family, between = attack.general("tiny damping", np.random.default_rng([seed, attack.KINDS.index("tiny damping")]))
         found = fs.critical_value(family, None, "p", between=between)
         for one in (*found.losses, *found.regains):
             checked += 1

@@ -1,8 +1,8 @@
-"""`critical_value` against exact counts: the growing roots of det P(λ; p) by Routh's scheme and Sturm's chain in whole numbers.
+"""`critical_value` against counts in 60 digits, closed forms and dense scans.
 
-The matrices have few binary digits, so that the polynomial is exact. At many values of the parameter, and just beside each
-crossing told, the number that grows must be what the losses and regains add up to. Kinds with a closed form are sums of scalar
-oscillators λ² + d(p)λ + k(p), mixed by a congruence: there frequency, shape and place of each crossing are known.
+At many values of the parameter, and just beside each crossing told, the number that grows must be what the losses and regains
+add up to. Kinds with a closed form are sums of scalar oscillators λ² + d(p)λ + k(p), mixed by a congruence of few binary digits:
+there frequency, shape and place of each crossing are known.
 
 Other kinds have a dense scan with bisection as their reference: the first five; oscillators beside a damped chain that pass
 through the band at any speed, and chains that stiffen as a whole, which are followed; and contacts that declare to be affine, in
@@ -12,17 +12,16 @@ which large terms cancel. Of these but the first five 'refused' counts what is n
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from itertools import pairwise
-from math import lcm
 from typing import Any, NamedTuple
 
 import numpy as np
+from mpmath import mp
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack, eigenvalues, positive, row_of_springs
+from benchmarks.attacks.common import Random, attack, crossings, eigenvalues, exact_eigenvalues, positive, row_of_springs
 from femsub.checks import Array
 
 SCANNED = ("circulatory", "damped", "gyroscopic", "negative damping", "not affine")  # by a dense scan, in floating point
@@ -36,6 +35,9 @@ ON_AXIS = 1e-7  # of the largest |λ|: what rounding may do to an undamped eigen
 NEAR = 1e-7  # of the range: a crossing found by bisection is the same as one of `critical_value`
 
 
+Judged = tuple[fs.CriticalValue | None, list[str]]  # the result, and what is wrong with it
+
+
 class Problem(NamedTuple):
     kind: str
     family: fs.Affine
@@ -46,31 +48,23 @@ class Problem(NamedTuple):
 @attack(KINDS, seed_first=True, silent=False)
 def attacked(kind: str, rng: Random) -> str:
     """One random case: the evidence, or a text that begins with 'wrong'."""
-    found: fs.CriticalValue | None
-    if kind in SCANNED:
-        task = problem(len(SCANNED) * int(rng.integers(2**31)) + SCANNED.index(kind))
-        found = fs.critical_value(task.family, None, "p", between=task.between)
-        told = differences(task, found) if not found.open else []
-    elif kind in EXACT:
-        family, between = _general(kind, rng)
-        found = fs.critical_value(family, None, "p", between=between)
-        told = _by_counts(family, found, kind == "undamped")
-    elif kind == "units":
-        found, told = _units(rng)
-    elif kind in PASSING:
-        found, told = _passing(kind, rng)
-    elif kind == "sweeping":
-        found, told = _sweeping(rng)
-    elif kind == "cancelling":
-        found, told = _cancelling(rng)
-    else:
-        found, told = _closed(kind, rng)
-    if kind in (*PASSING, "cancelling", "sweeping") and not told and found is not None and found.evidence == "not checked":
-        return f"refused: {found!r}"
-    return f"wrong: {'; '.join(told)}: {found!r}" if told else "refused" if found is None else found.evidence
+    families = {"units": _units, "sweeping": _sweeping, "cancelling": _cancelling, **dict.fromkeys(SCANNED, _scanned),
+                **dict.fromkeys(EXACT, _general), **dict.fromkeys(PASSING, _passing), **dict.fromkeys(CLOSED, _closed)}
+    found, told = families[kind](kind, rng)
+    if told:
+        return f"wrong: {'; '.join(told)}: {found!r}"
+    if found is None or (kind in (*PASSING, "cancelling", "sweeping") and found.evidence == "not checked"):
+        return f"refused: {found!r}" if found else "refused"
+    return found.evidence
 
 
 # -- a dense scan in floating point
+
+
+def _scanned(kind: str, rng: Random) -> Judged:
+    task = problem(len(SCANNED) * int(rng.integers(2**31)) + SCANNED.index(kind))
+    found = fs.critical_value(task.family, None, "p", between=task.between)
+    return found, differences(task, found) if not found.open else []
 
 
 def problem(seed: int) -> Problem:
@@ -117,31 +111,14 @@ def counter(task: Problem) -> Callable[[Array], tuple[Array, Array]]:
 def differences(task: Problem, found: fs.CriticalValue) -> list[str]:
     """Where the result and the scan disagree, up to three places; nothing if they agree."""
     lo, hi = task.between
-    grown, told = counter(task), []
-    values, change = _events(found)
-    inner = (values[1:] + values[:-1]) / 2
-    grid = np.sort(np.concatenate([np.linspace(lo, hi, GRID), inner]))
-    counts, clear = grown(grid)
+    values, change = crossings(found)
+    near = NEAR * (hi - lo)
+    grid = np.concatenate([np.linspace(lo, hi, GRID), (values[1:] + values[:-1]) / 2, values - 2 * near, values + 2 * near])
+    grid = np.sort(grid[(grid >= lo) & (grid <= hi)])
+    counts, clear = counter(task)(grid)
     claimed = found.growing + change[np.searchsorted(values, grid)]
-    near = np.abs(grid[:, None] - values).min(axis=1, initial=np.inf) <= NEAR * (hi - lo)
-    wrong = (claimed != counts) & (clear > 1e-11) & ~near
-    told += [f"{counts[i]} grow at p = {grid[i]:.9g}, but {claimed[i]} are claimed" for i in np.flatnonzero(wrong)][:3]
-    for i in np.flatnonzero(np.diff(counts)):
-        a, b = float(grid[i]), float(grid[i + 1])
-        while b - a > 1e-10 * (hi - lo):
-            points = np.linspace(a, b, 9)
-            first = int(np.flatnonzero(np.diff(grown(points)[0]))[0])
-            a, b = float(points[first]), float(points[first + 1])
-        if np.abs(values - b).min(initial=np.inf) > NEAR * (hi - lo):
-            told.append(f"the crossing at p = {b:.9g} is missing")
-    return told
-
-
-def _events(found: fs.CriticalValue) -> tuple[Array, Array]:
-    """The places told, ascending, and by how many more grow after each, beginning with 0."""
-    events = sorted([(one.value, 2 if one.omega else 1) for one in found.losses]
-                    + [(one.value, -2 if one.omega else -1) for one in found.regains])
-    return np.array([value for value, _ in events]), np.cumsum([0, *(step for _, step in events)])
+    wrong = (claimed != counts) & (clear > 1e-11) & (np.abs(grid[:, None] - values).min(axis=1, initial=np.inf) > near)
+    return [f"{counts[i]} grow at p = {grid[i]:.9g}, but {claimed[i]} are claimed" for i in np.flatnonzero(wrong)][:3]
 
 
 # -- exact counts
@@ -153,7 +130,13 @@ def _rounded(A: Any, bits: int = 12) -> Array:
     return np.asarray(np.round(np.asarray(A) / unit) * unit)
 
 
-def _general(kind: str, rng: Random) -> tuple[fs.Affine, tuple[float, float]]:
+def _general(kind: str, rng: Random) -> Judged:
+    family, between = general(kind, rng)
+    found = fs.critical_value(family, None, "p", between=between)
+    return found, _by_counts(family, found, kind == "undamped")
+
+
+def general(kind: str, rng: Random) -> tuple[fs.Affine, tuple[float, float]]:
     """A random model of 2 to 4 DOF without structure."""
     n = int(rng.integers(2, 5))
     spread = np.exp(rng.uniform(-1, 1, n))
@@ -174,115 +157,42 @@ def _general(kind: str, rng: Random) -> tuple[fs.Affine, tuple[float, float]]:
     return fs.Affine(M, D, [(1.0, K), ("p", any_K)]), between
 
 
-def _determinant(A: list[list[int]]) -> int:
-    """By Bareiss' elimination, without fractions."""
-    A, sign, last = [row[:] for row in A], 1, 1
-    n = len(A)
-    for k in range(n - 1):
-        pivot = next((i for i in range(k, n) if A[i][k]), None)
-        if pivot is None:
-            return 0
-        if pivot != k:
-            A[k], A[pivot], sign = A[pivot], A[k], -sign
-        for i in range(k + 1, n):
-            for j in range(k + 1, n):
-                A[i][j] = (A[i][j] * A[k][k] - A[i][k] * A[k][j]) // last
-        last = A[k][k]
-    return sign * A[-1][-1]
-
-
-def _polynomial(parts: Sequence[list[list[int]]]) -> list[Fraction]:
-    """The coefficients of det Σ s^i A_i, the lowest first, by Newton's interpolation."""
-    n = len(parts[0])
-    points = list(range(n * (len(parts) - 1) + 1))
-    values = [Fraction(_determinant([[sum(s**i * part[a][b] for i, part in enumerate(parts)) for b in range(n)]
-                                     for a in range(n)])) for s in points]
-    for level in range(1, len(points)):
-        for i in range(len(points) - 1, level - 1, -1):
-            values[i] = (values[i] - values[i - 1]) / (points[i] - points[i - level])
-    found = [Fraction(0)]
-    for i in range(len(points) - 1, -1, -1):
-        found = [a - points[i] * b for a, b in zip([Fraction(0), *found], [*found, Fraction(0)], strict=True)]
-        found[0] += values[i]
-    while len(found) > 1 and not found[-1]:
-        found.pop()
-    return found
-
-
-def _routh(polynomial: list[Fraction]) -> int | None:
-    """The number of roots with Re > 0; None if the scheme ends early, as with roots on the axis."""
-    high = polynomial[::-1]
-    one, two = high[::2], high[1::2]
-    column = [one[0]]
-    while two:
-        if not two[0]:
-            return None
-        column.append(two[0])
-        two = two + [Fraction(0)] * (len(one) - len(two))
-        one, two = two, [one[i + 1] - one[0] / two[0] * two[i + 1] for i in range(len(one) - 1)]
-        while len(one) > 1 and not one[-1] and len(one) > len(two) + 1:
-            one.pop()
-        if not any(two):
-            break
-    if len(column) != len(polynomial):
-        return None
-    return sum((a < 0) != (b < 0) for a, b in pairwise(column))
-
-
-def _negative(polynomial: list[Fraction]) -> int | None:
-    """The number of negative real roots by Sturm's chain; None if one is multiple."""
-    chain = [polynomial, [i * c for i, c in enumerate(polynomial)][1:]]
-    while len(chain[-1]) > 1:
-        rest = chain[-2][:]
-        while len(rest) >= len(chain[-1]):
-            factor, shift = rest[-1] / chain[-1][-1], len(rest) - len(chain[-1])
-            rest = [c - factor * chain[-1][i - shift] if i >= shift else c for i, c in enumerate(rest)][:-1]
-        while rest and not rest[-1]:
-            rest.pop()
-        if not rest:
-            return None
-        chain.append([-c for c in rest])
-    ends = [[part[-1] * (-1) ** (len(part) - 1) for part in chain], [part[0] for part in chain]]
-    changes = [sum(a * b < 0 for a, b in pairwise([sign for sign in end if sign])) for end in ends]
-    return changes[0] - changes[1]
-
-
 def exactly_growing(family: fs.Affine, p: float, undamped: bool) -> int | None:
-    """The number of eigenvalues with Re λ > 0 at p, exact; None if some may lie on the axis."""
-    n = family.size
-
-    def summed(terms: Any) -> list[list[Fraction]]:
-        shares = [(Fraction(p) if theta == "p" else Fraction(theta), A) for theta, A in terms]
-        return [[sum((share * Fraction(float(A[i, j])) for share, A in shares), Fraction(0)) for j in range(n)] for i in range(n)]
-
-    exact = [summed(part) for part in (family.M, family.D, family.K)]
-    unit = lcm(*(x.denominator for part in exact for row in part for x in row))
-    M, D, K = ([[int(x * unit) for x in row] for row in part] for part in exact)
-    if not undamped:
-        return _routh(_polynomial([K, D, M]))
-    negative = _negative(_polynomial([K, M]))
-    return None if negative is None else family.size - negative
+    """How many λ have Re λ > 0 at p, in 60 digits where doubles leave a doubt; None if some may lie on the axis."""
+    pencil = family.at(p=p)
+    z = eigenvalues(pencil.M, pencil.D, pencil.K)
+    if np.abs(z.real).min() > 1e-6 * np.abs(z).max():  # more than rounding moves a double eigenvalue
+        return int((z.real > 0).sum())
+    with mp.workdps(60):
+        parts = (sum((mp.matrix(A.tolist()) * (p if theta == "p" else theta) for theta, A in terms), mp.zeros(family.size))
+                 for terms in (family.M, family.D, family.K))
+        found = exact_eigenvalues(*parts)
+        size = max(abs(value) for value in found)
+        rates = [float(value.real / size) for value in found]
+    if any(abs(rate) < 1e-25 and not (undamped and abs(rate) < 1e-40) for rate in rates):
+        return None
+    return sum(rate > 1e-25 for rate in rates)
 
 
 def _by_counts(family: fs.Affine, found: fs.CriticalValue, undamped: bool) -> list[str]:
     """Where the result differs from exact counts, up to three places."""
     lo, hi = found.searched
-    values, change = _events(found)
-    crossings = (*found.losses, *found.regains)
+    values, change = crossings(found)
+    every = (*found.losses, *found.regains)
     points = [*np.linspace(lo, hi, 21), *((values[1:] + values[:-1]) / 2)]
-    points += [one.value + side * max(one.width, 1e-12 * (hi - lo)) for one in crossings for side in (-1, 1)]
+    points += [one.value + side * max(one.width, 1e-12 * (hi - lo)) for one in every for side in (-1, 1)]
     told = []
     for p in sorted(points):
         if not lo < p < hi or any(a <= p <= b for a, b in found.open) or any(abs(p - one.value) < 0.9 * one.width
-                                                                             for one in crossings):
+                                                                             for one in every):
             continue
         count = exactly_growing(family, float(p), undamped)
         claimed = found.growing + int(change[np.searchsorted(values, p)])
         if count is not None and ((claimed != count and not found.open) or (count and p < found.value)):
             told.append(f"{count} grow at p = {p:.17g}, but {claimed} are claimed")
-    for one in crossings if found.open else ():  # each of them is there, though others may be missing
+    for one in every if found.open else ():  # each of them is there, though others may be missing
         half = max(one.width, 1e-10 * (hi - lo))
-        alone = sum(abs(one.value - other.value) <= 2 * half for other in crossings) == 1
+        alone = sum(abs(one.value - other.value) <= 2 * half for other in every) == 1
         if alone and lo < one.value - half < one.value + half < hi:
             below, above = (exactly_growing(family, one.value + side * half, undamped) for side in (-1, 1))
             if below is not None and above is not None and (below < above) != (one in found.losses):
@@ -319,7 +229,7 @@ def _mixed(rng: Random, n: int) -> Array:
             return np.asarray(T)
 
 
-def _closed(kind: str, rng: Random) -> tuple[fs.CriticalValue | None, list[str]]:
+def _closed(kind: str, rng: Random) -> Judged:
     """Oscillators λ² + (d + p d')λ + k + p k', mixed by a congruence; all figures of few binary digits."""
     n = int(rng.integers(1, 5))
     lo, hi = 0.0, 2.0
@@ -385,11 +295,11 @@ def _by_form(d: Array, dp: Array, k: Array, kp: Array, T: Array, found: fs.Criti
                 exact.append((bool((kp[i] < 0) == (d[i] > 0)), p, 0.0, inverse[:, i]))
     exact = [item for item in exact if least <= item[2] <= most]
     told = []
-    crossings = [(True, one) for one in found.losses] + [(False, one) for one in found.regains]
-    if not found.open and len(crossings) != len(exact):
-        told.append(f"{len(crossings)} crossings told, {len(exact)} exist")
+    every = [(True, one) for one in found.losses] + [(False, one) for one in found.regains]
+    if not found.open and len(every) != len(exact):
+        told.append(f"{len(every)} crossings told, {len(exact)} exist")
     left = list(exact)
-    for loss, one in crossings:
+    for loss, one in every:
         slack = one.width + 4e-11 * (hi - lo)
         fit = [item for item in left if item[0] == loss and abs(item[1] - one.value) <= slack
                and abs(item[2] - one.omega) <= 1e-6 * max(one.omega, 1e-3 * time)]
@@ -417,7 +327,7 @@ def _by_form(d: Array, dp: Array, k: Array, kp: Array, T: Array, found: fs.Criti
     return told
 
 
-def _units(rng: Random) -> tuple[fs.CriticalValue, list[str]]:
+def _units(_: str, rng: Random) -> Judged:
     """The same model in other units of its DOF, and in other coordinates: places and kinds stay, kinds follow from the powers."""
     n = int(rng.integers(2, 5))
     A, B, C = rng.standard_normal((3, n, n))
@@ -456,7 +366,7 @@ def _units(rng: Random) -> tuple[fs.CriticalValue, list[str]]:
 # -- modes that pass through the band
 
 
-def _passing(kind: str, rng: Random) -> tuple[fs.CriticalValue, list[str]]:
+def _passing(kind: str, rng: Random) -> Judged:
     """A damped chain and oscillators weakly joined to it, whose frequency and damping change with p, growing or not."""
     n, beside = int(rng.integers(5, 25)), int(rng.integers(1, 4))
     size = n + beside
@@ -511,7 +421,7 @@ def _passing(kind: str, rng: Random) -> tuple[fs.CriticalValue, list[str]]:
     return found, _against(spectrum, grid, band, found)
 
 
-def _sweeping(rng: Random) -> tuple[fs.CriticalValue, list[str]]:
+def _sweeping(_: str, rng: Random) -> Judged:
     """A chain that stiffens or softens as a whole, so that its modes pass through the band one after the other.
 
     Dashpots turn negative, or two masses act on each other by a circulatory force.
@@ -557,7 +467,7 @@ class Rubbing:
         return None, C
 
 
-def _cancelling(rng: Random) -> tuple[fs.CriticalValue, list[str]]:
+def _cancelling(_: str, rng: Random) -> Judged:
     """A model of a few DOF under such a contact, damped; the reference takes the differences of the columns first."""
     n, count = int(rng.integers(3, 9)), int(rng.integers(1, 4))
     A, B = rng.standard_normal((2, n, n))
@@ -604,14 +514,14 @@ def _against(spectrum: Callable[[float], Array], grid: Array, band: tuple[float,
             continue
         m = (a + b) / 2
         waiting += [(a, m, before, middle := grown(m)), (m, b, middle, after)]
-    crossings = (*found.losses, *found.regains)
+    every = (*found.losses, *found.regains)
     told = []
     for p, omega in exact:
         inside = band[0] * (1 + 1e-6) < omega < band[1] * (1 - 1e-6) and 1e-9 < p < 1 - 1e-9
         if inside and not any(abs(one.value - p) <= 1e-7 + one.width and abs(one.omega - omega) <= 1e-4 * omega + 1e-6
-                              for one in crossings):
+                              for one in every):
             told.append(f"the crossing at p = {p:.9g}, ω = {omega:.6g} is missing")
-    for one in crossings:
+    for one in every:
         near = [spectrum(one.value + side * max(1e-8, one.width)) for side in (-1, 1)]
         rates = [z[np.argmin(np.abs(z - 1j * one.omega))].real for z in near]
         if not band[0] * (1 - 1e-6) <= one.omega <= band[1] * (1 + 1e-6) or rates[0] * rates[1] > 0 or max(np.abs(rates)) > 1e-2:
