@@ -470,3 +470,14 @@ def test_a_mode_whose_digits_k_holds_is_listed_between_two_whose_it_does_not_hol
 def test_a_guided_beam_on_the_dof_of_its_interface_alone_keeps_its_rigid_motion() -> None:
     """The modes of the reduced part have other units than its rotations, which are compared with its displacements."""
     assert attack.attacked("guided", 810136) == "certified"
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-16, 1e-24])
+@pytest.mark.parametrize("soft", [1e-3, 1e-8])
+def test_a_spring_between_a_mass_and_interface_forces_acts_in_all_units(size: float, soft: float) -> None:
+    chain = fs.chain(8, fixed=False, damping=0.0)
+    part = fs.Substructure(size * chain.M, size * chain.K, interface=list(range(8)))
+    mass, spring = fs.Substructure([[size]], [[0.0]], interface=[0]), fs.Spring(("a", [1]), ("b", [0]), stiffness=soft * size)
+    models = [fs.couple({"a": one, "b": mass}, [spring]) for one in (part, fs.reduce(part, fs.DualCraigBampton(modes=0)))]
+    full, reduced = (fs.normal_modes(model, count=1).frequencies for model in models)
+    assert full[0] == reduced[0] == 0 and reduced[1] == pytest.approx(full[1], rel=1e-6)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -243,9 +243,19 @@ def _rows_apart(equations: Equations, rows: Array, columns: Array, size: Array |
     return found
 
 
-def links_without_rounding(B: Matrix, unit: Array, whole: Array) -> Matrix:
-    """Motions B x, (m, n), with 0 for rounding; `whole` (m,) is their size at unit energy before the joints."""
-    return masked(B, abs(B) * unit > ROUNDING * whole[:, None])
+def links_without_rounding(ends: Iterable[tuple[Matrix, Array]], unit: Array) -> Matrix:
+    """Motions Σ B x of some ends B (m, n), with 0 for rounding; `unit` (n,) is how far each coordinate moves at unit energy.
+
+    With each B stands the size of its motions at unit energy before the joints, (m,). An entry is compared with the ends that it
+    belongs to: a light end moves far, and would make rounding of a heavy one, or be rounding beside shapes of large numbers.
+    """
+    moved: Any = 0.0
+    size: Any = 0.0
+    for B, whole in ends:
+        end = masked(B, abs(B) * unit > ROUNDING * whole[:, None])
+        moved = moved + end
+        size = size + (end != 0) * whole[:, None]
+    return masked(moved, abs(moved) * unit > ROUNDING * size)  # ends that move alike leave the rounding of the larger one
 
 
 def masked(A: Matrix, keep: Matrix) -> Matrix:

@@ -417,7 +417,7 @@ def _port(L: Matrix, w: Array, unit: Array, before: Array) -> Array:
     """Lᵀw, exactly 0 where the joints hold the port: else it would lose its stability at a slope of 1e30."""
     columns = w.reshape(len(w), -1)
     whole = (np.abs(columns) * before[:, None]).max(axis=0, initial=0.0)
-    return links_without_rounding(columns.T @ L, unit, whole).T.reshape(-1, *w.shape[1:])
+    return links_without_rounding([(columns.T @ L, whole)], unit).T.reshape(-1, *w.shape[1:])
 
 
 def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
@@ -436,8 +436,11 @@ def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix,
     """M, D, K in the coordinates of the system, with springs and multipliers."""
     S = joined.S.toarray() if dense else joined.S
     alike = not dense and is_identity(S)  # nothing is joined but by springs and contacts: each product would be a copy
-    own = reach(joined.S, unit)
-    moved = [(links_without_rounding(R @ S, own, largest(abs(R) * unit)), link) for R, link in springs]
+    own, rows_of = reach(joined.S, unit), dict(zip(parts, rows_of_parts(parts), strict=True))
+    moved = []
+    for _, link in springs:
+        ends = [(sp.csr_array(R), rows_of[part]) for part, R in link.motions.items()]
+        moved.append((links_without_rounding([(R @ S[at], largest(abs(R) * unit[at])) for R, at in ends], own), link))
     found = []
     for key, of in (("M", ""), ("D", "damping"), ("K", "stiffness")):
         matrices = [getattr(part, key) for part in parts.values()]
