@@ -481,3 +481,8 @@ def test_a_spring_between_a_mass_and_interface_forces_acts_in_all_units(size: fl
     models = [fs.couple({"a": one, "b": mass}, [spring]) for one in (part, fs.reduce(part, fs.DualCraigBampton(modes=0)))]
     full, reduced = (fs.normal_modes(model, count=1).frequencies for model in models)
     assert full[0] == reduced[0] == 0 and reduced[1] == pytest.approx(full[1], rel=1e-6)
+
+
+def test_a_mode_is_judged_with_each_dof_in_its_own_unit() -> None:
+    """Forces of 1e-5 N beside modal coordinates of 1e14: the sum of both residuals refused a mode that has ten digits."""
+    assert attack.attacked("soft", 70096) == "certified"

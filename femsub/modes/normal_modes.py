@@ -381,7 +381,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     shapes = np.hstack([handle.rigid, shapes])
     orthonormalise(shapes, handle.M)
     residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit, handle.rigid)
-    blurred = np.zeros(0, dtype=int)
+    blurred, own = np.zeros(0, dtype=int), np.full(len(values), np.inf)
     if handle.floating:
         values, shapes, blurred, *known = handle.cleared(values, shapes, rounding)
         rounding[blurred], residual[blurred] = known
@@ -394,14 +394,21 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
             which = np.flatnonzero((poor | (scaled > GOOD)) & elastic)
             values, shapes = refined(handle.K, handle.M, values, shapes, which)
             residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit, handle.rigid)
+            if len(blurred):
+                rounding[blurred], residual[blurred] = known
+            scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
+            own[elastic] = np.maximum(scaled, doubt**2)[elastic]  # ω² is a Rayleigh quotient, whose error is of second order
     if (values[handle.rigid.shape[1]:] <= 0).any():
         raise SingularMatrixError(f"rounding in the entries of K hides an elastic mode: its ω² comes out as {values.min():.3g}. "
                                   f"{IN_PARTS}")
     residual[:handle.surely_rigid] = 0.0  # K may hold nothing of these coordinates but rounding
-    beyond = residual / np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
+    # forces and modal coordinates have no common unit: a mode is good as well if it is so with each DOF in its own
+    beyond = np.minimum(residual, own)
+    beyond /= np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
     beyond[blurred] = 0.0  # the forces of such a mode are rounding beside those that cancel; the error of its ω² is known
     if not beyond.max(initial=0.0) <= 1:
-        raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "
+        at = int(beyond.argmax())
+        raise NotConvergedError(f"mode {at + 1} has a relative residual of {residual[at]:.1e}, but "
                                 f"at most {accepted:g} is accepted. Check the scaling of K and M")
     if rounding.max(initial=0.0) > LOST:
         worst = float(rounding.max())
