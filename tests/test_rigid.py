@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import pickle
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -486,3 +487,32 @@ def test_a_spring_between_a_mass_and_interface_forces_acts_in_all_units(size: fl
 def test_a_mode_is_judged_with_each_dof_in_its_own_unit() -> None:
     """Forces of 1e-5 N beside modal coordinates of 1e14: the sum of both residuals refused a mode that has ten digits."""
     assert attack.attacked("soft", 70096) == "certified"
+
+
+def fine_beam(n: int, ends: tuple[str, str], springs: tuple[float, float] = (0.0, 0.0)) -> fs.Substructure:
+    """EI = ρA = L = 1, springs in EI/L³ or EI/L; K alone is known."""
+    M, K = attack._beam(n, 0.0, list(ends), list(springs), (1.0, 1.0, 1.0))
+    return fs.Substructure(M, K)
+
+
+@pytest.mark.parametrize("n", [300, 2506, 4000])
+def test_the_first_mode_of_a_fine_beam_that_is_guided_and_pinned_is_no_rigid_motion(n: int) -> None:
+    """ω² of the next mode is 81 times as high, more than of any other beam whose ends are held or free."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.ConditionWarning)
+        assert fs.normal_modes(fine_beam(n, ("guided", "pinned")), count=1).rigid == 0
+
+
+@pytest.mark.parametrize(("n", "ends", "springs"), [
+    (194, ("free", "spring"), (0.0, 5e-5)), (62, ("spring", "spring"), (4e-5, 5e-7)),
+    (1744, ("pinned", "turning spring"), (0.0, 0.7)), (4053, ("pinned", "turning spring"), (0.0, 20.0))])
+def test_a_fine_beam_on_soft_springs_is_not_called_free_in_silence(n: int, ends: tuple, springs: tuple) -> None:
+    with pytest.warns(fs.ConditionWarning, match="taken as rigid-body motion|rounding in the entries of K"):
+        fs.normal_modes(fine_beam(n, ends, springs), count=1)
+
+
+@pytest.mark.parametrize(("n", "ends", "rigid"), [(1000, ("free", "free"), 2), (1000, ("pinned", "free"), 1),
+                                                  (1000, ("guided", "free"), 1), (400, ("guided", "pinned"), 0)])
+def test_a_beam_of_a_thousand_elements_has_its_rigid_motion_without_a_warning(n: int, ends: tuple, rigid: int) -> None:
+    modes = fs.normal_modes(fine_beam(n, ends), count=1)
+    assert modes.rigid == rigid and modes.evidence == "certified"

@@ -1,6 +1,8 @@
 """Floating, damped parts by eight methods: as many eigenvalues at 0 and rigid modes as the geometry says, and none that grows.
 
 In the kind "soft", springs down to 1e-12 of the stiffness join the pieces. The next frequency is known from modes of the pieces.
+In the kind "fine", a beam, plate or solid has so many elements that the first elastic ω² comes near to the rounding of K, or is
+below it. The next frequency is known from a beam of few elements, with 30 digits.
 
 The reference is exact rigid motion from the coordinates of the nodes, in units of the part's length, and the rank of what joints,
 springs and dashpots make of it. All damping takes energy away, so that no mode may be called unstable.
@@ -16,11 +18,12 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from mpmath import mp
 
 import femsub as fs
 from benchmarks.attacks.common import Random, attack, dense, null_space
 
-KINDS = ("part", "system", "guided", "soft")
+KINDS = ("part", "system", "guided", "soft", "fine")
 METHODS = (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.Rubin, fs.MacNeal, fs.Herting, fs.DualCraigBampton,
            fs.Guyan)
 # relative error of the next frequency, beyond which its own rounding must say so; a reduced K does not know that of the full one
@@ -47,6 +50,8 @@ def attacked(kind: str, random: Random) -> str:
     """The evidence of a reduced model that has the rigid motion of its geometry; 'refused', 'undecided', or what is wrong."""
     if kind == "soft":
         return _soft(random)
+    if kind == "fine":
+        return _fine(random)
     shape = str(random.choice(["beam", "beam", "chain", "plate", "solid"]))
     units = 10.0 ** random.uniform(-3, 9), 10.0 ** random.uniform(-3, 3), 10.0 ** random.uniform(-9, 3)  # E, length, ρ
     count = 1 if kind == "part" else int(random.integers(1 if kind == "guided" else 2, 4))
@@ -383,3 +388,95 @@ def _by_normal_modes(model: fs.Substructure) -> tuple[int, float, float, str]:
     if modes.rigid == len(modes.frequencies):
         return modes.rigid, np.inf, 0.0, modes.evidence
     return modes.rigid, float(modes.frequencies[-1]), float(modes.rounding[-1]), modes.evidence
+
+
+def _fine(random: Random) -> str:
+    """Beams of own matrices (Euler and Timoshenko), plates and solids in bending: held, guided, on springs, or free."""
+    shape = str(random.choice(["euler", "euler", "timoshenko", "strip", "bar"]))
+    units = 10.0 ** random.uniform(-3, 9), 10.0 ** random.uniform(-3, 3), 10.0 ** random.uniform(-9, 3)  # EI, length, ρA
+    ends = [str(random.choice(["free", "free", "pinned", "guided", "clamped", "spring", "turning spring"])) for _ in range(2)]
+    springs = [10.0 ** random.uniform(-9, 2) for _ in range(2)]
+    n = int(10.0 ** random.uniform(1, 3.7))
+    if shape in ("strip", "bar"):
+        n, ends = min(n, 600), [str(random.choice(["free", "clamped"])), "free"]
+    shear = 10.0 ** random.uniform(-6, -2) if shape == "timoshenko" else 0.0  # EI/(GA L²)
+    rows = [row for end, at in zip(ends, (0.0, 1.0), strict=True) for row in
+            {"free": [], "pinned": [(1, at)], "spring": [(1, at)], "clamped": [(1, at), (0, 1)]}.get(end, [(0, 1)])]
+    rigid = 2 - int(np.linalg.matrix_rank(np.array([(0, 0), *rows])))
+    omega = _lowest(16, shear, ends, springs, rigid)
+    if shape in ("strip", "bar"):
+        model, more, scale = _of_elements(random, shape, n, ends[0] == "clamped")
+        rigid, omega = rigid + more * (rigid > 0), omega * scale
+    else:
+        omega *= np.sqrt(units[0] / units[2]) / units[1]**2
+        wanted = sp.csr_array if n > 40 or random.random() < 0.5 else (lambda A: A.toarray())
+        M, K = _beam(n, shear, ends, springs, units)
+        model = fs.Substructure(wanted(M), wanted(K), interface=[0, M.shape[0] - 1])
+    size = float(np.median(model.K.diagonal()[::3] / model.M.diagonal()[::3]))
+    what = f"{shape}, {n} elements, {ends}, springs {springs[0]:.0e} {springs[1]:.0e}, energy {omega**2 / size:.0e}"
+    twice = bool(random.random() < 0.3) and model.size < 500
+    reduced = bool(random.random() < 0.3)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            model = fs.reduce(model, METHODS[int(random.integers(len(METHODS) - 1))](4)) if reduced else model
+            found, lowest, bar, evidence = _by_complex_modes(model) if twice else _by_normal_modes(model)
+        except fs.FemsubError as refusal:
+            return f"{'beyond K' if omega**2 < 100 * EPS * size else 'refused'}: {what}: {refusal}"
+    told = any(issubclass(warning.category, fs.ConditionWarning) for warning in caught)
+    right = found == (2 * rigid if twice else rigid)
+    close = abs(lowest / omega - 1) < {"euler": 1e-3, "timoshenko": 0.02}.get(shape, 0.05) + FEW * bar
+    if not (right and close) and not told and evidence == "certified":
+        word = "beyond K" if omega**2 < 2 * EPS * size and not right else "wrong"  # less than one rounding
+        return (f"{word}: {what}, reduced {reduced}, complex {twice}: {found} at 0, not {rigid}; ω is {lowest:.6g}, "
+                f"not {omega:.6g}, bar {bar:.0e}")
+    return f"told{'' if right else ', other number'}" if told else evidence if right and close else f"not checked, off: {what}"
+
+
+def _of_elements(random: Random, shape: str, n: int, held: bool) -> tuple[fs.Substructure, int, float]:
+    """A free or clamped strip of plate elements or bar of solid ones; more rigid motions if free; √(EI/ρA)/L² of its bending."""
+    slender = 10.0 ** random.uniform(-3, -1)  # thickness beside the length
+    if shape == "strip":
+        mesh = fs.rectangle((1.0, 0.05), (n, 1), "quad")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            part = fs.plate(mesh, E=1.0, nu=0.0, rho=1.0, thickness=slender, supports={"left": "clamped"} if held else {},
+                            interface=["right"])
+        return part, 1, slender / np.sqrt(12)
+    mesh = fs.block((1.0, slender, 0.7 * slender), (n, 1, 1), "hexahedron20")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        part = fs.solid(mesh, fs.Material(1.0, 0.0, 1.0), supports=["left"] if held else [], interface=["right"])
+    return part, 4, 0.7 * slender / np.sqrt(12)
+
+
+def _beam(n: int, shear: float, ends: list[str], springs: list[float], units: tuple[float, float, float]) -> tuple[Any, Any]:
+    """M and K, sparse, of n equal elements with w and w,x at each node; `shear` is EI/(GA L²), springs are in EI/L³ and EI/L."""
+    EI, L, rho = units
+    h = L / n
+    phi = 12 * shear * n**2
+    k = EI / h**3 / (1 + phi) * np.array([[12, 6 * h, -12, 6 * h], [6 * h, (4 + phi) * h**2, -6 * h, (2 - phi) * h**2],
+                                          [-12, -6 * h, 12, -6 * h], [6 * h, (2 - phi) * h**2, -6 * h, (4 + phi) * h**2]])
+    m = rho * h / 420 * np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+                                  [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]])
+    at = 2 * np.arange(n)[:, None] + np.arange(4)
+    i, j = np.repeat(at, 4, axis=1).ravel(), np.tile(at, (1, 4)).ravel()
+    M, K = (sp.csr_array(sp.coo_array((np.tile(A.ravel(), n), (i, j)), shape=(2 * n + 2,) * 2)) for A in (m, k))
+    held, added = [], np.zeros(2 * n + 2)
+    for end, spring, first in zip(ends, springs, (0, 2 * n), strict=True):
+        held += {"pinned": [first], "guided": [first + 1], "clamped": [first, first + 1]}.get(end, [])
+        added[first] = spring * EI / L**3 * (end == "spring")
+        added[first + 1] = spring * EI / L * (end == "turning spring")
+    K = sp.csr_array(K + sp.diags_array(added))
+    rest = np.setdiff1d(np.arange(2 * n + 2), held)
+    return M[rest][:, rest], K[rest][:, rest]
+
+
+def _lowest(n: int, shear: float, ends: list[str], springs: list[float], rigid: int) -> float:
+    """ω of the first elastic mode of n elements in units of √(EI/ρA)/L², with 30 digits."""
+    M, K = _beam(n, shear, ends, springs, (1.0, 1.0, 1.0))
+    with mp.workdps(30):
+        entry = [[mp.mpf(float(value)) for value in row] for row in K.toarray()]
+        K0, M0 = mp.matrix(entry), mp.matrix(M.toarray().tolist())
+        root = mp.cholesky(M0) ** -1
+        return float(mp.sqrt(sorted(mp.eigsy(root * K0 * root.T, eigvals_only=True))[rigid]))

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 SOFT = EPS**0.5  # half of all digits: a spring, or the energy of a mode, is soft below this share of the stiffness around it
 FORCE = SOFT / 16  # f of a rigid-body mode, which rounding may have mixed with others; soft modes of as little energy have more
-BENDING = 0.8 * (3.516 / 22.03) ** 2  # ratio of ω² below that of a cantilever's first bending modes; a fifth is for rounding
+BENDING = 0.8 * 3.0**-4  # ratio of ω² below that of the first modes of a guided and pinned beam; a fifth is for rounding
 MIXED = 0.1  # the same ratio where soft springs show which modes are elastic, and the share of others in a rigid motion
 WIDE = 64 * EPS, 1e-6  # energy up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
 WRITTEN = 1e-4  # the gap where the energy is within the rounding of a K with fewer digits
@@ -539,8 +539,8 @@ def rigid_count(K: Matrix, values: Array, x: Array, cost: tuple[Array, Array], u
     `unit` is the rounding of K's entries.
 
     A mode is rigid if its energy is only rounding and its ω² lies well below the next. The gap is needed: the first bending mode
-    of a long beam may be within rounding, too, but the second is at most 40 times higher. The wider the gap, the more rounding is
-    believed.
+    of a long beam may be within rounding, too, but the second is at most 81 times higher, if no end is on a spring. The wider the
+    gap, the more rounding is believed.
     """
     size, found = np.abs(values), 0
     force, energy = cost
