@@ -555,7 +555,7 @@ def rigid_count(K: Matrix, values: Array, x: Array, cost: tuple[Array, Array], u
             continue  # nothing shows a gap
         if limit == WIDE[0] and (softly or not free[:count].any()):
             continue  # soft springs inside make such a gap; or all stands on one mount that is soft, but not rounding
-        wanted = gap if count == most else MIXED
+        wanted = gap if count == most and (limit or not softly) else MIXED
         while 0 < count < len(size) and size[count - 1] > wanted * size[count]:
             if softly and share[count - 1] <= EPS < MIXED * share[count]:
                 break
