@@ -29,6 +29,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="where findings are kept (a temporary folder)")
     parser.add_argument("--kills", type=int, default=0, help="kills of a writer and of a run (0)")
     parser.add_argument("--silent", action="store_true", help="list mutants with other content, not only numbers, and no word")
+    parser.add_argument("--undetectable", action="store_true", help="list those that a rule explains, for a second reader")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     out = options.out or Path(tempfile.mkdtemp(prefix="fuzz-files-"))
@@ -38,7 +39,8 @@ def main() -> int:
         valid.mkdir(parents=True, exist_ok=True)
         subjects = [one for one in importlib.import_module(module).subjects(valid) if options.only in one.name]
         report = fuzz(subjects, options.count, options.seed, out / module, jobs=options.jobs)
-        print("\n".join([str(report), *(report.silent if options.silent else [])]), flush=True)
+        print("\n".join([str(report), *(report.silent if options.silent else []),
+                         *(report.undetectable if options.undetectable else [])]), flush=True)
         total += len(report.findings)
     for what in ("write", "run") if options.kills else ():
         with tempfile.TemporaryDirectory(prefix="fuzz-files-") as folder:

@@ -124,6 +124,7 @@ class Report:
     counts: dict[str, Counter[str]] = field(default_factory=dict)
     findings: list[str] = field(default_factory=list)
     silent: list[str] = field(default_factory=list)  # other content without a word
+    undetectable: list[str] = field(default_factory=list)  # those of them that a rule explains, for a second reader
 
     @property
     def total(self) -> int:
@@ -480,7 +481,8 @@ def fuzz(subjects: Sequence[Subject], count: int, seed: int, folder: Path, *, jo
         for subject, indices in parts[number::jobs]:
             for ending, finding in _judged(subject, set(indices), count, seed, place, folder, child):
                 report.counts[subject.name][ending] += 1
-                (report.silent if ending.startswith("silent") else report.findings).extend([finding] if finding else [])
+                kept = {"silent": report.silent, "undetectable": report.undetectable}.get(ending.split()[0], report.findings)
+                kept.extend([finding] if finding else [])
 
     try:
         with ThreadPoolExecutor(jobs) as pool:
@@ -550,9 +552,10 @@ def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: P
                 rule = "" if mutant.data is None else undetectable(subject, valid, mutant.data, same_shape, same_counts)
                 verdict = ("other, with a word" if not quiet else f"undetectable ({rule})" if rule else
                            f"silent ({mutant.kind})")
-        if verdict.startswith(("silent", "undetectable")) or verdict in ("same", "meant", "refused", "refused though meant",
-                                                                         "other, with a word"):
-            yield verdict, f"{verdict}: {subject.name} {index} {mutant.file}: {mutant.what}" if "silent" in verdict else ""
+        if verdict.startswith(("silent", "undetectable")):
+            yield verdict, f"{verdict}: {subject.name} {index} {mutant.file} ({mutant.kind}): {mutant.what}"
+        elif verdict in ("same", "meant", "refused", "refused though meant", "other, with a word"):
+            yield verdict, ""
         else:
             kept = keep / f"{subject.name}-{seed}-{index}{subject.path.suffix}"
             with contextlib.suppress(OSError):
