@@ -39,8 +39,10 @@ def again(out: Path, *more: str) -> int:
 
 
 def changed(out: Path, **entries: Any) -> dict[str, Any]:
-    """results.json with other entries; None takes one away."""
-    told = json.loads((out / "results.json").read_text()) | entries
+    """results.json with other entries, and without its own sum; None takes one away."""
+    told = json.loads((out / "results.json").read_text())
+    told["sha256"].pop("results.json", None)
+    told |= entries
     (out / "results.json").write_text(json.dumps({key: value for key, value in told.items() if value is not None}))
     return told
 

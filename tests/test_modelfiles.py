@@ -116,8 +116,9 @@ def written(tmp_path: Path, sub: fs.Substructure, reduced: bool = True, format: 
 
 
 def rehashed(folder: Path, about: dict[str, Any]) -> None:
-    """model.json with what is said in `about` and the hashes that fit the files, so that only the rest is wrong."""
-    about["sha256"] = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in about["sha256"]}
+    """model.json with what is said in `about` and the hashes that fit the files, without its own: only the rest is wrong."""
+    about["sha256"] = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in about["sha256"]
+                       if name != "model.json"}
     (folder / "model.json").write_text(json.dumps(about))
 
 

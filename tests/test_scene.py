@@ -153,7 +153,7 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
     ('n = "ten"', "scene key 'n' must be a whole number, not 'ten'"),
     ("n = 0", "n must be at least 1"),
     ("", "names no scene"), ("# a comment\n", "names no scene"),
-    ("n = [", "is not a TOML file"),
+    ("n = [", "is not a TOML file"), (f"n = {'1' * 5000}", "is not a TOML file"),
     ('scene = "chian"', "unknown scene 'chian'; did you mean 'chain'"),
     ("size = 1", "no room for the interface of 1"),
     ("repeats = 0", "repeats must be at least 1"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,10 @@ from typing import Any
 import fuzz_measured
 import numpy as np
 import pytest
-from matrixhelp import Op2Writer, sierra_text
+from matrixhelp import Op2Writer, sierra_netcdf, sierra_text
 
 import femsub as fs
+from femsub.app.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -165,3 +167,113 @@ def test_other_cards_may_begin_with_the_name_of_a_matrix(card: str, arm: Any, tm
     path = punch(arm, tmp_path)
     path.write_text(foreign(path.read_text()) + f"{card:8}KAAX    1.0\n")
     assert fs.read_matrix(path, "KAAX").shape[0] == arm[1].size
+
+
+def test_a_model_whose_index_was_changed_is_refused(tmp_path: Path) -> None:
+    """A cut-off or a count of modes that is another possible one decides what a small model is trusted with."""
+    fs.write_matrices(tmp_path, fs.reduce(fs.chain(10, belt=1), fs.CraigBampton(3)))
+    path = tmp_path / "model.json"
+    text = path.read_text()
+    about = json.loads(text)
+    path.write_text(json.dumps(about, sort_keys=True))  # the layout does not matter
+    assert fs.read_component(tmp_path).size == 4
+    about["reduced"]["cutoff"] *= 10
+    path.write_text(json.dumps(about))
+    with pytest.raises(fs.InputError, match="another content than femsub wrote"):
+        fs.read_component(tmp_path)
+    del about["sha256"]["model.json"]
+    path.write_text(json.dumps(about))
+    assert fs.read_component(tmp_path).size == 4  # as an older femsub wrote it, or somebody who meant it
+
+
+def test_results_that_were_changed_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("plotly")
+    scene, out = tmp_path / "chain.toml", tmp_path / "out"
+    scene.write_text('scene = "chain"\nn = 6\nbelts = [2]\nsizes = [3]\noutputs = ["critical-slope"]\nrepeats = 1\n')
+    assert main(["run", "-q", str(scene), "--out", str(out), "--no-figures"]) == 0 == main(["show", str(out)])
+    assert "another content" not in capsys.readouterr().err
+    known = json.loads((out / "results.json").read_text())
+    known["critical-slope"]["rows"][0]["slope"] *= 2
+    (out / "results.json").write_text(json.dumps(known))
+    for command in (["show", str(out)], ["run", "-q", str(out / "results.json"), "--no-figures"]):
+        assert main(command) == 0
+        assert "results.json has another content than femsub wrote" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("suffix", "form"), [(".msh", "gmsh"), (".vtu", "vtu")])
+def test_a_mark_of_a_set_is_0_or_1(suffix: str, form: str, tmp_path: Path) -> None:
+    """A turned bit made a node a member of a set."""
+    import meshio
+
+    cube, path = fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"), tmp_path / f"a{suffix}"
+    marks = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 2.6e-309])
+    mesh = meshio.Mesh(cube.points, [("hexahedron", cube.cells)], {"set:left": marks})
+    meshio.write(path, mesh, file_format=form)
+    with pytest.raises(fs.InputError, match=r"'set:left' has 2\.6e-309 where 1 marks a member"):
+        fs.read_mesh(path)
+
+
+def test_the_command_of_a_block_that_became_longer_is_missed(tmp_path: Path) -> None:
+    from fuzz_meshes import archive
+
+    bricks = fs.block((2.0, 1.0, 1.0), (2, 1, 1), "hexahedron")
+    path = tmp_path / "a.cdb"
+    text = archive(fs.Mesh(bricks.points, bricks.cells, "hexahedron", {"left": bricks.nodes("left")}, {}, np.arange(12) + 100))
+    path.write_text(text)
+    assert "LEFT" in fs.read_mesh(path).sets
+    path.write_text(text.replace("CMBLOCK,LEFT", "185185CMBLOCK,LEFT"))
+    with pytest.raises(fs.InputError, match="the command of its block is lost"):
+        fs.read_mesh(path)
+
+
+def test_recovered_motions_that_cannot_be_placed_are_named(arm: Any, tmp_path: Path) -> None:
+    """A row of MUG1T that is no DOF, columns of MUG1 that are too few, and TUG1 that is lost took all of them away."""
+    path = punch(arm, tmp_path)
+    text = foreign(path.read_text())
+    start = text.index("DMIG*   MUG1T")
+    row = re.compile(r"(?m)^\*  +( 3) +2").search(text, start)
+    assert row is not None and fs.read_component(path, cutoff=1e4).V.shape[0] > arm[1].size
+    path.write_text(text[:row.start(1)] + " 9" + text[row.end(1):])
+    with pytest.warns(fs.FemsubWarning, match="MUG1T has motions by grid 9, direction 2, which is no DOF"):
+        fs.read_component(path, cutoff=1e4)
+
+
+def test_recovered_motions_of_op4_that_cannot_be_placed_are_named(arm: Any, tmp_path: Path) -> None:
+    op4 = pytest.importorskip("pyyeti.nastran.op4")
+    fs.write_superelement(tmp_path, arm[1], "nastran", recover="all")
+    (tmp_path / "validity.json").unlink()
+    parts = op4.load(str(tmp_path / "arm.op4"), into="dct")
+    assert fs.read_component(tmp_path / "arm.op4", cutoff=1e4).V.shape[0] > arm[1].size
+    parts = {key: part[0] for key, part in parts.items()}  # without form and type
+    op4.write(str(tmp_path / "arm.op4"), {key: part[:, :-1] if key == "mug1" else part for key, part in parts.items()})
+    with pytest.warns(fs.FemsubWarning, match="MUG1 has 14 columns, and KAA 15 rows"):
+        fs.read_component(tmp_path / "arm.op4", cutoff=1e4)
+    op4.write(str(tmp_path / "arm.op4"), parts)
+    pch = tmp_path / "arm.pch"
+    lines = foreign(pch.read_text()).splitlines(keepends=True)
+    first = next(at for at, line in enumerate(lines) if line.startswith("DTI"))
+    pch.write_text("".join(lines[:first]))
+    with pytest.warns(fs.FemsubWarning, match="no DTI TUG1 beside it"):
+        fs.read_component(tmp_path / "arm.op4", cutoff=1e4)
+
+
+def test_netcdf_that_is_longer_than_its_variables_is_named(arm: Any, tmp_path: Path) -> None:
+    path = sierra_netcdf(tmp_path / "arm.nc", arm[1])
+    whole = path.read_bytes()
+    fs.read_component(path, cutoff=1e4)
+    at = len(whole) - 40  # among the places of the nodes
+    for changed in (whole[:at] + bytes(4) + whole[at:], whole + b"\1\2\3\4"):
+        path.write_bytes(changed)
+        with pytest.warns(fs.FemsubWarning, match="does not end with the values of its last variable"):
+            fs.read_component(path, cutoff=1e4)
+
+
+def test_a_response_whose_number_was_damaged_is_named(tmp_path: Path) -> None:
+    """A data set 58 that became another one, or a function of another type, went away without a word."""
+    h = np.random.default_rng(4).standard_normal((2, 8)).view(complex)
+    one, two = (fuzz_measured.function(2 + row, h[row], False) for row in (0, 1))
+    path = tmp_path / "a.uff"
+    for changed in (one.replace(b"    58\n", b"     7\n"), one.replace(b"    4         1", b"    6         1")):
+        path.write_bytes(changed + two)
+        with pytest.warns(fs.FemsubWarning, match="is left out, although it has complex values of a motion over a force"):
+            assert fs.read_response(path).responses == ("3:uz",)

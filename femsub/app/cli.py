@@ -141,7 +141,11 @@ def _printed(options: argparse.Namespace) -> str:
         case "show":
             from femsub.app.page import show
 
-            return f"written: {show(Path(options.folder))}"
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", FemsubWarning)
+                page = show(Path(options.folder))
+            _print_warnings(caught)
+            return f"written: {page}"
         case "schema":
             from femsub.app.schema import scene_schema, schema
 
@@ -209,8 +213,7 @@ def _run(options: argparse.Namespace, loaded: Callable[[], tuple[Scene, Callable
                     written = record.write(result, _texts(caught))
             finally:
                 progress_done()
-    for text in _texts(caught):
-        print(f"femsub: warning: {text}", file=sys.stderr)
+    _print_warnings(caught)
     if not options.quiet:
         _say(fitted(result.printed(scene.system, bool(options.verbose))))
     if folder is not None and not options.quiet:
@@ -228,6 +231,11 @@ def _run(options: argparse.Namespace, loaded: Callable[[], tuple[Scene, Callable
 def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
     """Each warning once."""
     return list(dict.fromkeys(str(item.message) for item in caught))
+
+
+def _print_warnings(caught: Sequence[warnings.WarningMessage]) -> None:
+    for text in _texts(caught):
+        print(f"femsub: warning: {text}", file=sys.stderr)
 
 
 def _fail(reason: object, status: int) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 from femsub import __version__
 from femsub.checks import hash_of
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.io import newest
+from femsub.io import HASHES, content_sum, newest
 
 RESULTS = "results.json"
 #: keys of a results.json that femsub reads, whatever the scene
@@ -28,7 +28,7 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
         Not a results.json of a run; a file of the scene is missing, or no longer what it was.
     """
     path = newest(path.parent, path.name)
-    known = results_of(path)
+    known = results_of(path, compared=True)
     if known is None or not known["inputs"]:
         raise InputError(f"{path} does not hold the inputs of a run; name a scene, a scene file, or the results.json of a run "
                          "with --out")
@@ -51,8 +51,11 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
     return keys, path.parent
 
 
-def results_of(path: Path) -> dict[str, Any] | None:
-    """What a results.json holds, with every key of `SHAPE`; None if it is no such file."""
+def results_of(path: Path, compared: bool = False) -> dict[str, Any] | None:
+    """What a results.json holds, with every key of `SHAPE`; None if it is no such file.
+
+    `compared`: warns of another content than femsub wrote. Files of older versions have no sum of their own.
+    """
     if not path.is_file():
         return None
     try:
@@ -62,10 +65,16 @@ def results_of(path: Path) -> dict[str, Any] | None:
         return None
     if not isinstance(known, dict) or "scene" not in known:
         return None
+    said = known
     known = {key: kind() for key, kind in SHAPE.items()} | known
     fit = all(isinstance(known[key], kind) for key, kind in SHAPE.items()) and all(
         isinstance(item, dict) and all(isinstance(item.get(key), str) for key in ("path", "sha256")) for item in known["files"])
-    return known if fit and isinstance(known["inputs"].get("units", ""), str) else None
+    if not fit or not isinstance(known["inputs"].get("units", ""), str):
+        return None
+    if compared and (own := known[HASHES].get(RESULTS)) is not None and own != content_sum(RESULTS, said):
+        warn(f"{path} has another content than femsub wrote, by its own sum: it is damaged, or somebody changed it. If you did, "
+             f"take {RESULTS!r} out of its {HASHES!r}", FemsubWarning)
+    return known
 
 
 def _table(value: Any, file: str = "", name: str = "") -> Any:

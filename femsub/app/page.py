@@ -57,7 +57,7 @@ def show(folder: Path) -> Path:
         raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
     with output_folder(str(folder)):
         path = folder / RESULTS
-        data = results_of(path)
+        data = results_of(path, compared=True)
         kind = data["inputs"].get("scene") if data else None
         if data is None or not isinstance(kind, str) or not (kind in SCENES or kind.endswith(OWN)):
             raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")

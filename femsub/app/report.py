@@ -23,7 +23,7 @@ from femsub.app.scene import Result
 from femsub.app.units import UNKNOWN, Units
 from femsub.checks import csv_cell, hash_of, is_there, resolved
 from femsub.errors import InputError, printable
-from femsub.io import HASHES, OURS, Writer, hashed, held, write_whole
+from femsub.io import HASHES, OURS, Writer, hashed, held, summed, write_whole
 from femsub.studies import Remark, answer
 
 
@@ -84,7 +84,8 @@ def write(result: Result, folder: Path, figures: bool, name: str = "results", un
     index = f"{name}.json"
     data = result.data | {"written": [index, *writers]}
     files, hashes = hashed(writers)
-    written = put(folder, {**files, index: lambda file: file.write(to_json(data | {HASHES: hashes}).encode())})
+    written = put(folder, {**files, index: lambda file: file.write(
+        to_json(summed(index, _plain(data | {HASHES: hashes}))).encode())})
     return [written[-1], *written[:-1]]
 
 

@@ -317,7 +317,7 @@ def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Sce
         return _build(table, folder, path, trusted)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # text that is no TOML or no UTF-8, a number of more than 4,300 digits
         raise InputError(f"{source} is not a TOML file: {error}") from None
     except RecursionError:
         raise InputError(f"{source} is no scene file: its brackets are nested too deeply") from None

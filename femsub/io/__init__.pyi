@@ -3,9 +3,11 @@ from .atomic import (
     HASHES as HASHES,
     OURS as OURS,
     Writer as Writer,
+    content_sum as content_sum,
     hashed as hashed,
     held as held,
     newest as newest,
+    summed as summed,
     write_whole as write_whole,
 )
 from .component_files import read_aligned as read_aligned

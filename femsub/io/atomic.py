@@ -10,6 +10,8 @@ machines do not see the lock.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import secrets
 import shutil
 import stat
@@ -20,7 +22,7 @@ from errno import EEXIST, EINVAL, ELOOP, EWOULDBLOCK
 from functools import partial
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import BinaryIO, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 from femsub.algebra import identity, lock, opened
 from femsub.checks import content_hash, temporary
@@ -44,6 +46,17 @@ def hashed(writers: Mapping[str, Writer]) -> tuple[dict[str, Writer], dict[str, 
         hashes[name] = content_hash(file)
 
     return {name: partial(write, name=name) for name in writers}, hashes
+
+
+def content_sum(index: str, table: Mapping[str, Any]) -> str:
+    """SHA-256 of the content of an index, whatever the layout of its JSON; its own entry among its hashes is left out."""
+    rest = {**table, HASHES: {name: known for name, known in table[HASHES].items() if name != index}}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+
+
+def summed(index: str, table: Mapping[str, Any]) -> dict[str, Any]:
+    """The table of an index, in values of JSON, with its own sum among the hashes of its files."""
+    return {**table, HASHES: {**table[HASHES], index: content_sum(index, table)}}
 
 
 def newest(folder: Path, name: str) -> Path:

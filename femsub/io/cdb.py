@@ -137,7 +137,7 @@ class _Archive:
             line = self.lines[self.at]
             self.at += 1
             above = self.lines[self.at - 2].strip() if self.at > 1 else ""
-            if re.match(r"[ \t]*\(\d*[iIeE]\d", line) and not re.match(r"(?i)\w*BLOCK\b|\*|\(|/|!|$", above):
+            if re.match(r"[ \t]*\(\d*[iIeE]\d", line) and not re.match(r"(?i)[A-Z]*BLOCK\b|\*|\(|/|!|$", above):
                 raise InputError(f"{self.path}, line {self.at}: the format {line.strip()!r:.40} is below {above!r:.40}: the "
                                  "command of its block is lost")
             found = _COMMAND.match(line)

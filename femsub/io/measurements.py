@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from femsub.checks import Array, choice, path_of
-from femsub.errors import InputError
+from femsub.errors import InputError, warn
 from femsub.io.damage import unreadable_refused
 from femsub.io.mesh_text import as_numbers, whole
 from femsub.io.universal import NUMBERS, OF_MESHES, DataSet, Sets, apart, data_sets, nodes_of, origin_of
@@ -98,6 +98,13 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
     if not found:
         raise InputError(f"{file} holds no frequency response function (data set 58 of function type 4); its data sets "
                          f"are {', '.join(map(str, sorted({one.kind for one in sets})))}")
+    for one in sets:  # a damaged number of a data set, or of a type, would take a response away without a word
+        if len(one.lines) > HEADS[Sets.FUNCTION] and not any(one is other for other in found):
+            kind, top, bottom = (one.lines[line][:10].strip() for line in (6, 8, 9))
+            if kind in ("5", "6") and top in map(str, ORDERS) and bottom in map(str, FORCES):  # complex, as NUMBERS has them
+                warn(f"{file}: a data set {one.kind} with function type {one.lines[5][:5].strip():.5} is left out, although it "
+                     "has complex values of a motion over a force, as a frequency response function has (data set 58 of "
+                     "function type 4). Is a number damaged?")
     pairs: dict[tuple[str, str], list[Array]] = {}
     at: Array | None = None
     for one in found:

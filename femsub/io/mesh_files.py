@@ -139,6 +139,10 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     sets |= {label.removeprefix(_SET): np.flatnonzero(np.asarray(values).reshape(len(found.points), -1)[:, 0])
              for label, values in found.point_data.items() if label.startswith(_SET)}
     groups = {label: np.concatenate(parts) for label, parts in cells_in.items()}
+    for label, parts in (*((label, [values]) for label, values in found.point_data.items()), *found.cell_data.items()):
+        strange = [value for part in parts for value in np.setdiff1d(part, (0, 1)) if label.startswith((_SET, _GROUP))]
+        if strange:
+            raise InputError(f"{place}: {label!r} has {strange[0]:g} where 1 marks a member, and 0 the others; it is damaged")
     sets, groups = ({key if as_word(key) in of else as_word(key): rows for key, rows in of.items()} for of in (sets, groups))
     if lost:
         notes.append(f"{_several(lost)} cells of lower dimension, in no set, dropped")

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from femsub.checks import Matrix, as_word, choice, instance, path_of, unlike
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
-from femsub.io.atomic import HASHES, Writer, hashed, newest, scratch, write_whole
+from femsub.io.atomic import HASHES, Writer, content_sum, hashed, newest, scratch, summed, write_whole
 from femsub.io.matrix_files import read_together
 from femsub.io.op4 import op4_module
 from femsub.model import Estimate, Origin, ReducedSubstructure, RigidMotion, Substructure
@@ -113,8 +113,8 @@ def model_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     files, hashes = hashed(writers)
 
     def write_index(file: BinaryIO) -> None:  # written last: it has the hashes of the others
-        text = json.dumps(about | {HASHES: hashes}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        file.write(text.encode())
+        plain = json.loads(json.dumps(about | {HASHES: hashes}, allow_nan=False))
+        file.write((json.dumps(summed(INDEX, plain), indent=1, ensure_ascii=False) + "\n").encode())
 
     return {**files, INDEX: write_index}
 
@@ -153,10 +153,11 @@ def read_model(folder: Path) -> Substructure:
 
     ===================  =======================================================================================
     it reads             folders of this version, in each of the four formats, full and reduced models
-    it refuses           a file that is not the one model.json was written with (each has its hash there): damaged,
+    it refuses           model.json with another content than femsub wrote (its sum is among the hashes); a
+                         file that is not the one it was written with (each has its hash there): damaged,
                          changed, or of another model; a file outside the folder; entries of model.json that are
                          missing, of another kind, or do not fit the matrices; another version, or one without hashes
-    it cannot know       whether an entry of model.json itself was changed to another possible one
+    it cannot know       whether an entry of model.json was changed, if femsub wrote it before it had a sum of its own
     ===================  =======================================================================================
 
     Raises
@@ -284,10 +285,11 @@ def _index(path: Path, folder: Path) -> dict[str, Any]:
                              f"{', '.join(sorted(about['files'])) or 'none'}")
     # the files it names
     named = {place.partition(":")[0] for place in about["files"].values()} | ({about["dofs"]} if "dofs" in about else set())
-    if named != set(about[HASHES]):
-        raise _damaged(path, f"it has hashes of {', '.join(sorted(about[HASHES])) or 'no file'}, but names "
+    expected_of = {name: known for name, known in about[HASHES].items() if name != INDEX}  # its own is `content_sum`
+    if named != set(expected_of):
+        raise _damaged(path, f"it has hashes of {', '.join(sorted(expected_of)) or 'no file'}, but names "
                              f"{', '.join(sorted(named))}")
-    for name, expected in about[HASHES].items():
+    for name, expected in expected_of.items():
         file = newest(folder, name)
         if not file.is_file():
             raise InputError(f"there is no file {file}, which {path.name} names; write the model again")
@@ -295,6 +297,9 @@ def _index(path: Path, folder: Path) -> dict[str, Any]:
             raise InputError(f"{file} is not the file that {path.name} was written with ({why}). Either a write was stopped, or "
                              "the file was changed. Write the model again, or read a file that you changed yourself by its own "
                              "name")
+    if (known := about[HASHES].get(INDEX)) is not None and known != content_sum(INDEX, about):  # older folders have none
+        raise _damaged(path, "it has another content than femsub wrote, by its own sum. If you changed it, take "
+                             f"{INDEX!r} out of its {HASHES!r}; otherwise")
     return dict(about)
 
 

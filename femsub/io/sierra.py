@@ -129,7 +129,13 @@ def read_cbr(path: Path) -> Cbr:
         if missing := [name for name in needed if name not in found.variables]:
             raise InputError(f"{path} is no Craig-Bampton model of Sierra/SD: it has no {', '.join(missing)}")
         K, M, rows, nodes, *where = (np.array(found.variables[name][:]) for name in needed)
+        parts = [np.asarray(one.data).tobytes() for one in found.variables.values() if not one.isrec]
+        records = any(one.isrec for one in found.variables.values())
         D = np.array(found.variables["Cr"][:]) if "Cr" in found.variables else np.zeros_like(K)
+    # values fill up to four bytes
+    if not records and not any(part and content.endswith(part + bytes(-len(part) % 4)) for part in parts):
+        warn(f"{path} does not end with the values of its last variable: bytes are lost or too many, and its numbers may be "
+             "others. Write it again")
     n = len(K)
     if {A.shape for A in (K, M, D)} != {(n, n)} or rows.shape != (n, 2) or len({len(nodes), *map(len, where)}) != 1:
         raise InputError(f"{path} is damaged: Kr, Mr, Cr and cbmap, or nodes and places, are of different sizes")

@@ -269,7 +269,12 @@ def _from_matrices(deck: _Deck, file: Path, found: Mapping[str, Matrix]) -> _Raw
                   sp.coo_array(found[name]).nnz), None) for names in ((f"b{end}", f"b{end}1"), (f"k4{end}", f"k4{end}1", "k4xx")))
     tug, recovery, names = deck.recovered(), np.zeros((0, len(K))), list[tuple[int, int]]()
     table = found.get("mug1")
-    if tug and table is not None and table.shape[1] == len(K):
+    if table is not None and tug and table.shape[1] != len(K):
+        warn(f"{file}: motions of other grids are not recovered, since MUG1 has {table.shape[1]} columns, and K{end.upper()} "
+             f"{len(K)} rows")
+    elif table is not None and not tug and sp.coo_array(table).nnz:  # Nastran writes one 0 where nothing is recovered
+        warn(f"{file}: motions of other grids are not recovered, since no DTI TUG1 beside it lists the rows of MUG1")
+    elif table is not None and tug:
         at = [(grid, direction, row - 1 + direction) for grid, count, row in tug for direction in range(min(count, 6))]
         if max(row for _, _, row in at) >= table.shape[0]:
             raise InputError(f"{file}: MUG1 has {table.shape[0]} rows, but DTI TUG1 names row {max(row for _, _, row in at) + 1}")
@@ -299,7 +304,12 @@ def _from_dmig(deck: _Deck) -> _Raw:
     if (grids := deck.recovered()) and (table is None or table.columns[:, 0].max() < grids[-1][2]):
         warn(f"{deck.path}: DTI TUG1 names {len(grids)} grids to recover, but MUG1T has no motion of the last, {grids[-1][0]}: "
              "it does not move, or the file is cut short")
-    if table is not None and {(int(grid), int(direction)) for grid, direction in table.rows} <= place.keys():
+    strange = set() if table is None else {(int(grid), int(direction)) for grid, direction in table.rows} - place.keys()
+    if strange:
+        grid, direction = min(strange)
+        warn(f"{deck.path}: MUG1T has motions by grid {grid}, direction {direction}, which is no DOF of the superelement: no "
+             "motions of other grids are recovered. Is a number damaged?")
+    elif table is not None:
         at = [place[int(grid), int(direction)] for grid, direction in table.rows]
         columns = {int(column): number for number, column in enumerate(table.columns[:, 0])}
         listed = [(grid, direction + 1, columns[row + direction]) for grid, count, row in grids
