@@ -31,6 +31,7 @@ def main() -> int:
     parser.add_argument("--silent", action="store_true", help="list mutants with other content, not only numbers, and no word")
     parser.add_argument("--undetectable", action="store_true", help="list those that a rule explains, for a second reader")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=10.0, help="what takes longer is a hang (10); more on a busy machine")
     options = parser.parse_args()
     out = options.out or Path(tempfile.mkdtemp(prefix="fuzz-files-"))
     total = 0
@@ -38,7 +39,8 @@ def main() -> int:
         valid = out / "valid" / module
         valid.mkdir(parents=True, exist_ok=True)
         subjects = [one for one in importlib.import_module(module).subjects(valid) if options.only in one.name]
-        report = fuzz(subjects, options.count, options.seed, out / module, jobs=options.jobs)
+        report = fuzz(subjects, options.count, options.seed, out / module, jobs=options.jobs,
+                      seconds=options.seconds)
         print("\n".join([str(report), *(report.silent if options.silent else []),
                          *(report.undetectable if options.undetectable else [])]), flush=True)
         total += len(report.findings)

@@ -295,3 +295,15 @@ def test_sets_that_name_each_other_again_and_again_do_not_grow(tmp_path: Path) -
         lines += [f"*NSET, NSET=s{number}", f"s{number - 1}, s{number - 1}", f"*NSET, NSET=s{number}", f"s{number}, s{number}"]
     (tmp_path / "part.inp").write_text("\n".join(lines) + "\n")
     assert fs.read_mesh(tmp_path / "part.inp").nodes("s60").tolist() == [1]
+
+
+def test_a_blank_coordinate_before_a_zero_is_zero(tmp_path: Path) -> None:
+    """As meshes among CalculiX' own tests have it: '21, 7.5e-1, 1.,  ,0.' is no decimal comma."""
+    text = "*NODE\n1, 0., 0.\n2, 1., 0.\n3, 1., 1.,  ,0.000e+00 \n4, 0., 1.\n*ELEMENT, TYPE=CPS4\n1, 1, 2, 3, 4\n"
+    path = tmp_path / "a.inp"
+    path.write_text(text)
+    assert fs.read_mesh(path).points[:, :2].tolist() == [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    for wrong in ("3, 1., 1.,  ,5 ", "3, 1., 1., 0,0 ", "3, 1., ,  ,0.5, 2."):
+        path.write_text(text.replace("3, 1., 1.,  ,0.000e+00 ", wrong))
+        with pytest.raises(fs.InputError, match=r"write 0\.5, not 0,5"):
+            fs.read_mesh(path)

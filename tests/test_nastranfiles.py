@@ -333,3 +333,22 @@ def test_a_card_that_would_be_left_out_is_refused(old: str, new: str, message: s
         return
     with pytest.raises(fs.InputError, match=message):
         fs.read_mesh(path)
+
+
+def test_what_mesh_readers_need_not_know_does_not_stop_them(tmp_path: Path) -> None:
+    """Decks include alterations of solutions (DMAP) that stand elsewhere; a card that is not read may have texts with commas."""
+    points = fs.block((1.0, 1.0, 1.0), (1, 1, 1)).points
+    places = [f"GRID,{at + 1},,{x:.1f},{y:.1f},{z:.1f}" for at, (x, y, z) in enumerate(points)]
+    head = "SOL 103\nINCLUDE '/loads/dmaps/nas2cam.v9'\nCEND\n"
+    bulk = ["OUTRCV, 401, 1", "+       CID=0 , METHOD=EXTRAP", *places, "CTETRA,1,1,1,2,3,5", "ENDDATA", ""]
+    path = tmp_path / "a.bdf"
+    path.write_text(head + "\n".join(["BEGIN BULK", *bulk]))
+    found = fs.read_mesh(path)
+    assert len(found.cells) == 1 and any("INCLUDE '/loads/dmaps/nas2cam.v9' before BEGIN BULK left out" in note
+                                         for note in found.repairs)
+    path.write_text(head + "\n".join(["BEGIN BULK", "INCLUDE 'grids.inc'", *bulk]))
+    with pytest.raises(fs.InputError, match=r"includes 'grids\.inc', which is not a file beside it"):
+        fs.read_mesh(path)
+    path.write_text("\n".join(["GRID,1,,0.,0.,0.", "CTETRA,1,1,1,2", "+       CID=0 , METHOD=EXTRAP", ""]))
+    with pytest.raises(fs.InputError, match="neither in columns of 8 or 16 nor between commas"):
+        fs.read_mesh(path)

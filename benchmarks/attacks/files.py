@@ -165,9 +165,26 @@ def record(values: np.ndarray) -> np.ndarray:
     return np.concatenate([[len(content), 0 if values.dtype == float else -2**31], content, [len(content)]]).astype("<i4")
 
 
+def packed_record(values: np.ndarray) -> np.ndarray:
+    """A record of whole numbers that leaves out entries 0: windows of equal and of other entries, and single ones."""
+    content, at, count = list[int](), 0, 0
+    while at < len(values):
+        end = at + int(np.argmax(values[at:] != values[at])) if (values[at:] != values[at]).any() else len(values)
+        if values[at] and (end > at + 1 or at == 0):
+            content += [-at, -(end - at), int(values[at])]
+        elif values[at]:
+            end = end + int(np.argmin(values[end:])) if end < len(values) and not values[end:].all() else len(values)
+            content += [at, int(values[at])] if end == at + 1 else [-at, end - at, *values[at:end].tolist()]
+        count, at = count + bool(values[at]), end
+    return np.concatenate([[len(content) + 2, -2**31 + 2**28, len(values), count], content, [len(content) + 2]]).astype("<i4")
+
+
 def full_file(path: Path, K: np.ndarray, M: np.ndarray, about: Mapping[str, np.ndarray], unsymmetric: bool,
-              triangle: bool = True) -> Path:
-    """A .full file of all columns of an unsymmetric K, or of lower triangles; of M its `triangle`, or all."""
+              triangle: bool = True, packed: bool = False) -> Path:
+    """A .full file of all columns of an unsymmetric K, or of lower triangles; of M its `triangle`, or all.
+
+    `packed`: tables of the DOF leave out entries 0.
+    """
     def columns(A: np.ndarray, lower: bool) -> tuple[list[np.ndarray], int]:
         found, terms = [], 0
         for column in range(len(A)):
@@ -180,7 +197,7 @@ def full_file(path: Path, K: np.ndarray, M: np.ndarray, about: Mapping[str, np.n
 
     nodes, kinds, held = about["nodes"], about["kinds"], about["held"]
     first = [record(kinds), record(nodes)]
-    tables = [record(np.full(len(nodes), len(kinds))), record(held)]
+    tables = [(packed_record if packed else record)(table) for table in (np.full(len(nodes), len(kinds)), held)]
     stiffness, mass = columns(K, not unsymmetric), columns(M, triangle or not unsymmetric)
     starts = np.cumsum([206, *(sum(map(len, part)) for part in (first, stiffness[0], tables, mass[0]))])
     standard, head = np.zeros(100), np.zeros(160)
@@ -209,7 +226,7 @@ def ansys(rng: Random) -> tuple[dict[str, Any], Array]:
     held = np.arange(1, n + 1) * np.where(rng.random(n) < 0.2, -1, 1)
     held[rng.integers(n)] = 1
     given = {"K": K, "M": M, "about": {"nodes": nodes, "kinds": kinds, "held": held}, "unsymmetric": unsymmetric,
-             "triangle": bool(rng.integers(2))}
+             "triangle": bool(rng.integers(2)), "packed": bool(rng.integers(2))}
     labels = np.array([(node, kind) for node in nodes for kind in kinds])
     order = np.lexsort([labels[:, 1], labels[:, 0]])
     return given, order[held[order] > 0]

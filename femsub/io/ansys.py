@@ -19,9 +19,11 @@ from femsub.checks import Array, installed_by, parsing
 from femsub.errors import InputError, MissingPackageError
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.atomic import scratch
+from femsub.io.damage import MOST
 
 MODULE = "ansys.mapdl.reader"
 INTEGERS = -2**31  # the flags of a record of whole numbers; 0 are those of double precision
+WINDOWS, BITS = 2**28, 2**27  # more flags, of records that leave out entries 0
 #: places in the standard header, the first record, in words of four bytes; the manual's item n is the word n + 1
 HEADER = {"length of the record": 0, "file number": 2, "file length": 28, "file length, low": 98, "file length, high": 99,
           "next record": 103}
@@ -74,8 +76,9 @@ def read_full(path: Path) -> dict[str, TextMatrix]:
     it reads             stiffness and mass in .full files of Ansys (WRFULL, or a modal analysis): one triangle of symmetric
                          matrices; all columns of unsymmetric ones, as friction makes them
     it leaves out        DOF that a constraint holds
-    it refuses           a lumped mass, compressed records, a file that is shorter than its header says, records whose lengths
-                         differ from what stands around them, another number of entries than announced, an entry twice
+    it refuses           a lumped mass, compressed records of matrices, a file that is shorter than its header says,
+                         records whose lengths differ from what stands around them, another number of entries than
+                         announced, an entry twice
     it cannot know       whether a number is wrong: there is no checksum. Whether a program wrote the rows of an unsymmetric
                          matrix in place of its columns: the transposed pencil has the same λ
     ===================  =======================================================================================
@@ -103,9 +106,13 @@ class _Records:
         """The content of the record at a place, and the place of the next one."""
         words, length = self.words, int(self.words[at]) if 0 <= at < len(self.words) else -1
         stop = at + 2 + length
-        if length < 0 or stop >= len(words) or words[at + 1] != INTEGERS or words[stop] != length or count not in (None, length):
+        flags = int(words[at + 1]) - INTEGERS if stop < len(words) and length >= 0 else -1
+        if flags not in (0, WINDOWS, BITS) or words[stop] != length:
             raise self.damaged(f"there is no record of {what} at the word {at}")
-        return words[at + 2:stop], stop + 1
+        content = words[at + 2:stop] if not flags else _spread(words[at + 2:stop], flags)
+        if content is None or count not in (None, len(content)):
+            raise self.damaged(f"there is no record of {what} at the word {at}")
+        return content, stop + 1
 
     def matrix(self, name: str, at: int, size: int, terms: int) -> Any:
         """Columns of a matrix (size, size): for each a record of rows, counted from 1, and one of their entries."""
@@ -136,6 +143,36 @@ class _Records:
         if found.nnz < terms:
             raise self.damaged(f"{name} has an entry twice")
         return found
+
+
+def _spread(packed: Array, flags: int) -> Array | None:
+    """The content of a compressed record of whole numbers, which has 0 where nothing is stored; None if it is damaged.
+
+    Behind the size of the content stand, of WINDOWS, their count and each window: its place, negative where it is longer than one
+    entry, then its length, negative where all its entries are the one that follows, and the entries; of BITS a word whose bit n
+    says whether entry n is stored, and the stored ones.
+    """
+    words = packed.tolist()
+    if len(words) < 2 or not 0 <= words[0] <= MOST:
+        return None
+    content, at = np.zeros(words[0], dtype=packed.dtype), 2
+    if flags == BITS:
+        places = [bit for bit in range(32) if words[1] >> bit & 1]
+        if len(places) != len(words) - 2 or words[0] > 32 or (places and places[-1] >= words[0]):
+            return None
+        content[places] = words[2:]
+        return content
+    for _ in range(words[1]):
+        alone = words[at] > 0 if at < len(words) else True
+        head = words[at:at + (1 if alone else 2)]
+        size = head[1] if len(head) == 2 else 1
+        begin, stored = at + len(head), size if size > 0 else 1
+        place, length = abs(head[0]) if head else 0, abs(size)
+        if len(head) != (1 if alone else 2) or not size or begin + stored > len(words) or place + length > len(content):
+            return None
+        content[place:place + length] = words[begin:begin + stored]
+        at = begin + stored
+    return content if at == len(words) else None
 
 
 @lru_cache(maxsize=1)  # K and M are asked for one after the other

@@ -326,8 +326,12 @@ def _nodes(found: Contents, keyword: str, options: Mapping[str, str], data: str)
     values, counts = fields(f"{path}: the data of *NODE", data, float)
     if not len(counts):
         return
-    lines = [line.rstrip(", \t").count(",") for line in data.split("\n") if line.strip()] if counts.max() > 4 else [0]
+    rows = [line for line in data.split("\n") if line.strip()] if counts.max() > 4 else [""]
+    lines = [line.rstrip(", \t").count(",") for line in rows]
     table = as_table(values, counts)
+    for at, line in enumerate(rows):  # 7, 1., 2., , 0.: a blank coordinate is 0, and so is the normal, which is none
+        if len(rows) == len(table) and lines[at] == 4 and not line.split(",")[3].strip() and not table[at, 4:].any():
+            lines[at] = 3
     some = table[np.isin(lines, (4, 5)), 4:7] if len(lines) == len(table) else table[:0, 4:7]  # of a normal, or 0,5
     if not 3 <= counts.max() <= 8 or max(lines) > 6 or not ((np.abs(some) <= 1).all() and some.any(axis=1).all()):
         raise InputError(f"{path}: *NODE has {len(values)} numbers in {len(counts)} lines; each line must be number, x, y, z "

@@ -94,8 +94,8 @@ class Deck:
         return place, text_of(place)
 
     def whole(self, pattern: str, named: Callable[[str], str],
-              check: Callable[[Path, str, bool], None] = lambda path, text, alone: None) -> str:
-        """The text with the content of included files inserted.
+              check: Callable[[Path, str, bool], None] = lambda path, text, alone: None, own: str | None = None) -> str:
+        """The text, or `own` in its place, with the content of included files inserted.
 
         `pattern` finds a line that includes a file. `named` extracts the file's name from the pattern's group. `check` gets
         each text, and whether it is the file's own.
@@ -109,7 +109,7 @@ class Deck:
                 parts[i] = inserted(*self.included(path, named(parts[i])), depth + 1)
             return "".join(part if part.endswith("\n") or not part else f"{part}\n" for part in parts)
 
-        return inserted(self.path, text_of(self.path), 0)
+        return inserted(self.path, text_of(self.path) if own is None else own, 0)
 
 
 def as_numbers(what: str, data: str, kind: type = np.int64, commas: bool = False) -> Array:

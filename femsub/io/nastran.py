@@ -15,12 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array
+from femsub.checks import Array, is_file
 from femsub.errors import InputError, warn
 from femsub.io.damage import check_end
-from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, whole_numbers, without_copies
+from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, text_of, whole_numbers, without_copies
 from femsub.io.nastran_systems import NAMES, Systems
 
+_INCLUDE = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\n$]*)[^\n]*\n?"""  # the name may go on in the next lines
 BLANK = "-9"  # stands for a coordinate system that is not given: GRDSET may give it
 _HEXA20 = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]  # Nastran has the upright edges before those of the top
 _IHEX2 = [0, 2, 4, 6, 12, 14, 16, 18, 1, 3, 5, 7, 13, 15, 17, 19, 8, 9, 10, 11]  # around the bottom, upright edges, the top
@@ -60,7 +61,7 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
                     shells, bars and the like by their nodes, two rods on a card; all three formats of fields,
                     continuations with and without marks, capitals or not, 1.5-3 for 1.5E-3; blank coordinates as 0, a
                     blank property as the element's number, if others have one; INCLUDE (files beside the one that names
-                    them, or beside this one)
+                    them, or beside this one; before BEGIN BULK one may be missing, which is reported)
     skips, reports  elements that are no cells: CONM2, CELAS2, RBE2, ...; that ENDDATA is missing; points given twice alike
     refuses         elements given twice, points at two places; nodes missing in a card or in the file; continuations of
                     cells and points out of their order; replication (=); superelements; other solids (CIHEX3, ...) and
@@ -76,7 +77,7 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     import meshio
 
     # the cards between BEGIN BULK and ENDDATA, if they are there
-    text = _text(path)
+    text, notes = _text(path)
     marks = list(re.finditer(r"^[ \t]*(BEGIN[ \t]+(?:BULK|SUPER)\b[^\n]*|ENDDATA\b)", text, flags=re.MULTILINE | re.IGNORECASE))
     ends = [mark.start() for mark in marks if mark[1].upper() == "ENDDATA"]
     if not ends:
@@ -87,7 +88,7 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     begins = [mark for i, mark in enumerate(begins) if i not in empty]  # BEGIN BULK may stand there twice
     if len(begins) > 1 or (begins and re.search(r"SUPER|AUXM", begins[0][1], flags=re.IGNORECASE)):
         raise InputError(f"{path} has several parts of bulk data (superelements): write one")
-    notes = [] if ends else ["the file has no ENDDATA: if it was cut short at the end of a line, cards are missing"]
+    notes += [] if ends else ["the file has no ENDDATA: if it was cut short at the end of a line, cards are missing"]
     if ends and (lost := _lost(text[stop:].partition("\n")[2].split("\n"))):
         notes.append(f"{lost!r:.40} behind ENDDATA left out, as in Nastran: if ENDDATA does not belong there, cards are missing")
     if begins and (lost := _lost(text[:begins[0].start()].split("\n"))):
@@ -132,7 +133,10 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
     What stands before BEGIN BULK or behind ENDDATA is left out. BEGIN SUPER comes as a card of its own, with its number.
     """
     found: list[tuple[str, list[str]]] = []
-    lines = [line for line in _text(path).split("\n") if line and not line.isspace()]
+    text, notes = _text(path)
+    for note in notes:
+        warn(f"{path}: {note}")
+    lines = [line for line in text.split("\n") if line and not line.isspace()]
     for at, line in enumerate(lines):
         begin = re.match(r"\s*(BEGIN\s+(?:SUPER|BULK)|ENDDATA)\b\W*(\w*)", line, flags=re.IGNORECASE)
         if begin and begin[1].upper() == "ENDDATA":
@@ -179,14 +183,27 @@ def complete(path: Path, grid: list[str]) -> None:
                          "or cut off. Write it again; where the coordinate is 0, a line with * is enough")
 
 
-def _text(path: Path) -> str:
-    """A file with those it includes, without comments."""
-    text = Deck(path).whole(r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\n$]*)[^\n]*\n?""",
-                            lambda name: "".join(map(str.strip, name.strip().strip("'\"").split("\n"))))
+def _text(path: Path) -> tuple[str, list[str]]:
+    """A file with those it includes, without comments; and notes on included files that are not there, if that does no harm.
+
+    Before BEGIN BULK these are alterations of Nastran's solutions (DMAP), which stand where Nastran is; cards are behind it.
+    """
+    def named(name: str) -> str:
+        return "".join(map(str.strip, name.strip().strip("'\"").split("\n")))
+
+    deck, own, notes = Deck(path), text_of(path), list[str]()
+    if begin := re.search(r"^[ \t]*BEGIN[ \t]+BULK\b", own, flags=re.MULTILINE | re.IGNORECASE):
+        parts = re.split(f"({_INCLUDE})", own[:begin.start()], flags=re.MULTILINE | re.IGNORECASE)
+        for at in range(1, len(parts), 3):  # text, the line, what it names, text, ...
+            if not is_file(path.parent / (name := named(parts[at + 1]))):
+                notes.append(f"INCLUDE {name!r:.60} before BEGIN BULK left out: there is no such file beside it")
+                parts[at] = ""
+        own = "".join(part for at, part in enumerate(parts) if at % 3 < 2) + own[begin.start():]
+    text = deck.whole(_INCLUDE, named, own=own)
     text = re.sub(r"\$.*", "", text).expandtabs(8).encode("ascii", "replace").decode()
     if "//" in text or "#" in text:
         text = re.sub(r"^(?://|#).*", "", text, flags=re.MULTILINE)
-    return text
+    return text, notes
 
 
 def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
@@ -198,6 +215,9 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
     for line in bulk.split("\n"):
         if line.isspace() or not line:
             continue
+        if name and not wanted and line[:1] in ("+", "*") and "," in line and not line[1:8].strip():
+            mark = set()
+            continue  # of a card that is not read: its fields may be texts with commas
         head, data, after = _fields(path, line)
         if head and head[0] != "+" and (head[0] != "*" or head[1:2] == "("):
             _close(path, cards, name, card)
