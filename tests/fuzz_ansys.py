@@ -39,7 +39,7 @@ def subjects(folder: Path) -> list[Subject]:
         path = folder / f"full-{unsymmetric}" / "file.full"
         path.parent.mkdir(parents=True)
         B = np.tril(rng.standard_normal((6, 6))) + 3 * np.eye(6)
-        about = {"nodes": np.array([3, 1]), "kinds": np.array([1, 2, 3]), "held": np.arange(1, 7)}
+        about = {"nodes": np.array([3, 1]), "kinds": np.array([1, 2, 3]), "held": np.tile([1, 2, 3], 2)}
         full_file(path, B @ B.T + unsymmetric * rng.standard_normal((6, 6)), B @ B.T, about, unsymmetric)
         made.append(Subject(f"ansys-full{'-unsymmetric' * unsymmetric}", path, "fuzz_ansys:read_full", text=False,
                             strict=frozenset({"cut", "nul"}), header=1000))

@@ -36,7 +36,10 @@ def read_component(path: Path, **more: Any) -> Any:
         content["dofs"] = [dofs.nodes, dofs.components, dofs.labels, dofs.points]
     if reduced:
         content |= {key: getattr(model, key) for key in ("V", "kinds", "full_interface", "cutoff", "method", "dropped",
-                                                         "port_error", "factorisations")}
+                                                         "port_error", "factorisations", "modes", "noise")}
+        content |= {key: None if (one := getattr(model, key)) is None else one.record() for key in ("estimate", "origin")}
+        content["rigid motion"] = model.rigid_motion.record() if hasattr(model.rigid_motion, "record") else None
+    content |= {"H": model.H, "sets": {name: np.asarray(places) for name, places in model.sets.items()}}
     return content
 
 

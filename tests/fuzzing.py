@@ -3,12 +3,15 @@
 Right is a FemsubError, the content of the valid file, or the honest meaning of the damaged one. A finding is all else: another
 exception, a crash, a hang, memory without bounds, and content that the damaged file does not have.
 
-Other content is counted by whether a warning or a note said so. Where none did, it is `undetectable` by one of four rules:
+Other content is counted by whether a warning or a note said so. Where none did, it is `undetectable` by one of five rules:
 
     (value)    the file is as long as before, and only real values of the content differ: without a checksum (formats that have
                one are `strict`) nothing in a file says what a number was, neither one byte nor a block of zeros
     (number)   only numbers of the text, or eight bytes of a binary file, became others, and the content has the same count of
-               everything: a number that names a node, a row or a group names another one
+               everything (but for the entries, where the number became 0): a number that names a node, a row or a group names
+               another one
+    (name)     only letters within a name became others, and the content is the same but for that name: who asks for the old one
+               hears that there is none
     (fewer)    the file is a row of units that no count covers (`Subject.units`), and some of them are gone: what is left is the
                whole file of less content
 
@@ -188,6 +191,15 @@ def counts(content: Any) -> Any:
     if isinstance(content, (list, tuple)):
         return ["sequence", *(counts(part) for part in content)]
     return [repr(getattr(content, "shape", type(content))), content.nnz if sp.issparse(content) else 0]
+
+
+def unnamed(content: Any) -> Any:
+    """The content without its names: the keys of mappings, whose parts are sorted, and texts."""
+    if isinstance(content, Mapping):
+        return sorted(fingerprint(unnamed(part)) for part in content.values())
+    if isinstance(content, (list, tuple)):
+        return [unnamed(part) for part in content]
+    return "text" if isinstance(content, str) else content
 
 
 # --- damage ------------------------------------------------------------------------------------------------------------------
@@ -445,7 +457,8 @@ def serve(questions: Connection, answers: Connection, memory: int) -> None:
                 warnings.simplefilter("always")
                 content = read(Path(path))
             answers.send(("content", f"{fingerprint(content)} {fingerprint(sorted({str(one.message) for one in said}))} "
-                                     f"{fingerprint(content, reals=False)} {fingerprint(counts(content))}"))
+                                     f"{fingerprint(content, reals=False)} {fingerprint(counts(content))} "
+                                     f"{fingerprint(unnamed(content))}"))
         except FemsubError as error:
             hungry = _memory_error(error)
             answers.send(("memory", f"refused only after a MemoryError: {hungry}") if hungry else ("refused", str(error)))
@@ -503,13 +516,31 @@ def only_numbers(valid: bytes, damaged: bytes) -> bool:
     return len(valid) == len(damaged) and places[-1] - places[0] < 8
 
 
-def undetectable(subject: Subject, valid: bytes, damaged: bytes, same_shape: bool, same_counts: bool) -> str:
+def zeroed(valid: bytes, damaged: bytes) -> bool:
+    """Whether one number of a text became 0: an entry that is 0 is none."""
+    pairs = [(one, other) for one, other in zip(NUMBER.findall(valid), NUMBER.findall(damaged), strict=False) if one != other]
+    return b"\0" not in valid and len(pairs) == 1 and not float(pairs[0][1].lower().replace(b"d", b"e"))
+
+
+def only_letters(valid: bytes, damaged: bytes) -> bool:
+    """Whether two files of one length differ in one word, which has letters in both."""
+    places = [at for at, (one, other) in enumerate(zip(valid, damaged, strict=False)) if one != other]
+    if len(valid) != len(damaged) or not places:
+        return False
+    words = [part[places[0]:places[-1] + 1] for part in (valid, damaged)]
+    return not any(re.search(rb"[\s\0<>=,;:\"']", word) for word in words)
+
+
+def undetectable(subject: Subject, valid: bytes, damaged: bytes, same_shape: bool, same_counts: bool,
+                 same_but_names: bool) -> str:
     """The rule by which nothing in the file shows the damage, or ''."""
     text = subject.text if subject.path.is_file() else b"\0" not in valid
     if same_shape and (only_numbers(valid, damaged) or (not text and len(valid) == len(damaged))):
         return "value"
-    if same_counts and only_numbers(valid, damaged):
+    if only_numbers(valid, damaged) and (same_counts or zeroed(valid, damaged)):
         return "number"
+    if same_but_names and only_letters(valid, damaged):
+        return "name"
     if subject.units is not None and not Counter(filter(bytes.strip, subject.units(damaged))) - Counter(subject.units(valid)):
         return "fewer"
     return ""
@@ -538,9 +569,9 @@ def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: P
             verdict = "refused though meant"  # no finding: redundant lines, or a size that only looks wrong
         if ending == "content":
             verdict = "same" if answer.split()[0] == original.split()[0] else "other"
-            answer, said, shape, count = answer.split()
-            quiet, same_shape, same_counts = (one == other for one, other in zip((said, shape, count), original.split()[1:],
-                                                                                 strict=True))
+            answer, *parts = answer.split()
+            quiet, same_shape, same_counts, same_but_names = (one == other for one, other in zip(parts, original.split()[1:],
+                                                                                                 strict=True))
             if verdict == "other" and subject.honest is not None:
                 meaning = subject.honest(path)
                 verdict = "meant" if meaning is not None and fingerprint(meaning) == answer else "wrong content"
@@ -549,7 +580,8 @@ def _judged(subject: Subject, indices: set[int], count: int, seed: int, place: P
                 verdict = "wrong content"
             if verdict == "other":
                 valid = (subject.path / mutant.file if mutant.file else subject.path).read_bytes()
-                rule = "" if mutant.data is None else undetectable(subject, valid, mutant.data, same_shape, same_counts)
+                rule = "" if mutant.data is None else undetectable(
+                    subject, valid, mutant.data, same_shape, same_counts, same_but_names)
                 verdict = ("other, with a word" if not quiet else f"undetectable ({rule})" if rule else
                            f"silent ({mutant.kind})")
         if verdict.startswith(("silent", "undetectable")):

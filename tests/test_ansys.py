@@ -79,7 +79,7 @@ def model() -> dict[str, np.ndarray]:
     B = np.tril(rng.standard_normal((n, n)) * (rng.random((n, n)) < 0.4)) + 2 * np.eye(n)
     friction = np.zeros((n, n))
     friction[3, 7], friction[7, 3] = -0.3, 0.0
-    held = np.arange(1, n + 1)
+    held = np.tile([1, 2, 6], 4)
     held[0] = -1
     return {"K": B @ B.T, "friction": friction, "M": np.diag(np.arange(1.0, n + 1)) + 0.1 * (B + B.T), "held": held,
             "nodes": np.array([9, 4, 30, 2]), "kinds": np.array([1, 2, 6])}

@@ -13,6 +13,7 @@ import pytest
 from matrixhelp import Op2Writer, sierra_netcdf, sierra_text
 
 import femsub as fs
+from benchmarks.attacks.files import full_file
 from femsub.app.cli import main
 
 
@@ -277,3 +278,71 @@ def test_a_response_whose_number_was_damaged_is_named(tmp_path: Path) -> None:
         path.write_bytes(changed + two)
         with pytest.warns(fs.FemsubWarning, match="is left out, although it has complex values of a motion over a force"):
             assert fs.read_response(path).responses == ("3:uz",)
+
+
+def test_a_mesh_of_ours_that_lost_its_sets_is_refused(tmp_path: Path) -> None:
+    """Cut behind a section, a .msh is whole by its format; write_mesh announces how many sections of data there are."""
+    path = fs.write_mesh(tmp_path / "a.msh", fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"))
+    whole = path.read_bytes()
+    assert len(fs.read_mesh(path).sets) == 6
+    path.write_bytes(whole[:whole.rindex(b"$NodeData")])
+    with pytest.raises(fs.InputError, match="it has 6 sections of data, but announces 7"):
+        fs.read_mesh(path)
+    path.write_bytes(whole.replace(b"set:left", b"smt:left"))
+    assert any("'smt:left' are neither a set:NAME nor a group:NAME" in note for note in fs.read_mesh(path).repairs)
+    vtu = fs.write_mesh(tmp_path / "a.vtu", fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"))
+    vtu.write_bytes(vtu.read_bytes().replace(b"set:left", b"smt:left"))
+    assert any("'smt:left' are 0 or 1 as the marks of a set" in note for note in fs.read_mesh(vtu).repairs)
+
+
+def test_a_face_that_names_a_node_twice_is_named(tmp_path: Path) -> None:
+    from fuzz_meshes import gmsh
+
+    path = tmp_path / "a.msh"
+    whole = gmsh(fs.block((3.0, 1.0, 1.0), (3, 1, 1), "hexahedron"), "2.2")
+    path.write_text(whole.replace("1 3 2 4 1 1 2 4 3", "1 3 2 4 1 3 2 4 3"))
+    assert any("1 quad cell of a set names a node twice" in note for note in fs.read_mesh(path).repairs)
+
+
+def test_bytes_lost_across_two_data_sets_are_refused(tmp_path: Path) -> None:
+    """The head of one response went on in the other's: a response was gone, and the load of the other one had another name."""
+    h = np.random.default_rng(4).standard_normal((2, 8)).view(complex)
+    one, two = (fuzz_measured.function(2 + row, h[row], True) for row in (0, 1))
+    start, whole = one.index(b"   3 NONE") + 9, one + two
+    stop = len(one) + two.index(b"         0 NONE")
+    path = tmp_path / "a.uff"
+    path.write_bytes(whole[:start] + whole[stop - 20:])
+    with pytest.raises(fs.InputError, match="is longer than its 80 columns"):
+        fs.read_response(path)
+
+
+def test_a_constraint_that_is_no_direction_is_named(tmp_path: Path) -> None:
+    """A changed byte held a DOF, which took a row of K away."""
+    from femsub.io.ansys import read_full
+
+    K = np.diag(np.arange(2.0, 8.0)) - 0.5 * (np.eye(6, k=1) + np.eye(6, k=-1))
+    held = np.tile([1, 2, 3], 2)
+    about = {"nodes": np.array([3, 1]), "kinds": np.array([1, 2, 3]), "held": held}
+    assert read_full(full_file(tmp_path / "a.full", K, K, about, False))["K"].matrix.shape == (6, 6)
+    held[4] = -1024
+    with pytest.warns(fs.FemsubWarning, match="the constraint of DOF 5 is -1024, where its direction 2 belongs"):
+        read_full(full_file(tmp_path / "b.full", K, K, about, False))
+
+
+@pytest.mark.parametrize("damage", ["more", "fewer", "place", "size", "windows"])
+def test_tables_that_leave_out_zeros_are_checked(damage: str, tmp_path: Path) -> None:
+    from femsub.io.ansys import read_full
+
+    K = np.diag(np.arange(2.0, 14.0)) - 0.5 * (np.eye(12, k=1) + np.eye(12, k=-1))
+    about = {"nodes": np.array([3, 1, 7, 9]), "kinds": np.array([1, 2, 3]), "held": np.tile([1, 2, 3], 4)}
+    path = full_file(tmp_path / "a.full", K, K, about, False, packed=True)
+    assert np.array_equal(read_full(path)["K"].matrix.toarray(), read_full(
+        full_file(tmp_path / "b.full", K, K, about, False))["K"].matrix.toarray())
+    words = np.fromfile(path, "<i4")
+    at = int(words[105 + 35])  # of DOF for each node: 4 entries, one window from 0, four times 3
+    assert words[at:at + 8].tolist() == [5, -2**31 + 2**28, 4, 1, 0, -4, 3, 5]
+    words[at + {"more": 2, "fewer": 2, "place": 4, "size": 5, "windows": 3}[damage]] += {"more": 1, "fewer": -1, "place": -1,
+                                                                                      "size": -1, "windows": 1}[damage]
+    words.tofile(tmp_path / "c.full")
+    with pytest.raises(fs.InputError, match="there is no record of DOF for each node"):
+        read_full(tmp_path / "c.full")

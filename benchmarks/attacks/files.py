@@ -223,8 +223,9 @@ def ansys(rng: Random) -> tuple[dict[str, Any], Array]:
         for _ in range(int(rng.integers(1, 6))):
             i, j = rng.permutation(n)[:2]
             K[i, j] += scale * rng.standard_normal()
-    held = np.arange(1, n + 1) * np.where(rng.random(n) < 0.2, -1, 1)
-    held[rng.integers(n)] = 1
+    held = np.tile(kinds, len(nodes)) * np.where(rng.random(n) < 0.2, -1, 1)
+    free = int(rng.integers(n))
+    held[free] = abs(held[free])
     given = {"K": K, "M": M, "about": {"nodes": nodes, "kinds": kinds, "held": held}, "unsymmetric": unsymmetric,
              "triangle": bool(rng.integers(2)), "packed": bool(rng.integers(2))}
     labels = np.array([(node, kind) for node in nodes for kind in kinds])

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from femsub.algebra import completed
 from femsub.checks import Array, installed_by, parsing
-from femsub.errors import InputError, MissingPackageError
+from femsub.errors import InputError, MissingPackageError, warn
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.atomic import scratch
 from femsub.io.damage import MOST
@@ -190,7 +190,12 @@ def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
     if widths.sum() != count or (len(widths) and not 0 <= widths.min() <= widths.max() <= len(kinds)):
         raise records.damaged(f"its {len(numbers)} nodes have {widths.sum()} DOF, but {count} are announced")
     nodes = np.repeat(numbers, widths).astype(np.int64)
-    directions = kinds[np.arange(count) - np.repeat(np.cumsum(widths) - widths, widths)].astype(np.int64)
+    places = np.arange(1, count + 1) - np.repeat(np.cumsum(widths) - widths, widths)  # of a DOF at its node
+    directions = kinds[places - 1].astype(np.int64)
+    if len(strange := np.flatnonzero((np.abs(held) != directions) & (np.abs(held) != places))):
+        one = int(strange[0])
+        warn(f"{path}: the constraint of DOF {one + 1} is {held[one]}, where its direction {directions[one]} belongs, negative "
+             "if it is held: is it damaged?")
     order = np.lexsort([directions, nodes])
     order = order[held[order] >= 0]
     labels = np.stack([nodes, directions], axis=1)[order]

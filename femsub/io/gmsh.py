@@ -27,12 +27,20 @@ _KINDS = {15: ("vertex", 1, 0), 1: ("line", 2, 1), 8: ("line3", 3, 1), 2: ("tria
           18: ("wedge15", 15, 3), 13: ("wedge18", 18, 3), 7: ("pyramid", 5, 3), 19: ("pyramid13", 13, 3),
           14: ("pyramid14", 14, 3)}
 _HEXA = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]
+_ANNOUNCED = b"femsub: sections of data: "
 _ORDER = {"tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8], "hexahedron20": _HEXA, "hexahedron27": [*_HEXA, 22, 23, 21, 24, 20, 25, 26]}
 
 
 def is_gmsh(path: Path) -> bool:
     """Whether a .msh file is Gmsh's; Ansys uses the same suffix."""
     return b"$MeshFormat" in head_of(path)
+
+
+def counted(content: bytes) -> bytes:
+    """A file with a comment that announces how many sections of data it has, which Gmsh's format does not: one may be cut off."""
+    data = len(re.findall(rb"\n\$(?:Node|Element)Data\n", content))
+    head, end, rest = content.partition(b"$EndMeshFormat\n")
+    return head + end + b"$Comments\n%s%d\n$EndComments\n" % (_ANNOUNCED, data) + rest
 
 
 def read_gmsh(path: Path) -> tuple[Any, list[str]]:
@@ -43,7 +51,8 @@ def read_gmsh(path: Path) -> tuple[Any, list[str]]:
                     groups of an entity; names in UTF-8 or Latin-1; node and element data that `write_mesh` wrote
     refuses         sections that do not end or hold less or more than they say; nodes given twice, or not at all; partitioned
                     meshes; elements of third order and above; another byte order
-    cannot know     whether whole sections are missing at the end (Gmsh's own files end with $Elements)
+    cannot know     whether whole sections are missing at the end (Gmsh's own files end with $Elements; `write_mesh` announces
+                    their number)
     ==============  ==========================================================================================================
 
     Raises
@@ -63,6 +72,8 @@ def read_gmsh(path: Path) -> tuple[Any, list[str]]:
         end = len(raw) if end < 0 else end
         section = raw[place + 1:end].strip().decode("latin-1")
         place = _SECTIONS.get(section, _skipped)(found, section, raw, end + 1)
+    if found.announced is not None and found.announced != found.sections:
+        raise found.wrong(f"it has {found.sections} sections of data, but announces {found.announced}: is it cut short?")
     # cells and their sets by physical groups, nodes in the order of the file
     if found.points is None or found.numbers is None or not found.blocks:
         raise found.wrong(f"it has no {'$Nodes' if found.points is None else '$Elements'}: is it cut short?")
@@ -88,7 +99,7 @@ def read_gmsh(path: Path) -> tuple[Any, list[str]]:
         whole = np.zeros(len(every))
         whole[by_number[rows_of(found.path, "$ElementData", "element", every[by_number], tags)]] = values[:, 0]
         mesh.cell_data[name] = np.split(whole, np.cumsum([len(block[1]) for block in found.blocks])[:-1])
-    return mesh, []
+    return mesh, found.notes
 
 
 # ---- the content read so far, and its numbers
@@ -107,6 +118,9 @@ class _Found:
     blocks: list[tuple[int, Array, Array, Array | list[int]]] = field(default_factory=list)
     point_data: dict[str, tuple[Array, Array]] = field(default_factory=dict)
     cell_data: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+    sections: int = 0  # of data
+    announced: int | None = None  # by `write_mesh`
+    notes: list[str] = field(default_factory=list)
 
     def wrong(self, why: str) -> InputError:
         return InputError(f"{self.path} cannot be read as a Gmsh mesh: {why}")
@@ -177,6 +191,13 @@ def _end(found: _Found, section: str, raw: bytes, start: int) -> int:
     if end < 0:
         raise found.wrong(f"${section} does not end: is it cut short?")
     return end
+
+
+def _comments(found: _Found, section: str, raw: bytes, start: int) -> int:
+    end = _end(found, section, raw, start)
+    if said := re.fullmatch(re.escape(_ANNOUNCED) + rb"(\d{1,9})\s*", raw[start:end]):
+        found.announced = int(said[1])
+    return end + len("$EndComments")
 
 
 def _format(found: _Found, section: str, raw: bytes, start: int) -> int:
@@ -313,6 +334,7 @@ def _size(found: _Found, kind: int) -> int:
 
 def _data(found: _Found, section: str, raw: bytes, start: int) -> int:
     """$NodeData and $ElementData of `write_mesh`; those of other programs are skipped."""
+    found.sections += 1
     place, lists = start, list[list[str]]()
     for _ in range(3):  # names, real numbers (time), whole numbers (step, components, rows)
         place, word = _line(found, section, raw, place)
@@ -324,6 +346,8 @@ def _data(found: _Found, section: str, raw: bytes, start: int) -> int:
             lists[-1].append(line)
     name = lists[0][0].strip('"') if lists[0] else ""
     if not name.startswith(("set:", "group:", "number")):
+        if found.announced is not None and lists[2][1:2] == ["1"]:  # a mark in a file of femsub has one number for each
+            found.notes.append(f"the data {name!r:.60} are neither a set:NAME nor a group:NAME: left out")
         return _skipped(found, section, raw, place)
     if len(lists[2]) < 3 or lists[2][1] != "1" or not lists[2][2].isdecimal():
         raise found.wrong(f"${section} {name!r} must have one number for each row, but does not")
@@ -340,4 +364,4 @@ def _line(found: _Found, section: str, raw: bytes, start: int) -> tuple[int, str
 
 
 _SECTIONS = {"MeshFormat": _format, "PhysicalNames": _names, "Entities": _entities, "Nodes": _nodes, "Elements": _elements,
-             "NodeData": _data, "ElementData": _data}
+             "NodeData": _data, "ElementData": _data, "Comments": _comments}

@@ -94,6 +94,9 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
     for one in functions:
         whole(file, "the sixth line of a data set 58, which has whole numbers in its columns 6 to 30,",
               "".join(f"{one.lines[5][start:stop]} " for start, stop in ((5, 15), (15, 20), (20, 30))).split())
+        if one.lines[5][80:].strip():
+            raise InputError(f"{file}: the sixth line of a data set 58, {one.lines[5].strip()[:40]!r}, is longer than its 80 "
+                             "columns: lines or bytes are lost")
     found = [one for one, kind in zip(functions, types, strict=True) if kind == 4]  # frequency response functions
     if not found:
         raise InputError(f"{file} holds no frequency response function (data set 58 of function type 4); its data sets "

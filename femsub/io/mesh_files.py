@@ -19,7 +19,7 @@ from femsub.io.atomic import scratch, write_whole
 from femsub.io.cdb import read_cdb
 from femsub.io.damage import head_of, unreadable_refused
 from femsub.io.foreign_meshes import meshio, quietly, read_foreign, read_tetgen
-from femsub.io.gmsh import BODIES, is_gmsh, read_gmsh
+from femsub.io.gmsh import BODIES, counted, is_gmsh, read_gmsh
 from femsub.io.inp import read_inp
 from femsub.io.mesh_text import including
 from femsub.io.nastran import read_nastran
@@ -132,6 +132,10 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
                 cells_in.setdefault(label, []).append(rows + offset)
     lost: Counter[str] = Counter()
     for block, inside in zip(blocks, named, strict=True):
+        ends = np.sort(block.nodes[inside], axis=1)
+        if block.dimension < CELLS[chosen][0] and (twice := int(np.count_nonzero((ends[:, 1:] == ends[:, :-1]).any(axis=1)))):
+            notes.append(f"{twice} {block.kind} cell{'s' * (twice > 1)} of a set name{'s' * (twice == 1)} a node twice: is a "
+                         "number damaged, so that the set lacks a node?")
         if block.dimension < CELLS[chosen][0] and not inside.all():
             lost[block.kind] += int(np.count_nonzero(~inside))
     sets = {label: np.unique(np.concatenate(parts)) for label, parts in nodes_in.items()}
@@ -140,9 +144,12 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
              for label, values in found.point_data.items() if label.startswith(_SET)}
     groups = {label: np.concatenate(parts) for label, parts in cells_in.items()}
     for label, parts in (*((label, [values]) for label, values in found.point_data.items()), *found.cell_data.items()):
-        strange = [value for part in parts for value in np.setdiff1d(part, (0, 1)) if label.startswith((_SET, _GROUP))]
-        if strange:
-            raise InputError(f"{place}: {label!r} has {strange[0]:g} where 1 marks a member, and 0 the others; it is damaged")
+        mine, other = label.startswith((_SET, _GROUP)), [value for part in parts for value in np.setdiff1d(part, (0, 1))]
+        if mine and other:
+            raise InputError(f"{place}: {label!r} has {other[0]:g} where 1 marks a member, and 0 the others; it is damaged")
+        if not mine and not other and all(np.asarray(part).dtype == np.int8 for part in parts):
+            notes.append(f"the data {label!r:.60} are 0 or 1 as the marks of a set, but are called neither {_SET}NAME nor "
+                         f"{_GROUP}NAME: left out")
     sets, groups = ({key if as_word(key) in of else as_word(key): rows for key, rows in of.items()} for of in (sets, groups))
     if lost:
         notes.append(f"{_several(lost)} cells of lower dimension, in no set, dropped")
@@ -286,7 +293,8 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
     def written() -> bytes:
         with scratch(float(points.nbytes + mesh.cells.nbytes + sum(values.nbytes for values in data.values()))) as folder:
             whole.write(folder / f"mesh{suffix.lower()}", file_format=form)
-            return (folder / f"mesh{suffix.lower()}").read_bytes()
+            found = (folder / f"mesh{suffix.lower()}").read_bytes()
+        return counted(found) if form == "gmsh" else found
 
     content: bytes = quietly(written, f"the mesh {mesh.name!r} cannot be written as {suffix}")[0]
     # meshio writes the last name it knows for a kind, such as C3D20RH, which CalculiX does not have
