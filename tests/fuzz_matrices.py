@@ -37,6 +37,7 @@ def read_component(path: Path, **more: Any) -> Any:
     if reduced:
         content |= {key: getattr(model, key) for key in ("V", "kinds", "full_interface", "cutoff", "method", "dropped",
                                                          "port_error", "factorisations", "modes", "noise")}
+    if reduced and (path / "model.json").is_file():  # elsewhere they follow from the matrices
         content |= {key: None if (one := getattr(model, key)) is None else one.record() for key in ("estimate", "origin")}
         content["rigid motion"] = model.rigid_motion.record() if hasattr(model.rigid_motion, "record") else None
     content |= {"H": model.H, "sets": {name: np.asarray(places) for name, places in model.sets.items()}}

@@ -201,6 +201,16 @@ def test_results_that_were_changed_are_named(tmp_path: Path, capsys: pytest.Capt
         assert "results.json has another content than femsub wrote" in capsys.readouterr().err
 
 
+def test_a_page_without_its_mode_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("plotly")
+    scene, out = tmp_path / "beam.toml", tmp_path / "out"
+    scene.write_text('scene = "beam"\nelements = 20\nmodes = [8]\nrepeats = 1\noutputs = ["eigenvalues", "page"]\n')
+    assert main(["run", "-q", str(scene), "--out", str(out), "--no-figures"]) == 0
+    (out / "mode.npz").unlink()
+    capsys.readouterr()
+    assert main(["show", str(out)]) == 0 and "mode.npz, which the run wrote, is gone" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("suffix", "form"), [(".msh", "gmsh"), (".vtu", "vtu")])
 def test_a_mark_of_a_set_is_0_or_1(suffix: str, form: str, tmp_path: Path) -> None:
     """A turned bit made a node a member of a set."""
@@ -346,3 +356,42 @@ def test_tables_that_leave_out_zeros_are_checked(damage: str, tmp_path: Path) ->
     words.tofile(tmp_path / "c.full")
     with pytest.raises(fs.InputError, match="there is no record of DOF for each node"):
         read_full(tmp_path / "c.full")
+
+
+def test_responses_of_two_pairs_under_one_name_are_named(tmp_path: Path) -> None:
+    """A digit made of two responses one that was measured twice, and their mean was returned."""
+    h = np.random.default_rng(4).standard_normal((2, 8)).view(complex)
+    path = tmp_path / "a.uff"
+    path.write_bytes(fuzz_measured.function(3, h[0], False) + fuzz_measured.function(3, h[1], False))
+    with pytest.warns(fs.FemsubWarning, match="from 5:ux to 3:uz are taken as one measurement that was repeated"):
+        fs.read_response(path)
+    path.write_bytes(fuzz_measured.function(3, h[0], False) + fuzz_measured.function(3, 1.05 * h[0], False))
+    assert fs.read_response(path).responses == ("3:uz",)
+
+
+def test_keywords_that_are_none_are_named(tmp_path: Path) -> None:
+    path = fs.write_mesh(tmp_path / "a.inp", fs.block((2.0, 1.0, 1.0), (2, 1, 1), "hexahedron"))
+    text = path.read_text()
+    for wrong in ("*N" + "A" * 50 + "SET", "*N1SET X 1"):
+        path.write_text(text.replace("*NSET, NSET=left", f"{wrong}, NSET=left"))
+        assert any("is no keyword of Abaqus or CalculiX" in note for note in fs.read_mesh(path).repairs)
+    path.write_text(text + "*SOLID SECTION, ELSET=x\n*TRANSVERSE SHEAR STIFFNESS\n1., 1., 0.\n")
+    assert fs.read_mesh(path).repairs == ()
+
+
+def test_lines_that_lost_their_sign_are_refused(arm: Any, tmp_path: Path) -> None:
+    """A comment that became BEGIN SUPER; a field of a node that no reader needs; sections before the one with the version."""
+    from fuzz_meshes import archive, gmsh
+
+    path = punch(arm, tmp_path)
+    path.write_text(foreign(path.read_text()).replace("$ K2GG", "BEGIN SUPER K2GG"))
+    with pytest.raises(fs.InputError, match="has no number of a superelement"):
+        fs.read_component(path, cutoff=1e4)
+    bricks = fs.block((2.0, 1.0, 1.0), (2, 1, 1), "hexahedron")
+    text = archive(fs.Mesh(bricks.points, bricks.cells, "hexahedron", {"left": bricks.nodes("left")}, {}, np.arange(12) + 100))
+    (tmp_path / "a.cdb").write_text(text.replace("      104        0        0", "      104        0      S 0"))
+    with pytest.raises(fs.InputError, match="NBLOCK"):
+        fs.read_mesh(tmp_path / "a.cdb")
+    (tmp_path / "a.msh").write_text("$Nodes\n" + gmsh(bricks, "2.2"))
+    with pytest.raises(fs.InputError, match=r"\$Nodes stands before \$MeshFormat"):
+        fs.read_mesh(tmp_path / "a.msh")

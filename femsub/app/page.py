@@ -22,7 +22,7 @@ from femsub.app.report import output_folder, put
 from femsub.app.scene import OWN, SCENES
 from femsub.app.units import SYSTEMS, UNKNOWN
 from femsub.checks import Array, package, unlike
-from femsub.errors import FemsubError, InputError
+from femsub.errors import FemsubError, InputError, warn
 from femsub.studies import ANSWERS, label
 
 PAGE_FILE = "report.html"
@@ -65,6 +65,8 @@ def show(folder: Path) -> Path:
         if place.is_file() and (known := data["sha256"].get(MODE_FILE)) and (why := unlike(place, known)):
             raise InputError(f"{place} is not the file that {RESULTS} was written with: {why}. Delete it, or run the scene again")
         mode = read_mode(place) if place.is_file() else None
+        if mode is None and MODE_FILE in data["sha256"]:
+            warn(f"{place}, which the run wrote, is gone: the page is made without the mode in motion")
         content = io.BytesIO()
         try:
             write_page(data, mode, content)

@@ -199,6 +199,7 @@ class _Archive:
         first = sum(int(times or 1) for times in leading.groups() if times is not None) if leading else 1
         self._counted("NBLOCK", words[4], len(rows))
         self.numbers += whole(self.path, "NBLOCK", [row[0].strip() for row in rows])
+        whole(self.path, "NBLOCK", [field.strip() or "0" for row in rows for field in row[1:first]])  # of a solid and a line
         places = np.array([(row[first:] + [""] * 6)[:6] for row in rows], dtype=object).reshape(-1, 6)
         text = " ".join(field if field.strip() else "0" for field in places.ravel())
         values = as_numbers(f"{self.path}: the coordinates of nodes", text, float)

@@ -71,6 +71,8 @@ def read_gmsh(path: Path) -> tuple[Any, list[str]]:
         end = raw.find(b"\n", place)
         end = len(raw) if end < 0 else end
         section = raw[place + 1:end].strip().decode("latin-1")
+        if not found.version and section in _SECTIONS and section not in ("MeshFormat", "Comments"):
+            raise found.wrong(f"${section} stands before $MeshFormat")
         place = _SECTIONS.get(section, _skipped)(found, section, raw, end + 1)
     if found.announced is not None and found.announced != found.sections:
         raise found.wrong(f"it has {found.sections} sections of data, but announces {found.announced}: is it cut short?")

@@ -277,6 +277,8 @@ def _blocks(path: Path, notes: list[str]) -> Iterator[tuple[str, dict[str, str],
         near = get_close_matches(keyword.replace(" ", ""), _MESH, n=1, cutoff=0.8)
         if near and keyword not in _MESH:
             raise InputError(f"{path} has the unknown keyword *{keyword}; did you mean *{near[0]}?")
+        if keyword not in _MESH and not re.fullmatch("[A-Z][A-Z _-]{0,39}", keyword):  # longer than any, or with other signs
+            notes.append(f"*{keyword:.20} is no keyword of Abaqus or CalculiX, left out with its lines: is it damaged?")
         # names of sets, and data of another file
         for name in re.findall(r'SET\s*=\s*"([^"]*)"', head, flags=re.IGNORECASE):
             if quoted.setdefault(name.upper(), name) != name:

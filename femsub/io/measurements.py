@@ -125,6 +125,12 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
         raise InputError(f"{file}: the response {what}. Each pair of the {len(responses)} responses and {len(loads)} loads is "
                          "needed equally often")
     assert at is not None
+    for pair, many in pairs.items():
+        mean = np.mean(many, axis=0)
+        far = max(float(np.linalg.norm(one - mean)) for one in many)
+        if far > 0.5 * np.linalg.norm(mean):  # the noise of measurements that are repeated is far below half of their size
+            warn(f"{file}: the {len(many)} responses from {pair[1]} to {pair[0]} are taken as one measurement that was repeated, "
+                 f"but differ from their mean by {far / np.linalg.norm(mean):.0%}. Are they of other nodes or directions?")
     h = np.array([[pairs[row, column] for column in loads] for row in responses])  # (nr, nl, ns, nf)
     moving = at > 0
     h = h.transpose(2, 3, 0, 1)[:, moving]

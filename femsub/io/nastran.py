@@ -149,6 +149,8 @@ def entries_of(path: Path) -> list[tuple[str, list[str]]]:
             if name.endswith("BULK") and (lost := _lost(lines[:at])):
                 warn(f"{path}: {lost!r:.40} stands before BEGIN BULK, and is left out as in Nastran: if BEGIN BULK does not "
                      "belong there, cards are lost")
+            if name.endswith("SUPER") and not begin[2].isdecimal():
+                raise InputError(f"{path}: {line.strip()!r:.40} has no number of a superelement")
             found = [] if name.endswith("BULK") else [*found, ("BEGIN SUPER", [begin[2]])]
             continue
         head, data, _ = _fields(path, line)
