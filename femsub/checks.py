@@ -160,6 +160,17 @@ def finite_number(name: str, value: Any) -> float:
     return number
 
 
+@contextmanager
+def naming(argument: str) -> Iterator[None]:
+    """Context manager: what is wrong with a part of an argument's value, such as an unknown set, names the argument first."""
+    try:
+        yield
+    except (InputError, InputTypeError) as error:
+        if argument not in str(error):
+            error.args = (f"{argument}: {error}",)
+        raise
+
+
 def positive_number(name: str, value: Any) -> float:
     """A finite number above 0."""
     number = finite_number(name, value)

@@ -139,3 +139,33 @@ def test_a_label_of_any_sign_is_read_back(label: str, tmp_path: Path) -> None:
     with (tmp_path / "dofs.csv").open("wb") as file:
         write_dofs(file, fs.DofMap(np.array([1, 2]), np.array([0, 1]), (label, "ux")))
     assert read_dofs(tmp_path / "dofs.csv").name(0) == f"{label} at node 1"
+
+
+def test_an_unknown_part_of_a_value_names_its_argument() -> None:
+    """'unknown set of nodes', 'unknown port', 'an end must be': which argument had it was left out."""
+    mesh, sub = fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"), fs.chain(6, belt=2)
+    steel, flat = fs.Material(1.0, 0.3, 1.0), fs.rectangle((1.0, 1.0), (2, 2))
+    thin = {"E": 1.0, "nu": 0.3, "rho": 1.0, "thickness": 0.1}
+    parts = {"a": fs.chain(4, interface=[4]), "b": fs.chain(3, interface=[1], fixed=False)}
+    right = fs.Rigid(("a", [3]), ("b", [0]))
+    rom, slow = fs.reduce(sub, fs.CraigChang(modes=3), ports=True), fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-2))
+    response = fs.frequency_response(sub, at=[0.1], loads=["belt"])
+    rub = fs.FrictionContact("bottom", "ground", mesh, 1.0, 0.4, direction=np.array([1.0, 0.0, 0.0]))
+    top = fs.solid(mesh, steel, interface=["top"])
+    for argument, call in {
+            "supports": lambda: fs.solid(mesh, steel, supports=["lft"]),
+            "interface": lambda: fs.solid(mesh, steel, interface=["lft"]),
+            "supports ": lambda: fs.plate(flat, **thin, supports={"lft": "clamped"}),
+            "interface ": lambda: fs.plate(flat, **thin, interface=["lft"]),
+            "first": lambda: fs.couple(parts, [right, fs.Spring("a", ("b", [0]), stiffness=1.0)]),
+            "second": lambda: fs.couple(parts, [right, fs.Spring(("a", [3]), ("c", [0]), stiffness=1.0)]),
+            "interface  ": lambda: fs.couple(parts, [right], interface=["a"]),
+            "reference": lambda: fs.couple(parts, [fs.Kinematic(("c", [3]), ("b", [0]))]),
+            "loads": lambda: fs.frequency_response(sub, at=[0.1], loads=["bolt"]),
+            "responses": lambda: fs.frequency_response(sub, at=[0.1], loads=["belt"], responses=["bolt"]),
+            "impulse": lambda: fs.transient(rom, slow, (0.0, 1.0), impulse={"bolt": 1.0}),
+            "joints": lambda: fs.couple_responses({"a": response}, [(("b", "belt"), ("a", "belt"))]),
+            "sets": lambda: fs.Substructure(np.eye(2), np.eye(2), interface=[0], sets={None: [0]}),  # type: ignore[dict-item]
+            "first ": lambda: top.linearised(rub)}.items():
+        with pytest.raises(fs.FemsubError, match=argument.strip()):
+            call()

@@ -29,7 +29,8 @@ KINDS = ("numbers", "arrays", "sparse", "containers", "texts", "dressed")
 LATER = ("first", "second", "end", "reference", "surface", "weights", "full")
 #: words by which a message names an argument, beside the argument itself
 ALSO = {"contacts": "contact", "sub": "model|component|Substructure", "model": "K |M |component|Substructure|Pencil",
-        "methods": "method", "parts": "part", "joints": "joint", "counts": "count"}
+        "methods": "method", "parts": "part", "joints": "joint", "counts": "count", "ports": "port", "supports": "support",
+        "sensors": "sensor", "shapes": "shape", "path": "file "}
 
 
 def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:

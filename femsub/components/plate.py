@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EQUAL, POSITION, Array, Matrix, choice, finite_number, instance, items, positive_number
+from femsub.checks import EQUAL, POSITION, Array, Matrix, choice, finite_number, instance, items, naming, positive_number
 from femsub.components.bending_elements import (
     CORNERS,
     HERMITE_MEAN,
@@ -103,10 +103,13 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     K = bending * K
     sides = np.ptp(layout.plane, axis=0)
     warn_of_rounding(K, layout.w, bending * sides.prod() / sides.max() ** 4, name, "take larger cells", growth=0.7)
-    held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in supports.items()),
-                           np.zeros(0, dtype=int)])
+    with naming("supports"):
+        held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in supports.items()),
+                               np.zeros(0, dtype=int)])
+    with naming("interface"):
+        joined = {str(where): layout.all_of(mesh.nodes(where)) for where in interface}
     return component(
-        K, steel.rho * h * M, held, {str(where): layout.all_of(mesh.nodes(where)) for where in interface},
+        K, steel.rho * h * M, held, joined,
         {port: layout.column(where, port, held) for port, where in ports.items()}, layout.dofs(), rayleigh, name)
 
 

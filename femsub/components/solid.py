@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from femsub.checks import Array, choice, instance, items, real_array, shown, word
+from femsub.checks import Array, choice, instance, items, naming, real_array, shown, word
 from femsub.components.build import component, optional_mapping
 from femsub.components.mesh import Mesh
 from femsub.components.mesh_checks import refuse_spoilt
@@ -121,8 +121,10 @@ def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | N
         if not axes or set(axes) - set("xyz"):
             raise InputError(f"{what}: {axes!r} for the set {name!r} must be 'clamped' or some of the letters x, y, z")
         chosen = np.zeros((len(mesh.points), 3), dtype=bool)
+        with naming(what):
+            nodes = mesh.nodes(name)
         for axis in axes:
-            chosen[mesh.nodes(name), "xyz".index(axis)] = True
+            chosen[nodes, "xyz".index(axis)] = True
         found[name] = np.flatnonzero(chosen)
     return found
 

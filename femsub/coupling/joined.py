@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra import Equations, block_diagonal, comparable, product, recovered, units
-from femsub.checks import EQUAL, Array, Matrix, instance, items, mapping, word
+from femsub.checks import EQUAL, Array, Matrix, instance, items, mapping, naming, word
 from femsub.coupling.dual import interface_forces
 from femsub.coupling.joints import End, Joint, Link, site
 from femsub.errors import InputError, InputTypeError
@@ -212,7 +212,8 @@ def unjoined(parts: Mapping[str, Substructure], links: Sequence[Link]) -> dict[s
 def listed(parts: Mapping[str, Substructure], ends: Sequence[End]) -> dict[str, Array]:
     chosen: dict[str, list[int]] = {name: [] for name in parts}
     for end in items("interface", ends, "ends, as [('disc', 'left')]"):
-        found = site(parts, end)
+        with naming("interface"):
+            found = site(parts, end)
         chosen[found.part] += found.places.tolist()
     return {name: np.array(list(dict.fromkeys(places)), dtype=np.intp) for name, places in chosen.items()}
 

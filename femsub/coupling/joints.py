@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import POSITION, Array, Matrix, items, positive_number, real_array, shown, word
+from femsub.checks import POSITION, Array, Matrix, items, naming, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 
 if TYPE_CHECKING:
@@ -325,10 +325,12 @@ class Spring(Joint):
     def link(self, parts: Mapping[str, Substructure]) -> Link:
         """The relative motion, with stiffness and damping."""
         rows = {}
-        part, R, one = _motion(parts, self.first)
+        with naming("first"):
+            part, R, one = _motion(parts, self.first)
         rows[part] = R
         if not _is_ground(self.second):
-            name, S, other = _motion(parts, self.second)
+            with naming("second"):
+                name, S, other = _motion(parts, self.second)
             if S.shape[0] != R.shape[0]:
                 raise InputError(f"{title(self.first)} has {R.shape[0]} motions, but {title(self.second)} {S.shape[0]}")
             if one is not None and other is not None:

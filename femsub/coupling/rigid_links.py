@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EQUAL, Array, real_array, word
+from femsub.checks import EQUAL, Array, naming, real_array, word
 from femsub.coupling.joints import End, Joint, Link, Site, site, spatial, stacked, title
 from femsub.errors import InputError
 
@@ -33,7 +33,10 @@ class _OneNode(Joint):
 
     def _sites(self, parts: Mapping[str, Substructure]) -> tuple[tuple[Site, Array], tuple[Site, Array]]:
         """The node and the surface, each with R (k, 6), in units in which rotations are comparable with displacements."""
-        node, surface = (site(parts, end) for end in (self.reference, self.surface))
+        with naming("reference"):
+            node = site(parts, self.reference)
+        with naming("surface"):
+            surface = site(parts, self.surface)
         for one in (node, surface):
             if one.dofs is None or one.dofs.points is None:
                 raise InputError(f"the DOF of {one.title} have no known places: give {one.part!r} a DofMap with points")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EQUAL, Array, Matrix, instance, mapping, positive_number, word
+from femsub.checks import EQUAL, Array, Matrix, instance, mapping, naming, positive_number, word
 from femsub.components import KINDS, Mesh, on_side, patch, reference, shape_functions, side_quadrature, sides_of
 from femsub.coupling.joints import End, Joint, Link, Site, nearest, site, stacked, title
 from femsub.errors import InputError, InputTypeError
@@ -79,7 +79,10 @@ class Tied(Joint):
 
     def link(self, parts: Mapping[str, Substructure]) -> Link:
         """For each DOF of the first surface one equation."""
-        (one, ours), (other, theirs) = (self._surface(parts, end) for end in (self.first, self.second))
+        with naming("first"):
+            one, ours = self._surface(parts, self.first)
+        with naming("second"):
+            other, theirs = self._surface(parts, self.second)
         T = mortar(ours, theirs, self.tol, f"{one.title} and {other.title}")
         assert one.dofs is not None and other.dofs is not None
         blocks = []

@@ -12,7 +12,7 @@ from typing import IO, Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, parsing, path_of, word
+from femsub.checks import Array, Matrix, parsing, path_of, shown, word
 from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
 from femsub.io.damage import THROWN, check_extent, check_indices, check_room, head_of, unreadable_refused
@@ -132,7 +132,8 @@ def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matr
             raise InputError(f"{path.name} has an unknown ending; known are {ENDINGS}")
         named = [name for name in names if name is not None]
         if named:
-            raise InputError(f"{path} holds one matrix without a name. Leave {named[0]!r} out")
+            raise InputError(f"{path} holds one matrix without a name. Leave out {shown(named[0])}, which is given as "
+                             "its name or variable")
         return TextMatrix(guarded(path, read_market), None) if market else read_text_matrix(path)
     found = guarded(path, readers[ending])
     if isinstance(found, Mapping):

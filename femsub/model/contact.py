@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Frozen, as_matrix
-from femsub.checks import Array, Matrix, items, real_array, shown, word
+from femsub.checks import Array, Matrix, items, naming, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 
 log = logging.getLogger(__name__)
@@ -103,7 +103,7 @@ class LinearContact(Frozen):
     def __post_init__(self) -> None:
         names = [self.ports] if isinstance(self.ports, str) else items("ports", self.ports, "names of ports")
         if not names:
-            raise InputError("a contact needs at least one port")
+            raise InputError("ports is empty: a contact needs at least one port")
         found = {name: self._matrix(name) for name in ("stiffness", "damping")}
         given = [matrix for matrix in found.values() if matrix is not None]
         if not given:
@@ -204,7 +204,9 @@ def columns_of(model: Model, contact: Contact) -> Matrix:
     columns = [model.port(name).reshape(model.size, -1) for name in ports]
     for name in sets:
         if name not in model.sets:
-            raise unknown_name(f"interface set of {model.name!r}", name, model.sets)
+            argument = next((key for key, value in vars(contact).items() if isinstance(value, str) and value == name), "sets")
+            with naming(argument):  # as first and second of a FrictionContact
+                raise unknown_name(f"interface set of {model.name!r}", name, model.sets)
         columns.append(model.interface_rows[model.sets[name]].T)
     return sp.csc_array(sp.hstack(columns)) if any(map(sp.issparse, columns)) else np.hstack(columns)
 

@@ -481,7 +481,7 @@ def checked_sets(sets: Mapping[str, Any] | None, count: int) -> dict[str, Array]
     """Named sets of an interface of `count` DOF, each DOF by its place in the interface."""
     found = {}
     for name, places in ({} if sets is None else mapping("sets", sets, "names and places in the interface")).items():
-        what = f"the interface set {word('the name of an interface set', name)!r}"
+        what = f"the interface set {word('a name in sets', name)!r}"
         found[name] = _interface(places, np.iinfo(np.intp).max, what)
         if found[name].max(initial=-1) >= count:
             raise InputError(f"the interface set {name!r} names place {found[name].max()}, but the interface has {count} DOF, "

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Tally, instance, items, mapping, positive_number, real_array, shown, word
+from femsub.checks import EPS, Array, Tally, instance, items, mapping, naming, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, SingularMatrixError, unknown_name, warn
 from femsub.modes.receptance import TOL, FrequencyResponse, loose
 
@@ -100,7 +100,8 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
             raise InputError(f"the part {name!r} has other frequencies than {next(iter(given))!r}: give all of them the same")
     responses = [f"{name}.{one}" for name, part in given.items() for one in part.responses]
     loads = [f"{name}.{one}" for name, part in given.items() for one in part.loads]
-    pairs = [_joint(one, given) for one in items("joints", joints, "pairs of ends, ((part, name), (part, name))")]
+    with naming("joints"):
+        pairs = [_joint(one, given) for one in items("joints", joints, "pairs of ends, ((part, name), (part, name))")]
     if not pairs:
         raise InputError("joints is empty: join at least one motion of two parts")
     B, B_f = (np.zeros((len(pairs), len(names))) for names in (responses, loads))

@@ -66,8 +66,8 @@ class ModeSet(Frozen):
         values, columns = np.atleast_1d(rows("eigenvalues", eigenvalues)), rows("shapes", shapes)
         m, kinds = instance("dofs", dofs, DofMap).size, {values.dtype.kind, columns.dtype.kind}
         if values.ndim != 1 or columns.shape != (m, len(values)) or not kinds <= set("fciu") or not len(values):
-            raise InputError(f"shapes must be numbers of shape ({m}, {values.size}), a row per DOF and a column per eigenvalue, "
-                             f"not {shown(columns)}, with {shown(values)}")
+            raise InputError(f"shapes must be numbers of shape ({m}, {values.size}), a row per DOF and a column for each of the "
+                             f"eigenvalues, {shown(values)}, not {shown(columns)}")
         if not (np.isfinite(values).all() and np.isfinite(columns).all() and (values.imag >= 0).all()):
             raise InputError("eigenvalues and shapes must be finite, and Im λ ≥ 0: give one of each pair")
         if not columns.any(axis=0).all():

@@ -39,6 +39,7 @@ from femsub.checks import (
     choice,
     instance,
     items,
+    naming,
     positive_number,
     real_array,
     rows,
@@ -456,7 +457,8 @@ def _column(model: Substructure, key: Any, what: str) -> Array:
     """Column(s) of a port, of an interface set, or of a DOF."""
     if isinstance(key, str):
         if key in model.ports or key not in model.sets:
-            return model.port(key)
+            with naming(what):
+                return model.port(key)
         joined: Matrix = model.interface_rows[model.sets[key]].T
         return np.asarray(joined.toarray() if sp.issparse(joined) else joined)
     basis = model.V if isinstance(model, ReducedSubstructure) else None

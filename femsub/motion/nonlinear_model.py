@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import factorise
-from femsub.checks import EPS, Array, Matrix, finite_number, instance, real_array
+from femsub.checks import EPS, Array, Matrix, finite_number, instance, naming, real_array
 from femsub.coupling import Belt, width_of
 from femsub.errors import InputError, InputTypeError, NotConvergedError, SingularMatrixError
 from femsub.model import ReducedSubstructure, Substructure, columns_of, contacts_of
@@ -239,7 +239,8 @@ class Sliding:
         blows = size if isinstance(size, Mapping) else {self.ports[0]: size}
         load = np.zeros(self.model.size)
         for port, value in blows.items():
-            column = self.model.port(port).reshape(self.model.size, -1).sum(axis=1)
+            with naming("impulse"):
+                column = self.model.port(port).reshape(self.model.size, -1).sum(axis=1)
             load = load + column * finite_number(f"impulse on {port!r}", value)
         return State(self.equilibrium, mass_solve(self.model.M, load))
 
