@@ -166,7 +166,8 @@ def interpolated(mesh: fs.Mesh, sub: fs.Substructure, f: Callable, fx: Callable,
     x, y = sub.dofs.points.T
     normal = np.zeros((sub.size, 2))
     if mesh.kind == "triangle":
-        normal[len(mesh.points):] = _Layout(mesh)._normals()
+        layout = _Layout(mesh)
+        normal[layout.rows[:, 3:]] = layout.shape[1]
     values = {"w": f(x, y), "w,x": fx(x, y), "w,y": fy(x, y), "w,xy": fxy(x, y),
               "w,n": normal[:, 0] * fx(x, y) + normal[:, 1] * fy(x, y)}
     return np.choose(sub.dofs.components, [values[label] for label in sub.dofs.labels])

@@ -77,7 +77,17 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     """
     supports = optional_mapping("supports", supports, "places and kinds, as {'left': 'clamped'}")
     ports = optional_mapping("ports", ports, "names and places, as {'belt': 0.3}")
-    x = _nodes(length, elements)
+    size = positive_number("length", length)
+    if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
+        x = real_array("the places of nodes (elements)", elements, finite=False)
+        if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=EQUAL) or not (np.diff(x) > 0).all():
+            raise InputError(f"elements, the positions of the nodes, must ascend from 0 to the length {size:.6g}, not "
+                             f"{elements!r:.80}")
+    else:
+        count = whole_number("elements", elements, least=1)
+        # 16 entries of K and M, each with row and column, and four copies while they are summed
+        check_room(f"a beam of {count:.3g} elements", 2 * 16 * 16 * 4.0 * count)
+        x = np.arange(count + 1) * (size / count)
     m = len(x) - 1
     bending = per_part("E", E, m, "element") * per_part("I", I, m, "element")
     mass = per_part("rho", rho, m, "element") * per_part("A", A, m, "element")
@@ -91,34 +101,30 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     def bedding(part: slice) -> tuple[Array]:
         return (bed[part, None, None] * hermite_matrices(h[part])[1],)
 
-    places, size = 2 * np.arange(m)[:, None] + np.arange(4), 2 * (m + 1)
-    K, M = gathered(places, size, matrices)
-    K = free_to_lift(K, np.arange(size) % 2 == 0)
+    rows, lift = 2 * np.arange(m)[:, None] + np.arange(4), np.arange(2 * (m + 1)) % 2 == 0
+    K, M = gathered(rows, len(lift), matrices)
+    K = free_to_lift(K, lift)
     whole = 1 / (float(np.sum(h / bending)) * x[-1] ** 2)  # about a third of a tip's stiffness, 3EI/L³
-    warn_of_rounding(K, np.arange(size) % 2 == 0, whole, name, "take longer elements", growth=0.05)  # 540 equal elements
+    warn_of_rounding(K, lift, whole, name, "take longer elements", growth=0.05)  # 540 equal elements
     if bed.any():
-        K = K + gathered(places, size, bedding)[0]
+        K = K + gathered(rows, len(lift), bedding)[0]
     held = [2 * _node(x, place, "supports") + dof for place, kind in supports.items()
             for dof in SUPPORTS[choice("support", kind, SUPPORTS)]]
     dofs = DofMap(np.repeat(np.arange(1, m + 2), 2), np.tile([0, 1], m + 1), LABELS, np.repeat(x, 2)[:, None])
     interface = items("interface", interface, "places")
+    columns = {}
+    for port, place in ports.items():
+        label: Any = "w"
+        if isinstance(place, tuple):
+            if len(place) != 2:
+                raise InputTypeError(f"port {port!r} must be a place or a pair (place, label), not {place!r:.80}")
+            place, label = place
+        columns[port] = np.zeros(len(lift))
+        at = 2 * _node(x, place, f"port {port!r}")
+        columns[port][at + LABELS.index(choice(f"motion of port {port!r}:", label, LABELS))] = 1.0
     return component(
         K, M, np.array(held, dtype=int), {str(place): 2 * _node(x, place, "interface") + np.arange(2) for place in interface},
-        {port: _column(x, place, f"port {port!r}") for port, place in ports.items()}, dofs, rayleigh, name)
-
-
-def _nodes(length: Any, elements: Any) -> Array:
-    size = positive_number("length", length)
-    if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
-        x = real_array("the places of nodes (elements)", elements, finite=False)
-        if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=EQUAL) or not (np.diff(x) > 0).all():
-            raise InputError(f"elements, the positions of the nodes, must ascend from 0 to the length {size:.6g}, not "
-                             f"{elements!r:.80}")
-        return x
-    count = whole_number("elements", elements, least=1)
-    # 16 entries of K and M, each with row and column, and four copies while they are summed
-    check_room(f"a beam of {count:.3g} elements", 2 * 16 * 16 * 4.0 * count)
-    return np.arange(count + 1) * (size / count)
+        columns, dofs, rayleigh, name)
 
 
 def _node(x: Array, place: Any, what: str) -> int:
@@ -126,14 +132,3 @@ def _node(x: Array, place: Any, what: str) -> int:
         return 0 if choice(f"place in {what}:", place, ("left", "right")) == "left" else len(x) - 1
     where = [finite_number(f"a place in {what}", place)]
     return node_at(x[:, None], 1 + np.arange(len(x)), where, what, POSITION * np.diff(x).min())
-
-
-def _column(x: Array, place: Any, what: str) -> Array:
-    label: Any = "w"
-    if isinstance(place, tuple):
-        if len(place) != 2:
-            raise InputTypeError(f"{what} must be a place or a pair (place, label), not {place!r:.80}")
-        place, label = place
-    w = np.zeros(2 * len(x))
-    w[2 * _node(x, place, what) + LABELS.index(choice(f"motion of {what}:", label, LABELS))] = 1.0
-    return w

@@ -78,11 +78,21 @@ class Mesh(Frozen):
             raise InputError(f"cells must have the shape (m, {CELLS[kind][1]}) for {kind}, not {corners.shape}")
         count = len(places)
         corners = _within("cells", corners, count).reshape(corners.shape)
-        named = np.arange(1, count + 1) if numbers is None else _node_numbers(numbers, count)
+        named = rows("numbers", np.arange(1, count + 1) if numbers is None else numbers)
+        named = named if named.dtype.kind in "iu" else real_array("numbers", named, finite=False)
+        if named.shape != (count,):
+            raise InputError(f"numbers must have {count} entries, one per node, but their shape is {named.shape}")
+        wrong = (named % 1 != 0) | (np.abs(named) >= 2.0**53)
+        if wrong.any():
+            raise InputError(f"numbers must be whole numbers, but node {int(wrong.argmax())}, counted from 0, has "
+                             f"{named[wrong][0]}")
+        different, times = np.unique(named, return_counts=True)
+        if len(different) < count:
+            raise InputError(f"numbers must be unique, but {int(different[times.argmax()])} comes twice")
         node_sets = {key: np.unique(_within(f"set {key!r}", chosen, count)) for key, chosen in _named("sets", sets)}
         cell_sets = {key: np.unique(_within(f"group {key!r}", chosen, len(corners))) for key, chosen in _named("groups", groups)}
         notes = tuple(instance("each of repairs", one, str) for one in items("repairs", repairs, "strings"))
-        self._set(points=places, cells=corners, kind=kind, numbers=named, repairs=notes,
+        self._set(points=places, cells=corners, kind=kind, numbers=named.astype(np.int64), repairs=notes,
                   name=name, sets=node_sets, groups=cell_sets)
 
     def __repr__(self) -> str:
@@ -211,19 +221,6 @@ def corner_nodes(mesh: Mesh, cells: Array, sides: Array) -> Array:
 def _named(what: str, values: Any) -> list[tuple[str, Any]]:
     found = mapping(what, {} if values is None else values, "names and rows, as {'left': [0, 3]}")
     return [(word(f"each name in {what}", name), chosen) for name, chosen in found.items()]
-
-
-def _node_numbers(values: Any, count: int) -> Array:
-    named = raw if (raw := rows("numbers", values)).dtype.kind in "iu" else real_array("numbers", raw, finite=False)
-    if named.shape != (count,):
-        raise InputError(f"numbers must have {count} entries, one per node, but their shape is {named.shape}")
-    wrong = (named % 1 != 0) | (np.abs(named) >= 2.0**53)
-    if wrong.any():
-        raise InputError(f"numbers must be whole numbers, but node {int(wrong.argmax())}, counted from 0, has {named[wrong][0]}")
-    different, times = np.unique(named, return_counts=True)
-    if len(different) < count:
-        raise InputError(f"numbers must be unique, but {int(different[times.argmax()])} comes twice")
-    return named.astype(np.int64)
 
 
 def _within(what: str, values: Any, count: int) -> Array:

@@ -43,9 +43,64 @@ def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
     ordered = np.sort(mesh.cells, axis=1)
     _refuse(mesh, (ordered[:, 1:] == ordered[:, :-1]).any(axis=1), labels, "name a node twice (collapsed cells)",
             "Mesh that part with other cells")
-    mesh, labels = _once(mesh, labels)
-    mesh = _oriented(_used(mesh), labels)
-    return replace(mesh, repairs=tuple(dict.fromkeys((*mesh.repairs, *_notes(mesh)))))
+    # each cell once
+    first = _first_alike(mesh)
+    kept = np.flatnonzero(first == np.arange(len(first)))
+    if len(kept) < len(first):
+        row = np.searchsorted(kept, first)
+        note = f"{plural(len(first) - len(kept), 'cell was', 'cells were')} given twice, kept once"
+        mesh = replace(mesh, cells=mesh.cells[kept], groups={name: row[members] for name, members in mesh.groups.items()},
+                       repairs=(*mesh.repairs, note))
+        labels = labels[kept]
+    # nodes that belong to a cell
+    used = _in_cells(mesh)
+    if not used.all():
+        row = np.cumsum(used) - 1
+        sets = {name: row[nodes[used[nodes]]] for name, nodes in mesh.sets.items()}
+        lost = mesh.numbers[~used]
+        notes = [f"{plural(len(lost), 'node belongs', 'nodes belong')} to no cell, dropped: {listed(lost)}"]
+        notes += [f"the set {name!r} lost {plural(len(nodes) - len(sets[name]), 'node', 'nodes')} by that"
+                  for name, nodes in mesh.sets.items() if len(nodes) > len(sets[name])]
+        mesh = replace(mesh, points=mesh.points[used], cells=row[mesh.cells], sets=sets, numbers=mesh.numbers[used],
+                       repairs=(*mesh.repairs, *notes))
+    # cells that are not inside out
+    low, high, corner_low, corner_high = (np.concatenate(part) for part in zip(*_volumes(mesh), strict=True))
+    mirrored = (high < -POSITION) & (corner_high <= POSITION)
+    sound = (low > POSITION) & (corner_low >= -POSITION)
+    if mesh.kind == "line":
+        wrong, cure = "have no length", "Leave them out, e.g. springs between nodes at the same place, or move their nodes"
+    else:
+        wrong = "are tangled or flat (the Jacobian determinant changes its sign or vanishes)"
+        cure = "move their nodes, or mesh that part anew"
+    _refuse(mesh, ~mirrored & ~sound, labels, wrong, cure)
+    if mirrored.any():
+        if mesh.kind in _PLANE:
+            order = np.array([0, 2, 1] if mesh.kind == "triangle" else [0, 3, 2, 1])
+        else:  # the nodes of the reference element with two axes exchanged
+            nodes = reference(mesh.kind).nodes
+            order = np.abs(nodes[:, None, [1, 0, 2]] - nodes[None, :, :]).max(axis=2).argmin(axis=1)
+        cells = mesh.cells.copy()
+        cells[mirrored] = cells[np.ix_(mirrored, order)]
+        note = f"{mirrored.sum()} of {len(cells)} {mesh.kind} cells were listed in mirrored order, re-ordered"
+        mesh = replace(mesh, cells=cells, repairs=(*mesh.repairs, note))
+        _refuse(mesh, _folded(mesh) & mirrored, labels, "are turned inside out and lie within their neighbours", cure)
+    # what is only noted: nodes that coincide, separate pieces
+    from scipy.spatial import cKDTree
+
+    repairs = list(mesh.repairs)
+    smallest = min(np.linalg.norm(mesh.points[one] - mesh.points[other], axis=1).min()
+                   for one, other in combinations(corners_of(mesh).T, 2))
+    near = min(POSITION * float(np.ptp(mesh.points, axis=0).max()), smallest / 2)
+    pairs = len(cKDTree(mesh.points).query_pairs(near, output_type="ndarray"))
+    if pairs:
+        repairs.append(f"{plural(pairs, 'pair', 'pairs')} of nodes coincide (not merged: their parts are not joined there)")
+    count, k = len(mesh.points), mesh.cells.shape[1]
+    graph = sp.coo_array((np.ones(len(mesh.cells) * (k - 1), dtype=bool),
+                          (np.repeat(mesh.cells[:, 0], k - 1), mesh.cells[:, 1:].ravel())), shape=(count, count))
+    pieces = connected_components(graph, directed=False, return_labels=False)
+    if pieces > 1:
+        repairs.append(f"the mesh is in {pieces} separate pieces")
+    return replace(mesh, repairs=tuple(dict.fromkeys(repairs)))
 
 
 def refuse_spoilt(mesh: Mesh) -> None:
@@ -100,61 +155,31 @@ def plural(count: int, one: str, many: str) -> str:
     return f"{count} {one if count == 1 else many}"
 
 
-def _once(mesh: Mesh, labels: Array) -> tuple[Mesh, Array]:
-    first = _first_alike(mesh)
-    kept = np.flatnonzero(first == np.arange(len(first)))
-    if len(kept) == len(first):
-        return mesh, labels
-    row = np.searchsorted(kept, first)
-    note = f"{plural(len(first) - len(kept), 'cell was', 'cells were')} given twice, kept once"
-    return replace(mesh, cells=mesh.cells[kept], groups={name: row[members] for name, members in mesh.groups.items()},
-                   repairs=(*mesh.repairs, note)), labels[kept]
-
-
-def _used(mesh: Mesh) -> Mesh:
-    used = _in_cells(mesh)
-    if used.all():
-        return mesh
-    row = np.cumsum(used) - 1
-    sets = {name: row[nodes[used[nodes]]] for name, nodes in mesh.sets.items()}
-    lost = mesh.numbers[~used]
-    notes = [f"{plural(len(lost), 'node belongs', 'nodes belong')} to no cell, dropped: {listed(lost)}"]
-    notes += [f"the set {name!r} lost {plural(len(nodes) - len(sets[name]), 'node', 'nodes')} by that"
-              for name, nodes in mesh.sets.items() if len(nodes) > len(sets[name])]
-    return replace(mesh, points=mesh.points[used], cells=row[mesh.cells], sets=sets, numbers=mesh.numbers[used],
-                   repairs=(*mesh.repairs, *notes))
-
-
-def _oriented(mesh: Mesh, labels: Array) -> Mesh:
-    low, high, corner_low, corner_high = (np.concatenate(part) for part in zip(*_volumes(mesh), strict=True))
-    mirrored = (high < -POSITION) & (corner_high <= POSITION)
-    sound = (low > POSITION) & (corner_low >= -POSITION)
-    if mesh.kind == "line":
-        wrong, cure = "have no length", "Leave them out, e.g. springs between nodes at the same place, or move their nodes"
-    else:
-        wrong = "are tangled or flat (the Jacobian determinant changes its sign or vanishes)"
-        cure = "move their nodes, or mesh that part anew"
-    _refuse(mesh, ~mirrored & ~sound, labels, wrong, cure)
-    if not mirrored.any():
-        return mesh
-    cells = mesh.cells.copy()
-    cells[mirrored] = cells[np.ix_(mirrored, _mirror(mesh.kind))]
-    note = f"{mirrored.sum()} of {len(cells)} {mesh.kind} cells were listed in mirrored order, re-ordered"
-    mesh = replace(mesh, cells=cells, repairs=(*mesh.repairs, note))
-    _refuse(mesh, _folded(mesh) & mirrored, labels, "are turned inside out and lie within their neighbours",
-            "move their nodes, or mesh that part anew")
-    return mesh
-
-
 def _volumes(mesh: Mesh) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Smallest and largest det ∂x/∂X over the product of the edge lengths, at quadrature points and at corners."""
+    """Smallest and largest det ∂x/∂X over the product of the edge lengths, at quadrature points and at corners.
+
+    Of plane cells it is signed if all lie in one plane z = const, else relative to the cell's own normal.
+    """
     if mesh.kind == "line":
         length = np.linalg.norm(mesh.points[mesh.cells[:, 1]] - mesh.points[mesh.cells[:, 0]], axis=1)
         share = length / max(length.max(), np.finfo(float).tiny)
         yield share, share, share, share
         return
     if mesh.kind in _PLANE:
-        yield _areas(mesh)
+        points = np.zeros((len(mesh.points), 3))
+        points[:, :mesh.points.shape[1]] = mesh.points
+        triangles = points[mesh.cells[:, _PLANE[mesh.kind]]]
+        one, other = triangles[:, :, 1] - triangles[:, :, 0], triangles[:, :, 2] - triangles[:, :, 0]
+        cross = np.cross(one, other)
+        normal = cross.sum(axis=1)
+        size = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
+        if np.ptp(points[:, 2]) <= EQUAL * size:
+            normal = np.array([[0.0, 0.0, 1.0]])
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
+        edges = np.linalg.norm(one, axis=2) * np.linalg.norm(other, axis=2)
+        share = (cross * normal[:, None, :]).sum(axis=2) / np.maximum(edges, np.finfo(float).tiny)
+        whole = (cross.sum(axis=1) * normal).sum(axis=1) / np.maximum(edges.sum(axis=1), np.finfo(float).tiny)
+        yield whole, whole, share.min(axis=1), share.max(axis=1)
         return
     element = reference(mesh.kind)
     inside, _ = quadrature(mesh.kind, 2 * element.degree)
@@ -167,32 +192,6 @@ def _volumes(mesh: Mesh) -> Iterator[tuple[Array, Array, Array, Array]]:
         yield at.min(axis=1), at.max(axis=1), corners.min(axis=1), corners.max(axis=1)
 
 
-def _areas(mesh: Mesh) -> tuple[Array, Array, Array, Array]:
-    """The same for plane cells: signed if all lie in one plane z = const, else relative to the cell's own normal."""
-    points = np.zeros((len(mesh.points), 3))
-    points[:, :mesh.points.shape[1]] = mesh.points
-    corners = points[mesh.cells[:, _PLANE[mesh.kind]]]
-    one, other = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
-    cross = np.cross(one, other)
-    normal = cross.sum(axis=1)
-    size = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
-    if np.ptp(points[:, 2]) <= EQUAL * size:
-        normal = np.array([[0.0, 0.0, 1.0]])
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
-    edges = np.linalg.norm(one, axis=2) * np.linalg.norm(other, axis=2)
-    share = (cross * normal[:, None, :]).sum(axis=2) / np.maximum(edges, np.finfo(float).tiny)
-    whole = (cross.sum(axis=1) * normal).sum(axis=1) / np.maximum(edges.sum(axis=1), np.finfo(float).tiny)
-    return whole, whole, share.min(axis=1), share.max(axis=1)
-
-
-def _mirror(kind: str) -> Array:
-    """The order that turns a cell inside out: the nodes of the reference element with two axes exchanged."""
-    if kind in _PLANE:
-        return np.array([0, 2, 1] if kind == "triangle" else [0, 3, 2, 1])
-    nodes = reference(kind).nodes
-    return np.abs(nodes[:, None, [1, 0, 2]] - nodes[None, :, :]).max(axis=2).argmin(axis=1)
-
-
 def _folded(mesh: Mesh) -> Array:
     """Cells on the same side of a face as a neighbour: both list the face's corners in the same sense."""
     sides = np.array(reference(mesh.kind).faces) if mesh.kind in KINDS else sides_of(mesh.kind, "edges")
@@ -202,22 +201,3 @@ def _folded(mesh: Mesh) -> Array:
     sense = after < before if size > 2 else start == 0
     key = 2 * distinct_sides(mesh, sides)[1] + sense[:, :, 0]
     return (np.bincount(key.ravel())[key] > 1).any(axis=1)
-
-
-def _notes(mesh: Mesh) -> tuple[str, ...]:
-    from scipy.spatial import cKDTree
-
-    notes = []
-    smallest = min(np.linalg.norm(mesh.points[one] - mesh.points[other], axis=1).min()
-                   for one, other in combinations(corners_of(mesh).T, 2))
-    pairs = len(cKDTree(mesh.points).query_pairs(min(POSITION * float(np.ptp(mesh.points, axis=0).max()), smallest / 2),
-                                                     output_type="ndarray"))
-    if pairs:
-        notes.append(f"{plural(pairs, 'pair', 'pairs')} of nodes coincide (not merged: their parts are not joined there)")
-    count, k = len(mesh.points), mesh.cells.shape[1]
-    graph = sp.coo_array((np.ones(len(mesh.cells) * (k - 1), dtype=bool),
-                          (np.repeat(mesh.cells[:, 0], k - 1), mesh.cells[:, 1:].ravel())), shape=(count, count))
-    pieces = connected_components(graph, directed=False, return_labels=False)
-    if pieces > 1:
-        notes.append(f"the mesh is in {pieces} separate pieces")
-    return tuple(notes)

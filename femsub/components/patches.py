@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femsub.checks import Array
+from femsub.checks import POSITION, Array
 from femsub.components.mesh import Mesh, boundary_faces, corner_nodes, corners_of, edges_of, edges_within, sides_of
 from femsub.components.mesh_checks import listed
 from femsub.components.solid_elements import jacobians, on_side, quadrature, reference, shape_functions, side_quadrature
@@ -129,11 +129,18 @@ def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
     normal : ndarray, shape (3,)
     """
     found = patch(mesh, name, what)
-    average, normal = np.zeros(len(mesh.points)), np.zeros(3)
+    average, normal, element = np.zeros(len(mesh.points)), np.zeros(3), reference(mesh.kind)
     if found.kind == "nodes":
         average[found.nodes] = 1.0
     for side in np.unique(found.sides):
-        X, tangents, w = _quadrature(mesh.kind, found.kind, side)
+        if found.kind == "cells":
+            degree = 4 * element.degree - (3 if mesh.kind.startswith("tetra") else 1)  # of N det J
+            (X, w), tangents = quadrature(mesh.kind, degree), np.eye(3)
+        else:
+            corners = (element.faces if found.kind == "faces" else element.edges)[side]
+            # exact on flat parallelograms and straight edges; the length of a curved edge is no polynomial, so four Gauss points
+            s, w = side_quadrature(len(corners), 2 * element.degree if found.kind == "faces" else 7)
+            X, tangents = on_side(mesh.kind, corners, s)
         N, dN = shape_functions(mesh.kind, X)
         chosen = found.sides == side
         members = mesh.cells[found.cells[chosen]]
@@ -144,19 +151,8 @@ def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
         if found.kind == "faces":
             normal += (vector * w[:, None]).sum(axis=(0, 1))
     length, whole = float(np.linalg.norm(normal)), float(average.sum())
-    # normals of a closed surface cancel: the remainder is rounding, not a direction
-    return average / whole, normal / length if length > 1e-6 * whole else np.zeros(3)
-
-
-def _quadrature(kind: str, what: str, side: int) -> tuple[Array, Array, Array]:
-    """Points (q, 3) in the reference cell, on one of its faces or edges, the tangents there (1 to 3, 3), and weights (q,)."""
-    element = reference(kind)
-    if what == "cells":
-        X, w = quadrature(kind, 4 * element.degree - (3 if kind.startswith("tetra") else 1))  # the degree of N det J
-        return X, np.eye(3), w
-    corners = (element.faces if what == "faces" else element.edges)[side]
-    s, w = side_quadrature(len(corners), 2 * element.degree if what == "faces" else 7)
-    return *on_side(kind, corners, s), w
+    # normals of a closed surface cancel: the remainder is that of the points' digits, not a direction
+    return average / whole, normal / length if length > POSITION * whole else np.zeros(3)
 
 
 def _patch(kind: str, nodes: Array, cells: Array, sides: Array | None = None) -> Patch:

@@ -21,7 +21,7 @@ from femsub.components.bending_elements import (
 from femsub.components.build import component, gathered, node_at, optional_mapping, warn_of_rounding
 from femsub.components.mesh import Mesh, edges_of, edges_within, sides_of
 from femsub.components.mesh_checks import refuse_spoilt
-from femsub.components.patches import Patch, patch
+from femsub.components.patches import patch
 from femsub.components.solid_assembly import Material
 from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap, Substructure
@@ -146,15 +146,13 @@ class _Layout:
         if flat.any():
             raise InputError(f"{int(flat.sum())} triangles of {self.mesh.name!r} are flat. The first is cell "
                              f"{int(flat.argmax())}, counted from 0. Mesh that part anew")
-        return np.hstack([cells, len(self.plane) + edges]), (corners, self._normals()[edges])
-
-    def _normals(self) -> Array:
-        """Unit normals of the edges (f, 2), pointing to +x, or to +y if the edge is parallel to x."""
+        # unit normals of the edges (f, 2), pointing to +x, or to +y if the edge is parallel to x
         along = self.plane[self.ends[:, 1]] - self.plane[self.ends[:, 0]]
         along = along / np.linalg.norm(along, axis=1)[:, None]
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
         leading = np.where(np.abs(normal[:, 0]) > POSITION, normal[:, 0], normal[:, 1])
-        return normal * np.sign(leading)[:, None]
+        normal = normal * np.sign(leading)[:, None]
+        return np.hstack([cells, len(self.plane) + edges]), (corners, normal[edges])
 
     def _rectangles(self) -> tuple[Array, tuple[Array, ...]]:
         """The DOF, corners as in CORNERS, and the sides (m, 2)."""
@@ -204,7 +202,17 @@ class _Layout:
                 over = morley_integrals if self.triangles else bfs_integrals
                 np.add.at(w, self.rows[found.cells], over(*(values[found.cells] for values in self.shape)))
             elif not np.isin(self.w[found.nodes], held).all():  # along a support w is 0 (for triangles at nodes only)
-                rows, integrals = (self._along_triangles if self.triangles else self._along_rectangles)(found)
+                if self.triangles:  # ∫ φ ds. Between two triangles, whose functions differ there, the mean of both sides counts
+                    corners, normals = (values[found.cells] for values in self.shape)
+                    rows, integrals = self.rows[found.cells], morley_edge_integrals(corners, normals, (found.sides + 2) % 3)
+                else:  # a cubic on each edge
+                    ends = self.mesh.cells[found.cells[:, None], sides_of("quad", "edges")[found.sides]]
+                    along = self.plane[ends[:, 1]] - self.plane[ends[:, 0]]
+                    axis = np.abs(along).argmax(axis=1)
+                    step = np.take_along_axis(along, axis[:, None], axis=1)
+                    rows = 4 * np.repeat(ends, 2, axis=1)
+                    rows[:, 1::2] += 1 + axis[:, None]
+                    integrals = np.abs(step) * HERMITE_MEAN * np.where(np.arange(4) % 2, step, 1.0)
                 np.add.at(w, rows, found.share[:, None] * integrals)
             lift = w[self.w].sum()  # of w = 1 everywhere
             return w / lift if lift else w
@@ -214,21 +222,6 @@ class _Layout:
         near = POSITION * np.ptp(self.plane, axis=0).max()
         w[self.w[node_at(self.plane, self.mesh.numbers, place, f"port {port!r}", near)]] = 1.0
         return w
-
-    def _along_triangles(self, found: Patch) -> tuple[Array, Array]:
-        """DOF, and ∫ φ ds along edges. Between two triangles, whose functions differ there, the mean of both sides counts."""
-        corners, normals = (values[found.cells] for values in self.shape)
-        return self.rows[found.cells], morley_edge_integrals(corners, normals, (found.sides + 2) % 3)
-
-    def _along_rectangles(self, found: Patch) -> tuple[Array, Array]:
-        """DOF, and ∫ φ ds along edges, with a cubic on each."""
-        ends = self.mesh.cells[found.cells[:, None], sides_of("quad", "edges")[found.sides]]
-        along = self.plane[ends[:, 1]] - self.plane[ends[:, 0]]
-        axis = np.abs(along).argmax(axis=1)
-        step = np.take_along_axis(along, axis[:, None], axis=1)
-        rows = 4 * np.repeat(ends, 2, axis=1)
-        rows[:, 1::2] += 1 + axis[:, None]
-        return rows, np.abs(step) * HERMITE_MEAN * np.where(np.arange(4) % 2, step, 1.0)
 
     def dofs(self) -> DofMap:
         """The DOF map: w, w,x, w,y, w,xy at nodes; or w at nodes and w,n in the middle of edges, whose numbers follow."""

@@ -83,7 +83,28 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     held = np.concatenate([np.zeros(0, dtype=int), *_motions(mesh, "supports", supports).values()])
     joined = _motions(mesh, "interface", interface)
     ports = optional_mapping("ports", ports, "names and (set, direction)")
-    columns = {key: _port(mesh, key, value) for key, value in ports.items()}
+    columns = {}
+    for key, value in ports.items():
+        try:
+            place, direction = value
+        except (TypeError, ValueError):
+            raise InputTypeError(f"port {key!r} must be (set of nodes, direction), e.g. ('contact', 'x'), not {value!r}"
+                                 ) from None
+        average, normal = solid_average(mesh, place, f"port {key!r}")
+        if isinstance(direction, str):
+            choice(f"direction of port {key!r}:", direction, DIRECTIONS)
+            axis = direction.removeprefix("-")
+            vector = normal if axis == "normal" else np.eye(3)["xyz".index(axis)]
+            vector = -vector if direction.startswith("-") else vector
+        else:
+            vector = real_array(f"the direction of port {key!r}", direction, finite=False)
+        length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
+        if not 0 < length < np.inf:
+            why = "three numbers, not all 0, are needed"
+            if isinstance(direction, str):
+                why = f"only faces of the surface have a normal, and {place!r} holds none, or is closed in itself"
+            raise InputError(f"port {key!r}: {direction!r} is not a direction: {why}")
+        columns[key] = np.outer(average, vector / length).ravel()
     materials = materials_of(mesh, material)
     K, M = stiffness_and_mass(mesh, materials)
     lossy = [(replace(one, E=one.loss * one.E), cells) for one, cells in materials if one.loss]
@@ -127,25 +148,3 @@ def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | N
             chosen[nodes, "xyz".index(axis)] = True
         found[name] = np.flatnonzero(chosen)
     return found
-
-
-def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
-    try:
-        place, direction = value
-    except (TypeError, ValueError):
-        raise InputTypeError(f"port {name!r} must be (set of nodes, direction), e.g. ('contact', 'x'), not {value!r}") from None
-    average, normal = solid_average(mesh, place, f"port {name!r}")
-    if isinstance(direction, str):
-        choice(f"direction of port {name!r}:", direction, DIRECTIONS)
-        axis = direction.removeprefix("-")
-        vector = normal if axis == "normal" else np.eye(3)["xyz".index(axis)]
-        vector = -vector if direction.startswith("-") else vector
-    else:
-        vector = real_array(f"the direction of port {name!r}", direction, finite=False)
-    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
-    if not 0 < length < np.inf:
-        why = "three numbers, not all 0, are needed"
-        if isinstance(direction, str):
-            why = f"only faces of the surface have a normal, and {place!r} holds none, or is closed in itself"
-        raise InputError(f"port {name!r}: {direction!r} is not a direction: {why}")
-    return np.outer(average, vector / length).ravel()

@@ -90,9 +90,13 @@ def stiffness_and_mass(mesh: Mesh, materials: list[tuple[Material, Array]], degr
     stiffness, mass = np.zeros((pattern.size, 9)), np.zeros(pattern.size)
     for material, cells, N, root, G in at_points(mesh, materials, degree):
         keep, blocks, add = pattern.places(cells)
-        pairs, single = _products(N, root, G)
-        stiffness[blocks] += add @ (pairs.reshape(-1, 9)[keep] @ _moduli(material))
-        mass[blocks] += add @ (material.rho * single.reshape(-1)[keep])
+        m, q, k, _ = G.shape
+        # ∫ ∂N_i/∂x_b ∂N_j/∂x_d dV over i, j, b, d; both factors are the same array, for which matmul calls a symmetric kernel
+        G = G.reshape(m, q, 3 * k)
+        pairs = (G.swapaxes(1, 2) @ G).reshape(m, k, 3, k, 3).transpose(0, 1, 3, 2, 4).reshape(-1, 9)
+        stiffness[blocks] += add @ (pairs[keep] @ _moduli(material))
+        S = N * root[..., None]
+        mass[blocks] += add @ (material.rho * (S.swapaxes(1, 2) @ S).reshape(-1)[keep])  # ∫ N_i N_j dV over i, j
     return pattern.spread(stiffness), pattern.spread_diagonal(mass)
 
 
@@ -112,11 +116,18 @@ def at_points(mesh: Mesh, materials: list[tuple[Material, Array]],
     G : ndarray, shape (m, q, k, 3)
         root ∂N/∂x. A product of two of these, summed over the points, is an integral.
     """
+    size = max(1, CHUNK // (8 * 20 * mesh.cells.shape[1]**2))  # cells at a time
     for material, members in materials:
-        for cells, exact in _split(mesh, members, degree):
-            X, w = quadrature(mesh.kind, exact)
-            N, dN = shape_functions(mesh.kind, X)
-            yield material, cells, N, *_gradients(mesh.points, mesh.cells[cells], dN, w)
+        for start in range(0, len(members), 8 * size):
+            part = members[start:start + 8 * size]
+            degrees = exact_degree(mesh, part) if degree is None else np.full(len(part), degree)
+            for exact in np.unique(degrees).tolist():
+                X, w = quadrature(mesh.kind, exact)
+                N, dN = shape_functions(mesh.kind, X)
+                chosen = part[degrees == exact]
+                for i in range(0, len(chosen), size):
+                    cells = chosen[i:i + size]
+                    yield material, cells, N, *_gradients(mesh.points, mesh.cells[cells], dN, w)
 
 
 def exact_degree(mesh: Mesh, cells: Array) -> Array:
@@ -125,18 +136,6 @@ def exact_degree(mesh: Mesh, cells: Array) -> Array:
     J = jacobians(mesh.points, mesh.cells[cells], shape_functions(mesh.kind, corners)[1])
     spread = np.abs(J - J[:, :1]).max(axis=(1, 2, 3)) > EQUAL * np.abs(J).max(axis=(1, 2, 3))
     return 2 * reference(mesh.kind).degree + 2 * spread
-
-
-def _split(mesh: Mesh, members: Array, degree: int | None) -> Iterator[tuple[Array, int]]:
-    """Chunks of cells of one quadrature."""
-    nodes = mesh.cells.shape[1]
-    size = max(1, CHUNK // (8 * 20 * nodes**2))
-    for start in range(0, len(members), 8 * size):
-        part = members[start:start + 8 * size]
-        degrees = exact_degree(mesh, part) if degree is None else np.full(len(part), degree)
-        for one in np.unique(degrees):
-            chosen = part[degrees == one]
-            yield from ((chosen[i:i + size], int(one)) for i in range(0, len(chosen), size))
 
 
 def _gradients(points: Array, cells: Array, dN: Array, w: Array) -> tuple[Array, Array]:
@@ -160,16 +159,6 @@ def _cross(a: Array, b: Array) -> Array:
     for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
         result[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
     return result
-
-
-def _products(N: Array, root: Array, G: Array) -> tuple[Array, Array]:
-    """∫ ∂N_i/∂x_b ∂N_j/∂x_d dV as (m, k, k, 3, 3) over i, j, b, d, and ∫ N_i N_j dV as (m, k, k)."""
-    m, q, k, _ = G.shape
-    # both factors of each product are the same array, for which matmul calls a symmetric kernel
-    G = G.reshape(m, q, 3 * k)
-    pairs = (G.swapaxes(1, 2) @ G).reshape(m, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
-    S = N * root[..., None]
-    return np.ascontiguousarray(pairs), S.swapaxes(1, 2) @ S
 
 
 def _moduli(material: Material) -> Array:
