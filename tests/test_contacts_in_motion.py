@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import femsub as fs
 from femsub.checks import Array
-from femsub.coupling.contacts.friction_in_motion import SLOW
+from femsub.coupling.contacts.friction_in_motion import FrictionInMotion
 from femsub.model.contact import small_matrices
 from femsub.motion.cycles.balance import Balance, Orbit
 from femsub.motion.cycles.compliance import compliance
@@ -379,7 +379,7 @@ def test_the_force_of_a_block_that_moves_as_a_whole(lift: float, vx: float, vy: 
     found = axes @ (W @ f)
     pressure = max(P - K * lift, 0.0)
     w = np.array([V - vx, -vy])
-    size = max(float(np.hypot(*w)), SLOW * V)
+    size = max(float(np.hypot(*w)), FrictionInMotion.slow * V)
     friction = (MU + SLOPE * (size - V)) * pressure * w / size - [MU * P, 0.0]
     np.testing.assert_allclose(found, AREA * np.append(friction, pressure - P), atol=1e-9 * P * AREA)
 

@@ -12,6 +12,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from femsub.algebra import (
+    ROUNDING,
+    SUMS,
     block_diagonal,
     congruent,
     eliminate,
@@ -51,9 +53,6 @@ from femsub.model import Carried, DofMap, Joined, ReducedSubstructure, Substruct
 
 if TYPE_CHECKING:
     from femsub.model import Estimate
-
-FAINT = 1e-12  # mass in units of stiffness over a typical ω², of which 4e-15 (`without_dust`) is no mass
-FULL = 0.3  # of all entries that are not 0: from here on a system of full and reduced parts is kept dense
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -381,54 +380,34 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     if not weakly:
         matrices = _matrices(parts, springs, joined, equations.unit, dense)
     M, D, K = matrices if len(joined.owner) and not weakly else _settled(parts, springs, joined, matrices)
-    if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
+    # a system of full and reduced parts is kept dense from the share of entries on from which `product` multiplies dense matrices
+    if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > 0.3 * K.shape[0] ** 2:
         M, D, K = (A.toarray() for A in (M, D, K))
     L = joined.S if sp.issparse(K) else joined.S.toarray()
-    unit = reach(joined.S, equations.unit)
-    ports = {f"{part}.{port}": _port(L[rows], w, unit, equations.unit[rows])
-             for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True) for port, w in sub.ports.items()}
+    unit, ports, losses = reach(joined.S, equations.unit), {}, []
+    noise = [np.zeros((L.shape[1], 0))]  # the rounding of all projections in D: that of the parts, and that of LᵀDL
+    for (key, part), rows in zip(parts.items(), rows_of_parts(parts), strict=True):
+        noise += [abs(joined.S[rows]).T @ part.noise, size_of_products(part.D, joined.S[rows])]
+        if part.H is not None:
+            losses.append(L[rows].T @ (part.H @ L[rows]))
+        for port, w in part.ports.items():
+            # Lᵀw, exactly 0 where the joints hold the port: else it would lose its stability at a slope of 1e30
+            loads = w.reshape(len(w), -1)
+            whole = (np.abs(loads) * equations.unit[rows, None]).max(axis=0, initial=0.0)
+            ports[f"{key}.{port}"] = links_without_rounding([(loads.T @ L[rows], whole)], unit).T.reshape(-1, *w.shape[1:])
+    H = sum(losses[1:], losses[0]) if losses else None
+    multipliers: dict[str, Matrix] = {}
+    for number in dict.fromkeys(joined.owner.tolist()):
+        key = repr(joints[number])
+        if key in multipliers:
+            raise InputError(f"two joints are called {key!r}, so their multipliers share a name: give each a name=")
+        multipliers[key] = joined.G[np.flatnonzero(joined.owner == number)]
     motion = Joined(tuple(parts.values()), joined.S, units_of_energy(parts), equations.A,
                     *(tuple(sp.csr_array(C) @ R for R, link in springs if np.any(C := getattr(link, key)))
                       for key in ("stiffness", "damping")))
     return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),
-                  redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly,
-                  rigid_motion=motion, noise=_noise(parts, joined.S), H=_structural(parts, L))
-
-
-def _noise(parts: Mapping[str, Substructure], L: Matrix) -> Array:
-    """The rounding of all projections in D: that of the parts, and that of LᵀDL."""
-    found = [np.zeros((L.shape[1], 0))]
-    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
-        found += [abs(L[rows]).T @ part.noise, size_of_products(part.D, L[rows])]
-    return np.hstack(found)
-
-
-def _structural(parts: Mapping[str, Substructure], L: Matrix) -> Matrix | None:
-    """LᵀHL of the parts that have structural damping; None where none has."""
-    found = [L[rows].T @ (part.H @ L[rows]) for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True)
-             if part.H is not None]
-    if not found:
-        return None
-    H = sum(found[1:], found[0])
-    return (H + H.T) / 2
-
-
-def _port(L: Matrix, w: Array, unit: Array, before: Array) -> Array:
-    """Lᵀw, exactly 0 where the joints hold the port: else it would lose its stability at a slope of 1e30."""
-    columns = w.reshape(len(w), -1)
-    whole = (np.abs(columns) * before[:, None]).max(axis=0, initial=0.0)
-    return links_without_rounding([(columns.T @ L, whole)], unit).T.reshape(-1, *w.shape[1:])
-
-
-def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
-    """The rows of G of each joint, by its name."""
-    found = {}
-    for number in dict.fromkeys(joined.owner.tolist()):
-        name = repr(joints[number])
-        if name in found:
-            raise InputError(f"two joints are called {name!r}, so their multipliers share a name: give each a name=")
-        found[name] = joined.G[np.flatnonzero(joined.owner == number)]
-    return found
+                  redundant=redundant, multipliers=multipliers, spurious=spurious, assembly=assembly, rigid_motion=motion,
+                  noise=np.hstack(noise), H=None if H is None else (H + H.T) / 2)
 
 
 def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix, Link]], joined: Multiplied,
@@ -491,7 +470,8 @@ def _settled(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix, 
             bound["K"] += moved.multiply(abs(link.stiffness) @ moved).sum(axis=0)
     M, D, K = matrices
     stiffness = np.abs(K.diagonal())
-    # the square of a rounding, beside the stiffness of the coordinate
-    bound["M"] = np.maximum(bound["M"], FAINT * stiffness[mixed] / units(M.diagonal(), stiffness)[1])
+    # links up to ROUNDING of a motion are none, so a mass up to the square of that, beside the stiffness of the coordinate
+    least = ROUNDING**2 * stiffness[mixed] / units(M.diagonal(), stiffness)[1]
+    bound["M"] = np.maximum(bound["M"], least / SUMS)  # of which `without_dust` takes SUMS
     M, K = (without_dust(A, np.bincount(mixed, bound[key], len(stiffness))) for key, A in (("M", M), ("K", K)))
     return M, D, K

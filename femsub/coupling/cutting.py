@@ -146,27 +146,22 @@ def cut(model: Mesh | Substructure, build: Callable[..., Substructure] | None = 
                              f"material=steel), not {build!r:.60}")
     if (into is None) == (sets is None):
         raise InputError("give either into, the number of parts, or sets, groups of cells that become parts")
-    return _cut_mesh(model, build, into, sets, arguments)
-
-
-def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: Sequence[str] | None,
-              arguments: Mapping[str, Any]) -> Cut:
-    whole = build(mesh, **arguments)
-    if (dofs := instance("what build returns", whole, Substructure).dofs) is None:
+    whole = instance("what build returns", build(model, **arguments), Substructure)
+    if whole.dofs is None:
         raise InputError("the component that build returns has no map of its DOF (dofs=), by which parts find theirs")
-    if sets is None:
-        cells = _pieces(mesh, into, [dofs.nodes[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]
-                                     for w in whole.ports.values()])
+    if into is not None:
+        cells = _pieces(model, into, [whole.dofs.nodes[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]
+                                      for w in whole.ports.values()])
     else:
-        cells = mesh.cells_in(items("sets", sets, "names of groups of cells"), "sets")
+        cells = model.cells_in(items("sets", sets, "names of groups of cells"), "sets")
     if empty := [name for name, chosen in cells.items() if not len(chosen)]:
-        raise InputError(f"sets: the group {empty[0]!r} of the mesh {mesh.name!r} is empty; leave it out")
+        raise InputError(f"sets: the group {empty[0]!r} of the mesh {model.name!r} is empty; leave it out")
     own = {key: value for key, value in arguments.items() if key not in PLACES}
     matrices, rows, meshes = {}, {}, {}
     for name, chosen in cells.items():
-        meshes[name], nodes = _piece(mesh, chosen, name)
+        meshes[name], nodes = _piece(model, chosen, name)
         part = build(meshes[name], **own)
-        rows[name], kept = _places(whole.dofs, part.dofs, mesh, meshes[name], nodes)
+        rows[name], kept = _places(whole.dofs, part.dofs, model, meshes[name], nodes)
         matrices[name] = tuple(A if len(kept) == part.size else A[kept][:, kept] for A in (part.M, part.D, part.K))
     return replace(_joined(whole, rows, matrices), cells=cells, meshes=meshes)
 
@@ -295,7 +290,14 @@ def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, 
     names, count = list(rows), whole.size
     member = np.stack([np.isin(np.arange(count), own) for own in rows.values()], axis=1)
     cut_sets, joints = _meetings(names, member)
-    owner = _owners(whole, names, member)
+    owner = {}  # the part that has each port: the first that has all of its DOF
+    for key, w in whole.ports.items():
+        under = member[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]
+        if not under.all(axis=0).any():
+            touched = ", ".join(repr(names[k]) for k in np.flatnonzero(under.any(axis=0)))
+            raise InputError(f"the port {key!r} lies across the parts {touched}, and a port belongs to one part. Choose groups "
+                             "of cells that leave it whole, or fewer parts")
+        owner[key] = names[int(under.all(axis=0).argmax())]
     named = {key: whole.interface[places] for key, places in whole.sets.items()} | cut_sets
     if twice := set(whole.sets) & set(cut_sets):
         raise InputError(f"the interface set {min(twice)!r} has the name of the DOF that these parts share: give it another one")
@@ -330,19 +332,6 @@ def _meetings(names: Sequence[str], member: Array) -> tuple[dict[str, Array], tu
         sets[key] = shared[number.ravel() == at]
         joints.append(Rigid(*((name, key) for name in meeting), tol=np.inf, name=key))  # all list them in one order
     return sets, tuple(joints)
-
-
-def _owners(whole: Substructure, names: Sequence[str], member: Array) -> dict[str, str]:
-    """The part that has each port: the first that has all of its DOF."""
-    found = {}
-    for key, w in whole.ports.items():
-        under = member[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]
-        if not under.all(axis=0).any():
-            touched = ", ".join(repr(names[k]) for k in np.flatnonzero(under.any(axis=0)))
-            raise InputError(f"the port {key!r} lies across the parts {touched}, and a port belongs to one part. Choose groups "
-                             "of cells that leave it whole, or fewer parts")
-        found[key] = names[int(under.all(axis=0).argmax())]
-    return found
 
 
 def cut_chain(n: int, pieces: int, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import DEPENDENT, ROUNDING, Equations, congruent, eliminate, independent, product, units
+from femsub.algebra import DEPENDENT, ROUNDING, SINGULAR, Equations, congruent, eliminate, independent, product, units
 from femsub.checks import DENSE, EPS, Array, Matrix
 from femsub.errors import InputError, MissedModesError
 
@@ -18,8 +19,7 @@ if TYPE_CHECKING:
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
 SOFT = 1e4 * DEPENDENT  # relative residual flexibility above which no combination of joint forces is near to being stiff
-SHIFT = 1e-4  # the shift, relative to a typical ω²
-INFINITE = 64 * EPS  # ω² is infinite if 1/(ω² + shift) is below this share of the largest
+SHIFT = EPS**0.25  # the shift, relative to a typical ω²: of a rigid motion's θ = 1/shift solves lose a quarter of the digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,52 +97,36 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, own: Matrix, com
     rows = independent(Equations(sp.csr_array(equations.A @ L), unit, unit > 0, equations.owner), np.where(size > 0, size, 1.0))
     A, F, owner = equations.A[rows], sp.csr_array(forces[:, rows]), equations.owner[rows]
     stay = np.flatnonzero((np.diff(forces.indptr) + np.diff(own.indptr) > 0).astype(float) @ abs(L) == 0)
-    L, unit, yielding = _yielding(sp.csr_array(L[:, stay]), unit[stay], own, compliance, K)
+    # L beside combinations of the forces `own` that have residual flexibility
+    scale, alone = compliance ** -0.5, congruent(K, own)
+    values, turn = np.linalg.eigh(alone.toarray() * np.outer(scale, scale))
+    turn = scale[:, None] * turn[:, values > DEPENDENT]
+    yielding = product(own, sp.csr_array(turn))
+    L = sp.csr_array(sp.hstack([L[:, stay], yielding]))
+    unit = np.append(unit[stay], np.einsum("ij,ij->j", turn, alone @ turn) ** -0.5)
     if not F.nnz:
         return _beside(L, F, sp.eye_array(len(rows), format="csr"), A, unit, owner)
-    F = _beyond(F, L[:, yielding], K)
+    # F without what these do, FᵀK own = 0: they take their share of λ, and in their place stands their sum with it. Else a λ
+    # whose whole response they can give as well would have no flexibility and no mass, up to rounding, whose sign decides about
+    # a mode. It is a stiff one instead
+    bent = product(K, yielding)
+    share = np.linalg.solve(product(yielding.T, bent).toarray(), product(bent.T, F).toarray())
+    F = sp.csr_array(F - product(yielding, sp.csr_array(share)))
     AL = sp.csr_array(A @ L)
     size = np.sqrt(AL.multiply(AL) @ unit**2)
     size = 1 / np.where(size > 0, size, 1.0)
     flexibility = product(F.T, product(K, F)).toarray() * np.outer(size, size)
-    if _is_soft(flexibility):  # λ as they are: each moves the parts of its joint alone
+    flexibility = (flexibility + flexibility.T) / 2
+    with suppress(np.linalg.LinAlgError):
+        # every combination of joint forces has clearly more than no flexibility: λ stay, each moves the parts of its joint alone
+        np.linalg.cholesky(flexibility - SOFT * np.eye(len(flexibility)))
         return _beside(L, F, sp.csr_array(sp.diags_array(size)), A, unit, owner)
-    values, turn = np.linalg.eigh((flexibility + flexibility.T) / 2)
+    values, turn = np.linalg.eigh(flexibility)
     turn = size[:, None] * turn
     stiff = values <= DEPENDENT
     exact = eliminate(Equations(sp.csr_array(turn[:, stiff].T @ AL.toarray()), unit, np.zeros(len(unit), dtype=bool),
                                 owner[np.abs(turn[:, stiff]).argmax(axis=0)]), refuse)
     return _beside(sp.csr_array(L @ exact.L), F, sp.csr_array(turn[:, ~stiff]), A, exact.unit, owner)
-
-
-def _is_soft(flexibility: Array) -> bool:
-    """Whether all combinations of joint forces have clearly more than no residual flexibility."""
-    try:
-        np.linalg.cholesky((flexibility + flexibility.T) / 2 - SOFT * np.eye(len(flexibility)))
-    except np.linalg.LinAlgError:
-        return False
-    return True
-
-
-def _beyond(F: Matrix, own: Matrix, K: Matrix) -> Matrix:
-    """F without what forces that have coordinates of their own do: FᵀK own = 0.
-
-    These take their share of λ: in their place stands their sum with it. Else a λ whose whole response they can give as well
-    would have no flexibility and no mass, up to rounding, whose sign decides about a mode. It is a stiff one instead.
-    """
-    flexibility = product(K, own)
-    share = np.linalg.solve(product(own.T, flexibility).toarray(), product(flexibility.T, F).toarray())
-    return sp.csr_array(F - product(own, sp.csr_array(share)))
-
-
-def _yielding(L: Matrix, unit: Array, own: Matrix, compliance: Array, K: Matrix) -> tuple[Matrix, Array, slice]:
-    """L beside combinations of forces `own` that have residual flexibility; and where these are."""
-    scale = compliance ** -0.5
-    flexibility = congruent(K, own).toarray() * np.outer(scale, scale)
-    values, turn = np.linalg.eigh(flexibility)
-    turn = scale[:, None] * turn[:, values > DEPENDENT]
-    return (sp.csr_array(sp.hstack([L, product(own, sp.csr_array(turn))])),
-            np.append(unit, np.einsum("ij,ij->j", turn, congruent(K, own) @ turn) ** -0.5), slice(L.shape[1], None))
 
 
 def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: Array) -> Multiplied:
@@ -189,20 +173,24 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int,
     unit, typical = units(M.diagonal(), K.diagonal())  # free coordinates have no stiffness but rounding
     stiffness, inertia = unit[:, None] * K * unit, unit[:, None] * M * unit
     mass, turn = np.linalg.eigh(inertia)
-    kept = mass > INFINITE * mass[-1]
+    kept = mass > SINGULAR * mass[-1]
     F = turn[:, kept] * np.sqrt(mass[kept])
     shift = SHIFT * typical
     back = np.linalg.solve(stiffness + shift * inertia, F)
     small = F.T @ back
     theta, V = np.linalg.eigh((small + small.T) / 2)
-    finite = np.abs(theta) > INFINITE * np.abs(theta).max()
+    finite = np.abs(theta) > SINGULAR * np.abs(theta).max()  # of the others ω² is infinite
     omega2 = np.full(len(theta), -np.inf)
     omega2[finite] = 1 / theta[finite] - shift
     good = np.flatnonzero(omega2 > -EPS**0.5 * shift)  # half of the digits of a rigid motion's θ = 1/shift are kept
     good = good[np.argsort(omega2[good], kind="stable")]
     bare, null = np.linalg.eigh(turn[:, ~kept].T @ stiffness @ turn[:, ~kept])
     expected = int(kept.sum()) - multipliers + int(np.count_nonzero(bare < -ROUNDING))
-    _check_count(len(good), expected, int(np.count_nonzero(~finite)))
+    # those that are too high for their sign to be known count as infinite
+    if not len(good) <= expected <= len(good) + int(np.count_nonzero(~finite)):
+        raise MissedModesError(f"{len(good)} finite modes were found in a system of Dual Craig-Bampton parts, but by the rank of "
+                               f"M it has {expected}. Its joints are too stiff, or its parts too unlike, for weak joints: reduce "
+                               "the parts by CraigChang, which spans the same space")
     known = np.abs(bare) > ROUNDING  # else its sign may be rounding, and with it the number of finite modes
     still = _responses(turn[:, ~kept] @ null[:, known], bare[known], B @ sp.diags_array(unit))
     X = unit[:, None] * np.hstack([(back @ V[:, good]) / theta[good], still])
@@ -224,11 +212,3 @@ def _responses(N: Array, stiffness: Array, B: Matrix) -> Array:
     values, turn = np.linalg.eigh(flexibility * np.outer(scale, scale))
     clear = values > DEPENDENT
     return N @ (at / stiffness[:, None]) @ (scale[:, None] * turn[:, clear] / np.sqrt(values[clear]))
-
-
-def _check_count(found: int, expected: int, far: int) -> None:
-    """`far` more are too high for their sign to be known: they count as infinite."""
-    if not found <= expected <= found + far:
-        raise MissedModesError(f"{found} finite modes were found in a system of Dual Craig-Bampton parts, but by the rank of M "
-                               f"it has {expected}. Its joints are too stiff, or its parts too unlike, for weak joints: reduce "
-                               "the parts by CraigChang, which spans the same space")

@@ -10,14 +10,12 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.algebra import Equations, block_diagonal, comparable, product, recovered, units
+from femsub.algebra import SINGULAR, Equations, block_diagonal, comparable, product, recovered, units
 from femsub.checks import EQUAL, Array, Matrix, instance, items, mapping, naming, word
 from femsub.coupling.dual import interface_forces
 from femsub.coupling.joints import End, Joint, Link, site
 from femsub.errors import InputError, InputTypeError
 from femsub.model import Substructure
-
-STILL = 1e-14  # of the largest k_jj/m_jj of a part: below it a coordinate is rigid motion, with the stiffness of a rounding
 
 
 def checked_parts(parts: Any) -> dict[str, Substructure]:
@@ -125,7 +123,14 @@ def with_interfaces(parts: Mapping[str, Substructure], C: Matrix, given: Equatio
         B, physical = sp.csr_array(part.interface_rows), given.physical[at]
         joined = np.flatnonzero(used[start:start + B.shape[0]])
         start += B.shape[0]
-        T, places = recovered(B[joined], _units_at_rest(part)) if len(joined) else (None, joined)
+        T, places = None, joined
+        if len(joined):
+            # units of energy at the part's lowest ω², at which its displacements cost next to nothing but strain
+            mass, stiffness = np.abs(part.M.diagonal()), np.abs(part.K.diagonal())
+            square = np.divide(stiffness, mass, out=np.zeros(len(mass)), where=mass > 0)
+            square = square[square > SINGULAR * square.max(initial=0.0)]  # less is the stiffness that rounding gives rigid motion
+            energy = stiffness + float(square.min() if len(square) else 1.0) * mass
+            T, places = recovered(B[joined], comparable(np.where(energy > 0, energy, 1.0) ** -0.5))
         if T is not None:
             B = sp.csr_array((np.ones(len(places)), (joined, places)), shape=B.shape)
             physical = (np.diff(sp.csc_array(T).indptr) == 1) & (T.T @ physical.astype(float) > 0)
@@ -138,15 +143,6 @@ def with_interfaces(parts: Mapping[str, Substructure], C: Matrix, given: Equatio
     A = sp.csr_array(C @ block_diagonal(rows))
     A.sort_indices()
     return T, Equations(A, unit, np.concatenate(kinds), given.owner)
-
-
-def _units_at_rest(part: Substructure) -> Array:
-    """Comparable `units_of_energy` at the part's lowest ω², at which its displacements cost next to nothing but strain."""
-    mass, stiffness = np.abs(part.M.diagonal()), np.abs(part.K.diagonal())
-    square = np.divide(stiffness, mass, out=np.zeros(len(mass)), where=mass > 0)
-    square = square[square > STILL * square.max(initial=0.0)]
-    energy = stiffness + float(square.min() if len(square) else 1.0) * mass
-    return comparable(np.where(energy > 0, energy, 1.0) ** -0.5)
 
 
 def forces_on_parts(parts: Mapping[str, Substructure], unit: Array) -> tuple[Matrix, Array]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import POSITION, Array, Matrix, items, naming, positive_number, real_array, shown, word
+from femsub.checks import EPS, EQUAL, POSITION, Array, Matrix, items, naming, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 
 if TYPE_CHECKING:
@@ -311,10 +311,10 @@ class Spring(Joint):
         if _is_ground(self.first):
             raise InputError("the first end of a Spring must be a part's, ('disc', 'left'); the ground is the second")
         stiffness = np.atleast_2d(real_array("stiffness", self.stiffness))
-        if np.abs(stiffness - stiffness.T).max(initial=0.0) > 1e-9 * np.abs(stiffness).max(initial=0.0):
+        if np.abs(stiffness - stiffness.T).max(initial=0.0) > EQUAL * np.abs(stiffness).max(initial=0.0):
             raise InputError("the stiffness of a Spring must be symmetric; friction belongs to a contact")
         values = np.linalg.eigvalsh((stiffness + stiffness.T) / 2)
-        if len(values) and values[0] < -1e-12 * abs(values[-1]):
+        if len(values) and values[0] < -4096 * EPS * abs(values[-1]):  # rounding, also of stiffnesses that were added up before
             raise InputError("the stiffness of a Spring must not be negative")
         if not np.any(stiffness) and not np.any(real_array("damping", self.damping)):
             raise InputError("a Spring needs a stiffness or a damping")

@@ -12,13 +12,11 @@ import scipy.sparse as sp
 
 from femsub.checks import EQUAL, Array, Matrix, instance, mapping, naming, positive_number, word
 from femsub.components import KINDS, Mesh, on_side, patch, reference, shape_functions, side_quadrature, sides_of
-from femsub.coupling.joints import End, Joint, Link, Site, nearest, site, stacked, title
+from femsub.coupling.joints import End, Joint, Link, nearest, site, stacked, title
 from femsub.errors import InputError, InputTypeError
 
 if TYPE_CHECKING:
     from femsub.model import DofMap, Substructure
-
-STEPS = 20  # of Newton's method, for the place of a point on a face
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +77,16 @@ class Tied(Joint):
 
     def link(self, parts: Mapping[str, Substructure]) -> Link:
         """For each DOF of the first surface one equation."""
-        with naming("first"):
-            one, ours = self._surface(parts, self.first)
-        with naming("second"):
-            other, theirs = self._surface(parts, self.second)
+        both = []
+        for name, end in (("first", self.first), ("second", self.second)):
+            with naming(name):
+                found = site(parts, end)
+                if not found.named or found.dofs is None or found.dofs.points is None:
+                    raise InputTypeError(f"{found.title} must be a named interface set of a solid, whose DOF have known places")
+                if found.part not in self.meshes:
+                    raise InputError(f"the mesh of {found.part!r} is missing: give meshes={{{found.part!r}: mesh, ...}}")
+                both.append((found, Surface.of(self.meshes[found.part], end[1].rpartition(".")[2], found.title)))
+        (one, ours), (other, theirs) = both
         T = mortar(ours, theirs, self.tol, f"{one.title} and {other.title}")
         assert one.dofs is not None and other.dofs is not None
         blocks = []
@@ -94,14 +98,6 @@ class Tied(Joint):
                                  f"of node {ours.numbers[int(held.argmax())]}: release it, or let {other.title} come first")
             blocks.append([(one.part, mine @ one.chosen()), (other.part, -T @ yours @ other.chosen())])
         return Link(stacked(*blocks))
-
-    def _surface(self, parts: Mapping[str, Substructure], end: End) -> tuple[Site, Surface]:
-        found = site(parts, end)
-        if not found.named or found.dofs is None or found.dofs.points is None:
-            raise InputTypeError(f"{found.title} must be a named interface set of a solid, whose DOF have known places")
-        if found.part not in self.meshes:
-            raise InputError(f"the mesh of {found.part!r} is missing: give meshes={{{found.part!r}: mesh, ...}}")
-        return found, Surface.of(self.meshes[found.part], end[1].rpartition(".")[2], found.title)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,11 +182,15 @@ class Side:
     s: Array
 
     @classmethod
-    def nearest(cls, surface: Surface, face: Array, x: Array) -> Side:
-        """Where these faces (q,) are nearest to points x (q, 3), by Gauss-Newton."""
+    def nearest(cls, surface: Surface, face: Array, x: Array, steps: int = 20) -> Side:
+        """Where these faces (q,) are nearest to points x (q, 3), by Gauss-Newton in so many `steps` at most.
+
+        Eight are enough where edges are straight. On curved faces steps may grow before they become small. Far from a face they
+        do not converge, and the point is no common one.
+        """
         s = np.full((len(face), 2), 0.5 if surface.corners == 4 else 1 / 3)
         going = np.arange(len(face))
-        for _ in range(STEPS):
+        for _ in range(steps):
             side = cls(surface, face[going], s[going])
             step = side.along(x[going] - side.x)
             s[going] += step
@@ -352,5 +352,5 @@ def motion_of_nodes(dofs: DofMap, surface: Surface, label: str) -> Matrix:
     assert dofs.points is not None
     labels = [dofs.labels[k] for k in dofs.components]
     place, apart = nearest(surface.points, dofs.points, [label] * len(surface.points), labels)
-    nodes = np.flatnonzero(apart <= 1e-9 * np.abs(surface.points).max())
+    nodes = np.flatnonzero(apart <= EQUAL * np.abs(surface.points).max())
     return sp.csr_array((np.ones(len(nodes)), (nodes, place[nodes])), shape=(len(place), dofs.size))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from femsub.checks import EPS, Array, finite_number, real_array, shown, word
+from femsub.checks import EPS, EQUAL, Array, finite_number, real_array, shown, word
 from femsub.errors import FemsubError, InputError, InputTypeError
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class StribeckArctan:
         flat, one = replace(self, drop=0.0), replace(self, drop=1.0)
         base = float(flat.slope(finite_number("speed", speed)))
         gain = float(one.slope(speed)) - base
-        if abs(gain) <= 1e-9 * self.decay or speed == 0:
+        if abs(gain) <= EQUAL * self.decay or speed == 0:
             raise InputError(f"the falling part of the law has no slope at a sliding speed of {speed!r}, so μ' cannot be set to "
                              f"{slope!r} there. Choose another speed")
         return replace(self, drop=(slope - base) / gain)

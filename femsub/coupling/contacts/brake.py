@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from femsub.checks import Array, positive_number
+from femsub.checks import EQUAL, POSITION, Array, positive_number
 from femsub.components import Mesh, node_rows, ring
 from femsub.coupling.contacts.friction_contact import contact_points
 
@@ -32,10 +32,23 @@ def brake_meshes(size: float = 0.025) -> dict[str, Mesh]:
     ring, wall, flange = (z < HEIGHTS[1]) & (r > RADII[1]), (r > RADII[1]) & (r < RADII[2]), (z > HEIGHTS[2]) & (r < RADII[2])
     disc = _kept(disc, ring | wall | flange)
     r, z = np.hypot(disc.points[:, 0], disc.points[:, 1]), disc.points[:, 2]
-    track = (r > RADII[3] - 1e-9) & (r < RADII[4] + 1e-9)
-    disc = disc.with_sets(hub=r < RADII[0] + 1e-9, rim=r > RADII[-1] - 1e-9, inboard=track & (z < HEIGHTS[0] + 1e-9),
-                          outboard=track & (np.abs(z - HEIGHTS[1]) < 1e-9))
-    return {"disc": disc, **{name: _pad(name, side, 0.8 * size) for name, side in (("inboard", -1), ("outboard", 1))}}
+    track = (r > RADII[3] - EQUAL) & (r < RADII[4] + EQUAL)
+    disc = disc.with_sets(hub=r < RADII[0] + EQUAL, rim=r > RADII[-1] - EQUAL, inboard=track & (z < HEIGHTS[0] + EQUAL),
+                          outboard=track & (np.abs(z - HEIGHTS[1]) < EQUAL))
+    meshes = {"disc": disc}
+    length = (RADII[2] + RADII[-1]) / 2 * np.radians(PAD_ANGLES[2] - PAD_ANGLES[1])
+    for name, side in (("inboard", -1), ("outboard", 1)):
+        depths = PAD_DEPTHS if side > 0 else tuple(-depth for depth in reversed(PAD_DEPTHS))
+        pad = _bricks(name, PAD_RADII, PAD_ANGLES, depths, 0.8 * size, length)
+        r, z = _middles(pad)
+        angle = np.degrees(np.arctan2(*pad.points[pad.cells].mean(axis=1)[:, 1::-1].T))
+        plate = side * z > PAD_DEPTHS[1]
+        lining = ~plate & (r > PAD_RADII[1]) & (r < PAD_RADII[2]) & (np.abs(angle) < PAD_ANGLES[2])
+        pad = _kept(pad, plate | lining, lining=lining, plate=plate)
+        angle, depth = np.degrees(np.arctan2(pad.points[:, 1], pad.points[:, 0])), side * pad.points[:, 2]
+        meshes[name] = pad.with_sets(face=depth < PAD_DEPTHS[0] + EQUAL, back=depth > PAD_DEPTHS[2] - EQUAL,
+                                     leading=angle < PAD_ANGLES[0] + POSITION, trailing=angle > PAD_ANGLES[3] - POSITION)
+    return meshes
 
 
 def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tol: float | None = None) -> Array:
@@ -48,20 +61,6 @@ def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tol: float | None
     on = points.second.surface
     nodes = np.unique(on.faces[np.unique(points.second.face)])
     return node_rows(other, on.numbers[nodes])
-
-
-def _pad(name: str, side: int, size: float) -> Mesh:
-    depths = PAD_DEPTHS if side > 0 else tuple(-depth for depth in reversed(PAD_DEPTHS))
-    length = (RADII[2] + RADII[-1]) / 2 * np.radians(PAD_ANGLES[2] - PAD_ANGLES[1])
-    mesh = _bricks(name, PAD_RADII, PAD_ANGLES, depths, size, length)
-    r, z = _middles(mesh)
-    angle = np.degrees(np.arctan2(*mesh.points[mesh.cells].mean(axis=1)[:, 1::-1].T))
-    plate = side * z > PAD_DEPTHS[1]
-    lining = ~plate & (r > PAD_RADII[1]) & (r < PAD_RADII[2]) & (np.abs(angle) < PAD_ANGLES[2])
-    mesh = _kept(mesh, plate | lining, lining=lining, plate=plate)
-    angle, depth = np.degrees(np.arctan2(mesh.points[:, 1], mesh.points[:, 0])), side * mesh.points[:, 2]
-    return mesh.with_sets(face=depth < PAD_DEPTHS[0] + 1e-9, back=depth > PAD_DEPTHS[2] - 1e-9,
-                          leading=angle < PAD_ANGLES[0] + 1e-6, trailing=angle > PAD_ANGLES[3] - 1e-6)
 
 
 def _bricks(name: str, radii: Cuts, angles: Cuts, heights: Cuts, size: float, length: float) -> Mesh:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,10 +20,7 @@ from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name,
 from femsub.model import TRANSLATIONS
 
 if TYPE_CHECKING:
-    from femsub.model import Substructure
-
-FEW = 100_000  # numbers up to which the motions of the points are dense in motion
-KEPT = 8  # pairs of surfaces whose points are kept, since a sweep over μ makes a contact for each value
+    from femsub.model import DofMap, Substructure
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,15 +184,16 @@ class FrictionContact(Joint):
         points = self._points()
         sides = [model.sets[name].tobytes() if name in model.sets else None for name in self.sets]
         ways = [np.array(way, dtype=float).tobytes() for way in (self.direction, self.axis, self.centre)]  # None is NaN
-        key = (model.interface_dofs, self.sets, self.stiffness, self.pressure, self.speed, self.slope, *sides, *ways)
-        directions = self._directions(points)
-        if key not in points.terms:
-            while len(points.terms) >= KEPT:
-                points.terms.pop(next(iter(points.terms)))
+        key = (self.sets, self.stiffness, self.pressure, self.speed, self.slope, *sides, *ways)
+        directions, dofs = self._directions(points), model.interface_dofs
+        known, terms = (None, []) if dofs is None else points.terms.get(dofs, (None, []))
+        if known != key:
             exerting = self._exerting(model, points, *directions)
             without, full = (replace(exerting, mu=mu).at_rest() for mu in (0.0, 1.0))
-            points.terms[key] = [(A, B - A) for A, B in zip(without, full, strict=True)]  # all are affine in μ
-        K, *D = [sp.csr_array(A + float(self.mu) * B) for A, B in points.terms[key]]
+            terms = [(A, B - A) for A, B in zip(without, full, strict=True)]  # all are affine in μ
+            assert dofs is not None  # its places are known, or the motions had refused it
+            points.terms[dofs] = key, terms
+        K, *D = [sp.csr_array(A + float(self.mu) * B) for A, B in terms]
         return D[0] if D else None, K
 
     def _exerting(self, model: Substructure, points: Points, n: Array, t: Array, s: Array, r: Array) -> FrictionInMotion:
@@ -230,8 +229,7 @@ class FrictionContact(Joint):
     def in_motion(self, model: Substructure) -> FrictionInMotion:
         """What it exerts in motion on a model, for `transient` and limit cycles."""
         points = self._points()
-        exerting = self._exerting(model, points, *self._directions(points))
-        return exerting.dense() if np.prod(exerting.N.shape) <= FEW else exerting
+        return self._exerting(model, points, *self._directions(points)).dense()
 
     def patch_loads(self, model: Substructure, degree: int) -> Array:
         """Forces (n, k) of smooth tractions along n and t on the first surface: ∫ N P_j dA and ∫ T P_j dA, for all j.
@@ -267,8 +265,11 @@ class FrictionContact(Joint):
             raise unknown_name("mesh of the part", owner, self.meshes)
         return self.meshes[owner], key, name
 
-    def _directions(self, points: Points) -> tuple[Array, Array, Array, Array]:
-        """n, t, s (q, 3), and r (q,), by which Ω is multiplied to be a velocity: 1 without an axis."""
+    def _directions(self, points: Points, oblique: float = 0.02) -> tuple[Array, Array, Array, Array]:
+        """n, t, s (q, 3), and r (q,), by which Ω is multiplied to be a velocity: 1 without an axis.
+
+        It warns if more than a share `oblique` of the turning second body's velocity is along the normal.
+        """
         n = points.normal
         turning = self.axis is not None
         given = np.asarray(self.axis if turning else self.direction)
@@ -281,31 +282,24 @@ class FrictionContact(Joint):
             raise InputError(f"the second body of {self!r} does not slide along the surface at {where}: its velocity is 0 there, "
                              "or normal to it")
         if turning:
-            self._in_surface(points, way, n)
+            # The axis must be normal to a flat surface. Else the velocity is compared with the normal face by face: the normals
+            # of flat faces differ from those of the curved surface that they stand for, by as much to either side
+            if np.ptp(n, axis=0).max() < 1e-3:  # flat, but for the digits of the coordinates of small faces
+                share = float(np.linalg.norm(np.cross(given, n[0])))
+                off = f"{np.degrees(np.arcsin(min(share, 1.0))):.3g} degrees from the normal of this flat surface"
+            else:
+                face = np.unique(points.first.face, return_inverse=True)[1]
+                area = np.bincount(face, points.weight)
+                away = np.bincount(face, points.weight * np.einsum("qi,qi->q", way, n)) / area
+                speed = np.bincount(face, points.weight * size) / area
+                share = float(np.sqrt((area @ away**2) / (area @ speed**2)))
+                off = f"{share:.0%} of the velocity of the second body is along the normal"
+            if share > oblique:
+                warn(f"the axis ({', '.join(f'{value:.4g}' for value in given)}) is oblique to {self.first}: {off}. The second "
+                     "body parts from it on one side and presses on the other; only the velocity along the surface counts. Give "
+                     "axis and centre about which the surface is one of revolution", PortWarning)
         t = t / along[:, None]
         return n, t, np.cross(n, t), along if turning else np.ones(len(n))
-
-    def _in_surface(self, points: Points, way: Array, n: Array, limit: float = 0.02) -> None:
-        """Warn if more than `limit` of the turning second body's velocity is along the normal.
-
-        The axis must be normal to a flat surface. Else the velocity is compared with the normal face by face: the normals of flat
-        faces differ from those of the curved surface that they stand for, by as much to either side.
-        """
-        e = np.asarray(self.axis)
-        if np.ptp(n, axis=0).max() < 1e-3:  # flat, but for the digits of the coordinates of small faces
-            share = float(np.linalg.norm(np.cross(e, n[0])))
-            off = f"{np.degrees(np.arcsin(min(share, 1.0))):.3g} degrees from the normal of this flat surface"
-        else:
-            face = np.unique(points.first.face, return_inverse=True)[1]
-            area = np.bincount(face, points.weight)
-            away = np.bincount(face, points.weight * np.einsum("qi,qi->q", way, n)) / area
-            speed = np.bincount(face, points.weight * np.linalg.norm(way, axis=1)) / area
-            share = float(np.sqrt((area @ away**2) / (area @ speed**2)))
-            off = f"{share:.0%} of the velocity of the second body is along the normal"
-        if share > limit:
-            warn(f"the axis ({', '.join(f'{value:.4g}' for value in e)}) is oblique to {self.first}: {off}. The second body "
-                 "parts from it on one side and presses on the other; only the velocity along the surface counts. Give axis and "
-                 "centre about which the surface is one of revolution", PortWarning)
 
     def _motions(self, model: Substructure, points: Points) -> list[Matrix]:
         """u_first - u_second at the points, one matrix (q, p) for each direction in space."""
@@ -346,7 +340,8 @@ class Points:
     x: Array
     weight: Array
     share: float = 1.0
-    terms: dict[Any, list[tuple[Matrix, Matrix]]] = field(default_factory=dict)  # of contacts, since a sweep over μ makes many
+    #: those of the last contact of each model that is in use, by its DOF, since a sweep over μ makes a contact for each value
+    terms: WeakKeyDictionary[DofMap, tuple[Any, list[tuple[Matrix, Matrix]]]] = field(default_factory=WeakKeyDictionary)
 
     @cached_property
     def normal(self) -> Array:
@@ -355,7 +350,7 @@ class Points:
         return -outward / np.linalg.norm(outward, axis=1)[:, None]
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=8)  # a sweep over μ makes a contact for each value, with the same few pairs of surfaces
 def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] | None, tol: float | None) -> Points:
     """The points of quadrature on the common parts of two surfaces, each given as mesh, set and name.
 

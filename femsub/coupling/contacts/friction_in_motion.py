@@ -9,8 +9,6 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 
-SLOW = 1e-2  # of the sliding velocity V: below, friction is proportional to the velocity, so that its direction has no jump
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionInMotion:
@@ -29,6 +27,8 @@ class FrictionInMotion:
         Tᵣ and Sᵣ (q, p).
     area, speed : ndarray, shape (q,)
         Areas, and V; the speed is None where the sliding direction does not turn.
+    slow : float
+        Share of V below which friction is proportional to the sliding velocity: its direction has no jump then.
     """
 
     N: Matrix
@@ -41,6 +41,7 @@ class FrictionInMotion:
     pressure: float
     mu: float
     slope: float
+    slow: float = 0.01
 
     def exerted(self, u: Array, v: Array) -> Array:
         """f(u, v), shape (p,)."""
@@ -62,8 +63,10 @@ class FrictionInMotion:
         rest = np.zeros(self.N.shape[1])
         return [-A for A in self._derivatives(rest, rest)]
 
-    def dense(self) -> FrictionInMotion:
-        """The same with dense matrices: sparse products of few numbers take longer."""
+    def dense(self, most: int = 100_000) -> FrictionInMotion:
+        """The same with dense matrices, if each has `most` numbers or fewer: sparse products of so few take longer."""
+        if np.prod(self.N.shape) > most:
+            return self
         N, T, S, *carried = (A.toarray() for A in (self.N, self.T, self.S, *(self.carried or ())))
         return replace(self, N=N, T=T, S=S, carried=tuple(carried) or None)
 
@@ -97,7 +100,7 @@ class FrictionInMotion:
         if self.carried is not None:
             along, across = along + self.carried[0] @ u, across + self.carried[1] @ u
         size = np.hypot(along, across)
-        slow = np.maximum(size, SLOW * self.speed)
+        slow = np.maximum(size, self.slow * self.speed)
         return along / slow, across / slow, slow, self.mu + self.slope * (slow - self.speed), size >= slow
 
     def _by(self, factor: Array, A: Matrix) -> Matrix:
