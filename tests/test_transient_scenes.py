@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -134,7 +136,8 @@ class Interrupted:
 
 
 def interrupted(monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
-    monkeypatch.setattr("femsub.motion.transient.REPORTED", 0.0)
+    ticking = SimpleNamespace(perf_counter=itertools.count().__next__)  # a second at each look
+    monkeypatch.setattr("femsub.motion.transient.clock", ticking)
     monkeypatch.setattr("femsub.app.scenes.in_time.transient", Interrupted(nth))
 
 

@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,6 @@ from femsub.errors import NotConvergedError
 from femsub.motion.nonlinear_model import SMALL_CHANGE, Change, Sliding, State, massless
 
 TINY = float(np.finfo(float).tiny)
-NOISE = 4 * EPS  # relative to the friction's impulse over a period: smaller motion is rounding
 
 Right = Callable[[float, Array], Array]
 #: Work of Δf, dissipation, change of the energy about x₀, what work and energy have in common beside, the largest energy about x₀
@@ -99,7 +99,18 @@ class Flow:
         self.highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
         inverse = T.T @ pencil.M
         begin = inverse @ start.displacement
-        rest = _rest(contact, start, begin, K, G)
+        # x₀: the start, if it is an equilibrium; else K⁻¹ G f(0), if it exists and is accurate enough
+        rest = None
+        if not contact.pull(start.displacement).any():
+            rest = begin
+        elif contact.by_speed:
+            with suppress(la.LinAlgError):
+                force = G @ contact.resting(start.displacement)
+                found = la.cho_solve(la.cho_factor(K), force)
+                # a residual of more than some thousand roundings matters if the motion is far from x₀
+                sharp = np.abs(K @ found - force).max() <= 4096 * EPS * np.abs(force).max()
+                if sharp or np.linalg.norm(found - begin) <= 0.5 * np.linalg.norm(found):
+                    rest = found
         self.shifted = rest is not None
         change = contact.change(start.displacement if rest is None else T @ rest)
         self.thrust = float(np.linalg.norm(G @ change.rest))
@@ -108,7 +119,14 @@ class Flow:
             change = Change(contact, none, none, none)
         self.rest = rest
         self.rate, self.jacobian = _functions(change, K, D, G[:min(contact.columns, len(K))])
-        self.scale, self.omega = _scale(contact, start, K, G, self.highest)
+        # ω and v/‖w‖_M⁻¹; a contact that only moves rigidly, up to rounding, has no ω of its own
+        pull = max((float(g @ (K @ g) / (g @ g)) for g in G.T if g.any()), default=0.0)
+        self.omega = float(np.sqrt(pull)) if pull > (1e-6 * self.highest) ** 2 else self.highest or 1.0
+        thickest = np.sqrt(np.einsum("ij,ij->j", G, G)).max() or 1.0
+        speed = max(float(contact.speeds.max()), float(np.abs(contact.W.T @ start.velocity).max()))
+        if speed == 0:  # belt and start at rest: the speed that friction alone can cause
+            speed = thickest**2 * float(np.abs(contact.resting(start.displacement)).max()) / self.omega
+        self.scale = (speed or 1.0) / thickest
         self.first = self.y = np.concatenate([begin - rest, inverse @ start.velocity, [0.0, 0.0]])
         self.begins = self._motion()
 
@@ -127,9 +145,29 @@ class Flow:
         NotConvergedError
             The integrator failed.
         """
-        step = _lsoda if self.method == "lsoda" else _solve_ivp
-        with np.errstate(over="ignore", invalid="ignore"):  # NaN and Inf are checked below
-            found = step(self, times)
+        from scipy.integrate import ODEintWarning, odeint, solve_ivp
+
+        with np.errstate(over="ignore", invalid="ignore"), warnings.catch_warnings():  # NaN and Inf are checked below
+            options: dict[str, Any] = {"rtol": self.tol, "atol": self.tolerances()}
+            if self.method == "lsoda":
+                warnings.simplefilter("ignore", ODEintWarning)  # its message is in `info`
+                # after so many steps between two points it makes no progress
+                found, info = odeint(self.rate, self.y, times, Dfun=self.jacobian, col_deriv=True, tfirst=True, full_output=True,
+                                     mxstep=5_000_000, **options)
+                effort = info["nst"][-1], info["nfe"][-1], info["nje"][-1]
+                failed = "" if info["message"] == "Integration successful." else info["message"]
+            else:
+                if self.method in ("radau", "bdf"):
+                    options["jac"] = lambda t, y: self.jacobian(t, y).T.copy()
+                done = solve_ivp(lambda t, y: self.rate(t, y).copy(), (times[0], times[-1]), self.y, METHODS[self.method], times,
+                                 dense_output=True, **options)
+                found, effort = done.y.T, (len(done.sol.ts) - 1, done.nfev, done.njev)
+                failed = "" if done.success else done.message
+        self.steps, self.rhs, self.jacobians = (before + int(more) for before, more in zip(
+            (self.steps, self.rhs, self.jacobians), effort, strict=True))
+        if failed:
+            raise NotConvergedError(f"{self.method} stopped between t = {times[0]:g} and {times[-1]:g} at tol = {self.tol:g}: "
+                                    f"{' '.join(failed.split())}. Use a larger tol or eps, or another method")
         if not np.isfinite(found).all():
             raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}. Either the "
                                     "friction law is not finite, or the motion grows without bound. A belt cannot cause that, "
@@ -168,37 +206,10 @@ class Flow:
         """tol · s of the error control from now on, at least the rounding, shape (2n + 2,)."""
         n, pushed = len(self.T), self.thrust / self.omega
         m = max(self._motion(), TINY ** (1 / 3) * self.scale)  # the squares of so small a motion are still numbers
-        at = max(self.tol * min(self.scale, m), NOISE * (min(pushed, m / SMALL_CHANGE) if self.shifted else pushed))
+        # smaller motion is rounding of the friction's impulse over a period
+        at = max(self.tol * min(self.scale, m), 4 * EPS * (min(pushed, m / SMALL_CHANGE) if self.shifted else pushed))
         power = at * (min(self.scale, m) + (min(pushed, m) if self.shifted else pushed))
         return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
-
-
-def _rest(contact: Sliding, start: State, begin: Array, K: Array, G: Array) -> Array | None:
-    """x₀: the start, if it is an equilibrium; else K⁻¹ G f(0), if it exists and is accurate enough; else None."""
-    if not contact.pull(start.displacement).any():
-        return begin
-    if not contact.by_speed:
-        return None
-    force = G @ contact.resting(start.displacement)
-    try:
-        found = la.cho_solve(la.cho_factor(K), force)
-    except la.LinAlgError:
-        return None
-    # its rounding matters if the motion is far from x₀
-    sharp = np.abs(K @ found - force).max() <= 4096 * EPS * np.abs(force).max()
-    return found if sharp or np.linalg.norm(found - begin) <= 0.5 * np.linalg.norm(found) else None
-
-
-def _scale(contact: Sliding, start: State, K: Array, G: Array, highest: float) -> tuple[float, float]:
-    """v/‖w‖_M⁻¹ and ω."""
-    norm = np.sqrt(np.einsum("ij,ij->j", G, G))
-    pull = max((float(g @ (K @ g) / (g @ g)) for g in G.T if g.any()), default=0.0)
-    omega = np.sqrt(pull) if pull > (1e-6 * highest) ** 2 else highest or 1.0
-    speed = max(float(contact.speeds.max()), float(np.abs(contact.W.T @ start.velocity).max()))
-    thickest = norm.max() or 1.0
-    if speed == 0:  # belt and start at rest: the speed that friction alone can cause
-        speed = thickest**2 * float(np.abs(contact.resting(start.displacement)).max()) / omega
-    return (speed or 1.0) / thickest, float(omega)
 
 
 def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Right]:
@@ -271,41 +282,6 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
         return out
 
     return scalar_rhs, jacobian
-
-
-def _lsoda(flow: Flow, times: Array) -> Array:
-    from scipy.integrate import ODEintWarning, odeint
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ODEintWarning)  # its message is in `info`
-        found, info = odeint(flow.rate, flow.y, times, Dfun=flow.jacobian, col_deriv=True, tfirst=True,
-                             rtol=flow.tol, atol=flow.tolerances(), full_output=True, mxstep=5_000_000)  # between two points
-    flow.steps += int(info["nst"][-1])
-    flow.rhs += int(info["nfe"][-1])
-    flow.jacobians += int(info["nje"][-1])
-    if info["message"] != "Integration successful.":
-        raise NotConvergedError(_advice(flow, times, info["message"]))
-    return found
-
-
-def _solve_ivp(flow: Flow, times: Array) -> Array:
-    from scipy.integrate import solve_ivp
-
-    implicit = flow.method in ("radau", "bdf")
-    options: dict[str, Any] = {"jac": lambda t, y: flow.jacobian(t, y).T.copy()} if implicit else {}
-    done = solve_ivp(lambda t, y: flow.rate(t, y).copy(), (times[0], times[-1]), flow.y, method=METHODS[flow.method],
-                     t_eval=times, dense_output=True, rtol=flow.tol, atol=flow.tolerances(), **options)
-    flow.steps += len(done.sol.ts) - 1
-    flow.rhs += int(done.nfev)
-    flow.jacobians += int(done.njev)
-    if not done.success:
-        raise NotConvergedError(_advice(flow, times, done.message))
-    return done.y.T
-
-
-def _advice(flow: Flow, times: Array, message: str) -> str:
-    return (f"{flow.method} stopped between t = {times[0]:g} and {times[-1]:g} at tol = {flow.tol:g}: "
-            f"{' '.join(message.split())}. Use a larger tol or eps, or another method")
 
 
 #: SciPy's names of the methods

@@ -30,7 +30,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Handle, factorise
-from femsub.checks import EPS, Array, Matrix
+from femsub.checks import EPS, EQUAL, Array, Matrix
 from femsub.errors import NotConvergedError, SingularMatrixError
 from femsub.motion.nonlinear_model import SMALL_CHANGE, Change, Sliding, State, mass_solve, massless
 
@@ -41,9 +41,7 @@ RADIUS = 0.9  # amplification at infinite frequency
 STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: where in a step the equation holds
 GAMMA, BETA = 0.5 + INERTIA - STAGE, 0.25 * (1 + INERTIA - STAGE) ** 2
 JUDGED = 32  # steps between two decisions on their length
-KEPT = (2, 12)  # smallest and largest number of factors kept (last used)
 FADE = 0.5 ** (1 / JUDGED)  # decay of V per step
-NOISE = 64 * EPS  # rounding, relative to the terms added up in a step
 
 
 class Moment(NamedTuple):
@@ -62,15 +60,16 @@ class Moment(NamedTuple):
 class AlphaFlow:
     """A trajectory of a sparse model during integration, with the attributes and methods of `first_order.Flow`.
 
-    Factors are kept in up to `memory` bytes. The integration fails after so many `halvings` of the step in a row.
+    The factors used last are kept in up to `memory` bytes: two at least, so that a step can change its length and back, and at
+    most `factors`. The integration fails after so many `halvings` of the step in a row.
     """
 
     method = "alpha"
 
     def __init__(self, contact: Sliding, start: State, t: float, step: float, tol: float, columns: Matrix, *,
-                 memory: float = 1e9, halvings: int = 40) -> None:
+                 memory: float = 1e9, factors: int = 12, halvings: int = 40) -> None:
         model = contact.model
-        self.memory, self.halvings = memory, halvings
+        self.memory, self.most, self.halvings = memory, factors, halvings
         self.contact, self.t, self.tol, self.columns = contact, t, tol, columns
         self.M, self.D, self.K = (sp.csr_array(part) for part in (model.M, model.D, model.K))
         self.weight = self.M.diagonal()
@@ -87,7 +86,7 @@ class AlphaFlow:
         self.pull = contact.pull(self.rest)
         self.shaken = self._shaken(self.change.rest)
         self.before = start.velocity @ (self.M @ start.velocity) / 2
-        self.kept = KEPT[0]
+        self.kept = 2
         self.factors: dict[tuple[float, float], tuple[Handle, Array, Array]] = {}
         x, v = np.zeros(len(self.rest)), start.velocity
         force = self.change(np.zeros(contact.columns), contact.W.T @ v)
@@ -135,7 +134,7 @@ class AlphaFlow:
         while len(shown) < len(times):
             at = len(shown) - 1
             span = times[at + 1] - times[at]
-            count = max(1, int(np.ceil(span / self.dt * (1 - 1e-9))))
+            count = max(1, int(np.ceil(span / self.dt * (1 - EQUAL))))
             step = float(f"{span / count:.9e}")  # equal steps share a factorisation
             if step != self.last:  # the third difference needs four speeds at equal intervals
                 self.history, self.last = self.history[-1:], step
@@ -155,7 +154,7 @@ class AlphaFlow:
                 continue
             shown.append(self.history[-1])
             if self.done >= JUDGED:
-                if self.worst < self.tol / 16 and 2 * self.dt <= self.largest * (1 + 1e-9):
+                if self.worst < self.tol / 16 and 2 * self.dt <= self.largest * (1 + EQUAL):
                     self.dt *= 2
                 begin, kept, halved = shown[-1], len(shown), 0
                 self.done, self.worst = 0, 0.0
@@ -195,7 +194,7 @@ class AlphaFlow:
         one, two, three, four = (moment.v for moment in self.history)
         wrong, size = self._norm(four - one - 3 * (three - two)) / 12, self._norm(four)
         shaken = min(self.shaken, self._shaken(after.force) / SMALL_CHANGE)  # forces whose rounding is in Δf
-        noise = NOISE * (2 / h * self._norm(after.x) + h / 2 * shaken)
+        noise = 64 * EPS * (2 / h * self._norm(after.x) + h / 2 * shaken)  # of the terms that a step adds up
         moving = max(size, FADE * after.moving)
         self.history[-1] = after._replace(moving=moving, error=after.error + (wrong / (moving + noise) if wrong else 0.0))
         self.worst = max(self.worst, 0.0 if wrong <= noise else wrong / (size + min(self.speed, moving)))
@@ -226,7 +225,8 @@ class AlphaFlow:
                 self.kind = "general"
                 handle = factorise(S, self.kind)
             fill = getattr(handle, "fill", np.nan)
-            self.kept = int(np.clip(self.memory / (8 * len(self.weight) * (fill if np.isfinite(fill) else 500)), *KEPT))
+            size = 8 * len(self.weight) * (fill if np.isfinite(fill) else 500)  # bytes; as of a bulky solid where it is not known
+            self.kept = int(np.clip(self.memory / size, 2, self.most))
             Z = handle.solve(self.contact.W)
             self.factors[key] = handle, Z, s * (self.contact.W.T @ Z)
         self.factors[key] = self.factors.pop(key)  # most recently used last
@@ -259,7 +259,7 @@ def _contact_force(force: Change, guess: tuple[Array, Array], change: Array, bef
             if np.linalg.norm(found) < np.linalg.norm(rest) or np.abs(found).max() <= floor:
                 break
         else:
-            if np.abs(rest).max() <= 1e4 * floor:
+            if np.abs(rest).max() <= 1e4 * floor:  # eleven digits, beside a kink of the law
                 return gap(v)[1]
             break
         v, rest = trial, found

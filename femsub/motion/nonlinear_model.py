@@ -25,7 +25,7 @@ from femsub.model import ReducedSubstructure, Substructure, columns_of, contacts
 from femsub.modes import ShiftInvert
 
 RESIDUE = 16 * EPS  # relative to the forces that cancel in an equilibrium: the rounding that remains
-SMALL_CHANGE = 1e-5  # of the force at rest: a smaller change of it is taken from the tangent
+SMALL_CHANGE = 1e-5  # of the force at rest: a smaller change c is taken from the tangent, right to c²; a difference is to EPS/c
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -44,7 +44,6 @@ PER_PERIOD = 16  # recorded points per period of the highest mode
 MOST_ASKED = 10**8  # largest number of recorded points that may be requested: 1.6 GB for each port
 MOST_POINTS = 200_000  # largest number of recorded points by default
 TIGHTEST = 1e-13  # smallest relative tolerance of an integration; below it rounding determines the steps
-REPORTED = 0.3  # seconds between two progress messages
 
 
 @dataclass(frozen=True)
@@ -235,18 +234,39 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
         raise InputError(f"tol must lie between {TIGHTEST:g} and 1e-2, not {tol!r}")
     choice("record", record, ("ports", "states"))
     whole = record == "states"
-    columns, places = _columns(contact, ports, whole)
+    # the recorded columns, (n, c), the last n a unit matrix with `whole`; and the place of each port, an index or a slice
+    asked = [word("ports", name) for name in items("ports", ports, "names of ports")]
+    loads = {name: model.port(name) for name in (*contact.ports, *asked)}
+    widths = np.cumsum([0, *(column[0].size for column in loads.values())]).tolist()
+    places: dict[str, Any] = {name: ends[0] if column.ndim == 1 else slice(*ends)
+                              for (name, column), ends in zip(loads.items(), pairwise(widths), strict=True)}
+    columns: Any = np.column_stack([np.zeros((model.size, 0)), *loads.values()])
+    columns = sp.hstack([columns, sp.eye_array(model.size)], format="csr") if whole else columns
     if start is not None and impulse is not None:
         raise InputError("give either start or impulse, not both: an impulse starts from the sliding equilibrium")
     first = contact.impulse(1e-3 if impulse is None else impulse) if start is None else contact.checked(start)
-    flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns)
+    # the trajectory, ready to start, and the grid on which it is recorded
+    flow: Flow | AlphaFlow
+    if method == "alpha" or (method == "auto" and sp.issparse(model.K) and model.size > DENSE):
+        from femsub.motion.generalised_alpha import AlphaFlow
+
+        grid = _grid(t0, t1, step, samples, record_from, 0.0)
+        apart = float(grid[1] - grid[0]) if len(grid) > 1 else t1 - t0
+        flow = AlphaFlow(contact, first, t0, apart, TOL["alpha"] if tol is None else float(tol), columns)
+    elif model.size > QUADRATIC:
+        raise InputError(f"{method!r} is for dense models of up to {QUADRATIC} DOF, but {model.name!r} has {model.size}. Use "
+                         "method='alpha', or reduce the model first")
+    else:
+        flow = Flow(contact, first, t0, TOL["dense"] if tol is None else float(tol), "lsoda" if method == "auto" else method,
+                    columns)
+        grid = _grid(t0, t1, step, samples, record_from, flow.highest)
     parts = [(np.zeros((0, columns.shape[1])),) * 2]
     reported = clock.perf_counter()
     with closing(flow), Interruptible() as course:
         for times, wanted in _stretches(t0, t1, grid, flow.stretch):
             q, v = flow.advance(times)
             parts.append((q[wanted], v[wanted]))
-            if clock.perf_counter() - reported > REPORTED:
+            if clock.perf_counter() - reported > 0.3:  # seconds: some three lines in each can be read
                 reported = clock.perf_counter()
                 report(f"t = {flow.t:.6g} of {t1:g}")
     q, v = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
@@ -266,43 +286,6 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
                     flow.error, rounding)
     log.info("%r", run)
     return run
-
-
-def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple[Any, Any, Any],
-          tol: float | None, method: str, columns: Any) -> tuple[Flow | AlphaFlow, Array]:
-    """The trajectory, ready to start, and the grid on which it is recorded."""
-    model = contact.model
-    large = sp.issparse(model.K) and model.size > DENSE
-    if method == "alpha" or (method == "auto" and large):
-        from femsub.motion.generalised_alpha import AlphaFlow
-
-        points = _grid(*time, *grid, 0.0)
-        apart = float(points[1] - points[0]) if len(points) > 1 else time[1] - time[0]
-        return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns), points
-    if model.size > QUADRATIC:
-        raise InputError(f"{method!r} is for dense models of up to {QUADRATIC} DOF, but {model.name!r} has {model.size}. Use "
-                         "method='alpha', or reduce the model first")
-    flow = Flow(contact, start, time[0], TOL["dense"] if tol is None else float(tol), "lsoda" if method == "auto" else method,
-                columns)
-    return flow, _grid(*time, *grid, flow.highest)
-
-
-def _columns(contact: Sliding, ports: Sequence[str], whole: bool) -> tuple[Any, dict[str, Any]]:
-    """The recorded columns, (n, c), the last n a unit matrix if `whole`, and the position of each port in them.
-
-    It is an index for a port of one column, else a slice.
-    """
-    asked = [word("ports", name) for name in items("ports", ports, "names of ports")]
-    columns = {name: contact.model.port(name) for name in (*contact.ports, *asked)}
-    places: dict[str, Any] = {}
-    at = 0
-    for name, column in columns.items():
-        width = column[0].size
-        places[name] = at if column.ndim == 1 else slice(at, at + width)
-        at += width
-    n = contact.model.size
-    found = np.column_stack([np.zeros((n, 0)), *columns.values()])
-    return sp.hstack([found, sp.eye_array(n)], format="csr") if whole else found, places
 
 
 def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_from: float | None, highest: float) -> Array:

@@ -35,8 +35,6 @@ from femsub.errors import NotConvergedError
 from femsub.motion.cycles.compliance import NEGLECTED, Compliance
 from femsub.motion.nonlinear_model import Sliding
 
-SAMPLES = 2**17  # largest number of samples per period
-
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
@@ -141,10 +139,10 @@ class StepsEndedError(NotConvergedError):
 
 
 class Balance:
-    """R(v, ω) of contacts and one model's compliance, with its derivatives."""
+    """R(v, ω) of contacts and one model's compliance, with its derivatives, by up to `most` samples per period."""
 
-    def __init__(self, contact: Sliding, flexibility: Compliance) -> None:
-        self.contact, self.flexibility = contact, flexibility
+    def __init__(self, contact: Sliding, flexibility: Compliance, most: int = 2**17) -> None:
+        self.contact, self.flexibility, self.most = contact, flexibility, most
 
     def course(self, orbit: Orbit, count: int) -> Course:
         """The motion of the columns and f, with the mean displacement found."""
@@ -166,7 +164,7 @@ class Balance:
         count = power_of_two(max(64, 4 * H + 2))
         f = coefficients(self.force(orbit, count), H)
         Y = self.flexibility.estimate(orbit.s)
-        while count < SAMPLES:
+        while count < self.most:
             finer = coefficients(self.force(orbit, 2 * count), H)
             error = np.einsum("kij,kj->ki", Y, (finer - f)[1:])
             if np.linalg.norm(error) <= NEGLECTED * np.linalg.norm(orbit.v):
@@ -228,7 +226,7 @@ class Balance:
         """
         H = orbit.harmonics
         used = self.samples(orbit)
-        count = min(2 * SAMPLES, 4 * used)
+        count = min(2 * self.most, 4 * used)
         top = count // 4
         f = coefficients(self.force(orbit, count), top)[1:]
         coarse = coefficients(self.force(orbit, used), H)[1:]
@@ -248,7 +246,7 @@ class Balance:
         That is the Newton step with Y_k f_k in their place; infinite at a singular Jacobian.
         """
         H, used = orbit.harmonics, self.samples(orbit)
-        top = min(2 * SAMPLES, 4 * used) // 4
+        top = min(2 * self.most, 4 * used) // 4
         whole = orbit.with_harmonics(max(top, H))
         f = coefficients(self.force(orbit, 4 * top), whole.harmonics)[1 + H:]
         whole.v[H:] = np.einsum("kij,kj->ki", self.flexibility.estimate(whole.s[H:]), f)
@@ -280,15 +278,28 @@ class Balance:
                 raise NotConvergedError(f"harmonic balance met a singular Jacobian at ω = {orbit.omega:.6g} in step {turn}, "
                                         "probably at a fold. Use fs.branch, which follows the branch around it") from None
             size = float(np.linalg.norm(step[:-1]) / np.linalg.norm(orbit.v) + abs(step[-1]) / orbit.omega)
-            orbit, terms = self._searched(orbit, step, size, terms, count)
+            # a line search: a step of at most half of the orbit, halved until ‖R‖ falls by a tenth of what a linear R would
+            before, factor, best = np.linalg.norm(terms.R), min(1.0, 0.5 / size), None
+            for _ in range(7):
+                trial = orbit.at(orbit.vector + factor * step)
+                if trial.omega > 0:
+                    found = self.residual(trial, count)
+                    after = np.linalg.norm(found.R)
+                    if best is None or after < best[0]:
+                        best = after, replace(trial, mean=found.course.mean), found
+                    if after <= (1 - 0.1 * factor) * before or size < NEGLECTED:  # rounding is left of a step that small
+                        break
+                factor /= 2
+            assert best is not None  # ω stays positive with a short step
+            _, orbit, terms = best
             off = float(np.linalg.norm(terms.R) / np.linalg.norm(orbit.v))
-            if orbit.norm < 1e-3 * start or not orbit.omega > 0:
+            if orbit.norm < 1e-3 * start or not orbit.omega > 0:  # ten steps of half of the orbit, all towards 0
                 raise StepsEndedError(f"with {orbit.harmonics} harmonics the iteration fell back to steady sliding: there is no "
                                       "cycle near the initial guess. Give another start, such as a transient: start=(t, v), "
                                       f"or more (harmonics={2 * orbit.harmonics}). fs.shoot needs no harmonics", orbit, off)
-            if size <= tol or (size <= 1e-6 and turn > 12):
+            if size <= tol or (size <= 1e-6 and turn > 12):  # Newton's method has long converged, but for rounding or a kink of f
                 return orbit, off, turn
-            if size < 0.1:
+            if size < 0.1:  # near a cycle: what its friction needs
                 needed = self.samples(orbit)
                 if needed != count:
                     count, terms = needed, self.residual(orbit, needed)
@@ -296,22 +307,6 @@ class Balance:
                               f"last relative step was {size:.1e}, above {tol:g}. Give more (harmonics={2 * orbit.harmonics}), "
                               "or a start nearer to the cycle, such as a transient's signal: start=(t, v). fs.shoot needs "
                               "no harmonics", orbit, off)
-
-    def _searched(self, orbit: Orbit, step: Array, size: float, terms: Terms, count: int) -> tuple[Orbit, Terms]:
-        before, factor = np.linalg.norm(terms.R), min(1.0, 0.5 / size)
-        best = None
-        for _ in range(7):
-            trial = orbit.at(orbit.vector + factor * step)
-            if trial.omega > 0:
-                found = self.residual(trial, count)
-                after = np.linalg.norm(found.R)
-                if best is None or after < best[0]:
-                    best = (after, replace(trial, mean=found.course.mean), found)
-                if after <= (1 - 0.1 * factor) * before or size < 1e-7:
-                    break
-            factor /= 2
-        assert best is not None
-        return best[1], best[2]
 
 
 def _transformed(course: Array, count: int) -> Array:

@@ -303,7 +303,7 @@ class Tracer:
         return ""
 
     def _scan(self, a: Point, b: Point, length: float, halvings: int) -> None:
-        """Locate what changes between two points, by halving the step between them."""
+        """Locate what changes between two points, by halving the step between them, and name it."""
         if a.key == b.key:
             return
         if halvings:
@@ -312,23 +312,11 @@ class Tracer:
                 self._scan(a, middle, length / 2, halvings - 1)
                 self._scan(middle, b, length / 2, halvings - 1)
                 return
-        point = self._named(a, b)
-        if point is None:
-            return
-        # A fold is also detected as a multiplier that crosses +1: within 0.002 of the parameter's range it is 1 within its error.
-        near = [other for other in self.special if {other.kind, point.kind} == {"fold", "branch point"}
-                and abs(other.value - point.value) <= 0.002 * self.path.scales[2]]
-        if point.kind == "fold":
-            self.special = [other for other in self.special if other not in near]
-        if point.kind == "fold" or not near:
-            self.special.append(point)
-
-    def _named(self, a: Point, b: Point) -> SpecialPoint | None:
         critical, kind, ends = 1 + 0j, "fold", (a.place.direction, b.place.direction)
         if (ends[0] > 0) == (ends[1] > 0):
             # in a cycle that small beside the belt's speed the amplitude's multiplier is 1 within its error
             if max(a.cycle.peak, b.cycle.peak) < 0.02 * self.path.scales[0]:
-                return None
+                return
             # the multiplier that passes the unit circle between the two, and its distance from the circle at both
             assert a.cycle.floquet is not None and b.cycle.floquet is not None
             before, after = a.cycle.floquet.values[:12], b.cycle.floquet.values[:12]
@@ -336,9 +324,17 @@ class Tracer:
             gaps = np.abs(before) - 1, np.abs(after) - 1
             at = int(np.argmin(np.abs(gaps[0]) + np.abs(gaps[1]) + (gaps[0] * gaps[1] > 0)))
             critical, ends = complex((before[at] + after[at]) / 2), (float(gaps[0][at]), float(gaps[1][at]))
+            # within a degree of the real axis it counts as real
             kind = "Neimark-Sacker" if abs(critical.imag) > 2e-2 * abs(critical) else \
                 "branch point" if critical.real > 0 else "period doubling"
         share = float(np.clip(ends[0] / (ends[0] - ends[1]), 0, 1)) if ends[0] != ends[1] else 0.5
         value, omega, rms = (x + share * (y - x) for x, y in ((a.place.value, b.place.value), (a.cycle.omega, b.cycle.omega),
                                                               (a.cycle.rms, b.cycle.rms)))
-        return SpecialPoint(kind, value, omega, rms, critical)
+        point = SpecialPoint(kind, value, omega, rms, critical)
+        # A fold is also detected as a multiplier that crosses +1: within 0.002 of the parameter's range it is 1 within its error.
+        near = [other for other in self.special if {other.kind, point.kind} == {"fold", "branch point"}
+                and abs(other.value - point.value) <= 0.002 * self.path.scales[2]]
+        if point.kind == "fold":
+            self.special = [other for other in self.special if other not in near]
+        if point.kind == "fold" or not near:
+            self.special.append(point)

@@ -122,7 +122,7 @@ class Path:
                 raise NotConvergedError(f"the frequency became negative at {self.parameter} = {value:.6g}")
             if size <= tol * (1 + float(np.linalg.norm(x))):
                 break
-            if size < 1e-2:
+            if size < 1e-2:  # so near the number of samples is that of the cycle
                 count = self.balance(value).samples(orbit)
         else:
             raise NotConvergedError(f"the corrector did not converge at {self.parameter} = {value:.6g}: last step {size:.1e}")

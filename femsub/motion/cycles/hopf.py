@@ -23,7 +23,6 @@ from femsub.stability import critical_slope
 from femsub.stability.critical_value import critical_value
 
 if TYPE_CHECKING:
-    from femsub.model import Substructure
     from femsub.stability import Crossing
 
 
@@ -55,7 +54,21 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
         raise InputError(f"a branch that begins at a Hopf point needs at most 2,000 DOF, not {model.size}, and with start= as a "
                          f"frequency a contact of one column, not {contact.columns}. Start from a cycle: start=cycle, found from "
                          "that of a reduced model")
-    found = critical_slope(model, belt.port).first if near is None else _nearest(model, belt.port, flexibility, near)
+    found: tuple[Crossing, ...] = ()
+    if near is None:
+        found = critical_slope(model, belt.port).first
+    else:
+        # the loss at the crossing nearest to that frequency, or the regain if a pair ceases to grow there
+        heights, slopes = crossings(flexibility, 0.0, np.inf)
+        if len(heights):
+            at = int(np.argmin(np.abs(heights - near)))
+            together = np.abs(slopes - slopes[at]) <= 1e-6 * abs(slopes[at])  # the crossings coincide
+            if together.sum() > 1:
+                raise _several(slopes[at], heights[together])
+            band = heights[at] * (1 - 1e-3), heights[at] * (1 + 1e-3)  # of this crossing alone
+            ends = slopes[at] / 2, 2 * slopes[at]
+            found = critical_slope(model, belt.port, band=band).first or \
+                critical_value(model, Belt(belt.port, slope=0.0), "slope", between=ends, band=band).regains
     if not found:
         raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding is stable at every slope. Damping prevails at "
                            "this place of the belt; move the belt or reduce the damping")
@@ -66,52 +79,34 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
     if len(found) > 1:
         raise _several(c, [one.omega for one in found])
     speeds = contact.W.T @ shape
-    return HopfPoint(_value_at(belt, parameter, c, between), omega, c), speeds / speeds[np.argmax(np.abs(speeds))]
+    speeds = speeds / speeds[np.argmax(np.abs(speeds))]
+    # where F μ'(v0) = c; of several belt speeds at the largest
+    if parameter == "slope":
+        return HopfPoint(c / belt.force, omega, c), speeds
+    if parameter == "force":
+        slope = float(belt.slope_at(belt.speed))
+        if slope >= 0:
+            raise NoCycleError(f"μ' = {slope:.6g} at the belt's speed is not negative, so no normal force makes steady sliding "
+                               "unstable. Change the speed or the law")
+        return HopfPoint(c / slope, omega, c), speeds
+    from scipy.optimize import brentq
 
-
-def _nearest(model: Substructure, port: str, flexibility: Fractions, near: float) -> tuple[Crossing, ...]:
-    """The loss at the crossing of the frequency nearest to that given, or the regain if a pair ceases to grow there."""
-    omega, c = crossings(flexibility, 0.0, np.inf)
-    if not len(omega):
-        return ()
-    at = int(np.argmin(np.abs(omega - near)))
-    together = np.abs(c - c[at]) <= 1e-6 * abs(c[at])  # the crossings coincide
-    if together.sum() > 1:
-        raise _several(c[at], omega[together])
-    band = omega[at] * (1 - 1e-3), omega[at] * (1 + 1e-3)  # of this crossing alone
-    return critical_slope(model, port, band=band).first or \
-        critical_value(model, Belt(port, slope=0.0), "slope", between=(c[at] / 2, 2 * c[at]), band=band).regains
+    lo, hi = limits_of(between, parameter, belt.speed or 1.0, belt)
+    places = np.linspace(lo, hi, 4001)
+    excess = belt.force * np.asarray(belt.slope_at(places)) - c
+    signs = np.flatnonzero(excess[1:] * excess[:-1] < 0)
+    if not len(signs):
+        raise NoCycleError(f"no belt speed from {lo:.6g} to {hi:.6g} is a Hopf point: F μ' is never {c:.6g} there. "
+                           "Widen between=")
+    last = signs[-1] if hi > 0 else signs[0]
+    value = brentq(lambda v: belt.force * float(belt.slope_at(v)) - c, places[last], places[last + 1], xtol=1e-15, rtol=1e-15)
+    return HopfPoint(float(value), omega, c), speeds
 
 
 def _several(c: float, omega: Iterable[float]) -> NoCycleError:
     places = [f"{value:.5g}" for value in omega]
     return NoCycleError(f"{len(places)} pairs cross together at F μ' = {c:.6g} (ω = {', '.join(places)}), so several branches "
                         "begin at this point. Move the belt away from the damper, or start from a cycle (start=cycle)")
-
-
-def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float] | None) -> float:
-    """The parameter at which F μ'(v0) = c; of several speeds the largest."""
-    assert belt.law is not None
-    if parameter == "slope":
-        return c / belt.force
-    if parameter == "force":
-        slope = float(belt.slope_at(belt.speed))
-        if slope >= 0:
-            raise NoCycleError(f"μ' = {slope:.6g} at the belt's speed is not negative, so no normal force makes steady sliding "
-                               "unstable. Change the speed or the law")
-        return c / slope
-    from scipy.optimize import brentq
-
-    lo, hi = limits_of(between, parameter, belt.speed or 1.0, belt)
-    speeds = np.linspace(lo, hi, 4001)
-    excess = belt.force * np.asarray(belt.slope_at(speeds)) - c
-    signs = np.flatnonzero(excess[1:] * excess[:-1] < 0)
-    if not len(signs):
-        raise NoCycleError(f"no belt speed from {lo:.6g} to {hi:.6g} is a Hopf point: F μ' is never {c:.6g} there. "
-                           "Widen between=")
-    last = signs[-1] if hi > 0 else signs[0]
-    return float(brentq(lambda v: belt.force * float(belt.slope_at(v)) - c, speeds[last], speeds[last + 1], xtol=1e-15,
-                        rtol=1e-15))
 
 
 def limits_of(between: tuple[float, float] | None, parameter: str, value: float, belt: Belt) -> tuple[float, float]:

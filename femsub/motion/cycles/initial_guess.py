@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, real_array
+from femsub.checks import EPS, EQUAL, Array, real_array
 from femsub.coupling import width_of
 from femsub.errors import InputError, NoCycleError
 from femsub.model import beyond
@@ -25,8 +25,6 @@ from femsub.modes import PortFunction, eigenvalues
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.nonlinear_model import Sliding
-
-SWEPT = 3.0  # largest amplitude tried, in belt speeds
 
 
 def levels(contact: Sliding, wide: float = 0.1, sharper: float = 0.72) -> list[Sliding]:
@@ -71,26 +69,52 @@ def unstable_modes(contact: Sliding, flexibility: Fractions) -> Array:
     """λ with Re λ > 0 of steady sliding, (k,), the fastest growing first, without those above the model's cut-off."""
     form = flexibility.found.form
     values = eigenvalues(form, form.C - (flexibility.w * slopes_of(contact)) @ flexibility.w.T)
-    noise = 1e-12 * float(np.abs(values).max(initial=1.0))
+    noise = 4096 * EPS * float(np.abs(values).max(initial=1.0))  # rounding in λ
     values = values[(values.real > noise) & (values.imag > 0) & ~beyond(values.imag, contact.model.cutoff)]
     return values[np.argsort(-values.real)]
 
 
-def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None) -> list[Orbit]:
+def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None, largest: float = 3.0) -> list[Orbit]:
     """Orbits of one harmonic at the crossing next to the fastest growing mode, or nearest to a frequency; best first.
 
-    There is none if steady sliding is stable and no frequency was given, or if no amplitude balances.
+    The amplitudes tried end at `largest` belt speeds. There is no orbit if steady sliding is stable and no frequency was given,
+    or if no amplitude balances.
     """
     growing = unstable_modes(contact, flexibility)
-    if not len(growing) and near is None:
+    if not len(growing) and (near is None or contact.columns > 1):
         return []
-    return _of_modes(contact, flexibility, growing, near) if contact.columns > 1 else \
-        _of_crossings(contact, flexibility, growing, near)
-
-
-def _sweep(contact: Sliding) -> Array:
-    shares = np.concatenate([np.geomspace(1e-3, 0.3, 40), np.linspace(0.31, 1.3, 200), np.linspace(1.32, SWEPT, 60)])
-    return float(contact.speeds.max()) * shares
+    # densest about the belt's speed, where the mass begins to stick
+    shares = np.concatenate([np.geomspace(1e-3, 0.3, 40), np.linspace(0.31, 1.3, 200), np.linspace(1.32, largest, 60)])
+    amplitudes = float(contact.speeds.max()) * shares
+    if contact.columns == 1:
+        function = port_function(flexibility)
+        centre = float(growing[0].imag) if near is None else near
+        omega, c = function.crossings(0.75 * centre, 1.3 * centre)
+        if near is not None and not len(omega):
+            omega, c = crossings(flexibility, 0.0, np.inf)
+        N = gain(contact, np.ones(1), amplitudes)[:, 0]
+        found = []
+        for at in np.argsort(np.abs(omega - centre)):
+            balance = N + c[at]
+            for i in np.flatnonzero(balance[1:] * balance[:-1] <= 0)[::-1]:
+                a = amplitudes[i] - balance[i] * (amplitudes[i + 1] - amplitudes[i]) / (balance[i + 1] - balance[i] or 1.0)
+                found.append(Orbit(np.array([[a / 2 + 0j]]), float(omega[at])))
+        return found
+    # of several columns the amplitude of the mode is increased until it neither grows nor decays
+    form, w = flexibility.found.form, flexibility.w
+    target = complex(growing[0] if near is None else growing[np.argmin(np.abs(growing.imag - near))])
+    shape, before = np.zeros(0), None
+    for a in amplitudes:
+        N = gain(contact, shape, np.array([a]), 512)[0] if len(shape) else slopes_of(contact)
+        values, vectors = np.linalg.eig(form.state(form.C - (w * N) @ w.T))
+        at = int(np.argmin(np.abs(values - target)))
+        target = complex(values[at])
+        speeds = w.T @ vectors[len(form.omega) - form.rigid:, at]
+        shape = speeds / speeds[np.argmax(np.abs(speeds))]
+        if before is not None and target.real <= 0:
+            return [Orbit((before / 2 * shape)[None, :].astype(complex), target.imag)]
+        before = a
+    return []
 
 
 def port_function(flexibility: Fractions) -> PortFunction:
@@ -118,45 +142,8 @@ def crossings(flexibility: Fractions, lo: float, hi: float) -> tuple[Array, Arra
     omega, c = (np.concatenate([pair[i] for pair in pairs] or [np.zeros(0)]) for i in range(2))
     order = np.argsort(omega)
     omega, c = omega[order], c[order]
-    fresh = np.diff(omega, prepend=-np.inf) > 1e-9 * omega
+    fresh = np.diff(omega, prepend=-np.inf) > EQUAL * omega
     return omega[fresh], c[fresh]
-
-
-def _of_crossings(contact: Sliding, flexibility: Fractions, growing: Array, near: float | None) -> list[Orbit]:
-    function = port_function(flexibility)
-    centre = float(growing[0].imag) if near is None else near
-    omega, c = function.crossings(0.75 * centre, 1.3 * centre)
-    if near is not None and not len(omega):
-        omega, c = crossings(flexibility, 0.0, np.inf)
-    amplitudes = _sweep(contact)
-    N = gain(contact, np.ones(1), amplitudes)[:, 0]
-    found = []
-    for at in np.argsort(np.abs(omega - centre)):
-        balance = N + c[at]
-        for i in np.flatnonzero(balance[1:] * balance[:-1] <= 0)[::-1]:
-            a = amplitudes[i] - balance[i] * (amplitudes[i + 1] - amplitudes[i]) / (balance[i + 1] - balance[i] or 1.0)
-            found.append(Orbit(np.array([[a / 2 + 0j]]), float(omega[at])))
-    return found
-
-
-def _of_modes(contact: Sliding, flexibility: Fractions, growing: Array, near: float | None) -> list[Orbit]:
-    """For several columns: the amplitude of the mode is increased until it neither grows nor decays."""
-    form, w = flexibility.found.form, flexibility.w
-    if not len(growing):
-        return []
-    first = growing[0] if near is None else growing[np.argmin(np.abs(growing.imag - near))]
-    target, shape, before = complex(first), np.zeros(0), None
-    for a in _sweep(contact):
-        N = gain(contact, shape, np.array([a]), 512)[0] if len(shape) else slopes_of(contact)
-        values, vectors = np.linalg.eig(form.state(form.C - (w * N) @ w.T))
-        at = int(np.argmin(np.abs(values - target)))
-        target = complex(values[at])
-        speeds = w.T @ vectors[len(form.omega) - form.rigid:, at]
-        shape = speeds / speeds[np.argmax(np.abs(speeds))]
-        if before is not None and target.real <= 0:
-            return [Orbit((before / 2 * shape)[None, :].astype(complex), target.imag)]
-        before = a
-    return []
 
 
 def of_signal(t: Any, v: Any, columns: int) -> Orbit:
@@ -198,8 +185,11 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     return Orbit(coefficients(one, count // 2 - 1)[1:], 2 * np.pi / period)
 
 
-def orbits(contact: Sliding, flexibility: Compliance, near: float | None) -> Iterator[tuple[list[Sliding], Orbit]]:
+def orbits(contact: Sliding, flexibility: Compliance, near: float | None,
+           largest: float = 3.0) -> Iterator[tuple[list[Sliding], Orbit]]:
     """Contacts from smooth to sharp with an initial orbit, beginning with the smoothest law at which an amplitude balances.
+
+    The amplitudes tried end at `largest` belt speeds: above the belt's own, friction reverses in each period and takes energy.
 
     Raises
     ------
@@ -216,7 +206,7 @@ def orbits(contact: Sliding, flexibility: Compliance, near: float | None) -> Ite
                          "of a reduced model (start=cycle) or a signal in time (start=(t, v))")
     sharp = levels(contact)
     for at in range(len(sharp)):
-        found = seeds(sharp[at], flexibility, near)
+        found = seeds(sharp[at], flexibility, near, largest)
         for orbit in found[:2]:
             yield sharp[at:], orbit
         if found and at > len(sharp) // 2:
@@ -229,5 +219,5 @@ def orbits(contact: Sliding, flexibility: Compliance, near: float | None) -> Ite
         raise NoCycleError(f"steady sliding is stable ({why}): no mode of {contact.model.name!r} grows, so there is no initial "
                            "guess for a cycle. Make the slope of the friction more negative or its force larger (see "
                            "fs.critical_slope), or give start= if a cycle is known")
-    raise NoCycleError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
+    raise NoCycleError(f"no amplitude up to {largest:g} times the belt's speed balances one harmonic"
                        + (f" near ω = {near:g}" if near else "") + ". Give start=(t, v), a signal in time, or another frequency")

@@ -302,6 +302,11 @@ def _starts(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -
     """Initial orbits with all that is known of them, the number of harmonics to begin with, and the Newton steps they took.
 
     The next one is tried if no cycle is found from one.
+
+    Raises
+    ------
+    NotConvergedError
+        The first one of a level, where neither that nor the motion in time starts a cycle.
     """
     if isinstance(start, LimitCycle):
         beyond = np.sqrt(np.cumsum(np.square(np.linalg.norm(start.harmonics, axis=1))[::-1])[::-1])
@@ -321,30 +326,7 @@ def _starts(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -
     if bare := next((one for one in contact.contacts if not isinstance(one, Belt)), None):
         raise InputError(f"with {type(bare).__name__} a cycle needs a start that moves: a transient, a signal start=(t, v), or a "
                          "LimitCycle. Only belts have one that is found by itself")
-    yield from _by_itself(contact, flexibility, near, tol)
-
-
-def _speeds(contact: Sliding, run: Transient) -> Array:
-    """Wᵀq̇ of a transient, (p, m): of its states, or as recorded at the ports."""
-    if run.states is not None and run.contact.model is contact.model:
-        return np.asarray(contact.W.T @ run.states[1].T)
-    if bare := next((one for one in contact.contacts if getattr(one, "sets", ())), None):
-        raise InputError(f"{type(bare).__name__} acts on the sets {', '.join(bare.sets)}, which a transient does not record at "
-                         "ports. Run it on the same model with record='states'")
-    return np.vstack([np.asarray(run.velocity(port)).T for one in contact.contacts for port in one.ports])
-
-
-def _by_itself(contact: Sliding, flexibility: Compliance, near: float | None, tol: float) -> Iterator[tuple[Orbit, int, int]]:
-    """From one harmonic of a smooth law to all harmonics of the belts' own laws, level by level.
-
-    After these, unless the cycle near a frequency is asked for: from the motion in time, which begins on the first of these
-    orbits of one harmonic.
-
-    Raises
-    ------
-    NotConvergedError
-        The first one of a level, where the motion in time starts no cycle either.
-    """
+    # from one harmonic of a smooth law to all harmonics of the belts' own laws, level by level
     failed: NotConvergedError | None = None
     first: Orbit | None = None
     for sharp, orbit in orbits(contact, flexibility, near):
@@ -358,11 +340,22 @@ def _by_itself(contact: Sliding, flexibility: Compliance, near: float | None, to
             failed = failed or error
         else:
             yield orbit, orbit.harmonics, steps
+    # unless the cycle near a frequency is asked for: the motion in time, from the first of these orbits of one harmonic on
     if first is not None and near is None:
         state = LimitCycle(contact, first, flexibility, np.nan, np.nan, np.nan).state()
         yield from _in_time(contact, flexibility, state, first.omega)
     if failed is not None:
         raise failed
+
+
+def _speeds(contact: Sliding, run: Transient) -> Array:
+    """Wᵀq̇ of a transient, (p, m): of its states, or as recorded at the ports."""
+    if run.states is not None and run.contact.model is contact.model:
+        return np.asarray(contact.W.T @ run.states[1].T)
+    if bare := next((one for one in contact.contacts if getattr(one, "sets", ())), None):
+        raise InputError(f"{type(bare).__name__} acts on the sets {', '.join(bare.sets)}, which a transient does not record at "
+                         "ports. Run it on the same model with record='states'")
+    return np.vstack([np.asarray(run.velocity(port)).T for one in contact.contacts for port in one.ports])
 
 
 def _in_time(contact: Sliding, flexibility: Compliance, state: State, omega: float) -> Iterator[tuple[Orbit, int, int]]:
