@@ -181,36 +181,34 @@ def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> 
     """The border of a small model from all of its modes. Method 'auto' uses the scalar function for a contact of one column."""
     with one_thread(pencil.size <= FEW):
         model = ModalContact(pencil.dense(), W)
-        if (decided := _at_rest(model, band)) is not None:
-            return decided
+        form = model.form
+        # what is decided at c = 0: modes that grow, by more than some thousand roundings if D is unsymmetric or λ real
+        values, q = model.spectrum(0.0, band)
+        undamped = model.undamped(values, q) & (np.abs(values.real) <= 1e3 * model.noise)
+        growing = [values[(values.real > (0.0 if model.symmetric else model.noise)) & ~undamped]]
+        if band[0] == 0:
+            every = model.decomposition(0.0)[0]
+            growing.append(every[(every.imag == 0) & (every.real > 1e3 * model.noise)])
+        unstable = np.concatenate(growing)
+        if len(unstable):
+            return Border(unstable=unstable)
+        # an undamped mode that moves the contact, and rigid motion that nothing damps
+        free = np.flatnonzero(model.felt(q) & undamped)
+        order = free[np.argsort(values[free].imag)]
+        if band[0] == 0 and model.drift is not None and model.drift.c == 0:
+            return model.drift.joined(values[order].imag, form.shapes @ q[:, order])
+        if len(free):
+            return Border(0.0, values[order].imag, form.shapes @ q[:, order])
         border = bracketed(model, band) if method == METHOD or model.W.shape[1] > 1 else _rooted(model, band)
         if not np.isfinite(border.c):
             return border
         before, beyond = (model.ranked(border.c * factor, band) for factor in (1 - ASIDE, 1 + ASIDE))
+    # of defective eigenvalues rounding takes more digits
     if (already := before.max(initial=-np.inf)) > 1e2 * model.noise:
         raise NotConvergedError(f"the border c = {border.c:.9g} (ω = {border.omega:.6g}) is not the first one: Re λ = "
                                 f"{already:.3g} just before it. A pair that lost its stability outside the band has moved into "
                                 "it, or one was missed. Widen the band, or use method='bracketing'")
     return replace(border, beyond=int((beyond > 1e2 * model.noise).sum()))
-
-
-def _at_rest(model: ModalContact, band: Band) -> Border | None:
-    """The cases that are decided at c = 0: an unstable model, or an undamped mode that moves the contact."""
-    form = model.form
-    values, q = model.spectrum(0.0, band)
-    undamped = model.undamped(values, q) & (np.abs(values.real) <= 1e3 * model.noise)
-    growing = [values[(values.real > (0.0 if model.symmetric else model.noise)) & ~undamped]]
-    if band[0] == 0:
-        every = model.decomposition(0.0)[0]
-        growing.append(every[(every.imag == 0) & (every.real > 1e3 * model.noise)])
-    unstable = np.concatenate(growing)
-    if len(unstable):
-        return Border(unstable=unstable)
-    free = np.flatnonzero(model.felt(q) & undamped)
-    order = free[np.argsort(values[free].imag)]
-    if band[0] == 0 and model.drift is not None and model.drift.c == 0:
-        return model.drift.joined(values[order].imag, form.shapes @ q[:, order])
-    return Border(0.0, values[order].imag, form.shapes @ q[:, order]) if len(free) else None
 
 
 def _rooted(model: ModalContact, band: Band) -> Border:
@@ -261,7 +259,7 @@ def bracketed(model: ModalContact, band: Band) -> Border:
     drift = model.drift if band[0] == 0 else None
     furthest = -1e6 * model.size / contact * len(model.form.omega)
     last = furthest if drift is None else drift.c * (1 - EQUAL)
-    stable, lost = 0.0, 0
+    stable, lost, q_rows = 0.0, 0, slice(len(model.form.omega) - model.form.rigid, None)
 
     def grown(c: float) -> int:
         return int(np.count_nonzero(model.ranked(c, wide) > 0))
@@ -272,10 +270,17 @@ def bracketed(model: ModalContact, band: Band) -> Border:
 
     lost = grown(stable)
     while stable > last:
-        # half of the way to the next crossing that is foretold, or a little beyond a near one
-        ahead = _foretold(model, stable, wide)
+        # half of the way to the nearest c below at which, to first order, a pair crosses; or a little beyond a near one
+        values, left, right = model.decomposition(stable)
+        keep = (values.imag > 0) & in_band(values, wide)
+        values, left, right = values[keep], left[:, keep], right[:, keep]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rate = -np.einsum("ij,ij->j", left[q_rows].conj(), model.contact @ right[q_rows]) / \
+                np.einsum("ij,ij->j", left.conj(), right)
+            places = stable - values.real / rate.real
+        ahead = float(places[(rate.real < 0) & (places < stable)].max(initial=-np.inf))
         if np.isinf(ahead):
-            trial = 2 * stable if stable else 1e-3 * furthest * 1e-6
+            trial = 2 * stable if stable else 1e-9 * furthest  # steps that double reach all of the way in thirty
         else:
             trial = ahead * (1 + 2e-3) if stable - ahead <= 1e-3 * abs(ahead) else stable + 0.5 * (ahead - stable)
         trial = max(trial, last)
@@ -285,41 +290,20 @@ def bracketed(model: ModalContact, band: Band) -> Border:
         from scipy.optimize import brentq
 
         c = float(brentq(next_growth, trial, stable, xtol=1e-16 * abs(trial), rtol=1e-15)) if next_growth(stable) < 0 else stable
-        found = _at(model, c, band, wide, contact)
-        if found is not None:
-            return found
+        # the border, if a pair on the axis there has its frequency in the band: all that cross together, else the nearest
+        values, q = model.spectrum(c, wide)
+        values, q = values[model.felt(q)], q[:, model.felt(q)]
+        fed = model.fed(q) / np.maximum(np.linalg.norm(q, axis=0) ** 2, 1e-300)
+        inside, growth = in_band(values, band), np.abs(values.real)
+        together = np.flatnonzero(inside & (growth <= max(model.noise, EQUAL * abs(c) * contact) * fed / contact))
+        if not len(together):
+            # none within rounding: the nearest, by a millionth of what the contact feeds it
+            near = np.flatnonzero(inside & (growth <= 1e-6 * abs(c) * fed))
+            together = near[np.argsort(growth[near])][:1]
+        if len(together):
+            order = together[np.argsort(values[together].imag)]
+            shapes: Array = model.form.shapes @ q[:, order]
+            omega = values[order].imag
+            return Border(c, omega, shapes / np.linalg.norm(shapes, axis=0), model.beside(c, float(omega[0])), METHOD)
         stable, lost = min(c, stable) * (1 + EQUAL), max(grown(c * (1 + EQUAL)), lost + 1)
     return Border(method=METHOD) if drift is None else drift
-
-
-def _at(model: ModalContact, c: float, band: Band, wide: Band, contact: float) -> Border | None:
-    """The border at c if a pair on the axis there has its frequency in the band."""
-    values, q = model.spectrum(c, wide)
-    values, q = values[model.felt(q)], q[:, model.felt(q)]
-    fed = model.fed(q) / np.maximum(np.linalg.norm(q, axis=0) ** 2, 1e-300)
-    slack = max(model.noise, 1e-9 * abs(c) * contact) * fed / contact
-    inside = in_band(values, band)
-    together = np.flatnonzero(inside & (np.abs(values.real) <= slack))
-    if not len(together):
-        near = np.flatnonzero(inside & (np.abs(values.real) <= 1e-6 * abs(c) * fed))
-        together = near[np.argsort(np.abs(values.real[near]))][:1]
-    if not len(together):
-        return None
-    order = together[np.argsort(values[together].imag)]
-    shapes: Array = model.form.shapes @ q[:, order]
-    omega = values[order].imag
-    return Border(c, omega, shapes / np.linalg.norm(shapes, axis=0), model.beside(c, float(omega[0])), METHOD)
-
-
-def _foretold(model: ModalContact, c: float, band: Band) -> float:
-    """The nearest c below at which, to first order, a pair in the band crosses; -inf if none does."""
-    n, r = len(model.form.omega), model.form.rigid
-    values, left, right = model.decomposition(c)
-    keep = (values.imag > 0) & in_band(values, band)
-    values, left, right = values[keep], left[:, keep], right[:, keep]
-    b, d = right[n - r:], left[n - r:]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rate = -np.einsum("ij,ij->j", d.conj(), model.contact @ b) / np.einsum("ij,ij->j", left.conj(), right)
-        ahead = c - values.real / rate.real
-    ahead = ahead[(rate.real < 0) & (ahead < c)]
-    return float(ahead.max(initial=-np.inf))

@@ -146,8 +146,16 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     choice("method", method, ("auto", "scalar", "bracketing"))
     model.port(port)
     belt = Belt(port, force=positive_number("force", force), slope=0.0)
-    held = [_held(model, one) for one in contacts_of(contacts)]
-    question = question_of(model, [belt, *(one for one in held if one is not None)], "slope", (0.0, -np.inf), band)
+    acting: list[Contact] = [belt]
+    for one in contacts_of(contacts):  # those whose own slope must not change act by their matrices, if they do anything
+        if hasattr(one, "slope"):
+            W, D, K = small_matrices(model, one)
+            unit = np.eye(W.shape[1])
+            terms = {name: C * unit if isinstance(C, float) else C for name, C in (("damping", D), ("stiffness", K)) if np.any(C)}
+            acting += [LinearContact(one.ports, **terms)] if terms else []
+        else:
+            acting.append(one)
+    question = question_of(model, acting, "slope", (0.0, -np.inf), band)
     result = _answer(question, [PortRoot(method)])
     if result.growing:
         worst = result.fastest
@@ -166,16 +174,6 @@ def first_value(model: Substructure | Affine, contacts: Contacts, parameter: str
     return _answer(question, [Followed(first=True, near=-near if question.falls else near)])
 
 
-def _held(model: Substructure, contact: Contact) -> Contact | None:
-    """A contact whose own slope does not change; None if it does nothing."""
-    if not hasattr(contact, "slope"):
-        return contact
-    W, D, K = small_matrices(model, contact)
-    unit = np.eye(W.shape[1])
-    terms = {name: C * unit if isinstance(C, float) else C for name, C in (("damping", D), ("stiffness", K)) if np.any(C)}
-    return LinearContact(contact.ports, **terms) if terms else None
-
-
 def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str, between: tuple[float, float],
                 band: tuple[float, float] | None) -> LossQuestion:
     """The question, checked."""
@@ -188,27 +186,22 @@ def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str
         raise InputError(f"between must be a range, but begins and ends at {begin:g}")
     over = pencil_over(model, contacts, parameter)
     limits = usable_band(model, band)
-    floats = isinstance(model, Substructure) and _floats(model, contacts, parameter, (begin, end), limits[0])
+    left = []  # whether rigid motion is left at both ends of the range; friction may drive it only if the band begins above 0
+    if isinstance(model, Substructure):
+        for value in (begin, end if np.isfinite(end) else begin + float(np.sign(end))):
+            try:
+                acting = contacts_at(contacts, parameter, value)
+            except InputError:  # a contact may refuse the end of a range
+                continue
+            if not limits[0]:
+                model.check_held(acting)
+            motion = model.floating(acting)
+            left.append(motion is not None and motion.count > 0)
+    floats = bool(left) and all(left)
     falls = end < begin
     if falls:
         over, begin, end = replace(over, sign=-1.0), 0.0 - begin, 0.0 - end
     return LossQuestion(model, contacts, parameter, over, (begin, end), limits, band is not None, falls, floats)
-
-
-def _floats(model: Substructure, contacts: Contacts, parameter: str, between: tuple[float, float], lowest: float) -> bool:
-    """Whether rigid motion is left at both ends of the range; an error if friction drives it, unless the band begins above 0."""
-    begin, end = between
-    left = []
-    for value in (begin, end if np.isfinite(end) else begin + float(np.sign(end))):
-        try:
-            acting = contacts_at(contacts, parameter, value)
-        except InputError:  # a contact may refuse the end of a range
-            continue
-        if not lowest:
-            model.check_held(acting)
-        motion = model.floating(acting)
-        left.append(motion is not None and motion.count > 0)
-    return bool(left) and all(left)
 
 
 def _answer(question: LossQuestion, solvers: Iterable[Solver]) -> CriticalValue:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +15,6 @@ from femsub.stability.exclusion import Family, Interval
 from femsub.stability.question import CriticalValue, LossQuestion, fastest
 
 LARGEST = WIDE  # DOF of a model
-NARROW = 1e3  # times the resolution: an interval in which a crossing is counted, and nothing else looked for
 
 
 @dataclass(frozen=True)
@@ -28,10 +26,12 @@ class Discs:
     from both of its sides, and must make up the change of that number (`femsub.stability.crossings`).
 
     At `most` so many intervals are tested, each for one decomposition of the state matrix and some products with it. What is left
-    then is open, and the result lists it.
+    then is open, and the result lists it. An interval of `narrow` times the resolution is such a window: the crossings in it are
+    counted, and nothing else is looked for. In a wider one rounding may hide, `narrow` times as far beside a place, what grows.
     """
 
     most: int = 6000
+    narrow: float = 1e3
 
     def unfit(self, question: LossQuestion) -> str:
         if question.size > LARGEST:
@@ -46,70 +46,65 @@ class Discs:
             if question.floats or family.floating:
                 raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports "
                                  "or springs")
-            return _collected(question, family, family.parts(self.most))
+            parts = family.parts(self.most)
+            # The crossings in the intervals that are not excluded, in the band. Wide ones are open, and so are narrow ones in
+            # which the modes that cross do not make up the change of the number that grow, or none crosses. A mode that only
+            # touches the axis at an end of the range has nothing to cross
+            (lo, hi), limits = question.between, question.band
+            reach, width = ASIDE * (hi - lo), self.narrow * family.least
+            found: Found = ([], [])
+            left: list[tuple[float, float]] = []
+            lost: list[float] = []  # where an interval begins in which stability is lost at an unknown place
+            begin = last = int(family.grown(lo)[0].sum())
+            listed = 0
+            windows = [i for i, part in enumerate(parts) if part.growing is None]
+            for at, i in enumerate(windows):
+                part, edge = parts[i], i in (0, len(parts) - 1)
+                below = part.begin - (parts[windows[at - 1]].end if at else -np.inf)
+                above = (parts[windows[at + 1]].begin if at + 1 < len(windows) else np.inf) - part.end
+                room = (max(lo, part.begin - min(below / 3, reach)),
+                        min(hi, part.end + min(above / 3, reach)) if part.end < hi else hi + width)
+                before = known if i and (known := parts[i - 1].growing) is not None else begin
+                after = parts[i + 1].growing if i + 1 < len(parts) else None
+                narrow = part.end - part.begin <= width
+                crossed = settled(family, (part.begin, part.end), room, (before, after)) if narrow else None
+                if crossed is None or not (edge or any(crossed)):
+                    heights = np.abs(np.imag(part.touching))
+                    if len(heights) and not in_band(heights, limits).any():  # not listed, whatever it is
+                        listed, last = listed + (0 if after is None else after - before), before
+                        continue
+                    left.append((part.begin, part.end))
+                    crossed, unknown = self._seen(family, part, room, before, after)
+                    lost += [] if unknown is None else [unknown]
+                else:
+                    listed, last = listed + change(*crossed), before + change(*crossed)
+                for several, new in zip(found, crossed, strict=True):
+                    several.extend(one for one in sorted(new, key=lambda one: one.omega)
+                                   if in_band(np.array([one.omega]), limits)[0])
+            last = known if (known := parts[-1].growing) is not None else last
+            z = family.spectrum(lo).z[family.grown(lo)[0]]
+            z = z[in_band(np.abs(z.imag), limits)]
+            tally = Tally(listed, None if left else last - begin, sampled=not family.affine)
+            return CriticalValue.of(question, *found, tally, method="discs", growing=len(z), lost=lost, open=left,
+                                    solved=family.solved, fastest=fastest(z))
 
+    def _seen(self, family: Family, part: Interval, room: tuple[float, float], before: int,
+              after: int | None) -> tuple[Found, float | None]:
+        """What is certain of the crossings in an open interval, and from where on one is lost at an unknown place, if so.
 
-def _collected(question: LossQuestion, family: Family, parts: Sequence[Interval]) -> CriticalValue:
-    """The crossings in the intervals that are not excluded, in the band.
-
-    Wide ones are open, and so are narrow ones in which the modes that cross do not make up the change of the number that grow, or
-    none crosses. A mode that only touches the axis at an end of the range has nothing to cross.
-    """
-    (lo, hi), limits = question.between, question.band
-    reach = ASIDE * (hi - lo)
-    found: Found = ([], [])
-    left: list[tuple[float, float]] = []
-    lost: list[float] = []  # where an interval begins in which stability is lost at an unknown place
-    begin = last = int(family.grown(lo)[0].sum())
-    listed = 0
-    windows = [i for i, part in enumerate(parts) if part.growing is None]
-    for at, i in enumerate(windows):
-        part, edge = parts[i], i in (0, len(parts) - 1)
-        below = part.begin - (parts[windows[at - 1]].end if at else -np.inf)
-        above = (parts[windows[at + 1]].begin if at + 1 < len(windows) else np.inf) - part.end
-        room = (max(lo, part.begin - min(below / 3, reach)),
-                min(hi, part.end + min(above / 3, reach)) if part.end < hi else hi + NARROW * family.least)
-        before = known if i and (known := parts[i - 1].growing) is not None else begin
-        after = parts[i + 1].growing if i + 1 < len(parts) else None
-        narrow = part.end - part.begin <= NARROW * family.least
-        crossed = settled(family, (part.begin, part.end), room, (before, after)) if narrow else None
-        if crossed is None or not (edge or any(crossed)):
-            heights = np.abs(np.imag(part.touching))
-            if len(heights) and not in_band(heights, limits).any():  # not listed, whatever it is
-                listed, last = listed + (0 if after is None else after - before), before
-                continue
-            left.append((part.begin, part.end))
-            crossed, unknown = _seen(family, part, room, before, after)
-            lost += [] if unknown is None else [unknown]
-        else:
-            listed, last = listed + change(*crossed), before + change(*crossed)
-        for several, new in zip(found, crossed, strict=True):
-            several.extend(one for one in sorted(new, key=lambda one: one.omega) if in_band(np.array([one.omega]), limits)[0])
-    last = known if (known := parts[-1].growing) is not None else last
-    z = family.spectrum(lo).z[family.grown(lo)[0]]
-    z = z[in_band(np.abs(z.imag), limits)]
-    tally = Tally(listed, None if left else last - begin, sampled=not family.affine)
-    return CriticalValue.of(question, *found, tally, method="discs", growing=len(z), lost=lost, open=left,
-                            solved=family.solved, fastest=fastest(z))
-
-
-def _seen(family: Family, part: Interval, room: tuple[float, float], before: int, after: int | None
-          ) -> tuple[Found, float | None]:
-    """What is certain of the crossings in an open interval, and from where on one is lost at an unknown place, if so.
-
-    The places at which the number of those that certainly grow changes are found by bisection, one after the other. A crossing is
-    listed only if it is settled there.
-    """
-    after = int(family.grown(part.end)[0].sum()) if after is None else after
-    found: Found = ([], [])
-    begin, reach = part.begin, NARROW**2 * family.least  # rounding may hide beside a place which modes grow
-    while before != after:
-        a, b = family.narrowed(begin, part.end, before)
-        near = max(room[0], a - reach), min(room[1], b + reach)
-        crossed = settled(family, (a, b), near, (None, None)) or extrapolated(family, (a, b), near)
-        if not crossed or not change(*crossed) or b <= begin or a < begin:
-            return found, begin if after > before else None
-        for several, new in zip(found, crossed, strict=True):
-            several.extend(new)
-        begin, before = b, before + change(*crossed)
-    return found, None
+        The places at which the number of those that certainly grow changes are found by bisection, one after the other. A
+        crossing is listed only if it is settled there.
+        """
+        after = int(family.grown(part.end)[0].sum()) if after is None else after
+        found: Found = ([], [])
+        begin, reach = part.begin, self.narrow**2 * family.least  # rounding may hide beside a place which modes grow
+        while before != after:
+            a, b = family.narrowed(begin, part.end, before)
+            near = max(room[0], a - reach), min(room[1], b + reach)
+            crossed = settled(family, (a, b), near, (None, None)) or extrapolated(family, (a, b), near)
+            if not crossed or not change(*crossed) or b <= begin or a < begin:
+                return found, begin if after > before else None
+            for several, new in zip(found, crossed, strict=True):
+                several.extend(new)
+            begin, before = b, before + change(*crossed)
+        return found, None

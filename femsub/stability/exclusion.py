@@ -19,7 +19,7 @@ Sources: S. Gershgorin 1931; R. S. Varga, Geršgorin and His Circles (2004), sec
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -38,10 +38,8 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
     from femsub.stability.parameter import PencilOver
 
-BETWEEN = 1.5  # safety factor on the largest |E| sampled, if A is not affine
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
 SHARES = 0.5 ** (np.arange(1, 7) / 2)  # of an interval that is not excluded: shorter ones around its middle
-ROUNDING = 4 * EPS  # of a value: half the least width of a window, which must not vanish between two neighbouring numbers
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
 
@@ -70,14 +68,24 @@ class Family:
     The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine`: A
     is affine in p, as `over` declares. What samples are then off the chord joins the rounding `size`. `mirrored`: the
     spectrum is symmetric about the imaginary axis. `over` knows at which p the pencil must be looked at if it is not affine.
-    Decompositions are kept in up to `memory` bytes.
+    Decompositions are kept in up to `memory` bytes. Of an A that is not affine, `safety` times the largest deviation from the
+    chord at samples is taken as that between them.
     """
 
-    def __init__(self, over: PencilOver, between: tuple[float, float], memory: float = 2e8) -> None:
-        self.between = lo, hi = between
-        self.pencil_at = pencil_at = _going_on(over, hi)
+    def __init__(self, over: PencilOver, between: tuple[float, float], memory: float = 2e8, safety: float = 1.5) -> None:
+        self.over, self.between, self.safety = over, between, safety
+        lo, hi = between
         self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
-        self.shapes, omega = _coordinates(pencil_at(self.middle))
+        pencil_at, pencil = self.pencil_at, self.pencil_at(self.middle)
+        if pencil.symmetric[0]:
+            form = definite_form(pencil)
+            self.shapes, omega = form.shapes, form.omega
+        else:  # of a pencil with an unsymmetric M the DOF themselves, scaled
+            if np.linalg.cond(scaled(pencil.M, *equilibration(pencil.M))) > REGULAR:
+                raise InputError("M is singular or nearly so. Condense DOF without mass, or give them a little mass")
+            rows, columns = pencil.units
+            mass, stiffness = (np.linalg.norm(scaled(part, rows, columns), 2) for part in (pencil.M, pencil.K))
+            self.shapes, omega = np.diag(columns), np.full(pencil.size, np.sqrt(stiffness / mass) or 1.0)
         self.omega = np.maximum(omega, SLOWEST * omega.max())
         kept = max(8, int(memory / (50 * (2 * len(self.omega)) ** 2)))
         self.matrix, self.spectrum = lru_cache(maxsize=kept)(self._matrix), lru_cache(maxsize=kept)(self._spectrum)
@@ -99,6 +107,14 @@ class Family:
                             for pencil in (pencils[0], pencils[2], pencils[len(points) - 1]))
         self.mirrored = all(map(is_mirrored, pencils))
         self.solved = 0
+
+    def pencil_at(self, p: float) -> Pencil:
+        """The dense pencil at p, straight on above the range, where a contact may refuse the parameter."""
+        hi = self.between[1]
+        if p <= hi:
+            return self.over(p).dense()
+        last, before = self.pencil_at(hi), self.pencil_at(2 * hi - p)
+        return type(last)(*(2 * getattr(last, name) - getattr(before, name) for name in "MDK"))
 
     def _matrix(self, p: float) -> Array:
         """A(p), shape (2n, 2n)."""
@@ -163,8 +179,8 @@ class Family:
                 usual = [begin, (begin + m) / 2, (m + end) / 2, end]
                 more = [] if self.sampled is None else self.sampled.places(begin, end, usual)
                 rest = np.array([found.inverse @ ((self.at(p) - A - (p - m) * slope) @ found.V) for p in (*usual, *more)])
-                curved = BETWEEN * np.abs(rest).max(axis=0)
-                towards = BETWEEN * np.abs(np.einsum("kii->ki", rest).real).max(axis=0)
+                curved = self.safety * np.abs(rest).max(axis=0)
+                towards = self.safety * np.abs(np.einsum("kii->ki", rest).real).max(axis=0)
             discs = _discs(found.z, h, found.inverse @ slope @ found.V, found.noise + curved, found.noise.diagonal() + towards)
         if discs is None:
             return [Interval(begin, end, None, tuple(found.z))]
@@ -187,7 +203,8 @@ class Family:
         if self.mirrored or not np.isfinite(radius).all() or not speed.all():
             return None
         rate = discs.z.real[touching]
-        centre, half = -rate / speed, np.maximum(radius / np.abs(speed), ROUNDING * max(abs(begin), abs(end)))
+        # a window must not vanish between two neighbouring numbers
+        centre, half = -rate / speed, np.maximum(radius / np.abs(speed), 4 * EPS * max(abs(begin), abs(end)))
         pieces = union(zip(np.maximum(centre - half, -h).tolist(), np.minimum(centre + half, h).tolist(), strict=True))
         if sum(hi - lo for lo, hi in pieces) > h:
             return None
@@ -272,30 +289,6 @@ def is_mirrored(pencil: Pencil) -> bool:
 def _is_eye(M: Array) -> bool:
     """Whether M is that of the undamped modes, as in the middle of the range."""
     return bool(np.abs(M - np.eye(len(M))).max() <= 1e-10)
-
-
-def _going_on(over: PencilOver, hi: float) -> Callable[[float], Pencil]:
-    """The dense pencils, straight on a little above hi, where a contact may refuse the parameter."""
-
-    def pencil(p: float) -> Pencil:
-        if p <= hi:
-            return over(p).dense()
-        last, before = pencil(hi), pencil(2 * hi - p)
-        return type(last)(*(2 * getattr(last, name) - getattr(before, name) for name in "MDK"))
-
-    return pencil
-
-
-def _coordinates(pencil: Pencil) -> tuple[Array, Array]:
-    """Φ (n, n) and Ω (n,) of the undamped modes; of a pencil with an unsymmetric M the DOF themselves, scaled."""
-    if pencil.symmetric[0]:
-        form = definite_form(pencil)
-        return form.shapes, form.omega
-    if np.linalg.cond(scaled(pencil.M, *equilibration(pencil.M))) > REGULAR:
-        raise InputError("M is singular or nearly so. Condense DOF without mass, or give them a little mass")
-    rows, columns = pencil.units
-    mass, stiffness = np.linalg.norm(scaled(pencil.M, rows, columns), 2), np.linalg.norm(scaled(pencil.K, rows, columns), 2)
-    return np.diag(columns), np.full(pencil.size, np.sqrt(stiffness / mass) or 1.0)
 
 
 class _Discs(NamedTuple):

@@ -33,9 +33,18 @@ def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto", ro
         border = sparse_border(alike, unit * W, band, method, rounds)
         return replace(border, shapes=unit * border.shapes)
     basis = _Growing(pencil, W, ACTING * band[1])
-    basis.grow(_crossed_edges(basis, band))
+    # the edges of the band at which a pair may cross, because a mode or a root of the scalar function is near
+    edges = [edge for edge in band if 0 < edge < np.inf]
+    near = [edge for edge in edges if np.abs(basis.frequencies - edge).min(initial=np.inf) <= ASIDE * edge]
+    if len(near) < len(edges):
+        with one_thread(len(basis.K) <= FEW):
+            model = ModalContact(basis.pencil, basis.W)
+            functions = [PortFunction.of(model.form, w, model.decomposition(0.0)) for w in model.W.T]
+            near = [edge for edge in edges if edge in near or any(
+                len(function.crossings((1 - OUTSIDE) * edge, (1 + OUTSIDE) * edge)[0]) for function in functions)]
+    basis.grow(np.array(near))
     previous = np.nan
-    for _ in range(rounds):
+    for _ in range(rounds):  # until a response no longer moves the border in ten digits
         border = dense_border(basis.pencil, basis.W, band, method)
         if not np.isfinite(border.c) or border.c == 0 or border.omega == 0 or abs(border.c - previous) <= 1e-10 * abs(border.c):
             break
@@ -50,20 +59,28 @@ def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto", ro
     if border.omega == 0 and border.c < 0:  # rigid motion is exact from the start; oscillating modes still need the refinement
         later = sparse_border(pencil, W, (OUTSIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method, rounds)
         return later if later.c > border.c * (1 - EQUAL) else border
-    return border if border.c == 0 else _verified(pencil, W, border, band)
-
-
-def _crossed_edges(basis: _Growing, band: Band) -> Array:
-    """The edges of a band at which a pair may cross, because a mode or a root of the scalar function is near."""
-    edges = [edge for edge in band if 0 < edge < np.inf]
-    at_modes = [edge for edge in edges if np.abs(basis.frequencies - edge).min(initial=np.inf) <= ASIDE * edge]
-    if len(at_modes) == len(edges):
-        return np.array(edges)
-    with one_thread(len(basis.K) <= FEW):
-        model = ModalContact(basis.pencil, basis.W)
-        functions = [PortFunction.of(model.form, w, model.decomposition(0.0)) for w in model.W.T]
-        return np.array([edge for edge in edges if edge in at_modes or any(
-            len(function.crossings((1 - OUTSIDE) * edge, (1 + OUTSIDE) * edge)[0]) for function in functions)])
+    if border.c == 0:
+        return border
+    # Re λ of the full model at c(1 ∓ ASIDE), by PEP; an error if they contradict the border
+    growth = []
+    followed = (min(band[0], (1 - OUTSIDE) * border.omega), max(band[1], (1 + OUTSIDE) * border.omega))
+    for factor in (1 - ASIDE, 1 + ASIDE):
+        modes = complex_modes(pencil.with_damping(contact_matrix(W, border.c * factor)), band=followed,
+                              re=(-0.2 * band[1], 0.2 * band[1]), evidence=False)  # a pair near the axis; few are damped so much
+        values, bars = modes.eigenvalues, modes.error_bar
+        if modes.rigid.all():
+            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} could not be verified on the full "
+                                    f"model: it has no eigenvalue there at {factor:g} c. Narrow the band")
+        at = int(np.argmin(np.abs(values - 1j * border.omega) + np.where(modes.rigid, np.inf, 0.0)))
+        growth.append(float(values[at].real))
+        # Growing real eigenvalues come from a pair that crossed outside the band.
+        early = modes.unstable[values[modes.unstable].imag > 0] if factor < 1 else np.zeros(0, dtype=int)
+        early = early[in_band(values[early], band)]
+        if len(early) or (factor > 1 and values[at].real < -bars[at]):
+            shown = values[early[0]] if len(early) else values[at]
+            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} does not hold on the full model: "
+                                    f"at {factor:g} c it has λ = {shown:.6g}. Narrow the band")
+    return replace(border, growth=(growth[0], growth[1]))
 
 
 class _Growing:
@@ -134,26 +151,3 @@ class _Growing:
             if step > before:
                 break
         return port_responses(self.full, 1j * omega, self.load)[0]
-
-
-def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
-    """Re λ of the full model at c(1 ∓ 1e-3) by PEP; an error if they contradict the border."""
-    growth = []
-    followed = (min(band[0], (1 - OUTSIDE) * border.omega), max(band[1], (1 + OUTSIDE) * border.omega))
-    for factor in (1 - ASIDE, 1 + ASIDE):
-        modes = complex_modes(pencil.with_damping(contact_matrix(W, border.c * factor)), band=followed,
-                              re=(-0.2 * band[1], 0.2 * band[1]), evidence=False)
-        values, bars = modes.eigenvalues, modes.error_bar
-        if modes.rigid.all():
-            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} could not be verified on the full "
-                                    f"model: it has no eigenvalue there at {factor:g} c. Narrow the band")
-        at = int(np.argmin(np.abs(values - 1j * border.omega) + np.where(modes.rigid, np.inf, 0.0)))
-        growth.append(float(values[at].real))
-        # Growing real eigenvalues come from a pair that crossed outside the band.
-        early = modes.unstable[values[modes.unstable].imag > 0] if factor < 1 else np.zeros(0, dtype=int)
-        early = early[in_band(values[early], band)]
-        if len(early) or (factor > 1 and values[at].real < -bars[at]):
-            shown = values[early[0]] if len(early) else values[at]
-            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} does not hold on the full model: "
-                                    f"at {factor:g} c it has λ = {shown:.6g}. Narrow the band")
-    return replace(border, growth=(growth[0], growth[1]))

@@ -42,7 +42,6 @@ DUST = 512 * EPS  # of the largest entry of C: what is left of others by the rou
 COLUMNS_ALONE = 8  # columns of a contact up to which each entry of C is a coefficient; above, as many random combinations are
 SAMPLED_AT = 2048  # values of the range at which a coefficient is known; an eighth for contacts of more columns
 IRREGULAR = (5**0.5 - 1) / 2  # samples at even distances would miss what is periodic
-OFF_CHORD = 0.1  # of the change of a coefficient over the range: how far it may be off a chord that stands for it
 Terms: TypeAlias = tuple[Matrix, float | Matrix, float | Matrix]
 
 
@@ -140,7 +139,7 @@ class PencilOver:
     def straight(self, values: Sequence[float]) -> list[float]:
         """Ends of intervals over which the pencil is close to its chord: the range's if it is affine, or the values and others.
 
-        Close: no coefficient is farther off than by a part OFF_CHORD of its change over the range.
+        Close: no coefficient is farther off than by a tenth of its change over the range, see `Sampled.straight`.
         """
         lo, hi = values[0], values[-1]
         if self.affine((lo, hi)):
@@ -172,9 +171,9 @@ class Sampled:
     def _one(self, p: float) -> Array:
         return np.concatenate([np.ravel(block) for share in self.shares for block in share.coefficients(self.sign * p)])
 
-    def straight(self, values: Sequence[float]) -> list[float]:
-        """The values, and others where a coefficient is farther off its chord than by OFF_CHORD of its change over the range."""
-        bound = OFF_CHORD * np.ptp(self.c, axis=0) + DUST * self.size
+    def straight(self, values: Sequence[float], off_chord: float = 0.1) -> list[float]:
+        """The values, and others where a coefficient is farther off its chord than by `off_chord` of its change over all."""
+        bound = off_chord * np.ptp(self.c, axis=0) + DUST * self.size
         waiting, ends = list(pairwise(values)), set(values)
         while waiting:
             a, b = waiting.pop()

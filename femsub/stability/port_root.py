@@ -54,8 +54,22 @@ class PortRoot:
             raise InputError(f"a sparse model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time, the "
                              "frequencies that may lose their stability")
         found = self._border(question, fed)
-        if not len(found.unstable):
-            self._warn(question, model, fed.pencil, found)
+        # what may be inaccurate of a reduced model
+        stable, sure = not len(found.unstable), SHARE * model.cutoff
+        ports = [name for contact in contacts_of(question.contacts) if hasattr(contact, question.parameter)
+                 for name in contact.ports]
+        if stable and (found.omega > sure or (np.isinf(found.c) and question.band[1] > sure)):
+            what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
+                f"no border was found, but the band, which ends at {question.band[1]:.5g}, reaches"
+            warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
+                 "reduced model may be inaccurate. Keep more modes", CutoffWarning)
+        elif stable and len(ports) == 1:
+            def again(wide: Substructure) -> Border:
+                other = question.of(wide)
+                return self._border(other, port_fed(other))
+
+            if finding := doubt(model, fed.pencil, ports[0], question.band, found, again):
+                warn(finding, CutoffWarning)
         begin, end = question.between
         value = begin + found.c / fed.s
         losses = [] if not value <= end else [
@@ -73,23 +87,6 @@ class PortRoot:
         if question.limited and (fed.pencil.size > WIDE / 2 if fed.pencil.is_sparse else is_narrow(fed.pencil, question.band[1])):
             return sparse_border(fed.pencil.sparse(), fed.W, question.band, self.method)
         return dense_border(fed.pencil, fed.W, question.band, self.method)
-
-    def _warn(self, question: LossQuestion, model: Substructure, pencil: Pencil, found: Border) -> None:
-        top, sure = question.band[1], SHARE * model.cutoff
-        if found.omega > sure or (np.isinf(found.c) and top > sure):
-            what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
-                f"no border was found, but the band, which ends at {top:.5g}, reaches"
-            warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
-                 "reduced model may be inaccurate. Keep more modes", CutoffWarning)
-            return
-
-        def again(wide: Substructure) -> Border:
-            return self._border(other := question.of(wide), port_fed(other))
-
-        ports = [name for contact in contacts_of(question.contacts) if hasattr(contact, question.parameter)
-                 for name in contact.ports]
-        if len(ports) == 1 and (finding := doubt(model, pencil, ports[0], question.band, found, again)):
-            warn(finding, CutoffWarning)
 
 
 def port_fed(question: LossQuestion) -> Fed | None:

@@ -160,20 +160,20 @@ def _fast(pencil: Pencil, W: Array, c: Array, hi: float) -> Array:
     """
     fast = np.ones(len(c), dtype=bool)
     for edges in (hi * np.array([1.0, FAR]), hi * np.append(4.0 ** np.arange(5), FAR)):
-        if fast.any():
-            fast = c <= max(_indefinite(pencil, W, a, b) for a, b in pairwise(edges))
+        if not fast.any():
+            break
+        limits = []  # the largest c ≤ 0 at which each matrix is not definite; -inf if it always is
+        for a, b in pairwise(edges):
+            try:
+                factor = factorise(a * pencil.M + (pencil.D + pencil.D.T) / 2 + pencil.K / (2 * b), "definite")
+            except SingularMatrixError:
+                limits.append(np.inf)
+                continue
+            compliance = float(np.linalg.eigvalsh(W.T @ factor.solve(W))[-1])
+            factor.close()
+            limits.append(-1 / compliance if compliance > 0 else -np.inf)
+        fast = c <= max(limits)
     return fast
-
-
-def _indefinite(pencil: Pencil, W: Array, a: float, b: float) -> float:
-    """The largest c ≤ 0 at which aM + D + cWWᵀ + K / 2b is not definite; -inf if it always is."""
-    try:
-        factor = factorise(a * pencil.M + (pencil.D + pencil.D.T) / 2 + pencil.K / (2 * b), "definite")
-    except SingularMatrixError:
-        return np.inf
-    compliance = float(np.linalg.eigvalsh(W.T @ factor.solve(W))[-1])
-    factor.close()
-    return -1 / compliance if compliance > 0 else -np.inf
 
 
 def _leading(values: Array, band: tuple[float, float]) -> tuple[float, float]:

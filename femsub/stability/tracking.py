@@ -12,7 +12,7 @@ knows right vectors alone and takes the two modes of a coalescence for one.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -38,7 +38,6 @@ SAME_MODE = 0.4  # |s - 1| up to which a mode is the same; a pair that meets in 
 LEAST_ALIKE = (1 - SAME_MODE) / 2  # |s| from which a mode may be the same, where the step is not halved any more
 APPROACH = 0.6  # two modes are watched if they come nearer within a step than this share of their distance at its ends
 TURN = np.pi / 3  # or if their distance turns by more in the complex plane (wrong successors turn it by π)
-BEYOND_EDGE = 0.1  # of the band's width: how far beyond its ends modes are followed, so that none is lost at an edge
 PLACES = np.linspace(0.0, 1.0, 9)  # in a step, where an approach is looked for
 
 
@@ -167,7 +166,25 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     if chain.spent >= halvings:
         warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Allow more "
              "(halvings=), or track over a shorter range or in a narrower band", FemsubWarning)
-    result = replace(_collected(chain, parameter, points), cutoff=question.cutoff)
+    # without branches that are the conjugate of another all along, or never in the band
+    p = np.array([row[0] for row in chain.rows])
+    found = np.full((len(p), chain.branches), np.nan + 0j)
+    bar, condition = (np.full(found.shape, np.nan) for _ in range(2))
+    inside = np.zeros(found.shape, dtype=bool)
+    for i, (_, label, *figures) in enumerate(chain.rows):
+        found[i, label], bar[i, label], condition[i, label], inside[i, label] = figures
+    kept: list[int] = []
+    for j in np.lexsort((np.nanmin(np.abs(found.imag), axis=0), -np.nanmax(found.imag, axis=0))):  # upper halves first
+        same = [k for k in kept if np.allclose(found[:, k], found[:, j].conj(), rtol=EQUAL, atol=0.0, equal_nan=True)
+                and np.abs(found[:, j].imag).max(initial=0.0, where=~np.isnan(found[:, j])) > 0]
+        if inside[:, j].any() and not same:
+            kept.append(int(j))
+    first = [np.flatnonzero(~np.isnan(found[:, j].real))[0] for j in kept]
+    begins = found[first, kept]
+    kept = [kept[i] for i in np.lexsort((begins.real, begins.imag, first))]
+    found, bar, condition, inside = found[:, kept], bar[:, kept], condition[:, kept], inside[:, kept]
+    result = Tracked(parameter, p, np.isin(p, points), found, bar, condition,
+                     meetings_of(p, found, bar, condition, inside, chain.modes), chain.band, question.cutoff)
     log.info("%r", result)
     return result
 
@@ -188,13 +205,16 @@ class _Node(NamedTuple):
 
 
 class _Chain:
-    """The nodes in ascending order of p, each with the numbers of the branches of its modes."""
+    """The nodes in ascending order of p, each with the numbers of the branches of its modes; `most` steps are halved.
 
-    def __init__(self, question: LossQuestion, most: int) -> None:
+    Modes are followed beyond the ends of the band by a share `beyond` of its width, so that none is lost at an edge.
+    """
+
+    def __init__(self, question: LossQuestion, most: int, beyond: float = 0.1) -> None:
         self.most = most
         self.pencil_at, self.band, self.between, self.spent, self.branches = question.over, question.band, question.between, 0, 0
         self.finest = (EQUAL if question.size <= WIDE else ASIDE) * (self.between[1] - self.between[0])
-        margin = BEYOND_EDGE * (self.band[1] - self.band[0])
+        margin = beyond * (self.band[1] - self.band[0])
         self.wide = max(self.band[0] - margin, 0.0), self.band[1] + margin
         self.still = 2 * question.size  # the least number of eigenvalues 0 at a value so far: rigid motion over the whole range
         self.rows: list[tuple[float, Array, Array, Array, Array, Array]] = []  # p, branch, λ, bar, condition, inside
@@ -285,7 +305,14 @@ def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
     with np.errstate(all="ignore"):
         s = _overlap(there.pencil, here, there) * _overlap(there.pencil, there, here).T
     s[~np.isfinite(s)] = 0.0
-    whole = _by_clusters(s, here.cluster, there.cluster)
+    # summed over clusters of equal eigenvalues, within which vectors are arbitrary
+    whole = s
+    (_, row, many), (_, column, most) = (np.unique(node.cluster, return_inverse=True, return_counts=True)
+                                         for node in (here, there))
+    if len(many) < len(row) or len(most) < len(column):
+        summed = np.zeros((len(many), len(most)), dtype=complex)
+        np.add.at(summed, (row[:, None], column[None, :]), s)
+        whole = (summed / np.minimum.outer(many, most))[np.ix_(row, column)]
     far, size = np.abs(here.values[:, None] - there.values), np.abs(here.values)[:, None]
     far = np.divide(far, size, out=np.ones_like(far), where=size > 0)
     # vectors decide, and where they do not, what is at stake in λ
@@ -310,16 +337,6 @@ def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
                 to[left[i]] = free[j]
     _order_alike(here, there, s, to)
     return to, clear
-
-
-def _by_clusters(s: Array, here: Array, there: Array) -> Array:
-    """s summed over clusters of equal eigenvalues, within which vectors are arbitrary."""
-    if len(np.unique(here)) == len(here) and len(np.unique(there)) == len(there):
-        return s
-    (_, row, many), (_, column, most) = (np.unique(part, return_inverse=True, return_counts=True) for part in (here, there))
-    summed = np.zeros((len(many), len(most)), dtype=complex)
-    np.add.at(summed, (row[:, None], column[None, :]), s)
-    return np.asarray((summed / np.minimum.outer(many, most))[np.ix_(row, column)])
 
 
 def _meet(here: _Node, there: _Node, s: Array, to: Array, asked: Array) -> bool:
@@ -373,6 +390,7 @@ def _order_alike(here: _Node, there: _Node, s: Array, to: Array) -> None:
 
 
 def _rank(values: Array) -> Array:
+    # before a coalescence frequencies differ, beyond it growth rates: the sum orders both, with the upper of two conjugates last
     return np.argsort(values.real + np.abs(values.imag) + 1e-3 * values.imag, kind="stable")
 
 
@@ -393,25 +411,3 @@ def _turned(here: _Node, there: _Node, to: Array) -> _Node:
         if np.isfinite(Z).all() and unit.all() and np.linalg.cond(Z / unit) < 1 / SAME_MODE**4:
             X[:, group], Y[:, group] = X[:, group] @ (Z / unit), Y[:, group] @ np.linalg.inv(Z / unit).conj().T
     return there._replace(X=X, Y=Y)
-
-
-def _collected(chain: _Chain, parameter: str, points: Array) -> Tracked:
-    """The result, without branches that are the conjugate of another all along, or never in the band."""
-    p = np.array([row[0] for row in chain.rows])
-    values = np.full((len(p), chain.branches), np.nan + 0j)
-    bar, condition = (np.full(values.shape, np.nan) for _ in range(2))
-    inside = np.zeros(values.shape, dtype=bool)
-    for i, (_, label, *figures) in enumerate(chain.rows):
-        values[i, label], bar[i, label], condition[i, label], inside[i, label] = figures
-    kept: list[int] = []
-    for j in np.lexsort((np.nanmin(np.abs(values.imag), axis=0), -np.nanmax(values.imag, axis=0))):  # upper halves first
-        same = [k for k in kept if np.allclose(values[:, k], values[:, j].conj(), rtol=1e-9, atol=0.0, equal_nan=True)
-                and np.abs(values[:, j].imag).max(initial=0.0, where=~np.isnan(values[:, j])) > 0]
-        if inside[:, j].any() and not same:
-            kept.append(int(j))
-    first = [np.flatnonzero(~np.isnan(values[:, j].real))[0] for j in kept]
-    kept = [kept[i] for i in np.lexsort(([values[i, j].real for i, j in zip(first, kept, strict=True)],
-                                         [values[i, j].imag for i, j in zip(first, kept, strict=True)], first))]
-    values, bar, condition, inside = values[:, kept], bar[:, kept], condition[:, kept], inside[:, kept]
-    return Tracked(parameter, p, np.isin(p, points), values, bar, condition,
-                   meetings_of(p, values, bar, condition, inside, chain.modes), chain.band)
