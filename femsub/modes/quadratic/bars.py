@@ -1,4 +1,8 @@
-"""Error bars of the eigenvalues of λ²M + λD + K: residual times condition, entry by entry, from left vectors."""
+"""Error bars of the eigenvalues of λ²M + λD + K: residual times condition, entry by entry, from left vectors.
+
+A search is accurate beside the norms of M, D and K. That is worth little where a dashpot is many orders larger than all else.
+The residual shows it entry by entry, and `mended` corrects the pairs whose bars are poor (`correction`).
+"""
 
 from __future__ import annotations
 
@@ -6,20 +10,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.algebra import equilibration, scaled, times
+from femsub.algebra import QUADRATIC, equilibration, scaled, times
 from femsub.checks import EPS, Array
-from femsub.modes.quadratic.correction import corrected, solver_near
+from femsub.modes.quadratic.correction import converged, corrected, is_rounding, solver_near
 from femsub.modes.quadratic.dense import carries
-from femsub.modes.quadratic.multiplicity import clusters
+from femsub.modes.quadratic.multiplicity import HALF, SPLIT, clusters
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
 SOLVED = 1e-3  # |y|ᵀ|P(λ)x|, relative to the sizes of its terms, above which (λ, x) is no solution, and first order says nothing
-STILL = 1e-8  # the same of Kx for λ = 0, up to which x is rigid-body motion
-POOR = 1e-6  # error bar relative to |λ| above which its left vector is looked at again
-WORK = 1e9  # n³ times the number of these
-CLUSTER = 1e-7  # relative distance below which eigenvalues get their left vectors as a group
 
 
 class Bars(NamedTuple):
@@ -36,10 +36,15 @@ def bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None 
     `known` are all computed eigenvalues, including neighbours outside the requested region; default `values`.
     If each complex value is followed by its conjugate, only one of the two is computed.
     """
-    gaps = _gaps(values, values if known is None else known)
+    from scipy.spatial import cKDTree
+
+    found = values if known is None else known  # the gap of a λ is its distance to the nearest other one, conjugates included
+    every = np.append(found, found[~np.isin(found.conj(), found)].conj())  # one or both of a pair may be listed
+    points, asked = (np.stack([part.real, part.imag], axis=1) for part in (every, values))
+    gaps = np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])  # inf without one
     half, second = np.flatnonzero(values.imag >= 0), np.flatnonzero(values.imag < 0)
     upper = values[half]
-    of = np.repeat(np.arange(len(half)), 1 + (upper.imag > CLUSTER * np.abs(upper)))
+    of = np.repeat(np.arange(len(half)), 1 + (upper.imag > HALF * np.abs(upper)))
     if len(of) == len(values) and np.array_equal(np.where(values.imag < 0, upper[of].conj(), upper[of]), values) \
             and np.array_equal(X[:, second], X[:, second - 1].conj()):
         return Bars(*(figures[of] for figures in _one_by_one(pencil, upper, X[:, half], Y[:, half], gaps[half])))
@@ -59,11 +64,11 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
     size = np.abs(Y)
     spread, length = np.einsum("ij,ij->j", size, doubt), np.sqrt(np.einsum("ij,ij->j", size, size))
-    for group in clusters(values, CLUSTER):
+    for group in clusters(values, HALF):
         # in a group of equal eigenvalues any basis is valid: take the dual left vectors
         gram = Y[:, group].conj().T @ slope[:, group]
         # dimensionless: vectors of unit length would depend on the units of the DOF
-        if np.linalg.cond(scaled(gram, *equilibration(gram))) < 1 / np.sqrt(EPS):
+        if np.linalg.cond(scaled(gram, *equilibration(gram))) < 1 / HALF:
             dual = Y[:, group] @ np.linalg.inv(gram).conj().T
             # rounding couples them: each moves by at most the sum of its row (Gershgorin)
             spread[group] = (np.abs(dual).T @ doubt[:, group]).sum(axis=1)
@@ -80,11 +85,20 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     left, terms = (np.einsum("ij,ij->j", np.abs(Y), part) for part in (np.abs(residual), whole))
     share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
     bar[share > SOLVED] = np.inf
-    if not pencil.is_sparse:
-        bar = np.maximum(bar, _by_better_left(pencil, values, Y, np.abs(residual), slope, bar))
+    # A left vector may lack a part that is small beside it, but acts where the residual is large. Then |y|ᵀ|r| is too small: a
+    # poor bar of a dense model is looked at again, with y after a step of inverse iteration, for as many as take together the
+    # time of one at the largest size
+    poor = np.flatnonzero(np.isfinite(bar) & (bar > HALF * np.abs(values)) & (values != 0) & (not pencil.is_sparse))
+    for k in poor[:int((QUADRATIC / pencil.size) ** 3)]:
+        solver = solver_near(pencil, values[k])
+        if solver is not None:
+            y = corrected(pencil, values[k], Y[:, k].conj(), Y[:, k], solver)[1]
+            with np.errstate(all="ignore"):  # λ is exact
+                better = 2 * np.abs(y) @ np.abs(residual[:, k]) / abs(y.conj() @ slope[:, k])
+            bar[k] = max(bar[k], better if np.isfinite(better) else 0.0)
     still = np.flatnonzero(values == 0)
     if len(still):  # K may hold nothing of a carried motion but rounding
-        bar[still if carries(pencil) else still[share[still] <= STILL]] = 0.0
+        bar[still if carries(pencil) else still[share[still] <= HALF]] = 0.0
     size = np.abs(values)
     scale = size**2 * pencil.norms[0] + size * pencil.norms[1] + pencil.norms[2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -92,26 +106,46 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     return Bars(pencil.backward_error(values, X, residual), bar, condition)
 
 
-def _by_better_left(pencil: Pencil, values: Array, Y: Array, residual: Array, slope: Array, bar: Array) -> Array:
-    """The first-order bars of pairs with a poor bar once more, with left vectors after a step of inverse iteration; 0 of others.
+class Mended(NamedTuple):
+    """λ (k,), X and Y (n, k), which of them were mended, and which are vague: they may be no eigenvalues, bool (k,) each."""
 
-    A left vector may lack a part that is small beside it, but acts where the residual is large. Then |y|ᵀ|r| is too small.
+    values: Array
+    X: Array
+    Y: Array
+    done: Array
+    vague: Array
+
+
+def mended(pencil: Pencil, values: Array, X: Array, Y: Array, vague: float = 0.1) -> Mended:
+    """Eigenpairs with corrections of those whose error bar is poor: above half of the digits, and above what rounding explains.
+
+    A pair is mended only if λ stays within its error bar and its residual falls to rounding. Pairs that are mended already are
+    kept out of it. If two still come to the same shape, the second stays as it was, so none is lost. Without a left vector (a
+    zero column) x̄ is the start.
+
+    Parameters
+    ----------
+    pencil : Pencil
+    values, X, Y : ndarray, shapes (k,), (n, k) and (n, k)
+    vague : float
+        Error bar relative to |λ| above which a pair that cannot be mended may be none: less than one digit is known of it.
     """
-    better = np.zeros(len(values))
-    poor = np.flatnonzero(np.isfinite(bar) & (bar > POOR * np.abs(values)) & (values != 0))
-    for k in poor[:int(WORK / pencil.size**3)]:
-        solver = solver_near(pencil, values[k])
-        if solver is not None:
-            y = corrected(pencil, values[k], Y[:, k].conj(), Y[:, k], solver)[1]
-            with np.errstate(all="ignore"):  # λ is exact
-                better[k] = 2 * np.abs(y) @ residual[:, k] / abs(y.conj() @ slope[:, k])
-    return np.where(np.isfinite(better), better, 0.0)
-
-
-def _gaps(values: Array, found: Array) -> Array:
-    """The distance of each eigenvalue to the nearest other found one (its conjugate included); inf without one."""
-    from scipy.spatial import cKDTree
-
-    every = np.append(found, found[~np.isin(found.conj(), found)].conj())  # one or both of a pair may be listed
-    points, asked = (np.stack([part.real, part.imag], axis=1) for part in (every, values))
-    return np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])
+    values, X, done = values.copy(), X.astype(complex), np.zeros(len(values), dtype=bool)
+    Y = np.where(Y.any(axis=0), Y, X.conj())
+    if not len(values):
+        return Mended(values, X, Y, done, done)
+    bar = bars(pencil, values, X, Y).error_bar
+    poor = (bar > HALF * np.abs(values)) & (values != 0) & ~is_rounding(pencil, values, X, Y)
+    for k in np.flatnonzero(poor):
+        reach = max(bar[k], HALF * abs(values[k]))
+        around = done & (np.abs(values - values[k]) <= 2 * reach)
+        found = converged(pencil, values[k], X[:, k], Y[:, k], (values[around], X[:, around], Y[:, around]))
+        if found is None or not abs(found[0] - values[k]) <= reach:
+            continue
+        near = np.flatnonzero(np.abs(values - found[0]) <= SPLIT * abs(found[0]))
+        near = near[near != k]
+        share = np.abs(found[1].conj() @ X[:, near]) / np.linalg.norm(X[:, near], axis=0)
+        if (1 - share**2 <= SPLIT**2).any():  # two have become one
+            continue
+        values[k], X[:, k], Y[:, k], done[k] = *found, True
+    return Mended(values, X, Y, done, poor & ~done & (bar > vague * np.abs(values)))

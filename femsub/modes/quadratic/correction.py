@@ -1,8 +1,9 @@
 """One correction of an eigenpair (λ, x, y) of a quadratic pencil from both sides, by a factor of P at λ or beside it:
 
-    x ← P(λ)⁻¹P'(λ)x,   y ← P(λ)⁻ᴴP'(λ)ᴴy,   λ ← λ - yᴴP(λ)x / yᴴP'(λ)x.
+    x ← P(λ)⁻¹P'(λ)x,   y ← P(λ)⁻ᴴP'(λ)ᴴy,   λ ← the root s next to λ of yᴴP(s)x = 0.
 
-Together they converge like the square of the error of λ, of unsymmetric pencils too (generalised Rayleigh quotient iteration).
+Together they converge like the square of the error of λ, of unsymmetric pencils too (generalised Rayleigh quotient iteration;
+P. Lancaster, Lambda-Matrices and Vibrating Systems, 1966; H. Schwetlick, K. Schreiber, Linear Algebra Appl. 436 (2012) 3991).
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import ComplexFactor, equilibration, scaled
-from femsub.checks import EPS, Array
+from femsub.algebra import SUMS, ComplexFactor, equilibration, scaled
+from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import SingularMatrixError
 
 if TYPE_CHECKING:
@@ -72,7 +73,65 @@ def corrected(pencil: Pencil, value: complex, x: Array, y: Array, solver: Invers
 
 
 def step(pencil: Pencil, value: complex, x: Array, y: Array) -> complex:
-    """yᴴP(λ)x / yᴴP'(λ)x, by which λ is too large."""
+    """By how much λ is above the root next to it of yᴴP(s)x = 0: yᴴP(λ)x / yᴴP'(λ)x to first order.
+
+    The residual is summed entry by entry, and what is left of it decides the last digits.
+    """
     residual = pencil.residual(np.array([value]), x[:, None])[:, 0]
     with np.errstate(all="ignore"):
-        return complex((y.conj() @ residual) / (y.conj() @ slope(pencil, value, x)))
+        mass, damping, left = (complex(y.conj() @ part) for part in (pencil.M @ x, pencil.D @ x, residual))
+        rate = 2 * value * mass + damping
+        root = np.sqrt(rate**2 - 4 * mass * left)
+        return complex(2 * left / (rate + (root if (np.conj(rate) * root).real >= 0 else -root))) if left else 0.0
+
+
+def is_rounding(pencil: Pencil, values: Array, X: Array, Y: Array) -> Array:
+    """Whether yᴴP(λ)x is rounding, for each of k pairs: |y|ᵀ|P(λ)x| up to SUMS of the sizes of its terms; bool (k,)."""
+    residual, terms = np.abs(pencil.residual(values, X)), pencil.magnitude(values, X)
+    return np.asarray(np.einsum("ij,ij->j", np.abs(Y), residual - SUMS * terms) <= 0)
+
+
+def converged(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Array, Array, Array] | None = None,
+              steps: int = 8) -> tuple[complex, Array, Array] | None:
+    """The eigenpair near (λ, x, y), x and y (n,) of unit length; None if its residual does not fall to rounding.
+
+    Parameters
+    ----------
+    pencil : Pencil
+    value, x, y : complex and ndarray, shape (n,)
+        A real λ stays real.
+    others : (λᵢ, xᵢ, yᵢ), shapes (k,), (n, k) and (n, k), optional
+        Eigenpairs that it must not become: yᵢᴴ((λ + λᵢ)M + D)x = 0 holds between two eigenpairs, and is kept up.
+    steps : int
+        Each takes a factor of P. Three double a few digits to all of them; the others serve a start that is far off.
+    """
+    real, before, settled = np.imag(value) == 0, np.inf, False
+    for _ in range(steps):
+        x, y = _without(pencil, value, x, y, others)
+        solver = solver_near(pencil, value)
+        if solver is None:
+            return None
+        x, y = corrected(pencil, value, x, y, solver)
+        x, y = _without(pencil, value, x, y, others)
+        off = step(pencil, value, x, y) if np.isfinite([x, y]).all() else np.nan
+        value = value - (np.real(off) if real else off)
+        if not np.isfinite(value):
+            return None
+        settled = bool(is_rounding(pencil, np.array([value]), x[:, None], y[:, None])[0])
+        # this step is rounding, or the next one would be, as the square of this one, or none will be smaller
+        if abs(off) <= 4 * EPS * abs(value) or (settled and (abs(off) <= EQUAL * abs(value) or abs(off) > before / 2)):
+            break
+        before = abs(off)
+    return (value, x, y) if settled else None
+
+
+def _without(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Array, Array, Array] | None
+             ) -> tuple[Array, Array]:
+    """x and y, of unit length, with yᵢᴴ((λ + λᵢ)M + D)x = 0 and yᴴ((λ + λᵢ)M + D)xᵢ = 0 for the eigenpairs (λᵢ, xᵢ, yᵢ)."""
+    for other, right, left in zip(others[0], others[1].T, others[2].T, strict=True) if others else ():
+        mean = (value + other) / 2
+        own, back = slope(pencil, mean, right), left_slope(pencil, mean, left)
+        whole = left.conj() @ own
+        x, y = x - right * ((back.conj() @ x) / whole), y - left * (y.conj() @ own / whole).conj()
+        x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+    return x, y

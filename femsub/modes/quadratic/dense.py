@@ -18,23 +18,18 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import FEW, ROUNDING, is_symmetric, one_thread, undamped, unit_length, unresisted
-from femsub.checks import EPS, Array
+from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.model import RigidMotion, costs, rounding, units
 from femsub.modes.dense import dense_modes
 from femsub.modes.quadratic import singular_mass
-from femsub.modes.quadratic.correction import corrected, solver_near
+from femsub.modes.quadratic.correction import converged, step
+from femsub.modes.quadratic.multiplicity import SPLIT
 from femsub.modes.quadratic.singular_mass import REGULAR
 from femsub.modes.shift_invert import ShiftInvert, motion_of
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
-
-SLOW = 0.1  # ‖λq‖ of a state of length 1 below which q follows from Ωq
-STILL = 1e-12  # ‖λq‖ below which the rigid part of q would be rounding
-STEPS = 8  # of inverse iteration for a lost λ, at most
-SOLVED = 1e-10  # backward error of an eigenpair that LAPACK has found
-APART = 1e-3  # relative distance of two eigenvalues that are certainly not one
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,11 +290,10 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array, rigid: Array | No
     Rounding has put others there, or near.
 
     Beside a damping 1e17 times larger, -k/d is lost: LAPACK's λ is then 0, or any number within its rounding, which solves
-    nothing. -k/d is the smaller root of λ²yᴴMx + λyᴴDx + yᴴKx, after some steps of inverse iteration with P beside the last of
-    these roots.
+    nothing. -k/d is the root next to 0 of λ²yᴴMx + λyᴴDx + yᴴKx, and `converged` goes on from there.
     """
     noise = (values != 0) & (np.abs(values) <= len(values) * EPS * np.abs(values).max(initial=0.0))
-    noise[noise] = ~(pencil.backward_error(values[noise], X[:, noise]) <= SOLVED)
+    noise[noise] = ~(pencil.backward_error(values[noise], X[:, noise]) <= EQUAL)
     at = np.flatnonzero(noise | (values == 0))
     if not len(at) or carries(pencil):  # K may hold nothing of these coordinates but rounding
         return values, X, Y
@@ -314,28 +308,13 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array, rigid: Array | No
         at = at[np.linalg.norm(rigid.T @ held, axis=0) ** 2 < size / 2]
     values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
     for i in at:
-        value, x, y = 0.0, X[:, i], Y[:, i] if Y[:, i].any() else X[:, i].conj()
-        for _ in range(STEPS):
-            value, before = _smaller_root(*(np.vdot(y, A @ x) for A in (pencil.M, pencil.D, pencil.K))), value
-            solver = solver_near(pencil, value)
-            new = (x, y) if solver is None else corrected(pencil, value, x, y, solver)
-            if solver is None or not np.isfinite(new).all():
-                break
-            x, y = new if np.iscomplexobj(X) else (new[0].real, new[1].real)  # P is real there
-            if abs(value - before) <= 4 * EPS * abs(value):  # not before this step: an error of x is squared in λ
-                break
-        if not value or not np.isfinite([x, y]).all() or costs(pencil.K, x[:, None])[0] <= ROUNDING:
+        x, y = X[:, i], Y[:, i] if Y[:, i].any() else X[:, i].conj()
+        found = converged(pencil, -step(pencil, 0.0, x, y).real, x, y)
+        if found is None or not found[0] or costs(pencil.K, found[1][:, None])[0] <= ROUNDING:
             continue
-        if (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
-            values[i], X[:, i], Y[:, i] = value, x, y
+        if (np.abs(np.delete(values, i) - found[0]) > SPLIT * abs(found[0])).all():  # and not one that is listed
+            values[i], X[:, i], Y[:, i] = found if np.iscomplexobj(X) else (part.real for part in found)  # P is real there
     return values, X, Y
-
-
-def _smaller_root(m: complex, d: complex, k: complex) -> float:
-    """That of λ²m + λd + k, a real one or the real part of a pair."""
-    m, d, k = m.real, d.real, k.real
-    far = abs(d) + np.sqrt(max(d * d - 4 * m * k, 0.0))
-    return float(-2 * k / np.copysign(far, d)) if far > 0 else 0.0
 
 
 def _by_modes(n: int, form: ModalForm) -> tuple[Array, Array, Array]:
@@ -353,9 +332,9 @@ def _by_modes(n: int, form: ModalForm) -> tuple[Array, Array, Array]:
     X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
     # b = λq vanishes with λ, and has a relative rounding of EPS/‖b‖: for small λ the elastic part of the shape is that of a = Ωq
     moved = np.linalg.norm(right[n - r:], axis=0)
-    slow = moved < SLOW
+    slow = moved < np.linalg.norm(right[:n - r], axis=0)
     X[:, slow] = form.shapes[:, r:] @ (right[:n - r, slow] / form.omega[r:, None])
-    gliding = slow & (moved >= STILL)
+    gliding = slow & (moved >= len(right) * EPS)  # below, the rigid part of b is rounding
     pace = values if np.iscomplexobj(right) else values.real
     X[:, gliding] += form.shapes[:, :r] @ (right[n - r:n, gliding] / pace[gliding])
     values, X, Y = np.append(values, np.zeros(r)), np.hstack([X, form.shapes[:, :r]]), np.hstack([Y, form.shapes[:, :r]])

@@ -20,6 +20,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from femsub.algebra import QUADRATIC
 from femsub.checks import Array, Matrix, Tally
 from femsub.errors import ConditionWarning, InputError, warn
 from femsub.model import Pencil
@@ -27,8 +28,6 @@ from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.multiplicity import match
 from femsub.modes.quadratic.search import SearchResult
-
-MOST = 2000  # DOF up to which LAPACK's time is accepted
 
 
 class LossyPencil(Pencil):
@@ -40,8 +39,8 @@ class LossyPencil(Pencil):
     @classmethod
     def of(cls, pencil: Pencil, H: Matrix, name: str) -> Self:
         """An InputError for a model that is too large."""
-        if pencil.size > MOST:
-            raise InputError(f"complex modes with structural damping are for models of up to {MOST} DOF, but {name!r} has "
+        if pencil.size > QUADRATIC:
+            raise InputError(f"complex modes with structural damping are for models of up to {QUADRATIC} DOF, but {name!r} has "
                              f"{pencil.size}. Reduce it first, or take fs.equivalent_viscous(model, omega)")
         plain = pencil.dense()
         found = cls(plain.M, plain.D, plain.K)._with(rigid_motion=plain.rigid_motion, noise=plain.noise)

@@ -10,31 +10,38 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.algebra import unit_length
-from femsub.checks import Array
+from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import NotConvergedError
 from femsub.model import DOUBLE
 
-SAME = 1e-10  # |Δλ| / |λ| up to which two results may be the same eigenvalue; rounding splits a defective one by more
-PARALLEL = 1e-6  # two unit vectors are the same up to this remainder; those of a double eigenvalue differ by more
-SPLIT = 1e-5  # |Δλ| / |λ| between the results of two searches for a defective eigenvalue: the root of their tolerance
-NEW = 1e-3  # a shape is new if this share of it lies outside the span of the cluster's shapes
-SWAP = 0.05  # |Δλ| / |λ| that costs as much as a MAC of 0
-FETCHES = 3  # additional searches, each from another start, for missing eigenvalues
+HALF = EPS**0.5  # half of the digits: what is known to fewer is poor, and eigenvalues nearer than this are one to first order
+#: Two results for one eigenvalue may differ by this, λ relative to |λ| and unit shapes in the remainder of one beside others. The
+#: residual of a search is HALF at worst, and a defective double eigenvalue and its shape are known to the root of it.
+SPLIT = HALF**0.5
 
 
 class Search:
     """Eigenvalues nearest to a shift, by several searches from different starts; their results are merged.
 
-    `nearest` (number, seed) → λ (k,), X (n, k) makes one search. `searches` is the number so far, `ask` the last number asked.
+    Parameters
+    ----------
+    nearest : callable (number, seed) → λ (k,), X (n, k)
+        Makes one search.
+    size : int
+        n.
+    most : int
+        Searches at most. Each other start finds one more direction of an eigenspace by itself; four were always enough.
+
+    `searches` is the number so far, `ask` the last number asked.
     """
 
-    def __init__(self, nearest: Callable[[int, int], tuple[Array, Array]], size: int) -> None:
-        self.nearest, self.size, self.searches, self.ask = nearest, size, 1, 0
+    def __init__(self, nearest: Callable[[int, int], tuple[Array, Array]], size: int, most: int = 4) -> None:
+        self.nearest, self.size, self.most, self.searches, self.ask = nearest, size, most, 1, 0
         self.pool: tuple[Array, Array] = np.zeros(0), np.zeros((size, 0))
 
     @property
     def exhausted(self) -> bool:
-        return self.searches > FETCHES
+        return self.searches >= self.most
 
     def found(self, ask: int) -> tuple[Array, Array]:
         """λ and X of a search for `ask` eigenvalues."""
@@ -60,13 +67,13 @@ class Search:
         return len(self.pool[0]) == len(values)
 
 
-def match(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
+def match(reference: Array, values: Array, alike: Array | None = None, *, weight: float = 0.05,
           far: float | None = None) -> tuple[Array, Array]:
     """The one-to-one assignment of two spectra with the least sum of `pair_costs`: indices into both."""
     return assigned(pair_costs(reference, values, alike, weight=weight, far=far))
 
 
-def pair_costs(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
+def pair_costs(reference: Array, values: Array, alike: Array | None = None, *, weight: float = 0.05,
                far: float | None = None) -> Array:
     """|Δλ| + weight |λ| (1 - MAC); with `far` min(|Δλ| / |λ|, far) + weight (1 - MAC), shape (k, l).
 
@@ -77,6 +84,10 @@ def pair_costs(reference: Array, values: Array, alike: Array | None = None, *, w
     reference, values : ndarray, shapes (k,) and (l,)
     alike : ndarray, shape (k, l), optional
         The MAC of the shapes, which decides between close frequencies; NaN means no cost.
+    weight : float
+        |Δλ| / |λ| that costs as much as a MAC of 0. By default as far apart as modes change places between two models.
+    far : float, optional
+        The largest |Δλ| / |λ| that counts.
     """
     cost, size = np.abs(reference[:, None] - values), np.abs(reference)[:, None]
     if far is not None:
@@ -98,26 +109,21 @@ def distinct(values: Array, X: Array) -> tuple[Array, Array]:
     A duplicate could hide a missing eigenvalue when numbers are compared. Two equal real eigenvalues that rounding has turned
     into a pair, of which only Im λ > 0 is listed, become two again, with Re x and Im x.
     """
-    values, X = _without_false_pairs(values, X)
+    false = np.flatnonzero((values.imag != 0) & (np.abs(values.imag) <= EQUAL * np.abs(values)))
+    parts = (np.column_stack([x.real, x.imag]) for x in unit_length(X[:, false]).T)
+    false = false[np.array([la.svdvals(part)[1] > SPLIT for part in parts], dtype=bool)]
+    if len(false):
+        values, X = np.append(values, values[false].real), np.hstack([X, X[:, false].imag])
+        values[false], X[:, false] = values[false].real, X[:, false].real
+        X = unit_length(X)
     keep = np.ones(len(values), dtype=bool)
-    for group in clusters(values, SAME):
+    for group in clusters(values, EQUAL):
         if values[group[0]] == 0:
             continue  # rigid-body motion: its number is known
         R, order = la.qr(unit_length(X[:, group]), mode="r", pivoting=True, check_finite=False)
-        small = np.abs(R.diagonal()) <= PARALLEL
+        small = np.abs(R.diagonal()) <= SPLIT
         keep[group[order[len(small) - np.count_nonzero(small):]]] = False
     return (values, X) if keep.all() else (values[keep], X[:, keep])
-
-
-def _without_false_pairs(values: Array, X: Array) -> tuple[Array, Array]:
-    false = np.flatnonzero((values.imag != 0) & (np.abs(values.imag) <= SAME * np.abs(values)))
-    parts = (np.column_stack([x.real, x.imag]) for x in unit_length(X[:, false]).T)
-    false = false[np.array([la.svdvals(part)[1] > PARALLEL for part in parts], dtype=bool)]
-    if not len(false):
-        return values, X
-    values, X = np.append(values, values[false].real), np.hstack([X, X[:, false].imag])
-    values[false], X[:, false] = values[false].real, X[:, false].real
-    return values, unit_length(X)
 
 
 def joined(values: Array, X: Array, more: Array, Y: Array) -> tuple[Array, Array]:
@@ -141,7 +147,7 @@ def joined(values: Array, X: Array, more: Array, Y: Array) -> tuple[Array, Array
             for _ in range(2):
                 rest = rest - Q @ (Q.conj().T @ rest)
             length = np.linalg.norm(rest)
-            new[j] = length > NEW
+            new[j] = length > SPLIT
             if new[j]:
                 Q = np.column_stack([Q, rest / length])
     return np.append(values, more[new]), np.hstack([X, Y[:, new]])

@@ -9,8 +9,7 @@ import scipy.sparse as sp
 
 from femsub.algebra import Handle, divided, fork_pays, shared_zeros, times
 from femsub.checks import EPS, Array, Matrix
-from femsub.modes.quadratic.bars import CLUSTER
-from femsub.modes.quadratic.multiplicity import clusters, match
+from femsub.modes.quadratic.multiplicity import HALF, clusters, match
 from femsub.modes.quadratic.projected_count import Projection
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array) -> Ar
         return None
     Y = found[1]
     products = (Y.conj().T @ times(pencil.M, X)) * (values[:, None] + values) + Y.conj().T @ times(pencil.D, X)
-    for group in clusters(values, CLUSTER):  # of equal eigenvalues any basis is valid: take the dual one
+    for group in clusters(values, HALF):  # of equal eigenvalues any basis is valid: take the dual one
         dual = np.linalg.inv(products[np.ix_(group, group)])
         Y[:, group], products[group] = Y[:, group] @ dual.conj().T, dual @ products[group]
     size = np.sqrt(np.abs(products.diagonal()))

@@ -37,9 +37,9 @@ from femsub.errors import (
 from femsub.model import beyond, in_band
 from femsub.modes.normal_modes import modes_under
 from femsub.modes.quadratic import damping_split, dense, disc_count
+from femsub.modes.quadratic.bars import mended
 from femsub.modes.quadratic.disc_count import Edge
 from femsub.modes.quadratic.multiplicity import Search, clear_radius, distinct
-from femsub.modes.quadratic.newton import mended
 from femsub.modes.quadratic.projected_count import Projection, about_radius
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Box, Contour, Count, listed

@@ -14,13 +14,12 @@ from femsub.checks import EQUAL, Array
 from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.model import costs
 from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.quadratic.multiplicity import distinct, joined, match
+from femsub.modes.quadratic.multiplicity import SPLIT, distinct, joined, match
 from femsub.modes.shift_invert import ShiftInvert, motion_of
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
-SAME = 1e-6  # |Δλ| / |λ| up to which left and right vectors belong to one eigenvalue
 # Attempts: tolerance, increment of the random seed, relative increment of the number asked for. TOAR's error estimate is
 # optimistic, by five digits at 1e-12 if K is singular. If it fails while reordering a Schur form with equal eigenvalues,
 # another start and a larger space usually succeed.
@@ -151,7 +150,7 @@ class Shifted:
         for seed in range(2, searches + 1):  # each from another start
             found, vectors = joined(found, vectors, *other.nearest(ask, seed))
         Y = np.zeros_like(X)
-        at, to = match(values, found, far=2 * SAME)
-        near = np.abs(found[to] - values[at]) <= SAME * np.maximum(np.abs(values[at]), self.shift)
+        at, to = match(values, found, far=2 * SPLIT)
+        near = np.abs(found[to] - values[at]) <= SPLIT * np.maximum(np.abs(values[at]), self.shift)
         Y[:, at[near]] = vectors[:, to[near]].conj()
         return Y
