@@ -16,6 +16,7 @@ import scipy.linalg as la
 from femsub.algebra import SUMS, ComplexFactor, equilibration, scaled
 from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import SingularMatrixError
+from femsub.modes.quadratic.multiplicity import SPLIT
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -101,12 +102,15 @@ def converged(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[
     value, x, y : complex and ndarray, shape (n,)
         A real λ stays real.
     others : (λᵢ, xᵢ, yᵢ), shapes (k,), (n, k) and (n, k), optional
-        Eigenpairs that it must not become: yᵢᴴ((λ + λᵢ)M + D)x = 0 holds between two eigenpairs, and is kept up.
+        Eigenpairs that it must not become: yᵢᴴ((λ + λᵢ)M + D)x = 0 holds between two eigenpairs, and is kept up while steps are
+        large.
     steps : int
         Each takes a factor of P. Three double a few digits to all of them; the others serve a start that is far off.
     """
     real, before, settled = np.imag(value) == 0, np.inf, False
     for _ in range(steps):
+        if before <= SPLIT * abs(value):  # from here on it comes to none of the others, and the rounding in them would stay in it
+            others = None
         x, y = _without(pencil, value, x, y, others)
         solver = solver_near(pencil, value)
         if solver is None:
