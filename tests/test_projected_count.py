@@ -129,7 +129,7 @@ def test_complex_modes_are_certified_by_it_for_a_band_and_a_count(monkeypatch: p
     inside = values[(values.imag >= 0.2 * hi) & (values.imag <= hi * 1.001) & (np.abs(values.real) <= hi)]
     assert band.evidence == "certified" and len(band) == len(inside) and band.counted is None
     with monkeypatch.context() as searched:  # left vectors by a search of their own instead of those of the projection
-        searched.setattr("femsub.modes.quadratic.projected_pairs.MIXED", 0.0)
+        searched.setattr("femsub.modes.quadratic.search.left_vectors", lambda *_: None)
         again = fs.complex_modes(pencil, band=(0.2 * hi, hi * 1.001))
     assert np.allclose(band.error_bar, again.error_bar, rtol=0.02) and np.allclose(band.condition, again.condition, rtol=0.02)
     assert not np.array_equal(band.error_bar, again.error_bar)
@@ -180,7 +180,6 @@ def test_a_fork_corrects_half_of_the_pairs(end: str, monkeypatch: pytest.MonkeyP
         return forks[-1]
 
     monkeypatch.setattr(os, "fork", forked)
-    monkeypatch.setattr(projected_pairs, "PAIRS", 3)
     monkeypatch.setattr("femsub.algebra.processes.beside.cores", lambda: 2)
     for worth in (1e12, 0.0):
         monkeypatch.setattr("femsub.algebra.factor.WORTH", worth)
@@ -189,15 +188,16 @@ def test_a_fork_corrects_half_of_the_pairs(end: str, monkeypatch: pytest.MonkeyP
             pytest.skip("no CHOLMOD")
         assert projection.on(lambda _: contour) is not None and projection.counted is not None
         before = len(forks)
-        pairs = right_pairs(projection.counted, twice)
+        pairs = right_pairs(projection.counted, twice, together=3)
         assert pairs is not None and len(forks) - before == (not worth)
         order = np.argsort(pairs[0].imag, kind="stable")
         values, X = pairs[0][order], pairs[1][:, order]
         assert twice.backward_error(values, X).max() < 1e-14
-        assert left_vectors(projection.counted, twice, values, X) is not None  # each is clearly that of its eigenvalue
+        assert left_vectors(projection.counted, twice, values, X, together=3) is not None  # each is clearly of its eigenvalue
         found.append((projection.lost, values))
-        with monkeypatch.context() as hasty:  # some have not converged then, and none is given
-            hasty.setattr(projected_pairs, "SWEEPS", 1)
+        with monkeypatch.context() as strict:  # none converges to that, and none is given
+            for limit in ("SUMS", "ROUNDING"):
+                strict.setattr(projected_pairs, limit, 0.0)
             assert right_pairs(projection.counted, twice) is None
     for one, other in zip(*found, strict=True):
         assert np.allclose(one, other, rtol=1e-8, atol=1e-10 * np.abs(one).max())

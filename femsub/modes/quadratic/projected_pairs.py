@@ -1,14 +1,20 @@
-"""The eigenpairs of a pencil from those of its projection on undamped modes, corrected outside and inside the basis in turn."""
+"""The eigenpairs of a pencil from those of its projection on undamped modes, corrected outside and inside the basis in turn.
+
+The correction of a pair without a factor of P at its λ: outside the basis A⁻¹ takes the place of P(λ)⁻¹, inside the projection
+has it. The error falls in each sweep by about the share of P that A leaves out. A sweep in which it does not halve is slow.
+"""
 
 from __future__ import annotations
 
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import Handle, divided, fork_pays, shared_zeros, times
-from femsub.checks import EPS, Array, Matrix
+from femsub.algebra import ROUNDING, SUMS, Handle, divided, fork_pays, shared_zeros, times
+from femsub.checks import Array, Matrix
+from femsub.model import DOUBLE
 from femsub.modes.quadratic.multiplicity import HALF, clusters, match
 from femsub.modes.quadratic.projected_count import Projection
 
@@ -16,37 +22,34 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
     from femsub.modes.quadratic.energy_basis import Coupling
 
-NEAR = 1e-3  # relative distance below which eigenvalues are corrected together
-STILL = 1e-6  # |λ|, relative to the contour, below which it may be rigid motion, which a search from a shift sets to 0
-SOLVED = 8 * EPS  # backward error that the last correction of a pair will lead to, at the rate of the ones before
-ROUNDED = 1e-13  # the same where further corrections do not lower it
-LEFT = 0.01  # relative change of a left vector, times the rate of its errors, up to which it is the last one
-USUAL = 0.2  # the error is not relied on to fall by more in a sweep
-FALLS, SLOW = 0.6, 3  # the error falls by this factor in each sweep, but for so many
-SWEEPS = 30
-PAIRS, USUAL_SWEEPS = 16, 5  # that a process corrects together at most where a fork corrects others; how often each is at least
-MIXED = 1e-2  # largest share of another mode in a left vector
+#: Relative distance below which eigenvalues are corrected together: a change in single precision over it has half of its digits.
+TOGETHER = float(np.finfo(np.float32).eps) ** 0.5
 
 Acting = tuple[tuple[float, float, float], Any, float, Array, Array]  # see `_acting`
 
 
-def right_pairs(small: Coupling, pencil: Pencil) -> tuple[Array, Array] | None:
-    """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None where corrections do not converge."""
+def right_pairs(small: Coupling, pencil: Pencil, together: int = 16) -> tuple[Array, Array] | None:
+    """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None where corrections do not converge.
+
+    Where a fork helps, each process corrects at most `together` clusters at once: some twenty vectors of each are in use.
+    """
     values = small.each
     at = np.flatnonzero(small.contour.encloses(values) & (values.imag >= 0))
-    return _corrected(small, (pencil.M, pencil.D, pencil.K), pencil.norms, at)
+    return _corrected(small, (pencil.M, pencil.D, pencil.K), pencil.norms, at, 0.0, together)
 
 
-def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array) -> Array | None:
-    """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, to about a per cent: enough for error bars.
+def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array, error: float = 0.01,
+                 together: int = 16) -> Array | None:
+    """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, up to a relative `error`.
 
-    None where they are not clearly those of these values: yᴴ((λ_i + λ_j)M + D)x vanishes for two different eigenvalues.
+    None where they are not clearly those of these values: yᴴ((λ_i + λ_j)M + D)x vanishes for two different eigenvalues, and the
+    share of another mode in a left vector must stay below the error. A per cent is enough for error bars. `together` as above.
     """
     finite = np.flatnonzero(small.nu)
     at = finite[match(values, small.each[finite])[1]]
     transposed = tuple(part if same else sp.csr_array(part.T)
                        for part, same in zip((pencil.M, pencil.D, pencil.K), pencil.symmetric, strict=True))
-    found = _corrected(small, transposed, pencil.norms, at, left=True)
+    found = _corrected(small, transposed, pencil.norms, at, error, together)
     if found is None:
         return None
     Y = found[1]
@@ -58,21 +61,21 @@ def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array) -> Ar
     with np.errstate(divide="ignore", invalid="ignore"):
         mixed = np.abs(products) / np.outer(size, size)
     np.fill_diagonal(mixed, 0.0)
-    return Y / np.linalg.norm(Y, axis=0) if mixed.max(initial=0.0) < MIXED else None
+    return Y / np.linalg.norm(Y, axis=0) if mixed.max(initial=0.0) < error else None
 
 
-def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, left: bool = False
-               ) -> tuple[Array, Array] | None:
-    """λ (k,) and X (n, k) of unit length from the eigenpairs `at` of VᵀPV; of Pᵀ, at the conjugates, where `left`.
+def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, left: float,
+               together: int) -> tuple[Array, Array] | None:
+    """λ (k,) and X (n, k) of unit length from the eigenpairs `at` of VᵀPV; of Pᵀ, at the conjugates, up to the error `left` > 0.
 
     Those that are not near each other do not depend on each other, so a fork corrects half of them where that pays.
     """
-    factor, acting = _factor(small), _acting(small, left)
+    factor, acting = _factor(small), _acting(small, left > 0)
     rough = small.basis.V.astype(np.float32)  # of a change some digits are enough
-    if not fork_pays(factor, 2 * USUAL_SWEEPS * len(at)):
+    if not fork_pays(factor, 10 * len(at)):  # each takes five sweeps or more, with two real columns
         return _together(small, matrices, norms, at, left, rough, acting)
     label = np.arange(len(at))
-    for group in clusters(small.each[at], NEAR):
+    for group in clusters(small.each[at], TOGETHER):
         label[group] = group[0]
     order = np.argsort(label, kind="stable")
     first = np.append(np.flatnonzero(np.diff(label[order], prepend=-1)), len(at))  # of each cluster
@@ -84,14 +87,14 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
         found = _together(small, matrices, norms, at[these], left, rough, acting)
         values[these], X[:, these] = (np.nan, 0.0) if found is None else found
 
-    count = len(first) - 1
-    blocks = 2 * -(-count // (2 * PAIRS))  # as many for the fork as for this process
-    divided(some, count, True, width=-(-count // blocks))
+    number = len(first) - 1
+    blocks = 2 * -(-number // (2 * together))  # as many for the fork as for this process
+    divided(some, number, True, width=-(-number // blocks))
     return (values, X) if np.isfinite(values).all() else None
 
 
-def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, left: bool, rough: Array,
-              acting: list[Acting]) -> tuple[Array, Array] | None:
+def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, error_of_left: float,
+              rough: Array, acting: list[Acting]) -> tuple[Array, Array] | None:
     """As `_corrected`, all at once. None where the corrections do not converge.
 
     X changes by V VᵀR - A⁻¹R outside V, R = P(λ)X, which would solve the problem if P were A there. The change inside V follows
@@ -99,7 +102,7 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     after the first change. Outside V, A⁻¹(A - P) is small, as the bound of the count shows. Eigenvalues near each other are
     corrected as one, with a matrix S instead of λ: MXS² + DXS + KX = 0.
     """
-    V, factor = small.basis.V, _factor(small)
+    V, factor, left = small.basis.V, _factor(small), error_of_left > 0
     M, D, K = matrices
     finite = np.flatnonzero(small.nu)
     x, z = (part[:, finite] for part in ((small.z, small.x) if left else (small.x, small.z)))
@@ -107,15 +110,15 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     at = np.searchsorted(finite, at)
     values = each[at]
     real = values.imag == 0
-    if (np.abs(values) < STILL * small.unit).any() or (~real & (np.abs(values.imag) < NEAR * np.abs(values))).any():
+    if (np.abs(values) < DOUBLE * small.unit).any() or (~real & (np.abs(values.imag) < TOGETHER * np.abs(values))).any():
         return None
     S, X = np.diag(values), _complex(V @ _real(x[:, at]))
-    label, among = np.arange(len(at)), clusters(values, NEAR)
+    label, among = np.arange(len(at)), clusters(values, TOGETHER)
     for group in among:
         label[group] = group[0]
     here, Xh, found = np.arange(len(at)), X, np.empty_like(X)
     errors = _Errors(len(at))
-    for sweep in range(SWEEPS):
+    for sweep in count():  # until all are solved, or one is stuck
         groups = [np.flatnonzero(label[here] == group[0]) for group in among]
         T = S[np.ix_(here, here)]
         if sweep:
@@ -147,9 +150,9 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
         change, of_S = _change_inside(inside, T, each, at[here], groups)
         S[np.ix_(here, here)] += unit * of_S
         moved = _complex(rough @ _single(rho + x @ change) - step) * unit
-        more = error * falls > SOLVED
+        more = error * falls > SUMS
         if left:
-            more &= falls * _lengths(moved) > LEFT * _lengths(Xh)
+            more &= falls * _lengths(moved) > error_of_left * _lengths(Xh)
         Xh = Xh + moved
         S[:, real], Xh[:, real[here]] = S[:, real].real, Xh[:, real[here]].real
         stay = np.isin(label[here], label[here[more]])
@@ -158,8 +161,6 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
             here, Xh = here[stay], Xh[:, stay]
         if not len(here):
             break
-    else:
-        return None
     X = found
     values = S.diagonal().copy()
     for group in among:
@@ -170,29 +171,32 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
 
 
 class _Errors:
-    """Backward errors of pairs from sweep to sweep, and which pairs are solved or do not converge."""
+    """Backward errors of pairs from sweep to sweep, and which pairs are solved or do not converge.
 
-    def __init__(self, number: int) -> None:
+    `slow` sweeps in which the error does not halve are let pass: those inside and outside the basis fall in turn at first.
+    """
+
+    def __init__(self, number: int, slow: int = 3) -> None:
         self._last, self._least = np.full((2, number), np.inf)
-        self._slow = np.zeros(number, dtype=int)  # sweeps in which they hardly fell
+        self._slow, self._most = np.zeros(number, dtype=int), slow
 
     def add(self, here: Array, error: Array) -> Array:
-        """Takes the errors of these pairs, and returns the factors by which they fell in this sweep, at least `USUAL`."""
+        """Takes the errors of these pairs, and returns by which factors the next sweep lowers them: as this one, or to a half."""
         last = self._last[here]  # infinite at first
-        self._slow[here] += ~(error < FALLS * last)
+        self._slow[here] += ~(error < last / 2)
         self._last[here], self._least[here] = error, np.minimum(error, self._least[here])
-        return np.maximum(error / last, USUAL)
+        return np.maximum(error / last, 0.5)
 
     @property
     def stuck(self) -> bool:
         """Whether a pair does not converge."""
-        return bool(((self._slow > SLOW) & (self._last > ROUNDED)).any())
+        return bool(((self._slow > self._most) & (self._last > ROUNDING)).any())
 
     @property
     def done(self) -> Array:
-        """Which pairs are solved. Rounding lets small errors rise and fall: one below `ROUNDED` that falls no more will do."""
-        lowest = ((self._slow > 1) & (self._last <= self._least)) | (self._slow > 2 * SLOW)
-        return (self._last <= SOLVED) | (lowest & (self._last < ROUNDED))
+        """Which pairs are solved. Rounding lets small errors rise and fall: one below `ROUNDING` that falls no more will do."""
+        lowest = ((self._slow > 1) & (self._last <= self._least)) | (self._slow > 2 * self._most)
+        return (self._last <= SUMS) | (lowest & (self._last < ROUNDING))
 
 
 def _left_inside(acting: list[Acting], rho: Array, step: Array, T: Array, groups: list[Array]) -> Array:

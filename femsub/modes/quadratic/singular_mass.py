@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import SINGULAR, equilibration, factor_of_mass, rank_of_mass, scaled, unit_length
+from femsub.algebra import SINGULAR, SUMS, equilibration, factor_of_mass, rank_of_mass, scaled, unit_length
 from femsub.checks import EPS, Array
 from femsub.model import Pencil
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 REGULAR = 1e12  # condition up to which a matrix is inverted
 UNSURE = 8.0  # factor about the limit of a rank within which a singular value may be rounding or not
-DUST = 1e-14  # share of the mass that moves with the rigid motion below which the rest is no mass
-ROUNDED = 20.0  # roundings that an entry of a product may have
 Eigenpairs: TypeAlias = tuple[Array, Array, Array]  # λ (k,), right and left shapes (n, k) of unit length
 Solver: TypeAlias = Callable[[Pencil], Eigenpairs]  # of a pencil with a regular M
 
@@ -58,7 +56,11 @@ def parts_of(pencil: Pencil) -> Parts:
 
     DOF without mass stay as they are: among their own damping, small beside that of others, no rounding of others comes in.
     """
-    rows, columns = _units_of_mass(pencil)
+    # scales that make the entries of M similar in size, so that its rank is clear; without mass, the pencil's scales. The common
+    # factor between the two kinds comes from the DOF that have both
+    moves = pencil.M.any(axis=1), pencil.M.any(axis=0)
+    rows, columns = (np.where(on, own, unit * 2.0 ** np.rint(np.median(np.log2(own[on] / unit[on])))) if on.any() else unit
+                     for own, unit, on in zip(equilibration(pencil.M), pencil.units, moves, strict=True))
     M, D = scaled(pencil.M, rows, columns), scaled(pencil.D, rows, columns)
     n = pencil.size
     bare = ~M.any(axis=0) & ~M.any(axis=1)
@@ -71,10 +73,10 @@ def parts_of(pencil: Pencil) -> Parts:
     U[np.ix_(own, np.arange(len(own)))], V[np.ix_(own, np.arange(len(own)))] = left, right
     U[np.flatnonzero(bare), np.arange(len(own), n)] = V[np.flatnonzero(bare), np.arange(len(own), n)] = 1.0
     # null vectors that are DOF are exact; others are known to a rounding over the smallest mass
-    doubt = np.full((n - rank, n - rank), np.sqrt(n) * EPS * np.linalg.norm(D, 2))
+    doubt = np.full((n - rank, n - rank), np.sqrt(n) * SUMS * np.linalg.norm(D, 2))
     if 0 < rank < len(own):
         doubt *= np.abs(mass[0] / mass[rank - 1])
-    doubt[len(own) - rank:, len(own) - rank:] = EPS**2 * np.linalg.norm(D, 2)  # the square of a rounding
+    doubt[len(own) - rank:, len(own) - rank:] = EPS * SUMS * np.linalg.norm(D, 2)  # the square of a rounding
     left, drag, right, damped, sure = _split(U[:, rank:], D, V[:, rank:], doubt)
     U[:, rank:], V[:, rank:] = U[:, rank:] @ left, V[:, rank:] @ right
     return Parts(rows[:, None] * U, columns[:, None] * V, mass[:rank], drag[:damped], clear and sure)
@@ -102,11 +104,10 @@ def _rank(sizes: Array, whole: float, least: float) -> tuple[int, bool]:
 
 
 def _between(U: Array, A: Array, V: Array, doubt: Array | float = 0.0) -> tuple[Array, Array, bool]:
-    """UᵀAV with 0 for rounding of its sum, or what is as small as `doubt`; that rounding; and whether no entry is near it."""
+    """UᵀAV with 0 for rounding of its sum, or what is as small as `doubt`; that limit; and whether no entry is near it."""
     found = U.T @ A @ V
-    noise = np.maximum(doubt, EPS * (np.abs(U).T @ np.abs(A) @ np.abs(V)))
-    size, limit = np.abs(found), ROUNDED * noise
-    return np.where(size > limit, found, 0.0), noise, not ((size > limit / UNSURE) & (size < limit * UNSURE)).any()
+    size, limit = np.abs(found), np.maximum(doubt, SUMS * (np.abs(U).T @ np.abs(A) @ np.abs(V)))
+    return np.where(size > limit, found, 0.0), limit, not ((size > limit / UNSURE) & (size < limit * UNSURE)).any()
 
 
 def _split(U: Array, A: Array, V: Array, doubt: Array | float) -> tuple[Array, Array, Array, int, bool]:
@@ -118,7 +119,7 @@ def _split(U: Array, A: Array, V: Array, doubt: Array | float) -> tuple[Array, A
     r, c = equilibration(block)
     left, size, right = _decomposed(scaled(block, r, c))
     noise = scaled(np.where(np.outer(block.any(axis=1), block.any(axis=0)), noise, 0.0), r, c)
-    rank, clear = _rank(size, 1.0, ROUNDED * float(np.linalg.norm(noise)))
+    rank, clear = _rank(size, 1.0, float(np.linalg.norm(noise)))
     return r[:, None] * left, size, c[:, None] * right, rank, sure and clear
 
 
@@ -216,7 +217,7 @@ def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpa
         drift = -inverse @ (momentum @ T)
         share, size = (momentum @ T).T @ drift, np.abs(Z[:, :free]).T @ np.abs(pencil.M) @ np.abs(T)
         size = size.T @ np.abs(inverse) @ size
-        M = np.where(np.abs(M + share) > DUST * size, M + share, 0.0)
+        M = np.where(np.abs(M + share) > SUMS * size, M + share, 0.0)
         rank = rank_of_mass(pencil.M) - free  # of what is left rounding would hide it, which is that of the whole
         R = factor_of_mass(M, min(max(rank, 0), int(np.count_nonzero(M.diagonal() > 0))), size.diagonal())[0]
         M = R.T @ R if (np.abs(M - R.T @ R) <= size / REGULAR).all() else M
@@ -259,17 +260,6 @@ def finite(pencil: Pencil) -> int | None:
         return 2 * len(parts.mass) + len(parts.drag) if not added.any() or _regular(np.diag(parts.mass) - added) else None
     found = as_multipliers(pencil, parts)
     return finite(found[0]) if found is not None and found[3] else None
-
-
-def _units_of_mass(pencil: Pencil) -> tuple[Array, Array]:
-    """Scales r and c that make the entries of M similar in size, so that its rank is clear; without mass, the pencil's scales."""
-    mass, others = equilibration(pencil.M), pencil.units
-    still = (~pencil.M.any(axis=1), ~pencil.M.any(axis=0))
-    moving = [~rest for rest in still]
-    # the common factor between the two kinds of scales comes from the DOF that have both
-    found = [np.where(rest, unit * 2.0 ** np.rint(np.median(np.log2(own[on] / unit[on]))) if on.any() else unit, own)
-             for own, unit, rest, on in zip(mass, others, still, moving, strict=True)]
-    return found[0], found[1]
 
 
 def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
