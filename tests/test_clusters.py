@@ -14,7 +14,7 @@ from femsub.algebra import petsc
 from femsub.checks import EQUAL
 from femsub.model.bands import DOUBLE, REAL, beyond, in_band, moving, upper, widened, within
 from femsub.modes.dense import dense_modes
-from femsub.modes.quadratic.multiplicity import clear_radius, clusters, distinct, joined
+from femsub.modes.quadratic.matching import clear_radius, clusters, distinct, joined
 
 # Of 1000 numbers these were wrong or refused at some time, each in a way of its own.
 KNOWN = (51, 91, 113, 153, 161, 167, 365, 453, 557, 873)

@@ -20,15 +20,17 @@ from .quadratic.dense import (
 from .quadratic.energy_basis import Coupling as Coupling, EnergyBasis as EnergyBasis, Term as Term, terms_of as terms_of
 from .quadratic.matching import (
     NEAR as NEAR,
+    assigned as assigned,
+    clusters as clusters,
     extra_eigenvalues as extra_eigenvalues,
     frequency_error as frequency_error,
     likeness as likeness,
     listed as listed,
+    match as match,
     relative_error as relative_error,
     spectrum_errors as spectrum_errors,
     turnover as turnover,
 )
-from .quadratic.multiplicity import assigned as assigned, clusters as clusters, match as match
 from .quadratic.port_function import PortFunction as PortFunction
 from .quadratic.region import Region as Region, region_of as region_of
 from .quadratic.search import Budget as Budget

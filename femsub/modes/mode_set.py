@@ -12,8 +12,7 @@ from femsub.algebra import Frozen
 from femsub.checks import Array, instance, items, positive_number, rows, shown
 from femsub.errors import InputError
 from femsub.model import DofMap, ReducedSubstructure, Substructure
-from femsub.modes.quadratic.matching import CLUSTER, NEAR
-from femsub.modes.quadratic.multiplicity import match
+from femsub.modes.quadratic.matching import CLUSTER, NEAR, match
 
 if TYPE_CHECKING:
     from femsub.modes.normal_modes import NormalModes

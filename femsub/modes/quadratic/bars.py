@@ -14,7 +14,7 @@ from femsub.algebra import QUADRATIC, equilibration, scaled, times
 from femsub.checks import EPS, Array
 from femsub.modes.quadratic.correction import converged, corrected, is_rounding, solver_near
 from femsub.modes.quadratic.dense import carries
-from femsub.modes.quadratic.multiplicity import HALF, SPLIT, clusters
+from femsub.modes.quadratic.matching import HALF, SPLIT, clusters
 
 if TYPE_CHECKING:
     from femsub.model import Pencil

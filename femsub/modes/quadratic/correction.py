@@ -16,7 +16,7 @@ import scipy.linalg as la
 from femsub.algebra import SUMS, ComplexFactor, equilibration, scaled
 from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import SingularMatrixError
-from femsub.modes.quadratic.multiplicity import SPLIT
+from femsub.modes.quadratic.matching import SPLIT
 
 if TYPE_CHECKING:
     from femsub.model import Pencil

@@ -24,7 +24,7 @@ from femsub.model import RigidMotion, costs, rounding, units
 from femsub.modes.dense import dense_modes
 from femsub.modes.quadratic import singular_mass
 from femsub.modes.quadratic.correction import converged, step
-from femsub.modes.quadratic.multiplicity import SPLIT
+from femsub.modes.quadratic.matching import SPLIT
 from femsub.modes.quadratic.singular_mass import REGULAR
 from femsub.modes.shift_invert import ShiftInvert, motion_of
 

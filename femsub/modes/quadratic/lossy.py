@@ -26,7 +26,7 @@ from femsub.errors import ConditionWarning, InputError, warn
 from femsub.model import Pencil
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.bars import bars
-from femsub.modes.quadratic.multiplicity import match
+from femsub.modes.quadratic.matching import match
 from femsub.modes.quadratic.search import SearchResult
 
 

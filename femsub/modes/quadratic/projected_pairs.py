@@ -13,9 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import ROUNDING, SUMS, Handle, divided, fork_pays, shared_zeros, times
-from femsub.checks import Array, Matrix
-from femsub.model import DOUBLE
-from femsub.modes.quadratic.multiplicity import HALF, clusters, match
+from femsub.checks import EPS, Array, Matrix
+from femsub.modes.quadratic.matching import HALF, clusters, match
 from femsub.modes.quadratic.projected_count import Projection
 
 if TYPE_CHECKING:
@@ -110,7 +109,8 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     at = np.searchsorted(finite, at)
     values = each[at]
     real = values.imag == 0
-    if (np.abs(values) < DOUBLE * small.unit).any() or (~real & (np.abs(values.imag) < TOGETHER * np.abs(values))).any():
+    still = np.sqrt(2 * V.shape[1] * EPS) * small.unit  # rounding splits a double eigenvalue 0, that of rigid motion, by this
+    if (np.abs(values) < still).any() or (~real & (np.abs(values.imag) < TOGETHER * np.abs(values))).any():
         return None
     S, X = np.diag(values), _complex(V @ _real(x[:, at]))
     label, among = np.arange(len(at)), clusters(values, TOGETHER)

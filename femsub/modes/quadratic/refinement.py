@@ -25,7 +25,7 @@ from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.modes.quadratic.energy_basis import EnergyBasis, terms_of
 from femsub.modes.quadratic.full_solve import ByParts, ByWhole, solve_of
-from femsub.modes.quadratic.multiplicity import assigned, pair_costs
+from femsub.modes.quadratic.matching import assigned, pair_costs
 
 BELONGS = 1e-6  # largest backward error of modes that are accepted as those of the reduced model
 LOST = 0.5  # a refined mode with less of the reduced shape (share of energy) is a different mode

@@ -39,12 +39,12 @@ from femsub.modes.normal_modes import modes_under
 from femsub.modes.quadratic import damping_split, dense, disc_count
 from femsub.modes.quadratic.bars import mended
 from femsub.modes.quadratic.disc_count import Edge
-from femsub.modes.quadratic.multiplicity import Search, clear_radius, distinct
+from femsub.modes.quadratic.matching import clear_radius, distinct
 from femsub.modes.quadratic.projected_count import Projection, about_radius
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Box, Contour, Count, listed
 from femsub.modes.quadratic.singular_mass import finite
-from femsub.modes.quadratic.sparse import KEPT, Shifted
+from femsub.modes.quadratic.sparse import KEPT, Search, Shifted
 from femsub.modes.quadratic.winding_count import clear_of, missed_eigenvalues, undamped_reference
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ import numpy as np
 from femsub.algebra import Handle, SparseFactor, Transposed, quadratic_modes, shared_factor
 from femsub.checks import EQUAL, Array
 from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
-from femsub.model import costs
+from femsub.model import DOUBLE, costs
 from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.quadratic.multiplicity import SPLIT, distinct, joined, match
+from femsub.modes.quadratic.matching import SPLIT, clusters, distinct, joined, match
 from femsub.modes.shift_invert import ShiftInvert, motion_of
 
 if TYPE_CHECKING:
@@ -154,3 +154,50 @@ class Shifted:
         near = np.abs(found[to] - values[at]) <= SPLIT * np.maximum(np.abs(values[at]), self.shift)
         Y[:, at[near]] = vectors[:, to[near]].conj()
         return Y
+
+
+class Search:
+    """Eigenvalues nearest to a shift, by several searches from different starts; their results are merged.
+
+    Parameters
+    ----------
+    nearest : callable (number, seed) → λ (k,), X (n, k)
+        Makes one search.
+    size : int
+        n.
+    most : int
+        Searches at most. Each other start finds one more direction of an eigenspace by itself; four were always enough.
+
+    `searches` is the number so far, `ask` the last number asked.
+    """
+
+    def __init__(self, nearest: Callable[[int, int], tuple[Array, Array]], size: int, most: int = 4) -> None:
+        self.nearest, self.size, self.most, self.searches, self.ask = nearest, size, most, 1, 0
+        self.pool: tuple[Array, Array] = np.zeros(0), np.zeros((size, 0))
+
+    @property
+    def exhausted(self) -> bool:
+        return self.searches >= self.most
+
+    def found(self, ask: int) -> tuple[Array, Array]:
+        """λ and X of a search for `ask` eigenvalues."""
+        if ask != self.ask:
+            new = self.nearest(ask, self.searches)
+            self.pool = joined(*self.pool, *new) if self.searches > 1 else new
+            self.ask = ask
+        return self.pool
+
+    def more(self, ask: int, missed: int) -> int:
+        """The number to ask for in a new search if `missed` eigenvalues are missing."""
+        self.searches, self.ask = self.searches + 1, 0
+        return min(ask + 2 * missed + 10, 2 * self.size)
+
+    def settled(self) -> bool:
+        """Whether all clusters are complete: there is none, or another search finds the same eigenvalues."""
+        values, X = self.pool
+        if self.exhausted or not clusters(values[values != 0], DOUBLE):
+            return True
+        self.searches += 1
+        with suppress(NotConvergedError):
+            self.pool = joined(values, X, *self.nearest(self.ask, self.searches))
+        return len(self.pool[0]) == len(values)
