@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from femsub.algebra import QUADRATIC, equilibration, scaled, times
-from femsub.checks import EPS, Array
+from femsub.checks import EPS, EQUAL, Array
 from femsub.modes.quadratic.correction import converged, corrected, is_rounding, solver_near
 from femsub.modes.quadratic.dense import carries
 from femsub.modes.quadratic.matching import HALF, SPLIT, clusters
@@ -117,7 +117,7 @@ class Mended(NamedTuple):
 
 
 def mended(pencil: Pencil, values: Array, X: Array, Y: Array, vague: float = 0.1) -> Mended:
-    """Eigenpairs with corrections of those whose error bar is poor: above half of the digits, and above what rounding explains.
+    """Eigenpairs with corrections of those whose error bar is poor: above what two equal results differ by, and above rounding.
 
     A pair is mended only if λ stays within its error bar and its residual falls to rounding. Pairs that are mended already are
     kept out of it. If two still come to the same shape, the second stays as it was, so none is lost. Without a left vector (a
@@ -135,12 +135,11 @@ def mended(pencil: Pencil, values: Array, X: Array, Y: Array, vague: float = 0.1
     if not len(values):
         return Mended(values, X, Y, done, done)
     bar = bars(pencil, values, X, Y).error_bar
-    poor = (bar > HALF * np.abs(values)) & (values != 0) & ~is_rounding(pencil, values, X, Y)
+    poor = (bar > EQUAL * np.abs(values)) & (values != 0) & ~is_rounding(pencil, values, X, Y)
     for k in np.flatnonzero(poor):
-        reach = max(bar[k], HALF * abs(values[k]))
-        around = done & (np.abs(values - values[k]) <= 2 * reach)
+        around = done & (np.abs(values - values[k]) <= 2 * bar[k])
         found = converged(pencil, values[k], X[:, k], Y[:, k], (values[around], X[:, around], Y[:, around]))
-        if found is None or not abs(found[0] - values[k]) <= reach:
+        if found is None or not abs(found[0] - values[k]) <= bar[k]:
             continue
         near = np.flatnonzero(np.abs(values - found[0]) <= SPLIT * abs(found[0]))
         near = near[near != k]

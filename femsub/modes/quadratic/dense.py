@@ -119,30 +119,36 @@ def definite_form(pencil: Pencil) -> ModalForm:
 
 def modal_form(pencil: Pencil) -> ModalForm | None:
     """The modal form of a dense pencil, or None if M is not symmetric positive definite."""
-    with one_thread(pencil.size <= FEW):
-        return _modal_form(pencil)
-
-
-def _modal_form(pencil: Pencil) -> ModalForm | None:
-    M, K = pencil.M, pencil.K
+    M, K, D = pencil.M, pencil.K, pencil.D
     if not is_symmetric(M):
         return None
     symmetric = is_symmetric(K)
-    with np.errstate(all="ignore"):
-        try:
-            scale = M.diagonal() ** -0.5
-            if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
+    with one_thread(pencil.size <= FEW):
+        with np.errstate(all="ignore"):
+            try:
+                scale = M.diagonal() ** -0.5
+                if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
+                    return None
+                motion = motion_of(pencil.rigid_motion)
+                values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K, motion)
+            except la.LinAlgError:
                 return None
-            motion = motion_of(pencil.rigid_motion)
-            values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K, motion)
-        except la.LinAlgError:
-            return None
-    omega = np.sqrt(np.abs(values))
-    omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # where it differs from the frequency it is only a scaling
-    H = None
-    if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
-        H = shapes.T @ (K @ shapes)
-    shapes, C = _unbraked(pencil.D, shapes, rigid, units(M), motion)
+        omega = np.sqrt(np.abs(values))
+        omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # where it differs from the frequency it is only a scaling
+        H = None
+        if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
+            H = shapes.T @ (K @ shapes)
+        # C = ΦᵀDΦ, with exact zeros for rigid motions that D does not damp: each of these has a double eigenvalue at 0, which
+        # rounding in C would split
+        free = np.arange(0 if motion is None else motion.free)
+        if rigid and motion is None:
+            z, free = unresisted(D, shapes[:, :rigid], units(M))
+            shapes = np.hstack([z, shapes[:, rigid:]])
+        C = shapes.T @ (D @ shapes)
+        if is_symmetric(D):
+            C = (C + C.T) / 2  # to the last digit: left vectors are then conjugate right ones, and energy gives Re λ
+            C[free] = 0.0
+        C[:, free] = 0.0
     return ModalForm(shapes, omega, np.sign(values), H, C, rigid)
 
 
@@ -209,7 +215,14 @@ def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tupl
         handle = ShiftInvert(K, M)
     except SingularMatrixError:  # a negative stiffness, or a large stiffness contrast
         top = float(np.abs(values).max()) or 1.0
-        Z, loose = unresisted(K, _cleaned(K, M, shapes[:, low], top), units(K))
+        # the softest modes contain rounding of the stiffest ones; two solves with K + sM remove it
+        soft, shift = shapes[:, low], 1e-10 * top
+        with np.errstate(all="ignore"):
+            factor = la.lu_factor(K + shift * M, check_finite=False)
+            for _ in range(2):
+                soft = la.lu_solve(factor, M @ soft, check_finite=False)
+                soft = soft / np.sqrt(np.abs(np.einsum("ij,ij->j", soft, M @ soft)))
+        Z, loose = unresisted(K, soft, units(K))
         Z = Z[:, loose]
         return Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T, float(np.abs(values[~low]).min(initial=top))
     return handle.rigid, handle.lowest if np.isfinite(handle.lowest) else float(np.abs(values).max())
@@ -222,34 +235,6 @@ def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
     if unit <= EPS:  # none, and no product with K, which takes a second of 83,000 DOF
         return np.zeros(X.shape[1], dtype=bool), unit
     return np.abs(costs(K, X)[1]) <= unit, unit
-
-
-def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array, motion: RigidMotion | None) -> tuple[Array, Array]:
-    """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not damp.
-
-    Each of these has a double eigenvalue at 0, which rounding in C would split.
-    """
-    free = np.arange(0 if motion is None else motion.free)
-    if rigid and motion is None:
-        z, free = unresisted(D, shapes[:, :rigid], unit)
-        shapes = np.hstack([z, shapes[:, rigid:]])
-    C = shapes.T @ (D @ shapes)
-    if is_symmetric(D):
-        C = (C + C.T) / 2  # to the last digit: left vectors are then conjugate right ones, and energy gives Re λ
-        C[free] = 0.0
-    C[:, free] = 0.0
-    return shapes, C
-
-
-def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
-    # The softest modes contain rounding of the stiffest ones; two solves with K + sM remove it.
-    sigma = 1e-10 * top
-    with np.errstate(all="ignore"):
-        factor = la.lu_factor(K + sigma * M, check_finite=False)
-        for _ in range(2):
-            x = la.lu_solve(factor, M @ x, check_finite=False)
-            x = x / np.sqrt(np.abs(np.einsum("ij,ij->j", x, M @ x)))
-    return x
 
 
 def eigenvalues(form: ModalForm, C: Array | None = None) -> Array:

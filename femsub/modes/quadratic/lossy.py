@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import QUADRATIC
+from femsub.algebra import QUADRATIC, unit_length
 from femsub.checks import Array, Matrix, Tally
 from femsub.errors import ConditionWarning, InputError, warn
 from femsub.model import Pencil
@@ -80,7 +80,18 @@ class LossyPencil(Pencil):
             Error bars leave it open on which side of the axis a λ lies, or whether it is real without H: 'not checked'.
         """
         plain, upper = Pencil(self.M, self.D, self.K).carrying(self.rigid_motion, self.noise), self._with(H=self.H, side=1)
-        values, X, Y = self._upper_modes()
+        # the 2n eigenvalues of P₊
+        form = dense.modal_form(self)
+        if form is None:
+            raise InputError("M is singular or nearly so (massless DOF), and complex modes with structural damping need a "
+                             "regular M. Condense such DOF, or take fs.equivalent_viscous(model, omega)")
+        form = form.resisted(self.H, self.M)
+        n, r = len(form.omega), form.rigid
+        state = form.state().astype(complex)
+        state[n - r:, :n - r] -= 1j * (form.shapes.T @ self.H @ form.shapes[:, r:]) / form.omega[r:]
+        values, left, right = la.eig(state, left=True, right=True, check_finite=False)
+        values = np.append(values, np.zeros(r))
+        X, Y = (unit_length(np.hstack([form.shapes @ part[n - r:], form.shapes[:, :r]])) for part in (right, left))
         real, X_real, Y_real = dense.solve(plain)
         bar, bar_real = bars(upper, values, X, Y).error_bar, bars(plain, real, X_real, Y_real).error_bar
         axis = np.flatnonzero(np.abs(values.imag) <= bar)
@@ -101,21 +112,3 @@ class LossyPencil(Pencil):
                                for pair, part in zip(pairs, (real, X_real, Y_real), strict=True))
         known = np.concatenate([values, values.conj(), real])
         return SearchResult(found, X_all, Y_all, known, Tally(len(found), None if doubt else len(found)))
-
-    def _upper_modes(self) -> tuple[Array, Array, Array]:
-        """The 2n eigenvalues of P₊, right and left shapes (n, 2n) of unit length."""
-        form = dense.modal_form(self)
-        if form is None:
-            raise InputError("M is singular or nearly so (massless DOF), and complex modes with structural damping need a "
-                             "regular M. Condense such DOF, or take fs.equivalent_viscous(model, omega)")
-        form = form.resisted(self.H, self.M)
-        n, r = len(form.omega), form.rigid
-        state = form.state().astype(complex)
-        state[n - r:, :n - r] -= 1j * (form.shapes.T @ self.H @ form.shapes[:, r:]) / form.omega[r:]
-        values, left, right = la.eig(state, left=True, right=True, check_finite=False)
-        X, Y = (np.hstack([form.shapes @ part[n - r:], form.shapes[:, :r]]) for part in (right, left))
-        return np.append(values, np.zeros(r)), _unit(X), _unit(Y)
-
-
-def _unit(shapes: Array) -> Array:
-    return np.asarray(shapes / np.linalg.norm(shapes, axis=0))

@@ -231,25 +231,19 @@ def spectrum_errors(full: ComplexModes, reduced: ComplexModes, models: tuple[Sub
     real = float((growth / np.abs(reference[at]))[near].max())
     size = np.maximum(size[at], noise)
     growth = np.divide(growth, size, out=np.zeros_like(size), where=(size > noise) | (growth > noise))
-    mac = _least_mac(models, reference[at[near]], x[:, at[near]], y[:, to[near]]) if models else np.nan
+    # the smallest share of xᴴMx that is represented by the partners of a shape and of its cluster
+    mac, fields = np.nan, _fields(*models, y[:, to[near]]) if models else None
+    if models and fields is not None:
+        M: Matrix = models[0].M
+        own, mac = reference[at[near]], 1.0
+        for shape, group in zip(x[:, at[near]].T, np.abs(own[:, None] - own) <= CLUSTER * np.abs(own), strict=True):
+            Z = fields[:, group]
+            MZ = M @ Z
+            held = MZ.conj().T @ shape
+            represented = held.conj() @ np.linalg.lstsq(Z.conj().T @ MZ, held, rcond=None)[0]
+            mac = min(mac, float(represented.real / (shape.conj() @ (M @ shape)).real))
+        mac = max(mac, 0.0)
     return SpectrumErrors(float(error[near].max()), float(growth[near].max()), missing, mac, real, missed, invented)
-
-
-def _least_mac(models: tuple[Substructure, Substructure], values: Array, x: Array, y: Array) -> float:
-    """The smallest share of xᴴMx that is represented by the partners of a shape and of its cluster."""
-    fields = _fields(*models, y)
-    if fields is None:
-        return np.nan
-    M: Matrix = models[0].M
-    together = np.abs(values[:, None] - values) <= CLUSTER * np.abs(values)
-    least = 1.0
-    for j, group in enumerate(together):
-        Z, shape = fields[:, group], x[:, j]
-        MZ, Mx = M @ Z, M @ shape
-        held = MZ.conj().T @ shape
-        share = (held.conj() @ np.linalg.lstsq(Z.conj().T @ MZ, held, rcond=None)[0]).real / (shape.conj() @ Mx).real
-        least = min(least, float(share))
-    return max(least, 0.0)
 
 
 def turnover(model: Substructure, contacts: Contacts, modes: ComplexModes) -> Array:

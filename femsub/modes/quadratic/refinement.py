@@ -25,10 +25,8 @@ from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.modes.quadratic.energy_basis import EnergyBasis, terms_of
 from femsub.modes.quadratic.full_solve import ByParts, ByWhole, solve_of
-from femsub.modes.quadratic.matching import assigned, pair_costs
+from femsub.modes.quadratic.matching import HALF, assigned, pair_costs
 
-BELONGS = 1e-6  # largest backward error of modes that are accepted as those of the reduced model
-LOST = 0.5  # a refined mode with less of the reduced shape (share of energy) is a different mode
 APART = 0.1  # relative distance of λ from which on two refined modes are never one pair, however inaccurate the reduced model
 
 
@@ -200,8 +198,23 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     X = X / np.linalg.norm(X, axis=0)
     Y = X.conj() if left is None else space.V @ left
     Y = Y / np.linalg.norm(Y, axis=0)
-    return _result(full, pencil, modes, chosen, (values, X, Y, share, twin, down), rows, mirrored,
-                   (step, space.by.factorisations, space.solves), space.by.whole)
+    # each chosen mode is that of its representative, or the conjugate
+    at = np.array([int(np.flatnonzero(rows == row)[0]) for row in mirrored], dtype=int)
+    flip = down[at] != (mirrored != chosen)
+    values, X, Y = (np.where(flip, part[..., at].conj(), part[..., at]) for part in (values, X, Y))
+    result = with_bars(pencil, values, X, Y, cutoff=full.cutoff)
+    lost = ((share[at] < 0.5) | (twin[at] >= 0)) & ~modes.rigid[chosen]
+    merged = tuple((int(rows[twin[i]]), int(rows[i])) for i in range(len(rows)) if twin[i] >= 0)
+    moved = np.where(lost, np.nan, np.abs(values - modes.eigenvalues[chosen]))
+    if lost.any():
+        one = int(np.flatnonzero(lost)[0])
+        also = f". Rows {', '.join(f'{i} and {j}' for i, j in merged)} lead to the same mode" if merged else ""
+        warn(
+            f"{int(lost.sum())} of {len(chosen)} reduced modes have no counterpart in the full model. The first is row "
+            f"{chosen[one]}, λ = {modes.eigenvalues[chosen[one]]:.6g}: refined to λ = {values[one]:.6g} it keeps "
+            f"{100 * share[at][one]:.2g} % of its shape{also}. Keep more modes in the basis", FemsubWarning)
+    return Refined(result, chosen, modes.eigenvalues[chosen], moved, share[at], merged, lost, step, space.by.factorisations,
+                   space.solves, space.by.whole)
 
 
 def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> tuple[Matrix, ByWhole | ByParts]:
@@ -219,28 +232,6 @@ def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> t
         return K, solve_of(full, rom, K)
     except SingularMatrixError:
         return full.K, solve_of(full, rom, full.K)
-
-
-def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Array, found: tuple[Array, ...], rows: Array,
-            mirrored: Array, effort: tuple[int, int, int], whole: str) -> Refined:
-    values, X, Y, share, twin, down = found
-    at = np.array([int(np.flatnonzero(rows == row)[0]) for row in mirrored], dtype=int)
-    flip = down[at] != (mirrored != chosen)
-    values, X, Y = values[at], X[:, at], Y[:, at]
-    values, X, Y = np.where(flip, values.conj(), values), np.where(flip, X.conj(), X), np.where(flip, Y.conj(), Y)
-    result = with_bars(pencil, values, X, Y, cutoff=full.cutoff)
-    lost = (share[at] < LOST) | (twin[at] >= 0)
-    lost[modes.rigid[chosen]] = False
-    merged = tuple((int(rows[twin[i]]), int(rows[i])) for i in range(len(rows)) if twin[i] >= 0)
-    moved = np.where(lost, np.nan, np.abs(values - modes.eigenvalues[chosen]))
-    if lost.any():
-        one = int(np.flatnonzero(lost)[0])
-        also = f". Rows {', '.join(f'{i} and {j}' for i, j in merged)} lead to the same mode" if merged else ""
-        warn(
-            f"{int(lost.sum())} of {len(chosen)} reduced modes have no counterpart in the full model. The first is row "
-            f"{chosen[one]}, λ = {modes.eigenvalues[chosen[one]]:.6g}: refined to λ = {values[one]:.6g} it keeps "
-            f"{100 * share[at][one]:.2g} % of its shape{also}. Keep more modes in the basis", FemsubWarning)
-    return Refined(result, chosen, modes.eigenvalues[chosen], moved, share[at], merged, lost, *effort, whole)
 
 
 class _Space(EnergyBasis):
@@ -296,7 +287,7 @@ def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> 
     best = cost.argmin(axis=1)
     for i in rows[~still]:
         taken = np.flatnonzero((at == best[i]) & ~still)
-        if best[i] != at[i] and len(taken) and cost[i, at[i]] > cost[i, best[i]] + LOST:
+        if best[i] != at[i] and len(taken) and cost[i, at[i]] > cost[i, best[i]] + 0.5:  # half of a shape, as for `Refined.lost`
             twin[i] = int(taken[0])
     return at, twin
 
@@ -339,7 +330,7 @@ def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> tuple[
     if not len(chosen):
         raise InputError("there is no mode to refine: none lies below the reduction's cut-off. Select rows by which=")
     error = rom.linearised(contacts).backward_error(modes.eigenvalues[chosen], modes.shapes[:, chosen])
-    if error.max() > BELONGS:
+    if error.max() > HALF:
         raise InputError(f"the modes are not those of {rom.name!r} with these contacts: their backward error is "
                          f"{error.max():.1e}. Give the same contacts as to complex_modes")
     return chosen, V

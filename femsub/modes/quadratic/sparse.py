@@ -109,7 +109,18 @@ class Shifted:
             raise last
         values, X = distinct(values, X)
         if self.rigid.shape[1]:
-            values, X = self._zeros(values, X)
+            # those of rigid motion are exactly 0: n_r, and one more for each that D does not damp. The solver returns a multiple
+            # eigenvalue split by rounding
+            assert self.motion is not None
+            number, order = self.motion.zeros, np.argsort(np.abs(values), kind="stable")
+            of = np.cumsum(1 + (values[order].imag != 0))
+            drop = order[:int(np.searchsorted(of, number)) + 1]
+            if of[len(drop) - 1] != number or np.abs(values[drop]).max() > 0.1 * self.shift:
+                raise MissedModesError(f"{number} eigenvalues must be 0 because of {self.rigid.shape[1]} rigid-body modes, but "
+                                       f"those nearest to 0 are {values[drop]}. Ask for more eigenvalues")
+            keep = np.setdiff1d(np.arange(len(values)), drop)
+            shapes = self.rigid[:, np.arange(number) % self.rigid.shape[1]]
+            values, X = np.append(values[keep], np.zeros(number)), np.hstack([X[:, keep], shapes])
         elif self.shift:
             still = np.flatnonzero(np.abs(values) < 1e-5 * self.shift)
             still = still[costs(pencil.K, X[:, still])[0] <= EQUAL]
@@ -118,23 +129,6 @@ class Shifted:
             if len(both):
                 values, X = np.append(values, values[both]), np.hstack([X, X[:, both].conj()])
         return values, X / np.linalg.norm(X, axis=0)
-
-    def _zeros(self, values: Array, X: Array) -> tuple[Array, Array]:
-        """Set the eigenvalues of rigid-body motion to exactly 0; the solver returns a multiple eigenvalue split by rounding.
-
-        Their number is n_r plus the number of rigid motions that D does not damp.
-        """
-        assert self.motion is not None
-        Z, number = self.rigid, self.motion.zeros
-        order = np.argsort(np.abs(values), kind="stable")
-        listed = np.cumsum(1 + (values[order].imag != 0))
-        drop = order[:int(np.searchsorted(listed, number)) + 1]
-        if listed[len(drop) - 1] != number or np.abs(values[drop]).max() > 0.1 * self.shift:
-            raise MissedModesError(f"{number} eigenvalues must be 0 because of {Z.shape[1]} rigid-body modes, but those nearest "
-                                   f"to 0 are {values[drop]}. Ask for more eigenvalues")
-        keep = np.setdiff1d(np.arange(len(values)), drop)
-        shapes = Z[:, np.arange(number) % Z.shape[1]]
-        return np.append(values[keep], np.zeros(number)), np.hstack([X[:, keep], shapes])
 
     def left(self, values: Array, X: Array, ask: int, searches: int) -> Array:
         """Left vectors y, yᴴP(λ) = 0: x̄ for a symmetric pencil, else from the transposed one, matched by λ.
