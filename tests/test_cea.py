@@ -582,6 +582,42 @@ def test_newton_makes_no_step_that_would_be_rounding(far: float, monkeypatch: py
     assert abs(near[0] - modes.eigenvalues[0]) <= 1e-12 * abs(value)
 
 
+@pytest.mark.parametrize("size", [1e-90, 1.0, 1e90])
+def test_a_step_ends_at_the_root_of_the_quotient(size: float) -> None:
+    """yᴴP(s)x = 0 at s = λ - step, whatever the units; without mass and damping there is no root, and no exception."""
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        pencil = fs.Pencil(*(size * rng.standard_normal((4, 4)) for _ in "MDK"))
+        x, y = rng.standard_normal((2, 4)) + 1j * rng.standard_normal((2, 4))
+        value = complex(*rng.standard_normal(2))
+        root = value - correction.step(pencil, value, x, y)
+        m, d, k = (y.conj() @ A @ x for A in (pencil.M, pencil.D, pencil.K))
+        assert abs(root**2 * m + root * d + k) <= 1e-12 * (abs(root**2 * m) + abs(root * d) + abs(k))
+        assert abs(root - value) <= abs(-d / m - root - value) * (1 + 1e-9)  # the other root is not nearer
+    still = fs.Pencil(np.diag([1.0, 0.0]), None, np.eye(2) * size)
+    assert not np.isfinite(correction.step(still, 0.0, np.array([0.0, 1.0]), np.array([0.0, 1.0])))
+
+
+def test_a_pair_converges_beside_others_that_are_known() -> None:
+    """Two eigenvalues 1e-7 apart, both from starts at the first: the second comes to its own if it is kept from the first."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        B = rng.standard_normal((6, 6))
+        one = fs.Pencil(np.eye(6), 0.05 * np.diag(rng.random(6)), B @ B.T + np.eye(6) + 0.1 * rng.standard_normal((6, 6)))
+        near = 1 + 1e-7 * rng.uniform(1.0, 3.0)
+        pencil = fs.Pencil(*(la.block_diag(getattr(one, name), factor * getattr(one, name))
+                             for name, factor in zip("MDK", (1.0, near**0.5, near), strict=True)))
+        exact, X, Y = dense.solve(one)
+        k = int(exact.imag.argmax())
+        start = np.append(X[:, k], 0.3 * X[:, k]), np.append(Y[:, k], 0.3 * Y[:, k])
+        found = correction.converged(pencil, exact[k] * (1 + 1e-8), *(part / np.linalg.norm(part) for part in start))
+        assert found is not None
+        others = np.array([found[0]]), found[1][:, None], found[2][:, None]
+        again = correction.converged(pencil, exact[k] * (1 + 1e-8), *(part / np.linalg.norm(part) for part in start), others)
+        both = np.sort_complex(exact[k] * np.array([1.0, near**0.5]))
+        assert again is not None and abs(np.sort_complex([found[0], again[0]]) - both).max() < 1e-12 * abs(both[0])
+
+
 # dense models in a band: LAPACK, where PEP would not be much faster ------------------------------------------------------
 
 def damped_everywhere(n: int) -> fs.Pencil:

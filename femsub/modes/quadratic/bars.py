@@ -135,7 +135,9 @@ def mended(pencil: Pencil, values: Array, X: Array, Y: Array, vague: float = 0.1
     if not len(values):
         return Mended(values, X, Y, done, done)
     bar = bars(pencil, values, X, Y).error_bar
-    poor = (bar > EQUAL * np.abs(values)) & (values != 0) & ~is_rounding(pencil, values, X, Y)
+    poor = (bar > EQUAL * np.abs(values)) & (values != 0)
+    if poor.any():
+        poor[poor] = ~is_rounding(pencil, values[poor], X[:, poor], Y[:, poor])
     for k in np.flatnonzero(poor):
         around = done & (np.abs(values - values[k]) <= 2 * bar[k])
         found = converged(pencil, values[k], X[:, k], Y[:, k], (values[around], X[:, around], Y[:, around]))

@@ -80,7 +80,7 @@ def step(pencil: Pencil, value: complex, x: Array, y: Array) -> complex:
     """
     residual = pencil.residual(np.array([value]), x[:, None])[:, 0]
     with np.errstate(all="ignore"):
-        mass, damping, left = (complex(y.conj() @ part) for part in (pencil.M @ x, pencil.D @ x, residual))
+        mass, damping, left = (np.complex128(y.conj() @ part) for part in (pencil.M @ x, pencil.D @ x, residual))
         rate = 2 * value * mass + damping
         root = np.sqrt(rate**2 - 4 * mass * left)
         return complex(2 * left / (rate + (root if (np.conj(rate) * root).real >= 0 else -root))) if left else 0.0
