@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from inspect import Parameter, Signature
@@ -20,10 +20,9 @@ from numpy.polynomial import Polynomial
 from femsub.checks import EQUAL, parsing
 from femsub.errors import InputError
 
-LONGEST = 500  # characters of an expression
-PIECES = 10000  # ranges tried at most
+LONGEST = 500  # characters of an expression: no factor of a model needs more, and Python's parser may fail on much longer ones
 OPERATORS: dict[type, Callable[[Any, Any], Any]] = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
-                                                    ast.Div: operator.truediv, ast.Pow: lambda a, b: _power(a, b)}
+                                                    ast.Div: operator.truediv, ast.Pow: operator.pow}
 SIGNS: dict[type, Callable[[Any], Any]] = {ast.UAdd: lambda a: a, ast.USub: operator.neg}
 FUNCTIONS = {"sqrt": math.sqrt, "exp": math.exp, "log": math.log, "sin": math.sin, "cos": math.cos}
 CONSTANTS = {"pi": math.pi}
@@ -98,8 +97,8 @@ class Expression:
             raise self._undefined(values, error) from None
         return float(found)
 
-    def check_over(self, parameter: str, between: tuple[float, float], values: Mapping[str, float]) -> None:
-        """Checks that there is a value everywhere in a range of one parameter, by the arithmetic of ranges.
+    def check_over(self, parameter: str, between: tuple[float, float], values: Mapping[str, float], most: int = 10_000) -> None:
+        """Checks that there is a value everywhere in a range of one parameter, by the arithmetic of ranges, `most` at most.
 
         Raises
         ------
@@ -110,11 +109,12 @@ class Expression:
         for end in between:
             self({**values, parameter: end})
         left, tried = [between], 0
-        while left and tried < PIECES:
+        points = {name: _Range.at(value) for name, value in values.items()}
+        while left and tried < most:
             lo, hi = left.pop()
             tried += 1
             try:
-                self._walk({**values, parameter: _Range(lo, hi)})
+                self._walk({**points, parameter: _Range(lo, hi)}, _Range.at)
             except _RapidError as error:
                 raise InputError(f"scene key {self.where!r}: {self.text!r} has a {error} with more than 100 periods for "
                                  f"{parameter} from {lo:g} to {hi:g}. Change the expression or the range") from None
@@ -135,15 +135,19 @@ class Expression:
         terms: list[float] = [*(found.coef.tolist() if isinstance(found, Polynomial) else [found]), 0.0]
         return (terms[0], terms[1]) if all(map(math.isfinite, terms[:2])) and not any(terms[2:]) else None
 
-    def _walk(self, values: Mapping[str, Any]) -> Any:
+    def _walk(self, values: Mapping[str, Any], number: Callable[[float], Any] = float) -> Any:
+        """The value where names have these values; `number` makes a constant one of their kind."""
         def value(node: ast.expr) -> Any:
             match node:
                 case ast.Constant():
-                    return float(node.value)  # type: ignore[arg-type]
+                    return number(float(node.value))  # type: ignore[arg-type]
                 case ast.Name():
-                    return CONSTANTS[node.id] if node.id in CONSTANTS else values[node.id]
+                    return number(CONSTANTS[node.id]) if node.id in CONSTANTS else values[node.id]
                 case ast.BinOp():
-                    return OPERATORS[type(node.op)](value(node.left), value(node.right))
+                    found = OPERATORS[type(node.op)](value(node.left), value(node.right))
+                    if isinstance(found, complex):
+                        raise ArithmeticError(BROKEN)
+                    return found
                 case ast.UnaryOp():
                     return SIGNS[type(node.op)](value(node.operand))
                 case ast.Call(func=ast.Name(id=name)):
@@ -187,18 +191,6 @@ class _RapidError(Exception):
     """A sine or cosine of so wide a range that it says nothing."""
 
 
-def _power(base: Any, exponent: Any) -> Any:
-    if isinstance(exponent, _Range):  # for a positive base only
-        return (exponent * exponent.of(base).function("log")).function("exp")
-    if isinstance(base, _Range):
-        return base.power(exponent)
-    if not isinstance(base, float):
-        return base**exponent
-    if base < 0 and not exponent.is_integer():
-        raise ArithmeticError(BROKEN)
-    return base**exponent
-
-
 @dataclass(frozen=True)
 class _Range:
     """All values between lo and hi. Rounding is not counted."""
@@ -207,47 +199,34 @@ class _Range:
     hi: float
 
     @classmethod
-    def of(cls, value: Any) -> _Range:
-        return value if isinstance(value, cls) else cls(value, value)
-
-    def __radd__(self, other: float) -> _Range:
-        return self.of(other) + self
-
-    def __rmul__(self, other: float) -> _Range:
-        return self.of(other) * self
-
-    def __sub__(self, other: Any) -> _Range:
-        return self + -self.of(other)
-
-    def __rsub__(self, other: float) -> _Range:
-        return self.of(other) + -self
-
-    def __rtruediv__(self, other: float) -> _Range:
-        return self.of(other) / self
-
-    def __iter__(self) -> Iterator[float]:
-        return iter((self.lo, self.hi))
+    def at(cls, value: float) -> _Range:
+        """A range of one value."""
+        return cls(value, value)
 
     def __neg__(self) -> _Range:
         return _Range(-self.hi, -self.lo)
 
-    def __add__(self, other: Any) -> _Range:
-        other = self.of(other)
+    def __add__(self, other: _Range) -> _Range:
         return _Range(self.lo + other.lo, self.hi + other.hi)
 
-    def __mul__(self, other: Any) -> _Range:
-        ends = [a * b for a in self for b in self.of(other)]
+    def __sub__(self, other: _Range) -> _Range:
+        return self + -other
+
+    def __mul__(self, other: _Range) -> _Range:
+        ends = [a * b for a in (self.lo, self.hi) for b in (other.lo, other.hi)]
         return _Range(min(ends), max(ends))
 
-    def __truediv__(self, other: Any) -> _Range:
-        lo, hi = self.of(other)
-        if lo <= 0 <= hi:
+    def __truediv__(self, other: _Range) -> _Range:
+        if other.lo <= 0 <= other.hi:
             raise _UndefinedError("division by zero")
-        return self * _Range(1 / hi, 1 / lo)
+        return self * _Range(1 / other.hi, 1 / other.lo)
 
-    def power(self, exponent: float) -> _Range:
+    def __pow__(self, other: _Range) -> _Range:
+        if other.lo < other.hi:  # for a positive base only
+            return (other * self.function("log")).function("exp")
+        exponent = other.lo
         if exponent < 0:
-            return self.of(1.0) / self.power(-exponent)
+            return _Range.at(1.0) / self**-other
         if not exponent.is_integer() and self.lo < 0:
             raise _UndefinedError(BROKEN, singular=False)
         ends = [self.lo**exponent, self.hi**exponent]
