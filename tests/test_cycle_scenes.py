@@ -82,8 +82,12 @@ def oscillator() -> tuple[fs.Substructure, Branch]:
     return model, fs.branch(model, SPEED.rubbing, "speed", (0.2, 4.0))
 
 
+def run_of(scene: ChainCycleScene) -> cycle_keys.CycleRun:
+    return cycle_keys.CycleRun(scene, lambda _: None, {}, (0.0, 1.0))
+
+
 def large(model: fs.Substructure, guide: Branch) -> tuple[Branch, list[dict[str, Any]]]:
-    return cycle_keys._large(SPEED, [{"branch": guide, "family": 1.0}], 1.0, model, lambda _: None)
+    return run_of(SPEED).guided(model, [guide])
 
 
 @pytest.mark.slow
@@ -98,7 +102,7 @@ def test_a_large_model_follows_the_reduced_one_s_branch_to_its_end(oscillator: t
         assert point.contact.belts[0].speed == value
         assert (point.omega, point.rms) == pytest.approx((exact.omega, exact.rms), rel=1e-3)
     with pytest.raises(fs.NotConvergedError, match="no reduced model has this branch"):
-        cycle_keys._large(SPEED, [{"branch": guide, "family": 1.0}], 2.0, model, lambda _: None)
+        run_of(SPEED).guided(model, [])
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, fails: Any) -> None:
@@ -152,7 +156,7 @@ def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscilla
     starts: list[fs.State] = []
     monkeypatch.setattr(cycle_keys, "transient", lambda *args, start, **options: starts.append(start) or
                         fs.transient(*args, start=start, **options))
-    dots = cycle_keys._dots(replace(SPEED, dots=3), "full", model, (0.45, 1.85), [1.0], lambda _: None, [guide])
+    dots = run_of(replace(SPEED, dots=3)).dots("full", model, (0.45, 1.85), 1.0, [guide])
     values = [0.8, 1.15, 1.5]  # one cycle, a stable one above an unstable one, none
     assert len(guide.at(values[1])) == 2 and guide.values.max() < values[2]
     assert [dot["value"] for dot in dots] == pytest.approx(values[:2]) and {dot["model"] for dot in dots} == {"full"}
@@ -167,13 +171,13 @@ def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscilla
 def test_the_period_of_a_few_periods_is_found(guess: float) -> None:
     t = np.linspace(3.0, 20.0, 4096)
     v = np.cos(1.3 * t) + 0.4 * np.sin(3.9 * t)
-    assert cycle_keys._repeats(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
+    assert cycle_keys.repeats(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
 
 
 def test_dots_from_a_blow_reach_the_cycle(oscillator: tuple[fs.Substructure, Branch]) -> None:
     model, guide = oscillator
     scene = replace(SPEED, dots=1, dots_from="blow", periods=60)
-    dot, = cycle_keys._dots(scene, "full", model, (0.7, 0.9), [1.0], lambda _: None, [])
+    dot, = run_of(scene).dots("full", model, (0.7, 0.9), 1.0, [])
     exact = fs.harmonic_balance(model, with_parameter(scene.rubbing, "speed", 0.8), start=guide.at(0.8)[0])
     assert (dot["omega"], dot["rms"]) == pytest.approx((exact.omega, exact.rms), rel=2e-2)
 

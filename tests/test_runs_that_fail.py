@@ -65,7 +65,7 @@ def test_what_was_computed_before_an_output_fails_is_kept(thrown: BaseException,
     def fails(*_: object) -> None:
         raise thrown
 
-    monkeypatch.setitem(chain.PARTS, "eigenvalues", fails)
+    monkeypatch.setattr(chain.ChainRun, "eigenvalues", fails)
     (tmp_path / "scene.toml").write_text(PLANTED, encoding="utf-8")
     assert main(["run", "-v", str(tmp_path / "scene.toml"), "--no-figures", "--out", str(tmp_path / "out")]) == status
     said, data = capsys.readouterr(), json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
@@ -112,8 +112,8 @@ def test_where_every_output_fails_nothing_is_written(tmp_path: Path, monkeypatch
     def fails(*_: object) -> None:
         raise fs.NotConvergedError("planted")
 
-    for output in ("critical-slope", "eigenvalues", "error-time"):
-        monkeypatch.setitem(chain.PARTS, output, fails)
+    for output in ("critical_slope", "eigenvalues", "error_time"):
+        monkeypatch.setattr(chain.ChainRun, output, fails)
     (tmp_path / "scene.toml").write_text(PLANTED, encoding="utf-8")
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 1
     assert not (tmp_path / "out").exists()

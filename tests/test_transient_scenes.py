@@ -173,7 +173,7 @@ def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path
         raise AssertionError("a run began")
 
     interrupted(monkeypatch, 1)  # of CC with 18 DOF nothing grows below the cut-off: the first run is that of 30 DOF
-    monkeypatch.setattr("femsub.app.scenes.solid_transient._error_time", never)
+    monkeypatch.setattr("femsub.app.scenes.solid_transient.SolidTransientRun.error_time", never)
     out = tmp_path / "out"
     text = DISC.replace("150", "40") + 'outputs = ["growth", "error-time", "spectrum"]\nfigures = false\n'
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130

@@ -250,44 +250,61 @@ class Result:
         return units.said("\n\n".join(filter(None, parts)))
 
 
-def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], shown: Sequence[Shown],
-                complete: bool = True, long: Sequence[str] = ()) -> Result:
-    """A result, output by output: one that fails, or is interrupted, takes nothing from what was computed before.
+class Run:
+    """A run of a scene. The output 'critical-slope' is computed by the method `critical_slope`, and so are the others.
 
-    `data` and `shown` are what the result begins with; `long` outputs are not begun once there was an interruption. Failures are
-    reported in the text and in data["failed"], an interruption by data["complete"] = False.
-
-    Raises
-    ------
-    FemsubError
-        The first failure, where every output has failed.
+    What several outputs share is made when the first of them asks for it. `say` reports a step.
     """
-    outputs = [output for output in outputs if output != PAGE]
-    parts = [Result({}, shown)]
-    failed: dict[str, FemsubError] = {}
-    with Interruptible() as work:
-        for output in outputs:
-            if output in long and not complete:
-                continue
-            try:
-                part = compute(output)
-            except FemsubError as error:  # the others are worth having without it
-                failed[output] = error
-                part = Result({}, [f"{output}: failed; {error}"])
-            parts.append(part)
-            complete = complete and part.data.get("complete", True)  # False: interrupted within it
-    complete = complete and work.complete
-    if failed and len(failed) == len(outputs):
-        raise next(iter(failed.values()))
-    for part in parts:
-        data |= part.data
-    if failed:
-        data["failed"] = {output: f"{type(error).__name__}: {error}" for output, error in failed.items()}
-    if not complete:
-        data["complete"] = False
-        parts.append(Result({}, ["Interrupted: these results are incomplete."]))
-    every = [one for part in parts for one in (*[""] * bool(part is not parts[0] and part.text()), *part.shown)]
-    return Result(data, every, {name: file for part in parts for name, file in part.files.items()}, shown)
+
+    scene: Any
+
+    def __init__(self, scene: Any, progress: Progress) -> None:
+        self.scene, self.progress, self.say = scene, progress, lambda text: progress(f"{scene.name}: {text}")
+
+    def compute(self, output: str) -> Result:
+        """One output by its name."""
+        found: Result = getattr(self, output.replace("-", "_"))()
+        return found
+
+    def result(self, data: dict[str, Any], shown: Sequence[Shown], complete: bool = True, long: Sequence[str] = (),
+               outputs: Sequence[str] = ()) -> Result:
+        """All outputs: one that fails, or is interrupted, takes nothing from what was computed before.
+
+        `data` and `shown` are what the result begins with; `long` outputs are not begun once there was an interruption. Failures
+        are reported in the text and in data["failed"], an interruption by data["complete"] = False. By default the outputs are
+        those of the scene.
+
+        Raises
+        ------
+        FemsubError
+            The first failure, where every output has failed.
+        """
+        outputs = [output for output in outputs or self.scene.outputs if output != PAGE]
+        parts = [Result({}, shown)]
+        failed: dict[str, FemsubError] = {}
+        with Interruptible() as work:
+            for output in outputs:
+                if output in long and not complete:
+                    continue
+                try:
+                    part = self.compute(output)
+                except FemsubError as error:  # the others are worth having without it
+                    failed[output] = error
+                    part = Result({}, [f"{output}: failed; {error}"])
+                parts.append(part)
+                complete = complete and part.data.get("complete", True)  # False: interrupted within it
+        complete = complete and work.complete
+        if failed and len(failed) == len(outputs):
+            raise next(iter(failed.values()))
+        for part in parts:
+            data |= part.data
+        if failed:
+            data["failed"] = {output: f"{type(error).__name__}: {error}" for output, error in failed.items()}
+        if not complete:
+            data["complete"] = False
+            parts.append(Result({}, ["Interrupted: these results are incomplete."]))
+        every = [one for part in parts for one in (*[""] * bool(part is not parts[0] and part.text()), *part.shown)]
+        return Result(data, every, {name: file for part in parts for name, file in part.files.items()}, shown)
 
 
 def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Scene, Progress], Result]]:

@@ -226,6 +226,11 @@ class Study:
         text = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.label} with {best.size} DOF"
         return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{text}"
 
+    @property
+    def flat(self) -> list[dict[str, Any]]:
+        """The rows in plain columns, that of the full model first."""
+        return [row.flat() for row in (self.full, *self.rows)]
+
     def recommended(self, tol: float = 1e-3, held: bool = False) -> Row | None:
         """The smallest reduced model that may replace the full one, or None; with `held` also where its interface is held.
 
@@ -335,7 +340,7 @@ class Study:
         over = bool(self.values) or self.between is not None
         at = f", {self.symbol} = {', '.join(f'{value:g}' for value in self.values)}" if self.values else ""
         lines = [f"{self.name}: band {span(self.band)}{at}, medians of {self.repeats}{built}",
-                 Table("", [row.flat() for row in (self.full, *self.rows)], self._columns(), keys=2).text()]
+                 Table("", self.flat, self._columns(), keys=2).text()]
         if any(row.pareto for row in self.rows):
             lines.append("* no other is both as fast (or as small, where the runs' times overlap) and as accurate in Re λ")
         if over:

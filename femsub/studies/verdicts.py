@@ -64,7 +64,10 @@ class Verdict(Remark):
 
 @dataclass(frozen=True)
 class Advice(Remark):
-    """What one comparison recommends: `model` in words with its `size`, or '' if none will do, and for what it holds."""
+    """What one comparison recommends: `model` in words with its `size`, or '' if none will do, and for what it holds.
+
+    `row` is that of the model in a study, in plain columns.
+    """
 
     sentence: str = ""
     model: str = ""
@@ -74,6 +77,7 @@ class Advice(Remark):
     where: str = ""
     condition: Sequence[str] = ()
     brief: str = ""
+    row: Mapping[str, Any] | None = None
 
 
 def answer(found: Iterable[Any]) -> Verdict:
@@ -110,7 +114,7 @@ def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Advice:
         choice = replace(choice, unchecked=[f"The full model was solved at {found.symbol} = {at} alone."])
     if row is None:
         return choice
-    choice = replace(choice, model=row.named, size=row.size, condition=_conditions(found, row, tol))
+    choice = replace(choice, model=row.named, size=row.size, row=row.flat(), condition=_conditions(found, row, tol))
     if found.between:
         invented = f", but {row.invented} invented" if row.invented else " and none is invented"
         return replace(choice, decides=[

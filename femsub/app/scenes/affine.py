@@ -13,7 +13,7 @@ from femsub.algebra import as_matrix
 from femsub.app.expressions import Expression, Factor
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
-from femsub.app.scenes.flutter import FlutterScene, flutter
+from femsub.app.scenes.flutter import Flutter, FlutterScene
 from femsub.checks import Matrix
 from femsub.components import disc_pair
 from femsub.errors import InputError, unknown_name
@@ -178,4 +178,4 @@ def run(scene: AffineScene, progress: Progress) -> Result:
     at = "".join(f", {name} = {value:g}" for name, value in scene.values.items())
     text = [f"{model.size} DOF{at}", *(f"{sum_} = {said}" for sum_, said in sums.items())]
     band = (scene.band[0], scene.band[1]) if scene.band else None
-    return flutter(scene, {scene.name: model}, scene.over, {}, scene.over, data, progress, band=band, text=text)
+    return Flutter(scene, progress, {scene.name: model}, scene.over, {}, scene.over, band).run(data, text)

@@ -11,28 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from femsub import (
-    Affine,
-    ComplexModes,
-    ContactModes,
-    CriticalValue,
-    FrictionContact,
-    Material,
-    Mesh,
-    Spring,
-    Substructure,
-    System,
-    complex_modes,
-    couple,
-    critical_value,
-    read_mesh,
-    reduce,
-    solid,
-    study,
-    track,
-)
+import femsub as fs
 from femsub.app.keys import key
-from femsub.app.scene import RIGID, Picture, Progress, Result, Scene, Shown, run_outputs
+from femsub.app.scene import RIGID, Picture, Progress, Result, Run, Scene, Shown
 from femsub.app.scenes.joined_parts import by_kind
 from femsub.app.scenes.outputs import least_stable, lowest_figure, motion_files, page_mode, vtu
 from femsub.checks import NOT_CHECKED, Array
@@ -116,14 +97,17 @@ class BrakeScene(Scene):
 SCENE = BrakeScene
 
 
-class Brake:
-    """The models of a run; each is made when an output first asks for it."""
+class Brake(Run):
+    """The models and the outputs of a run."""
+
+    scene: BrakeScene
 
     def __init__(self, scene: BrakeScene, progress: Progress) -> None:
-        self.scene, self.say = scene, lambda text: progress(f"{scene.name}: {text}")
+        super().__init__(scene, progress)
+        self.range, self.band = (scene.mu[0], scene.mu[1]), (scene.band[0], scene.band[1])
         self.say("building the parts")
-        self.meshes: dict[str, Mesh] = brake_meshes(scene.size) if not scene.disc else {
-            name: read_mesh(Path(scene.folder) / getattr(scene, name)) for name in ("disc", *PADS)}
+        self.meshes: dict[str, fs.Mesh] = brake_meshes(scene.size) if not scene.disc else {
+            name: fs.read_mesh(Path(scene.folder) / getattr(scene, name)) for name in ("disc", *PADS)}
         for name, surface in zip(PADS, scene.tracks, strict=True):
             met = opposite(self.meshes[name], scene.face, self.meshes["disc"], surface)
             self.meshes["disc"] = self.meshes["disc"].with_sets(**{f"under-{name}": met})
@@ -135,53 +119,44 @@ class Brake:
         return np.concatenate([self.meshes["disc"].sets[f"under-{name}"] for name in PADS])
 
     @cached_property
-    def system(self) -> System:
+    def system(self) -> fs.System:
         """The full model."""
         return self.joined({name: self.part(name) for name in ("disc", *PADS)})
 
-    def part(self, name: str) -> Substructure:
+    def part(self, name: str) -> fs.Substructure:
         """The disc or a pad by itself."""
         scene, mesh = self.scene, self.meshes[name]
-        iron, lining, plate = (Material(*one) for one in zip(scene.E, scene.nu, scene.rho, strict=True))
+        iron, lining, plate = (fs.Material(*one) for one in zip(scene.E, scene.nu, scene.rho, strict=True))
         if name == "disc":
-            return solid(mesh, iron, supports=[scene.hub], interface=[f"under-{pad}" for pad in PADS],
+            return fs.solid(mesh, iron, supports=[scene.hub], interface=[f"under-{pad}" for pad in PADS],
                          rayleigh=(scene.rayleigh[0], scene.rayleigh[1]), name=name)
-        return solid(mesh, {"lining": lining, "plate": plate}, interface=[scene.face], name=name,
+        return fs.solid(mesh, {"lining": lining, "plate": plate}, interface=[scene.face], name=name,
                      ports={f"{place}-{axis}": (place, axis) for place in scene.sprung for axis in "xyz"},
                      rayleigh=(scene.rayleigh_pads[0], scene.rayleigh_pads[1]))
 
-    def contacts(self, mu: float) -> list[FrictionContact]:
+    def contacts(self, mu: float) -> list[fs.FrictionContact]:
         """Between the face of each pad and the track that turns under it."""
         scene = self.scene
-        return [FrictionContact(f"{name}.{scene.face}", f"disc.under-{name}", self.meshes, scene.contact, mu, scene.pressure,
+        return [fs.FrictionContact(f"{name}.{scene.face}", f"disc.under-{name}", self.meshes, scene.contact, mu, scene.pressure,
                                 axis=np.array([0.0, 0.0, 1.0]), speed=scene.turning) for name in PADS]
 
-    def joined(self, parts: Mapping[str, Substructure]) -> System:
+    def joined(self, parts: Mapping[str, fs.Substructure]) -> fs.System:
         """Parts, full or reduced, on their springs."""
-        springs = [Spring((name, f"{place}-{axis}"), stiffness=self.scene.springs)
+        springs = [fs.Spring((name, f"{place}-{axis}"), stiffness=self.scene.springs)
                    for name in PADS for place in self.scene.sprung for axis in "xyz"]
-        return couple(parts, [*self.contacts(0.0), *springs], self.scene.name)
+        return fs.couple(parts, [*self.contacts(0.0), *springs], self.scene.name)
 
     @cached_property
-    def affine(self) -> Affine:
+    def affine(self) -> fs.Affine:
         """The best reduced model over μ."""
         return affine_over(self.best, self.contacts(0.0), "mu", self.range)
 
     @cached_property
-    def all_critical(self) -> CriticalValue:
+    def all_critical(self) -> fs.CriticalValue:
         """All losses and regains of the best reduced model; proved to be all if that was asked for."""
         self.say("all losses of stability")
         solver = "auto" if "losses" in self.scene.outputs else "followed"
-        return critical_value(self.affine, None, "mu", between=self.range, band=self.band, solver=solver)
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """Of μ."""
-        return self.scene.mu[0], self.scene.mu[1]
-
-    @property
-    def band(self) -> tuple[float, float]:
-        return self.scene.band[0], self.scene.band[1]
+        return fs.critical_value(self.affine, None, "mu", between=self.range, band=self.band, solver=solver)
 
     @cached_property
     def compared(self) -> Study:
@@ -195,45 +170,45 @@ class Brake:
                 methods.append(({part: METHODS[name](count) for part, count in kept.items()},
                                 self.contact_modes(min(modes, room - 1))))
         methods += [self.contact_modes(modes, friction) for friction in (True, False) for modes in scene.modes]
-        return study(system, methods, self.band, contacts=self.contacts(0.0), parameter="mu", values=scene.full,
+        return fs.study(system, methods, self.band, contacts=self.contacts(0.0), parameter="mu", values=scene.full,
                      between=self.range, ports=True, repeats=1, progress=self.say)
 
-    def contact_modes(self, modes: int, friction: bool = True) -> ContactModes:
+    def contact_modes(self, modes: int, friction: bool = True) -> fs.ContactModes:
         """The method for the brake as a whole."""
-        return ContactModes(min(modes, self.system.size - 1), contacts=self.contacts(0.0), friction=friction)
+        return fs.ContactModes(min(modes, self.system.size - 1), contacts=self.contacts(0.0), friction=friction)
 
     @cached_property
-    def exact(self) -> dict[float, ComplexModes]:
+    def exact(self) -> dict[float, fs.ComplexModes]:
         """The full model's modes in the band at some values of μ."""
         if "error-time" in self.scene.outputs:
             return dict(zip(self.scene.full, self.compared.spectra, strict=True))
         self.say(f"full model of {self.system.size} DOF")
-        return {mu: complex_modes(self.system, self.contacts(mu), band=self.band) for mu in self.scene.full}
+        return {mu: fs.complex_modes(self.system, self.contacts(mu), band=self.band) for mu in self.scene.full}
 
     @cached_property
-    def counted(self) -> ComplexModes:
+    def counted(self) -> fs.ComplexModes:
         """Those at the last μ with evidence: a comparison, which measures seconds, leaves the count of a large model out."""
         modes = self.exact[self.scene.full[-1]]
         if modes.evidence != NOT_CHECKED:
             return modes
         self.say(f"count of the full model's modes at μ = {self.scene.full[-1]:g}")
-        return complex_modes(self.system, self.contacts(self.scene.full[-1]), band=self.band)
+        return fs.complex_modes(self.system, self.contacts(self.scene.full[-1]), band=self.band)
 
     @cached_property
-    def best(self) -> Substructure:
+    def best(self) -> fs.Substructure:
         """The largest model of contact modes of the full system."""
         if (row := self.best_row) is not None:
             return self.compared.models[self.compared.rows.index(row)]
         self.say(f"contact modes with {self.scene.modes[-1]} modes")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PortWarning)
-            return reduce(self.system, self.contact_modes(self.scene.modes[-1]))
+            return fs.reduce(self.system, self.contact_modes(self.scene.modes[-1]))
 
     @cached_property
     def best_row(self) -> Row | None:
         """Its row, if models are compared."""
         rows = self.compared.rows if "error-time" in self.scene.outputs else ()
-        return max((row for row in rows if row.method == ContactModes.key), key=lambda row: row.modes, default=None)
+        return max((row for row in rows if row.method == fs.ContactModes.key), key=lambda row: row.modes, default=None)
 
     @cached_property
     def critical(self) -> dict[str, Loss]:
@@ -249,6 +224,105 @@ class Brake:
             warn(f"the critical μ of the full model was not found: {full.reason}", FemsubWarning)
         return {"reduced": own, "full": full}
 
+    def unstable(self) -> Result:
+        """The table of unstable modes of the full model at the last μ, their figure and their files."""
+        scene, system, mu, modes = self.scene, self.system, self.scene.full[-1], self.counted
+        chosen = modes.unstable
+        chosen = chosen[np.argsort(modes.eigenvalues[chosen].imag)]
+        # the share of each part in the kinetic energy
+        energy = {f"energy_{name}": np.einsum("ik,ik->k", u.conj(), system.parts[name].M @ u).real
+                  for name, u in system.expand(modes.shapes[:, chosen]).items()}
+        total = sum(energy.values())
+        rows = [{"mu": mu, "omega": value.imag, "hertz": value.imag / (2 * np.pi), "growth": value.real, "error_bar": bar,
+                 "damping": -2 * value.real / abs(value), **{key: float((one / total)[i]) for key, one in energy.items()}}
+                for i, (value, bar) in enumerate(zip(modes.eigenvalues[chosen], modes.error_bar[chosen], strict=True))]
+        head = (f"Unstable modes of the full model at μ = {mu:g} in the band: {len(rows)} of {len(modes)}; completeness "
+                f"{modes.evidence}")
+        # the least stable mode of the full model, for a page
+        files: dict[str, Writer] = {}
+        if (at := least_stable(modes)) is not None:
+            (_, (mesh, fields)), = by_kind(system, self.meshes, modes.shapes[:, [at]]).items()
+            files = page_mode(scene, mesh, fields[..., 0], f" of the full model at μ = {mu:g}", modes.eigenvalues[at])
+        data = {"unstable": rows, "completeness": modes.evidence}
+        complete = Remark.of_completeness(modes.evidence, f" at μ = {mu:g}")
+        if not rows:
+            return Result(data, [f"{head}. All modes decay; give a larger μ, or less damping", complete, Remark(
+                ["The full model has no unstable mode in the band."])], files)
+        columns = ("hertz", column("growth", form=".5g"), "error_bar", "damping", *(column(key, form=".2f") for key in energy))
+        shown: list[Shown] = [
+            head, Table("unstable", rows, columns, "Unstable modes of the full model"), complete,
+            Remark([f"At μ = {mu:g} the full model has {len(rows)} unstable mode{'s' * (len(rows) != 1)} in the band."])]
+        if not scene.figures:
+            return Result(data, shown, files)
+        (_, (mesh, fields)), = by_kind(system, self.meshes, modes.shapes[:, chosen]).items()
+        flat = fields.reshape(-1, fields.shape[-1])
+        largest = np.take_along_axis(flat, np.abs(flat).argmax(axis=0)[None], axis=0)[0]  # displacement of each mode
+        fields = fields * np.exp(-1j * np.angle(largest))
+        names = [f"{row['hertz']:.5g} Hz" for row in rows]
+        titles = [f"{name}, Re λ = {row['growth']:.4g} 1/s" for name, row in zip(names, rows, strict=True)]
+        title = f"{scene.name}: unstable modes at μ = {mu:g}, at the phase of the largest displacement"
+        shown.append(Picture("unstable", lambda: lowest_figure(
+            mesh, fields.real, titles, title, {"contact": self.contact_nodes})))
+        views = {"real-part": fields.real, "imaginary-part": fields.imag, "phase": np.degrees(np.angle(fields))}
+        files["unstable.vtu"] = partial(vtu, mesh, {f"{view} {name}": values[..., i] for view, values in views.items()
+                                                    for i, name in enumerate(names)})
+        worst = int(np.argmax([row["growth"] for row in rows]))
+        return Result(data, shown, files | motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst],
+                                                        "most-unstable"))
+
+    def error_time(self) -> Result:
+        """Each method and number of modes against the full model."""
+        scene, found = self.scene, self.compared
+        known = f"its critical μ is {found.full.critical:.5f}" if np.isfinite(found.full.critical) else \
+            "it has no critical μ in the range"
+        head = (f"Reduced models against the full one, which takes {found.full.solution.median:.1f} s per μ; {known}. Parts "
+                "reduced by a method are then reduced by contact modes")
+        rows, choice = found.flat, study_choice(found, scene.tolerance)
+        data = {"error-time": {"parameter": "mu", "values": scene.full, "rows": rows, "left_out": found.left_out,
+                               "recommendation": choice.sentence, "recommended": choice.row}}
+        return Result(data, [head, str(found), choice.sentence, Table("error-time", rows, title="Error against run time"),
+                             friction_errors_chart(found, scene.name, "error-time"), choice])
+
+    def flutter(self) -> Result:
+        """Eigenvalues over μ of the best reduced model, and of the full one where it was solved; the critical μ of both."""
+        scene, small, affine = self.scene, self.best, self.affine
+        self.say("modes of the reduced model over μ")
+        followed = fs.track(affine, None, "mu", np.linspace(*self.range, scene.points), band=self.band)
+        curves = zip(followed.values, (values[np.isfinite(values)] for values in followed.eigenvalues), strict=True)
+        crosses = [(mu, modes.eigenvalues) for mu, modes in self.exact.items()]
+        rows = [{"model": name, "mu": float(mu), "omega": float(value.imag), "growth": float(value.real)}
+                for name, found in (("reduced", curves), ("full", crosses)) for mu, values in found for value in values]
+        own, full = self.critical["reduced"], self.critical["full"]
+        if np.isfinite(own.value):
+            exact, error = "not found for the full model, ", ""
+            if np.isfinite(full.value):
+                exact = f"full model {full.value:.6g}, "
+                error = f" (error {abs(own.value - full.value) / full.value:.1e})"
+            words = (f"Critical μ in the band: {exact}reduced model of {small.size} DOF {own.value:.6g}{error}, at "
+                     f"{own.omega / (2 * np.pi):.5g} Hz")
+        else:
+            words = f"No mode in the band flutters for {scene.mu[0]:g} ≤ μ ≤ {scene.mu[1]:g}"
+        critical = {key: {"mu": one.value, "omega": one.omega} for key, one in self.critical.items()}
+        name = f"reduced to {small.size} DOF"
+        lost = {name: [*self.all_critical.losses, *self.all_critical.regains]} if np.isfinite(own.value) else {}
+        losses = ", ".join(f"of the {key} model at μ = {one.value:.6g}" for key, one in self.critical.items()
+                           if np.isfinite(one.value))
+        return Result({"flutter": {"rows": rows, "critical": critical}}, [
+            words, repr(followed).replace(" over mu ", " over μ "),
+            Remark([f"Loss of stability in the flutter diagram: {losses}."] if losses else ()),
+            Table("flutter", rows, title="Eigenvalues over μ"),
+            flutter_chart("flutter", {name: followed}, lost, "μ  [-]", scene.name, {
+                f"full model of {self.system.size} DOF": crosses})])
+
+    def losses(self) -> Result:
+        """All losses and regains of stability of the best reduced model, and the proof that there are no others."""
+        found = self.all_critical
+        rows = [{"what": what, "mu": one.value, "omega": one.omega, "kind": one.kind}
+                for what, several in (("loss", found.losses), ("regain", found.regains)) for one in several]
+        columns = (column("what", form="s"), column("mu", form=".6g"), "omega", column("kind", form="s"))
+        return Result({"losses": {"evidence": found.evidence, "rows": rows}}, [
+            f"Losses of stability: {found!r}", Table("losses", rows, columns, "Losses of stability")])
+
 
 def run(scene: BrakeScene, progress: Progress) -> Result:
     """The unstable modes, the errors of reduced models, and the flutter diagram."""
@@ -260,107 +334,4 @@ def run(scene: BrakeScene, progress: Progress) -> Result:
             f"{points} node{'s' * (points != 1)} of the disc under the pads, contact stiffness {scene.contact:g}, "
             f"pressure {scene.pressure:g}, disc at {scene.turning:g} rad/time; band {span(scene.band)}; full model at μ = "
             f"{', '.join(f'{mu:g}' for mu in scene.full)}"]
-    outputs = {"unstable": _unstable, "error-time": _error_time, "flutter": _flutter, "losses": _losses}
-    return run_outputs(scene.outputs, lambda output: outputs[output](brake), data, ["\n".join(text)])
-
-
-def _unstable(brake: Brake) -> Result:
-    """The table of unstable modes of the full model at the last μ, their figure and their files."""
-    scene, system, mu = brake.scene, brake.system, brake.scene.full[-1]
-    modes = brake.counted
-    chosen = modes.unstable
-    chosen = chosen[np.argsort(modes.eigenvalues[chosen].imag)]
-    # the share of each part in the kinetic energy
-    energy = {name: np.einsum("ik,ik->k", u.conj(), system.parts[name].M @ u).real
-              for name, u in system.expand(modes.shapes[:, chosen]).items()}
-    total = sum(energy.values())
-    shares = {name: one / total for name, one in energy.items()}
-    rows = [{"mu": mu, "omega": value.imag, "hertz": value.imag / (2 * np.pi), "growth": value.real, "error_bar": bar,
-             "damping": -2 * value.real / abs(value), **{f"energy_{name}": float(one[i]) for name, one in shares.items()}}
-            for i, (value, bar) in enumerate(zip(modes.eigenvalues[chosen], modes.error_bar[chosen], strict=True))]
-    head = (f"Unstable modes of the full model at μ = {mu:g} in the band: {len(rows)} of {len(modes)}; completeness "
-            f"{modes.evidence}")
-    # the least stable mode of the full model, for a page
-    paged: dict[str, Writer] = {}
-    if (at := least_stable(modes)) is not None:
-        (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, [at]]).items()
-        paged = page_mode(scene, mesh, fields[..., 0], f" of the full model at μ = {mu:g}", modes.eigenvalues[at])
-    data = {"unstable": rows, "completeness": modes.evidence}
-    complete = Remark.of_completeness(modes.evidence, f" at μ = {mu:g}")
-    if not rows:
-        return Result(data, [f"{head}. All modes decay; give a larger μ, or less damping", complete, Remark(
-            ["The full model has no unstable mode in the band."])], paged)
-    columns = ("hertz", column("growth", form=".5g"), "error_bar", "damping",
-               *(column(f"energy_{name}", form=".2f") for name in shares))
-    drawn: list[Shown] = [head, Table("unstable", rows, columns, "Unstable modes of the full model"), complete,
-                          Remark([f"At μ = {mu:g} the full model has {len(rows)} unstable mode{'s' * (len(rows) != 1)} in the "
-                                  "band."])]
-    if not scene.figures:
-        return Result(data, drawn, paged)
-    (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, chosen]).items()
-    flat = fields.reshape(-1, fields.shape[-1])
-    largest = np.take_along_axis(flat, np.abs(flat).argmax(axis=0)[None], axis=0)[0]  # displacement of each mode
-    fields = fields * np.exp(-1j * np.angle(largest))
-    titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g} 1/s" for row in rows]
-    names = [f"{row['hertz']:.5g} Hz" for row in rows]
-    title = f"{scene.name}: unstable modes at μ = {mu:g}, at the phase of the largest displacement"
-    drawn.append(Picture("unstable", partial(lowest_figure, mesh, fields.real, titles, title, {"contact": brake.contact_nodes})))
-    shown = {f"{part} {name}": getattr(fields[..., i], attribute) for i, name in enumerate(names)
-             for part, attribute in (("real-part", "real"), ("imaginary-part", "imag"))}
-    phases = {f"phase {name}": np.degrees(np.angle(fields[..., i])) for i, name in enumerate(names)}
-    worst = int(np.argmax([row["growth"] for row in rows]))
-    motion = motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst], "most-unstable")
-    return Result(data, drawn, {**paged, "unstable.vtu": partial(vtu, mesh, shown | phases), **motion})
-
-
-def _error_time(brake: Brake) -> Result:
-    """Each method and number of modes against the full model."""
-    scene, found = brake.scene, brake.compared
-    known = f"its critical μ is {found.full.critical:.5f}" if np.isfinite(found.full.critical) else \
-        "it has no critical μ in the range"
-    head = (f"Reduced models against the full one, which takes {found.full.solution.median:.1f} s per μ; {known}. Parts reduced "
-            "by a method are then reduced by contact modes")
-    rows = [row.flat() for row in (found.full, *found.rows)]
-    best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
-    data = {"error-time": {"parameter": "mu", "values": scene.full, "rows": rows, "left_out": found.left_out,
-                           "recommendation": words, "recommended": best.flat() if best else None}}
-    return Result(data, [head, str(found), words, Table("error-time", rows, title="Error against run time"),
-                         friction_errors_chart(found, scene.name, "error-time"), study_choice(found, scene.tolerance)])
-
-
-def _flutter(brake: Brake) -> Result:
-    """Eigenvalues over μ of the best reduced model, and of the full one where it was solved; the critical μ of both."""
-    scene, small, affine, band = brake.scene, brake.best, brake.affine, brake.band
-    brake.say("modes of the reduced model over μ")
-    followed = track(affine, None, "mu", np.linspace(scene.mu[0], scene.mu[1], scene.points), band=band)
-    curves = [(float(mu), values[np.isfinite(values)]) for mu, values in zip(followed.values, followed.eigenvalues, strict=True)]
-    crosses = [(mu, modes.eigenvalues) for mu, modes in brake.exact.items()]
-    critical = brake.critical
-    rows = [{"model": name, "mu": mu, "omega": float(value.imag), "growth": float(value.real)}
-            for name, found in (("reduced", curves), ("full", crosses)) for mu, values in found for value in values]
-    own, omega, true = *critical["reduced"][:2], critical["full"].value
-    if np.isfinite(own):
-        exact = f"full model {true:.6g}, " if np.isfinite(true) else "not found for the full model, "
-        error = f" (error {abs(own - true) / true:.1e})" if np.isfinite(true) else ""
-        words = (f"Critical μ in the band: {exact}reduced model of {small.size} DOF {own:.6g}{error}, at "
-                 f"{omega / (2 * np.pi):.5g} Hz")
-    else:
-        words = f"No mode in the band flutters for {scene.mu[0]:g} ≤ μ ≤ {scene.mu[1]:g}"
-    data = {"flutter": {"rows": rows, "critical": {key: {"mu": one.value, "omega": one.omega} for key, one in critical.items()}}}
-    name = f"reduced to {small.size} DOF"
-    lost = {name: [*brake.all_critical.losses, *brake.all_critical.regains]} if np.isfinite(own) else {}
-    losses = ", ".join(f"of the {key} model at μ = {one.value:.6g}" for key, one in critical.items() if np.isfinite(one.value))
-    remark = Remark([f"Loss of stability in the flutter diagram: {losses}."] if losses else ())
-    tracked = repr(followed).replace(" over mu ", " over μ ")
-    return Result(data, [words, tracked, remark, Table("flutter", rows, title="Eigenvalues over μ"), flutter_chart(
-        "flutter", {name: followed}, lost, "μ  [-]", scene.name, {f"full model of {brake.system.size} DOF": crosses})])
-
-
-def _losses(brake: Brake) -> Result:
-    """All losses and regains of stability of the best reduced model, and the proof that there are no others."""
-    found = brake.all_critical
-    rows = [{"what": what, "mu": one.value, "omega": one.omega, "kind": one.kind}
-            for what, several in (("loss", found.losses), ("regain", found.regains)) for one in several]
-    data = {"losses": {"evidence": found.evidence, "rows": rows}}
-    columns = (column("what", form="s"), column("mu", form=".6g"), "omega", column("kind", form="s"))
-    return Result(data, [f"Losses of stability: {found!r}", Table("losses", rows, columns, "Losses of stability")])
+    return brake.result(data, ["\n".join(text)])

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from femsub import Belt, ComplexModes, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
+from femsub import Belt, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
 from femsub.app.figures import belt_sweep_figure
 from femsub.app.keys import key
-from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
+from femsub.app.scene import Picture, Progress, Result, Run, Scene
 from femsub.app.scenes.outputs import NO_GROWTH, comparable, least_stable, page_mode
 from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
 from femsub.modes import relative_error
 from femsub.reduction import METHODS
 from femsub.studies import (
+    Loss,
+    Study,
     Table,
     belt_places_chart,
     column,
@@ -77,11 +79,9 @@ class ChainKeys(MassKeys):
         if size < least:
             raise InputError(f"{key}: {size} DOF leave no room for the interface of {len(self.interface)} and the belt")
 
-    def model(self, belt: int, widened: bool) -> Substructure:
+    def model(self, belt: int, widened: bool = False) -> Substructure:
         """The chain with the belt under a mass, with the paper's interface or with the belt's mass joined to it."""
-        interface = list(self.interface)
-        if widened and belt not in interface:
-            interface.append(belt)
+        interface = [*self.interface, *[belt] * (widened and belt not in self.interface)]
         return chain(self.n, belt, self.damping, masses=self.masses, springs=self.springs, interface=interface, name=self.name)
 
     def reduced(self, sub: Substructure, method: str, size: int) -> ReducedSubstructure:
@@ -119,167 +119,156 @@ class ChainScene(ChainKeys):
 SCENE = ChainScene
 
 
+class ChainRun(Run):
+    """The outputs of the chain."""
+
+    scene: ChainScene
+
+    def __init__(self, scene: ChainScene, progress: Progress) -> None:
+        super().__init__(scene, progress)
+        self.band, self.contact = (scene.band[0], scene.band[1]), scene.linear_belt
+
+    def compute(self, output: str) -> Result:
+        self.say(output)
+        return super().compute(output)
+
+    def models(self, belt: int) -> list[Substructure]:
+        """The chain with the paper's interface, and with the belt's mass in it where that is another one."""
+        return [self.scene.model(belt, widened) for widened in (False, True)[:1 + (belt not in self.scene.interface)]]
+
+    def border(self, model: Substructure) -> Loss:
+        """Critical slope and frequency in the scene's band; NaN and the reason where there is none to be had."""
+        return first_loss(model, self.contact, "slope", None, self.band)
+
+    def friction(self) -> Result:
+        scene = self.scene
+        side = np.concatenate([np.geomspace(1e-5, 0.05, 60), np.linspace(0.06, 1.0, 95)])
+        speeds = np.concatenate([-side[::-1], [0.0], side])
+        titles = {name: getattr(law, "label", name) for name, law in LAWS.items()}
+        curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)}
+                  for name in LAWS for eps in sorted({1e-1, 1e-2, 1e-3, scene.eps}, reverse=True)]
+        return Result({"friction": {"speed": speeds, "curves": curves}}, [
+            friction_chart(speeds, curves, titles, scene.speed, self.contact.slope or 0.0)])
+
+    def critical_slope(self) -> Result:
+        rows: list[dict[str, Any]] = []
+        for belt in self.scene.belts:
+            for sub in self.models(belt):
+                exact = self.border(sub)
+                for method in self.scene.methods:
+                    rom = self.scene.reduced(sub, method, self.scene.size)
+                    found = self.border(rom)
+                    rows.append({"belt": belt, "interface": place(sub), "method": method, "size": rom.size, "slope": found.value,
+                                 "omega": found.omega, "full": exact.value, "error": relative_error(found.value, exact.value),
+                                 "port_error": rom.port_error["belt"], "reason": found.reason or exact.reason})
+        columns = (column("belt", cell=lambda row: f"m{row['belt']}"), "interface", "method", "size",
+                   column("slope", "critical slope", ".6f"), column("full", form=".6f"), "error", "port_error")
+        return Result({"critical-slope": {"rows": rows}}, [
+            f"Critical slopes dμ/dv in the band {span(self.band)}",
+            Table("critical-slope", rows, columns, "Critical slopes", keys=4),
+            *dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"]),
+            belt_places_chart(rows, masses(self.scene.interface))])
+
+    def belt_sweep(self) -> Result:
+        slopes, scene, panels = -np.geomspace(1e-3, 0.4, 60), self.scene, []
+        for widened in (False, True):
+            for kind in ("full", *scene.methods):
+                growth, border = [], []
+                for belt in scene.belts:
+                    sub = scene.model(belt, widened)
+                    model = sub if kind == "full" else scene.reduced(sub, kind, scene.size)
+                    reached = self.band[1] <= model.cutoff  # else its modes above the cut-off would have a say
+                    growth.append(sweep(model, Belt(force=scene.force, slope=0.0), "slope", slopes, band=self.band).growth
+                                  if reached else np.full(len(slopes), np.nan))
+                    border.append(self.border(model).value)
+                panels.append({"model": kind, "interface": "{m1, belt}" if widened else masses(scene.interface),
+                               "growth": np.array(growth), "critical_slope": border})
+        found = {"slopes": slopes, "belts": scene.belts, "panels": panels}
+        return Result({"belt-sweep": found}, [Picture("belt-sweep", lambda: belt_sweep_figure(found))])
+
+    def size_sweep(self) -> Result:
+        scene, curves = self.scene, list[dict[str, Any]]()
+        for sub in self.models(scene.belt):
+            exact = self.border(sub).value
+            for method in scene.methods:
+                sizes = [size for size in scene.sizes if size >= len(sub.interface)]
+                found = [self.border(scene.reduced(sub, method, size)).value for size in sizes]
+                curves.append({"interface": place(sub), "method": method, "sizes": sizes, "slope": found,
+                               "full": exact, "error": [relative_error(value, exact) for value in found]})
+        rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
+                 "full": curve["full"], "error": error} for curve in curves
+                for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
+        wide = [{"interface": curve["interface"], "method": curve["method"],
+                 **{str(size): error for size, error in zip(curve["sizes"], curve["error"], strict=True)}} for curve in curves]
+        columns = ("interface", "method", *(column(str(size), f"{size} DOF", ".1e") for size in scene.sizes))
+        return Result({"size-sweep": {"curves": curves, "rows": rows}}, [
+            f"Relative error of the critical slope in the band {span(self.band)}, belt under m{scene.belt}",
+            Table("", wide, columns, keys=2,
+                  none="the band reaches above the model's cut-off, or the model has no DOF beside its interface"),
+            Table("size-sweep", rows, title="Critical slope over the model's size"), size_sweep_chart(curves, scene.belt)])
+
+    def eigenvalues(self) -> Result:
+        scene, belt, models = self.scene, self.contact, list[dict[str, Any]]()
+        files: dict[str, Writer] = {}
+        for sub in self.models(scene.belt):
+            exact = complex_modes(sub, belt, band=(0.0, 1.5 * self.band[1]) if scene.n > 300 else None)
+            at = least_stable(exact)
+            if not files and at is not None and scene.n > 1:  # for a page: the chain lies along x, and its masses move so
+                nodes = np.arange(scene.n)
+                line = Mesh(nodes[:, None] + 1.0, np.stack([nodes[:-1], nodes[1:]], axis=1), "line")
+                u = exact.shapes[:, at, None] * np.array([1.0, 0.0, 0.0])
+                files = page_mode(scene, line, u, f" of the full model, belt under m{scene.belt}", exact.eigenvalues[at])
+            for kind in ("full", *scene.methods):
+                model = sub if kind == "full" else scene.reduced(sub, kind, scene.size)
+                modes = exact if kind == "full" else complex_modes(model, belt)
+                limit = min(model.cutoff, float(exact.frequencies.max(initial=0.0)))
+                models.append({"model": kind, "interface": place(sub), "size": model.size, "cutoff": model.cutoff,
+                               **comparable(exact, modes, limit)})
+        said = Table("", models, (
+            "interface", "model", "size", column("up_to", form=".4g"), "counted", "full_counted",
+            column("growth", "largest Re λ", ".4f"), column("full_growth", form=".4f"), "is_stable",
+            column("backward_error", cell=lambda row: float(row["backward_error"].max(initial=0.0)))), keys=3, none=NO_GROWTH)
+        panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
+        rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"],
+                 **{key: m[key] for key in ("size", "up_to", "growth", "full_growth", "is_stable")}} for m in models]
+        return Result({"eigenvalues": {"belt": scene.belt, "models": models, "rows": rows}}, [
+            f"Complex modes, belt under m{scene.belt}, dμ/dv = {belt.slope:.5g}", said,
+            Table("eigenvalues", rows, title="Eigenvalues"),
+            eigenvalue_chart(panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}"), stability_remark(models)], files)
+
+    def error_time(self) -> Result:
+        scene, studies = self.scene, dict[str, Study]()
+        for sub in self.models(scene.belt):
+            methods = [METHODS[name](size - len(sub.interface)) for name in scene.methods for size in scene.sizes
+                       if size >= len(sub.interface)]
+            studies[place(sub)] = study(sub, methods, self.band, contacts=self.contact, repeats=scene.repeats, held=True,
+                                        progress=self.progress)
+        rows = [{"interface": interface, **row} for interface, found in studies.items() for row in found.flat]
+        said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies.items())
+        choices = {interface: study_choice(found, where=f"interface {interface}") for interface, found in studies.items()}
+        recommended = [{"interface": interface, "sentence": one.sentence, "model": one.row} for interface, one in choices.items()]
+        data = {"rows": rows, "band": scene.band, "repeats": scene.repeats, "recommended": recommended}
+        return Result({"error-time": data}, [said, Table("error-time", rows, title="Error against run time"),
+                                             error_time_chart(list(studies.items())), *choices.values()])
+
+
 def run(scene: ChainScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
-    scene.model(scene.belt, False)  # bad values end here, before any work
-    for belt in scene.belts:
-        scene.model(belt, False)
+    for belt in (scene.belt, *scene.belts):
+        scene.model(belt)  # bad values end here, before any work
     data: dict[str, Any] = {
         "n": scene.n, "masses": scene.masses, "springs": scene.springs,
         "damping": scene.damping, "interface": scene.interface, **scene.friction, "methods": scene.methods,
         "size": scene.size, "band": scene.band}
-    text = [f"{scene.words}, interface {_masses(scene.interface)}, {scene.friction_words}"]
-
-    def compute(output: str) -> Result:
-        progress(f"{scene.name}: {output}")
-        return PARTS[output](scene, progress)
-
-    return run_outputs(scene.outputs, compute, data, text)
+    return ChainRun(scene, progress).result(data, [
+        f"{scene.words}, interface {masses(scene.interface)}, {scene.friction_words}"])
 
 
-def _friction(scene: ChainScene, _: Progress) -> Result:
-    side = np.concatenate([np.geomspace(1e-5, 0.05, 60), np.linspace(0.06, 1.0, 95)])
-    speeds = np.concatenate([-side[::-1], [0.0], side])
-    titles = {name: getattr(law, "label", name) for name, law in LAWS.items()}
-    curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)}
-              for name in LAWS for eps in sorted({1e-1, 1e-2, 1e-3, scene.eps}, reverse=True)]
-    return Result({"friction": {"speed": speeds, "curves": curves}}, [
-        friction_chart(speeds, curves, titles, scene.speed, scene.linear_belt.slope or 0.0)])
-
-
-def _critical(scene: ChainScene, _: Progress) -> Result:
-    rows: list[dict[str, Any]] = []
-    for belt in scene.belts:
-        for widened in _interfaces(scene, belt):
-            sub = scene.model(belt, widened)
-            exact = _border(scene, sub)
-            for method in scene.methods:
-                rom = scene.reduced(sub, method, scene.size)
-                found = _border(scene, rom)
-                rows.append({"belt": belt, "interface": _masses(sub.interface + 1), "method": method, "size": rom.size,
-                             "slope": found[0], "omega": found[1], "full": exact[0], "error": relative_error(found[0], exact[0]),
-                             "port_error": rom.port_error["belt"], "reason": found[2] or exact[2]})
-    columns = (column("belt", cell=lambda row: f"m{row['belt']}"), "interface", "method", "size",
-               column("slope", "critical slope", ".6f"),
-               column("full", form=".6f"), "error", "port_error")
-    return Result({"critical-slope": {"rows": rows}}, [
-        f"Critical slopes dμ/dv in the band {span(scene.band)}",
-        Table("critical-slope", rows, columns, "Critical slopes", keys=4),
-        *dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"]),
-        belt_places_chart(rows, _masses(scene.interface))])
-
-
-def _border(scene: ChainScene, model: Substructure) -> tuple[float, float, str]:
-    """Critical slope and frequency in the scene's band; NaN and the reason where there is none to be had."""
-    return first_loss(model, scene.linear_belt, "slope", None, (scene.band[0], scene.band[1]))
-
-
-def _interfaces(scene: ChainScene, belt: int) -> list[bool]:
-    """The paper's interface, and the one with the belt's mass where that is another one."""
-    return [False] if belt in scene.interface else [False, True]
-
-
-def _belt_sweep(scene: ChainScene, _: Progress) -> Result:
-    slopes, band = -np.geomspace(1e-3, 0.4, 60), (scene.band[0], scene.band[1])
-    panels = []
-    for widened in (False, True):
-        for kind in ("full", *scene.methods):
-            growth, border = [], []
-            for belt in scene.belts:
-                sub = scene.model(belt, widened)
-                model = sub if kind == "full" else scene.reduced(sub, kind, scene.size)
-                reached = band[1] <= model.cutoff  # else its modes above the cut-off would have a say
-                acts = Belt(force=scene.force, slope=0.0)
-                growth.append(sweep(model, acts, "slope", slopes, band=band).growth if reached else np.full(60, np.nan))
-                border.append(_border(scene, model)[0])
-            panels.append({"model": kind, "interface": "{m1, belt}" if widened else _masses(scene.interface),
-                           "growth": np.array(growth), "critical_slope": border})
-    found = {"slopes": slopes, "belts": scene.belts, "panels": panels}
-    return Result({"belt-sweep": found}, [Picture("belt-sweep", lambda: belt_sweep_figure(found))])
-
-
-def _size_sweep(scene: ChainScene, _: Progress) -> Result:
-    curves: list[dict[str, Any]] = []
-    for widened in _interfaces(scene, scene.belt):
-        sub = scene.model(scene.belt, widened)
-        exact = _border(scene, sub)[0]
-        for method in scene.methods:
-            sizes = [size for size in scene.sizes if size >= len(sub.interface)]
-            found = [_border(scene, scene.reduced(sub, method, size))[0] for size in sizes]
-            curves.append({"interface": _masses(sub.interface + 1), "method": method, "sizes": sizes, "slope": found,
-                           "full": exact, "error": [relative_error(value, exact) for value in found]})
-    wide = Table("", [{"interface": curve["interface"], "method": curve["method"],
-                       **{str(size): error for size, error in zip(curve["sizes"], curve["error"], strict=True)}}
-                      for curve in curves],
-                 ("interface", "method", *(column(str(size), f"{size} DOF", ".1e") for size in scene.sizes)), keys=2,
-                 none="the band reaches above the model's cut-off, or the model has no DOF beside its interface")
-    rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
-             "full": curve["full"], "error": error} for curve in curves
-            for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
-    head = f"Relative error of the critical slope in the band {span(scene.band)}, belt under m{scene.belt}"
-    return Result({"size-sweep": {"curves": curves, "rows": rows}}, [
-        head, wide, Table("size-sweep", rows, title="Critical slope over the model's size"),
-        size_sweep_chart(curves, scene.belt)])
-
-
-def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
-    belt = scene.linear_belt
-    models: list[dict[str, Any]] = []
-    files: dict[str, Writer] = {}
-    for widened in _interfaces(scene, scene.belt):
-        sub = scene.model(scene.belt, widened)
-        candidates: list[tuple[str, Substructure]] = [("full", sub)]
-        candidates += [(method, scene.reduced(sub, method, scene.size)) for method in scene.methods]
-        exact: ComplexModes | None = None
-        for kind, model in candidates:
-            band = (0.0, 1.5 * scene.band[1]) if kind == "full" and scene.n > 300 else None
-            modes = complex_modes(model, belt, band=band)
-            if exact is None:
-                exact = modes
-                at = least_stable(exact)
-                if not files and at is not None and scene.n > 1:  # for a page: the chain lies along x, and its masses move so
-                    nodes = np.arange(scene.n)
-                    line = Mesh(nodes[:, None] + 1.0, np.stack([nodes[:-1], nodes[1:]], axis=1), "line")
-                    u = exact.shapes[:, at, None] * np.array([1.0, 0.0, 0.0])
-                    files = page_mode(scene, line, u, f" of the full model, belt under m{scene.belt}", exact.eigenvalues[at])
-            limit = min(model.cutoff, float(exact.frequencies.max(initial=0.0)))
-            models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size, "cutoff": model.cutoff,
-                           **comparable(exact, modes, limit)})
-    said = Table("", models, (
-        "interface", "model", "size", column("up_to", form=".4g"), "counted", "full_counted",
-        column("growth", "largest Re λ", ".4f"), column("full_growth", form=".4f"), "is_stable",
-        column("backward_error", cell=lambda row: float(row["backward_error"].max(initial=0.0)))), keys=3, none=NO_GROWTH)
-    panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
-    rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "up_to": m["up_to"],
-             "growth": m["growth"], "full_growth": m["full_growth"], "is_stable": m["is_stable"]} for m in models]
-    head = f"Complex modes, belt under m{scene.belt}, dμ/dv = {belt.slope:.5g}"
-    data = {"belt": scene.belt, "models": models, "rows": rows}
-    return Result({"eigenvalues": data}, [head, said, Table("eigenvalues", rows, title="Eigenvalues"), eigenvalue_chart(
-        panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}"), stability_remark(models)], files)
-
-
-def _error_time(scene: ChainScene, progress: Progress) -> Result:
-    belt, studies = scene.linear_belt, []
-    for widened in _interfaces(scene, scene.belt):
-        sub = scene.model(scene.belt, widened)
-        methods = [METHODS[name](size - len(sub.interface)) for name in scene.methods for size in scene.sizes
-                   if size >= len(sub.interface)]
-        studies.append((_masses(sub.interface + 1), study(sub, methods, (scene.band[0], scene.band[1]), contacts=belt,
-                                                          repeats=scene.repeats, held=True, progress=progress)))
-    rows = [{"interface": interface, **row.flat()} for interface, found in studies for row in (found.full, *found.rows)]
-    said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies)
-    choices = [{"interface": interface, "sentence": found.recommendation(),
-                "model": None if (best := found.recommended()) is None else best.flat()} for interface, found in studies]
-    data = {"rows": rows, "band": scene.band, "repeats": scene.repeats, "recommended": choices}
-    return Result({"error-time": data}, [said, Table("error-time", rows, title="Error against run time"),
-                                         error_time_chart(studies),
-                                         *(study_choice(found, where=f"interface {place}") for place, found in studies)])
-
-
-PARTS: dict[str, Callable[[ChainScene, Progress], Result]] = {
-    "friction": _friction, "critical-slope": _critical, "belt-sweep": _belt_sweep, "size-sweep": _size_sweep,
-    "eigenvalues": _eigenvalues, "error-time": _error_time}
-
-
-def _masses(numbers: Any) -> str:
+def masses(numbers: Any) -> str:
+    """'{m1, m3}'."""
     return "{" + ", ".join(f"m{int(number)}" for number in numbers) + "}"
+
+
+def place(sub: Substructure) -> str:
+    """The interface of a chain by its masses."""
+    return masses(sub.interface + 1)

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 from femsub import couple
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Result, run_outputs
+from femsub.app.scene import Progress, Result, Run
 from femsub.app.scenes.chain import MassKeys
-from femsub.app.scenes.joined_parts import JoinedScene, compared
+from femsub.app.scenes.joined_parts import JoinedRun, JoinedScene
 from femsub.coupling import cut_chain
 from femsub.errors import InputError
 
@@ -39,16 +39,19 @@ class ChainPartsScene(JoinedScene, MassKeys):
 SCENE = ChainPartsScene
 
 
+class ChainPartsRun(Run):
+    """The study over methods for each number of parts."""
+
+    def compute(self, output: str) -> Result:
+        scene, count = self.scene, int(output.split()[0])
+        parts, joints, port = cut_chain(scene.n, count, scene.belt, scene.damping, masses=scene.masses, springs=scene.springs)
+        system = couple(parts, joints, f"{scene.name} in {count}")
+        return JoinedRun(scene, self.progress, system, replace(scene.linear_belt, port=port)).compared(
+            f"{scene.name} in {count} parts", f"methods-{count}-parts")
+
+
 def run(scene: ChainPartsScene, progress: Progress) -> Result:
     """The study over methods for each number of parts."""
     data = {"n": scene.n, "belt": scene.belt, "band": scene.band, **scene.friction}
-    text = [f"{scene.words}, belt under m{scene.belt}, {scene.friction_words}"]
-
-    def compute(output: str) -> Result:
-        count = int(output.split()[0])
-        parts, joints, port = cut_chain(scene.n, count, scene.belt, scene.damping, masses=scene.masses, springs=scene.springs)
-        system = couple(parts, joints, f"{scene.name} in {count}")
-        return compared(scene, system, replace(scene.linear_belt, port=port), f"{scene.name} in {count} parts",
-                        f"methods-{count}-parts", progress)
-
-    return run_outputs([f"{count} parts" for count in scene.parts], compute, data, text)
+    return ChainPartsRun(scene, progress).result(data, [f"{scene.words}, belt under m{scene.belt}, {scene.friction_words}"],
+                                                 outputs=[f"{count} parts" for count in scene.parts])

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from femsub import transient
 from femsub.algebra import QUADRATIC
 from femsub.app.keys import key
-from femsub.app.scene import NO_SLOPE, Progress, Result, Shown, run_outputs
+from femsub.app.scene import NO_SLOPE, Progress, Result, Shown
 from femsub.app.scenes.chain import ChainKeys
-from femsub.app.scenes.in_time import Track, found_table, growth, quality, signals, spectra, spectrograms, track, verdict, whole
+from femsub.app.scenes.in_time import InTime, Track, found_table, track, verdict, whole
 from femsub.checks import Interruptible
 from femsub.errors import InputError
 from femsub.studies import label
@@ -62,18 +62,14 @@ def run(scene: ChainTransientScene, progress: Progress) -> Result:
                               progress=say)
             tracks.append(track(kind, model, found, window))
             whole(found)
-    parts: dict[str, Callable[[], Result]] = {
-        "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt),
-        "quality": lambda: quality(tracks, belt), "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
-        "spectrogram": lambda: spectrograms(tracks, scene.length)}
     data: dict[str, Any] = {
         "n": scene.n, "masses": scene.masses, "springs": scene.springs,
         "damping": scene.damping, "belt": scene.belt, "interface": [int(dof) + 1 for dof in full.interface], "size": scene.size,
-        **scene.friction,
-        "impulse": scene.impulse, "time": scene.time, "window": scene.window, "step": scene.step, "tol": scene.tol,
-        "models": [item.row for item in tracks]}
+        **scene.friction, "impulse": scene.impulse, "time": scene.time, "window": scene.window, "step": scene.step,
+        "tol": scene.tol, "models": [item.row for item in tracks], "complete": True}
     shown: list[Shown] = [
         f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
         f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
         "", f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}", found_table(data["models"]), verdict(tracks)]
-    return run_outputs(scene.outputs, lambda output: parts[output](), data | {"complete": True}, shown, work.complete)
+    models = [(item.kind, item.model) for item in tracks]
+    return InTime(scene, progress, belt, models, tracks, scene.length).result(data, shown, work.complete)

@@ -12,7 +12,7 @@ import numpy as np
 
 from femsub import Mesh, NormalModes, ReducedSubstructure, Substructure, displacements, normal_modes, reduce
 from femsub.app.keys import key
-from femsub.app.scene import RIGID, Progress, Scene
+from femsub.app.scene import RIGID, Progress, Run, Scene
 from femsub.checks import Array
 from femsub.components import node_rows
 from femsub.errors import InputError, PortWarning
@@ -57,11 +57,13 @@ class ComponentScene(Scene):
         raise NotImplementedError
 
 
-class Work:
-    """A component under study; what several outputs share is made when the first one asks."""
+class Work(Run):
+    """A component under study."""
+
+    scene: ComponentScene
 
     def __init__(self, scene: ComponentScene, progress: Progress) -> None:
-        self.scene, self.say = scene, lambda text: progress(f"{scene.name}: {text}")
+        super().__init__(scene, progress)
         self.say("building the component")
         start = time.perf_counter()
         self.sub, self.mesh = scene.component()

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from femsub import Affine, CriticalValue, Tracked, critical_value, track
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Result, Scene, first_of, run_outputs
+from femsub.app.scene import Progress, Result, Run, Scene, first_of
 from femsub.errors import InputError
 from femsub.studies import Table, Verdict, column, flutter_chart, span
 
@@ -33,87 +32,95 @@ class FlutterScene(Scene):
     WITHOUT: ClassVar[Mapping[str, str]] = dict.fromkeys(("slope", "law", "eps", "speed", "force", "methods", "repeats"), NO_BELT)
 
 
-def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, exact: Mapping[str, float], label: str,
-            data: dict[str, Any], progress: Progress, band: tuple[float, float] | None = None,
-            text: Sequence[str] = (), unit: str = "") -> Result:
-    """Computes what `scene.outputs` names, for each of the models by its name; `exact` are the critical values that are known."""
-    between = (scene.between[0], scene.between[1])
+@dataclass(eq=False)
+class Flutter(Run):
+    """The outputs of pencils over a parameter.
 
-    @cache
-    def tracked(name: str) -> Tracked:
-        progress(f"{scene.name}: modes tracked, {name}")
-        modes = track(models[name], None, parameter, np.linspace(*between, scene.points), band=band)
-        if not modes.eigenvalues.size:
-            raise InputError(f"{name} has no mode from {modes.band[0]:g} to {modes.band[1]:g} rad/time anywhere in the range. "
-                             "Give another band")
-        return modes
+    `models` and what is known of their critical values, `exact`, go by the models' names. `label` is the parameter in texts.
+    """
 
-    found: dict[str, CriticalValue] = {}
-    for name, model in models.items():
-        progress(f"{scene.name}: critical value, {name}")
-        found[name] = critical_value(model, None, parameter, between=between, band=band)
+    scene: FlutterScene
+    progress: Progress
+    models: Mapping[str, Affine]
+    parameter: str
+    exact: Mapping[str, float]
+    label: str
+    band: tuple[float, float] | None = None
+    unit: str = ""
 
-    def compute(output: str) -> Result:
-        if output == "critical-value":
-            return _critical(found, exact, label, between)
-        return _diagram({name: tracked(name) for name in models},
-                        {name: [*item.losses, *item.regains] for name, item in found.items()}, label, scene.name, unit)
+    def __post_init__(self) -> None:
+        super().__init__(self.scene, self.progress)
+        self.between = (self.scene.between[0], self.scene.between[1])
+        self.found: dict[str, CriticalValue] = {}
+        for name, model in self.models.items():
+            self.say(f"critical value, {name}")
+            self.found[name] = critical_value(model, None, self.parameter, between=self.between, band=self.band)
 
-    head = f"{scene.name}: {label} from {between[0]:g} to {between[1]:g}"
-    head += f", modes from {span(band)}" if band else ""
-    return run_outputs(scene.outputs, compute, {**data, "between": scene.between}, [head, *text])
+    def run(self, data: dict[str, Any], text: Sequence[str] = ()) -> Result:
+        """What the scene asks for, below a line with the range."""
+        head = f"{self.scene.name}: {self.label} from {self.between[0]:g} to {self.between[1]:g}"
+        head += f", modes from {span(self.band)}" if self.band else ""
+        return self.result({**data, "between": self.scene.between}, [head, *text])
+
+    def critical_value(self) -> Result:
+        exact, label, (lo, hi) = self.exact, self.label, self.between
+        rows: list[dict[str, Any]] = []
+        for name, item in self.found.items():
+            located = any(one.value == item.value for one in item.losses)
+            crossings: list[tuple[str, Crossing | None]] = [*(("lost", one) for one in item.losses),
+                                                            *(("regained", one) for one in item.regains)]
+            if item.growing or not (located or (item.regains and np.isinf(item.value))):
+                where = "never lost" if np.isinf(item.value) else "lost at a place not known"
+                crossings.insert(0, ("lost at the begin" if item.growing else where, None))
+            for what, one in crossings:
+                first = located and name in exact and one is item.losses[0]
+                rows.append({"model": name, "stability": what, "value": one and one.value, "kind": one.kind if one else "",
+                             "omega": one and one.omega, "exact": exact.get(name) if first or one is None else None,
+                             "error": abs(one.value - exact[name]) if one and first else None, "width": one and one.width,
+                             "evidence": item.evidence})
+        columns = ["model", column("stability", form="s"), column("value", label, "s", cell=digits), column("kind", form="s"),
+                   "omega", *([column("exact", "closed form", ".10f"), column("error", "error", ".0e")] if exact else []),
+                   "evidence"]
+        left = [f"{name}: not excluded are further crossings in "
+                f"{first_of([f'{start:.9g} to {end:.9g}' for start, end in item.open], 'intervals')}."
+                for name, item in self.found.items() if item.open]
+        places = {name: [list(one) for one in item.open] for name, item in self.found.items()}
+        lost, decides = sum(row["stability"] == "lost" for row in rows), []
+        for row in rows:
+            at = "" if row["value"] is None else f" at {row['value']:.8g} by {row['kind']}"
+            closed = "" if row["value"] is None or row["exact"] is None else f" The closed form gives {row['exact']:.8g}."
+            decides.append(f"{row['model']}: stability is {row['stability']}{at} ({row['evidence']}).{closed}")
+        return Result({"critical-value": rows, "not_excluded": places}, [
+            f"Where stability is lost, over {label}:", Table("critical-value", rows, columns, "Critical values"), *left,
+            Verdict(decides, ["Values of the parameter outside the range were not searched."], "found",
+                    f"{lost} loss{'es' * (lost != 1)} of stability from {lo:g} to {hi:g}. The model is small as it is, so that "
+                    "nothing is reduced.", "Where is stability lost?")])
+
+    def diagram(self) -> Result:
+        tracks: dict[str, Tracked] = {}
+        for name, model in self.models.items():
+            self.say(f"modes tracked, {name}")
+            tracks[name] = track(model, None, self.parameter, np.linspace(*self.between, self.scene.points), band=self.band)
+            if not tracks[name].eigenvalues.size:
+                lo, hi = tracks[name].band
+                raise InputError(f"{name} has no mode from {lo:g} to {hi:g} rad/time anywhere in the range. Give another band")
+        crossings = {name: [*item.losses, *item.regains] for name, item in self.found.items()}
+        branches, meetings = branch_rows(tracks), meeting_rows(tracks)
+        columns = ["model", column("kind", "meeting", "s"), column("value", self.label, ".8g"), column("branches", form="d"),
+                   column("growth", form=".6f"), column("omega", "Im λ", ".6f"), column("gap", form=".0e"),
+                   column("condition", form=".0e"), "error_bar"]
+        axis = f"{self.label}  [{self.unit}]" if self.unit else self.label
+        return Result({"branches": branches, "meetings": meetings}, [
+            "Modes tracked:", *(f"{name}: {item!r}".replace(" over mu ", " over μ ") for name, item in tracks.items()),
+            Table("branches", branches, title=f"Branches over {self.label}"),
+            Table("meetings", meetings, columns if meetings else (), "Where modes meet", keys=2),
+            flutter_chart("flutter-diagram", tracks, crossings, axis, self.scene.name)])
 
 
-def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], label: str,
-              between: tuple[float, float]) -> Result:
-    rows: list[dict[str, Any]] = []
-    for name, item in found.items():
-        located = any(one.value == item.value for one in item.losses)
-        if item.growing or not (located or (item.regains and np.isinf(item.value))):
-            where = "lost at the begin" if item.growing else "never lost" if np.isinf(item.value) else "lost at a place not known"
-            rows.append({"model": name, "stability": where, "value": None, "kind": "", "omega": None, "exact": exact.get(name),
-                         "error": None, "width": None, "evidence": item.evidence})
-        for what, crossings in (("lost", item.losses), ("regained", item.regains)):
-            for one in crossings:
-                first = what == "lost" and one is item.losses[0] and name in exact and located
-                rows.append({"model": name, "stability": what, "value": one.value, "kind": one.kind, "omega": one.omega,
-                             "exact": exact[name] if first else None, "error": abs(one.value - exact[name]) if first else None,
-                             "width": one.width, "evidence": item.evidence})
-    columns = ["model", column("stability", form="s"), column("value", label, "s", cell=_digits), column("kind", form="s"),
-               "omega", *([column("exact", "closed form", ".10f"), column("error", "error", ".0e")] if exact else []), "evidence"]
-    left = [f"{name}: not excluded are further crossings in "
-            f"{first_of([f'{lo:.9g} to {hi:.9g}' for lo, hi in item.open], 'intervals')}."
-            for name, item in found.items() if item.open]
-    places = {name: [list(one) for one in item.open] for name, item in found.items()}
-    lost, decides = sum(row["stability"] == "lost" for row in rows), []
-    for row in rows:
-        at = "" if row["value"] is None else f" at {row['value']:.8g} by {row['kind']}"
-        closed = "" if row["value"] is None or row["exact"] is None else f" The closed form gives {row['exact']:.8g}."
-        decides.append(f"{row['model']}: stability is {row['stability']}{at} ({row['evidence']}).{closed}")
-    return Result({"critical-value": rows, "not_excluded": places}, [
-        f"Where stability is lost, over {label}:", Table("critical-value", rows, columns, "Critical values"), *left,
-        Verdict(decides, ["Values of the parameter outside the range were not searched."], "found",
-                f"{lost} loss{'es' * (lost != 1)} of stability from {between[0]:g} to {between[1]:g}. The model is small as "
-                "it is, so that nothing is reduced.", "Where is stability lost?")])
-
-
-def _digits(row: Mapping[str, Any]) -> str | None:
-    """Up to 10 places behind the point, none of them below the width."""
+def digits(row: Mapping[str, Any]) -> str | None:
+    """The value with up to 10 places behind the point, none of them below its width."""
     value, width = row["value"], row["width"]
     return None if value is None else f"{value:.{min(max(-int(np.floor(np.log10(width or 1e-10))), 0), 10)}f}"
-
-
-def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, Sequence[Crossing]], label: str, title: str,
-             unit: str) -> Result:
-    branches, meetings = branch_rows(tracks), meeting_rows(tracks)
-    columns = ["model", column("kind", "meeting", "s"), column("value", label, ".8g"), column("branches", form="d"),
-               column("growth", form=".6f"), column("omega", "Im λ", ".6f"), column("gap", form=".0e"),
-               column("condition", form=".0e"), "error_bar"]
-    return Result({"branches": branches, "meetings": meetings}, [
-        "Modes tracked:", *(f"{name}: {item!r}".replace(" over mu ", " over μ ") for name, item in tracks.items()),
-        Table("branches", branches, title=f"Branches over {label}"),
-        Table("meetings", meetings, columns if meetings else (), "Where modes meet", keys=2),
-        flutter_chart("flutter-diagram", tracks, critical, f"{label}  [{unit}]" if unit else label, title)])
 
 
 def branch_rows(tracks: Mapping[str, Tracked]) -> list[dict[str, Any]]:

@@ -22,7 +22,7 @@ from femsub import (
     transient,
 )
 from femsub.app.figures import spectrogram_figure
-from femsub.app.scene import Picture, Result
+from femsub.app.scene import Picture, Progress, Result, Run
 from femsub.checks import Interruptible
 from femsub.modes import relative_error
 from femsub.motion import Spectrum, sliding
@@ -81,47 +81,6 @@ def most_unstable(found: ComplexModes) -> int | None:
     return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None
 
 
-def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, faint: float = 1e-6, still: float = 1e-3) -> Result:
-    """Growth of the most unstable complex mode below a model's cut-off, measured in time, beside Re λ.
-
-    Parameters
-    ----------
-    models : sequence of (str, Substructure)
-        'full' or the method's key, and the model.
-    belt : Belt
-    faint, still : float
-        Of the belt's speed: the mode's velocity at the begin, and that up to which it is followed. There the model is linear.
-    """
-    rows: list[dict[str, Any]] = []
-    with Interruptible() as work:
-        for kind, model in models:
-            row: dict[str, Any] = {"model": kind, "size": model.size}
-            modes = complex_modes(model, belt)
-            above = {"above": float(modes.eigenvalues[modes.above_cutoff].real.max()) if modes.above_cutoff.any() else None}
-            at = most_unstable(modes)
-            if at is None:  # too few modes: what grows lies above this model's cut-off
-                rows.append(row | dict.fromkeys(("growth", "growth_of_cea", "omega", "omega_of_cea", "error")) | above)
-                continue
-            # from a velocity `faint` until it should be `still`, and for a dozen periods at least
-            value, shape, speed = complex(modes.eigenvalues[at]), modes.shapes[:, at], abs(belt.speed or 1.0)
-            shape = shape * (faint * speed / max(float(np.abs(model.port("belt").T @ shape * value).max()), 1e-300))
-            start = sliding(model, belt).perturbed(shape.real, (value * shape).real)
-            period = 2 * np.pi / value.imag
-            end = max(np.log(still / faint) / value.real, 12 * period)
-            run = whole(transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda"))
-            found = growth_rate(run.t, run.velocity("belt"), below=2 * still * speed)
-            rows.append(row | {"growth": found.rate, "growth_of_cea": value.real, "omega": found.omega,
-                               "omega_of_cea": value.imag, "error": abs(found.rate / value.real - 1)} | above)
-    columns = ["model", "size", column("growth", "growth in time", ".5g"), column("growth_of_cea", "Re λ", ".5g"),
-               column("error", "error", ".0e"), column("omega", "ω in time", ".5g"),
-               column("omega_of_cea", "Im λ", ".5g", unit="rad/time"), column("above", "Re λ above cut-off", ".5g")]
-    head = f"Growth of the most unstable mode below the cut-off, from {faint:g} of the belt's speed"
-    if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
-        head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
-    return Result({"growth": rows} | ({} if work.complete else {"complete": False}), [head, Table(
-        "growth", rows, columns, "Growth in time", 2, "no mode grows below the cut-off, or none lies above it")])
-
-
 def strongest(peaks: Sequence[float] | None) -> list[float] | None:
     """The frequencies of the three largest peaks of a spectrum, which come first in it; None where there is no spectrum."""
     return None if peaks is None else [float(at) for at in peaks[:3]]
@@ -146,57 +105,102 @@ def verdict(tracks: Sequence[Track]) -> Verdict:
                    "are yours to judge.")
 
 
-def highest(tracks: Sequence[Track]) -> float:
-    """How far up spectra are drawn: the same for all."""
-    tops = [at for item in tracks for at in strongest(item.row["peaks"]) or []]
-    return 1.3 * max(tops, default=1.0)  # the highest peak stands clear of the edge
+@dataclass(eq=False)
+class InTime(Run):
+    """The outputs of runs in time: `tracks`, and for their growth the models by 'full' or the method's key."""
 
+    scene: Any
+    progress: Progress
+    belt: Belt
+    models: Sequence[tuple[str, Substructure]]
+    tracks: Sequence[Track]
+    length: float  #: of the window of a spectrogram
 
-def signals(tracks: Sequence[Track]) -> Result:
-    """Velocities under the belt: all of the run, and the last ten periods."""
-    seen = any(len(item.run.t) > 1 for item in tracks)
-    return Result({}, [signals_chart(tracks)] if seen else [])
+    def __post_init__(self) -> None:
+        super().__init__(self.scene, self.progress)
+        self.known = [item for item in self.tracks if item.spectrum is not None]
 
+    def growth(self, faint: float = 1e-6, still: float = 1e-3) -> Result:
+        """Growth of the most unstable complex mode below a model's cut-off, measured in time, beside Re λ.
 
-def spectra(tracks: Sequence[Track]) -> Result:
-    """Spectra in the window."""
-    known = [item for item in tracks if item.spectrum is not None]
-    rows = [{"model": item.kind, "size": item.model.size, "omega": at, "amplitude": height} for item in known
-            if item.spectrum is not None for at, height in zip(item.spectrum.peaks, item.spectrum.heights, strict=True)]
-    return Result({"spectrum": rows}, [Table("spectrum", rows, title="Peaks of the spectra"), *(
-        [spectra_chart(known, highest(known))] if known else [])])
+        `faint` and `still` are shares of the belt's speed: the mode's velocity at the begin, and that up to which it is followed.
+        There the model is linear.
+        """
+        belt, rows = self.belt, list[dict[str, Any]]()
+        measured = ("growth", "growth_of_cea", "omega", "omega_of_cea", "error")
+        with Interruptible() as work:
+            for kind, model in self.models:
+                modes = complex_modes(model, belt)
+                found = dict.fromkeys(measured)
+                if (at := most_unstable(modes)) is not None:  # else too few modes: what grows lies above this model's cut-off
+                    # from a velocity `faint` until it should be `still`, and for a dozen periods at least
+                    value, shape, speed = complex(modes.eigenvalues[at]), modes.shapes[:, at], abs(belt.speed or 1.0)
+                    shape = shape * (faint * speed / max(float(np.abs(model.port("belt").T @ shape * value).max()), 1e-300))
+                    start = sliding(model, belt).perturbed(shape.real, (value * shape).real)
+                    period = 2 * np.pi / value.imag
+                    end = max(np.log(still / faint) / value.real, 12 * period)
+                    run = whole(transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda"))
+                    own = growth_rate(run.t, run.velocity("belt"), below=2 * still * speed)
+                    found = dict(zip(measured, (own.rate, value.real, own.omega, value.imag, abs(own.rate / value.real - 1)),
+                                     strict=True))
+                above = float(modes.eigenvalues[modes.above_cutoff].real.max()) if modes.above_cutoff.any() else None
+                rows.append({"model": kind, "size": model.size, **found, "above": above})
+        columns = ["model", "size", column("growth", "growth in time", ".5g"), column("growth_of_cea", "Re λ", ".5g"),
+                   column("error", "error", ".0e"), column("omega", "ω in time", ".5g"),
+                   column("omega_of_cea", "Im λ", ".5g", unit="rad/time"), column("above", "Re λ above cut-off", ".5g")]
+        head = f"Growth of the most unstable mode below the cut-off, from {faint:g} of the belt's speed"
+        if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
+            head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
+        return Result({"growth": rows} | ({} if work.complete else {"complete": False}), [head, Table(
+            "growth", rows, columns, "Growth in time", 2, "no mode grows below the cut-off, or none lies above it")])
 
+    def signals(self) -> Result:
+        """Velocities under the belt: all of the run, and the last ten periods."""
+        return Result({}, [signals_chart(self.tracks)] * any(len(item.run.t) > 1 for item in self.tracks))
 
-def spectrograms(tracks: Sequence[Track], length: float) -> Result:
-    """Short-time spectra of the whole runs, on one scale."""
-    long = [item for item in tracks if len(item.run.t) and item.run.t[-1] - item.run.t[0] > 2 * length]
-    made = [(item, spectrogram(item.run.t, item.run.velocity("belt"), length)) for item in long]
-    rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,
-             "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
-            for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
-    return Result({"spectrogram": {"length": length, "strongest": rows}}, [
-        Table("spectrogram", rows, title="Strongest frequency over time"),
-        *[Picture("spectrogram", lambda: spectrogram_figure(made, highest(tracks)))] * bool(made)])
+    @property
+    def highest(self) -> float:
+        """How far up spectra are drawn: the same for all."""
+        tops = [at for item in self.tracks for at in strongest(item.row["peaks"]) or []]
+        return 1.3 * max(tops, default=1.0)  # the highest peak stands clear of the edge
 
+    def spectrum(self) -> Result:
+        """Spectra in the window."""
+        rows = [{"model": item.kind, "size": item.model.size, "omega": at, "amplitude": height} for item in self.known
+                for at, height in zip(item.row["peaks"], item.row["heights"], strict=True)]
+        return Result({"spectrum": rows}, [Table("spectrum", rows, title="Peaks of the spectra"), *(
+            [spectra_chart(self.known, self.highest)] if self.known else [])])
 
-def quality(tracks: Sequence[Track], belt: Belt) -> Result:
-    """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
+    def spectrogram(self) -> Result:
+        """Short-time spectra of the whole runs, on one scale."""
+        length = self.length
+        made = [(item, spectrogram(item.run.t, item.run.velocity("belt"), length)) for item in self.tracks
+                if len(item.run.t) and np.ptp(item.run.t) > 2 * length]
+        rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,
+                 "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
+                for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
+        return Result({"spectrogram": {"length": length, "strongest": rows}}, [
+            Table("spectrogram", rows, title="Strongest frequency over time"),
+            *[Picture("spectrogram", lambda: spectrogram_figure(made, self.highest))] * bool(made)])
 
-    One trajectory of each: where motions coexist it may have ended in another of them, see docs/guide/motion.md.
-    """
-    known = [item for item in tracks if item.spectrum is not None and len(item.spectrum.peaks)]
-    if not known or known[0].kind != "full":
-        return Result({"quality": []})
-    exact, reduced = known[0], known[1:]
-    measured = [{"model": item.kind, "error_frequency": relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
-                 "error_amplitude": relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
-    rows = table_rows(exact.model, [item.model for item in reduced], belt, measured)
-    columns = ["model", "size", *(column(key, head, form) for key, head, form in (
-        ("missing_share", "missing", ".0%"), ("spurious_share", "spurious", ".0%"), ("growth_error", "err Re λ", ".1%"),
-        ("projection_loss", "loss", ".1%"), ("compliance_mean", "compliance", ".1%"),
-        ("error_frequency", "err ω in time", ".1%"), ("error_amplitude", "err rms", ".1%")))]
-    return Result({"quality": rows}, [
-        "Quality of the reduced models under self-excitation, from linear data, beside this run's errors",
-        Table("quality", rows, columns, "Quality under self-excitation"),
-        *(f"{label(row['model'])}: {row['verdict']}" for row in rows),
-        Remark([sentence(row["verdict"], named(row["model"], row["size"])) for row in rows])])
+    def quality(self) -> Result:
+        """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
+
+        One trajectory of each: where motions coexist it may have ended in another of them, see docs/guide/motion.md.
+        """
+        known = [item for item in self.known if len(item.row["peaks"])]
+        if not known or known[0].kind != "full":
+            return Result({"quality": []})
+        exact, reduced = known[0], known[1:]
+        measured = [{"model": item.kind, "error_frequency": relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
+                     "error_amplitude": relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
+        rows = table_rows(exact.model, [item.model for item in reduced], self.belt, measured)
+        columns = ["model", "size", column("missing_share", "missing", ".0%"), column("spurious_share", "spurious", ".0%"),
+                   column("growth_error", "err Re λ", ".1%"), column("projection_loss", "loss", ".1%"),
+                   column("compliance_mean", "compliance", ".1%"), column("error_frequency", "err ω in time", ".1%"),
+                   column("error_amplitude", "err rms", ".1%")]
+        return Result({"quality": rows}, [
+            "Quality of the reduced models under self-excitation, from linear data, beside this run's errors",
+            Table("quality", rows, columns, "Quality under self-excitation"),
+            *(f"{label(row['model'])}: {row['verdict']}" for row in rows),
+            Remark([sentence(row["verdict"], named(row["model"], row["size"])) for row in rows])])

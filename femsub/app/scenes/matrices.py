@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 from femsub import Substructure, read_component
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Result
-from femsub.app.scenes.component import ComponentScene, Work
-from femsub.app.scenes.outputs import run_component
+from femsub.app.scene import Result
+from femsub.app.scenes.component import ComponentScene
+from femsub.app.scenes.outputs import ComponentRun, run_component
 from femsub.io import FORMATS, model_files
 
 
@@ -49,14 +50,16 @@ class MatricesScene(ComponentScene):
 SCENE = MatricesScene
 
 
-def run(scene: MatricesScene, progress: Progress) -> Result:
-    """Computes what `scene.outputs` names, and nothing else."""
-    return run_component(scene, progress, {"reduced-matrices": _written})
+class MatricesRun(ComponentRun):
+    """The outputs of a component, and its reduced matrices."""
+
+    scene: MatricesScene
+
+    def reduced_matrices(self) -> Result:
+        files = {f"{method.key}-{method.modes}/{file}": writer
+                 for method, model in self.reduced for file, writer in model_files(model, self.scene.format).items()}
+        folders = sorted({file.split("/")[0] for file in files})
+        return Result({"reduced-matrices": folders}, [f"reduced matrices, with --out: {', '.join(folders)}"], files)
 
 
-def _written(work: Work) -> Result:
-    assert isinstance(work.scene, MatricesScene)
-    files = {f"{method.key}-{method.modes}/{file}": writer
-             for method, model in work.reduced for file, writer in model_files(model, work.scene.format).items()}
-    folders = sorted({file.split("/")[0] for file in files})
-    return Result({"reduced-matrices": folders}, [f"reduced matrices, with --out: {', '.join(folders)}"], files)
+run = partial(run_component, kind=MatricesRun)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -26,7 +27,7 @@ from femsub import (
 )
 from femsub.app.figures import shapes_figure
 from femsub.app.moving import mode_file
-from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
+from femsub.app.scene import Picture, Progress, Result, Scene, Shown
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.checks import Array
 from femsub.model import in_band
@@ -55,48 +56,7 @@ NO_GROWTH = "no eigenvalue up to ω"
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of springs to the own static stiffness at the interface
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 
-Part = Callable[[Work], Result]
 Drawn = tuple[Mesh, Array]
-
-
-def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, Part] | None = None) -> Result:
-    """Computes what `scene.outputs` names, and nothing else; `more` are parts of a scene's own."""
-    work = Work(scene, progress)
-    parts = PARTS | dict(more or {})
-    sub = work.sub
-    data: dict[str, Any] = {
-        "model": repr(sub), "size": sub.size, "interface": len(sub.interface),
-        **scene.friction, "methods": scene.methods, "modes_kept": scene.modes, "ports": scene.ports}
-    text = [f"{scene.name}: {sub!r}", scene.friction_words]
-    if work.mesh is not None:
-        data["mesh"] = repr(work.mesh)
-    if work.mesh is not None and work.mesh.repairs:
-        data["repairs"] = list(work.mesh.repairs)
-        text.append(f"mesh: {'; '.join(work.mesh.repairs)}")
-    if set(scene.outputs) & {"critical-slope", "eigenvalues", "error-time", "frequency-response"}:
-        band, rule = work.band
-        data |= {"band": band, "band_rule": rule}
-        modes = ", ".join(map(str, scene.modes))
-        text.append(f"band {span(band)} ({rule}); {scene.labels} with {modes} modes"
-                    + (", static responses to the contact joined" if scene.ports else ""))
-    return run_outputs(scene.outputs, lambda output: parts[output](work), data, text)
-
-
-def _modes(work: Work) -> Result:
-    found = work.normal
-    limit, count = found.counted
-    proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
-    if found.unlisted:
-        proof += f", {found.unlisted} of them outside the band"
-    head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}"
-    rows = mode_rows(found)
-    data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
-    said = [head, Table("modes", rows, ("mode", "omega", "residual"), "Normal modes")]
-    mesh, shapes = work.mesh, work.field(found.shapes)
-    if mesh is None or shapes is None or not work.scene.figures:
-        return Result({"modes": data}, said)
-    pictures, files = mode_views(work.scene, found.frequencies, {"": (mesh, shapes)}, work.marks)
-    return Result({"modes": data}, [*said, *pictures], files)
 
 
 def mode_rows(found: NormalModes) -> list[dict[str, Any]]:
@@ -133,61 +93,6 @@ def vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
     file.write(io.mesh_bytes(mesh, shapes))
 
 
-def _critical(work: Work) -> Result:
-    band, _ = work.band
-    rows: list[dict[str, Any]] = []
-    for name, modes, model in work.models:
-        work.say(f"critical slope, {label(name)} with {model.size} DOF")
-        slope, omega, reason = first_loss(model, work.belt, "slope", None, band)
-        full = rows[0]["slope"] if rows else slope
-        port_error = model.port_error.get("belt", 0.0) if isinstance(model, ReducedSubstructure) else 0.0
-        rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
-                     "error": relative_error(slope, full), "port_error": port_error, "reason": reason})
-    work.slopes = [row["slope"] for row in rows]
-    columns = ("model", "modes", "size", column("slope", "critical slope"), column("omega", "at ω", ".5g"), "error",
-               "port_error")
-    notes = [f"{label(row['model'])} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
-    if any(row["omega"] == 0 for row in rows):
-        notes.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
-                     f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * band[1]:.3g}, {band[1]:.6g}]")
-    return Result({"critical-slope": rows}, ["Critical slopes dμ/dv in the band",
-                                             Table("critical-slope", rows, columns, "Critical slopes", keys=3), *notes,
-                                             critical_slopes_chart(rows)])
-
-
-def _eigenvalues(work: Work) -> Result:
-    band, _ = work.band
-    work.say(f"complex modes of {work.sub.size} DOF")
-    exact = complex_modes(work.sub, work.belt, band=band)
-    at = least_stable(exact)
-    models = [(name, modes, model, exact if model is work.sub else beside_the_full(model, work.belt, band=band))
-              for name, modes, model in work.models]
-    spectra: list[dict[str, Any]] = []
-    for name, modes, model, found in models:
-        item = {"model": name, "modes": modes, "size": model.size, "evidence": found.evidence,
-                "cutoff": model.cutoff, **comparable(exact, found, min(band[1], model.cutoff))}
-        if isinstance(model, ReducedSubstructure) and at is not None and len(found):
-            # ‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖ in the norm of M: the sine of the angle between the shapes
-            x, y, M = model.expand(_counterpart(found, exact, at)[1]), exact.shapes[:, at], work.sub.M
-            rest = x - y * (np.vdot(y, M @ x) / np.vdot(y, M @ y))
-            item["shape_error"] = float(np.sqrt(abs(np.vdot(rest, M @ rest)) / abs(np.vdot(x, M @ x))))
-        spectra.append(item)
-    head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: completeness {exact.evidence})"
-    said = Table("eigenvalues", spectra, ("model", "modes", "size", "up_to", "counted", "full_counted",
-                                          column("growth", "largest Re λ"), "full_growth", "is_stable", "shape_error"),
-                 "Eigenvalues", 3, only=("model", "modes", "size", "up_to", "growth", "full_growth", "is_stable", "shape_error"))
-    data: dict[str, Any] = {"eigenvalues": spectra}
-    kept = work.scene.modes
-    panels = [{**m, "panel": f"{modes} modes"} for modes in dict.fromkeys([kept[0], kept[len(kept) // 2], kept[-1]])
-              for m in spectra if m["model"] == "full" or m["modes"] == modes]
-    title = f"{work.scene.name}, dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}"
-    shown = [head, said, eigenvalue_chart(panels, title), stability_remark(spectra), Remark.of_completeness(exact.evidence)]
-    if at is None:
-        return Result(data, shown)
-    last = _recovered(work, exact, at, models[-1])
-    return Result(data | {"least-stable": last.data}, [*shown, *last.shown], last.files)
-
-
 def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[str, Any]:
     """What is shown of a model, and of it and of the full one: how many λ have 0 ≤ Im λ ≤ limit, and their largest Re λ.
 
@@ -206,46 +111,6 @@ def least_stable(modes: ComplexModes) -> int | None:
     return int(moving[np.argmax(modes.eigenvalues.real[moving])]) if len(moving) else None
 
 
-def _counterpart(found: ComplexModes, exact: ComplexModes, at: int) -> tuple[complex, Array]:
-    nearest = int(np.argmin(np.abs(found.eigenvalues - exact.eigenvalues[at])))
-    return complex(found.eigenvalues[nearest]), found.shapes[:, nearest]
-
-
-def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, Substructure, ComplexModes]) -> Result:
-    """The least stable shape of the last reduced model, expanded to the component."""
-    name, modes, model, found = last
-    assert isinstance(model, ReducedSubstructure)
-    if not len(found):
-        return Result({}, [f"{label(name)} with {modes} modes has no eigenvalue in the band: no shape is recovered"])
-    value, q = _counterpart(found, exact, at)
-    u = model.expand(q)
-    error = float(work.sub.linearised(work.belt).backward_error(np.array([value]), u[:, None])[0])
-    words = (f"least stable mode, recovered from {label(name)} with {modes} modes ({model.size} DOF): λ = {value.real:.6g} "
-            f"{value.imag:+.6g}i, full model {exact.eigenvalues[at].real:.6g} {exact.eigenvalues[at].imag:+.6g}i; backward error "
-            f"in the full pencil {error:.1e}")
-    words += f"; it oscillates at {value.imag:.6g} rad/time"
-    data = {"model": name, "modes": modes, "size": model.size, "eigenvalue": value, "omega": value.imag,
-            "full": complex(exact.eigenvalues[at]), "backward_error": error}
-    mesh, whole = work.mesh, work.field(u)
-    if mesh is None or whole is None:
-        return Result(data, [words])
-    files = page_mode(work.scene, mesh, whole, f", from {label(name)} with {model.size} DOF", value)
-    if not work.scene.figures:
-        return Result(data, [words], files)
-    # any phase will do: the one in which the place that moves most is at its largest
-    largest = whole.ravel()[np.argmax(np.abs(whole))]
-    shape = whole * (np.conj(largest) / abs(largest))
-    small = float(np.linalg.norm(shape.imag, axis=1).max()) or 1.0
-    parts = np.stack([shape.real, shape.imag / small], axis=-1)
-    titles = ["real part", f"imaginary part, drawn {1 / small:.3g} times larger"]
-    title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {label(name)} with "
-             f"{model.size} DOF")
-    named = f"{work.units.frequency(value.imag)} growth {value.real:.4g} 1/{work.units.time}"
-    files |= {"least-stable.vtu": partial(vtu, mesh, {f"real-part {named}": shape.real, f"imaginary-part {named}": shape.imag})}
-    return Result(data, [words, Picture("least-stable", lambda: shapes_figure(mesh, parts, titles, title, work.marks))],
-                  files | (motion_files(mesh, shape, value.imag, named) if value.imag > 0 else {}))
-
-
 def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str = "least-stable",
                  phases: int = 12) -> dict[str, Writer]:
     """Re(u e^(iωt)) at so many `phases` of a period: a .pvd file, which ParaView animates, and the file of each phase in it."""
@@ -262,95 +127,6 @@ def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str 
     return files | {name: partial(phase, time) for name, time in times.items()}
 
 
-def _error_time(work: Work) -> Result:
-    scene = work.scene
-    found = study(work.sub, work.methods, work.band[0], contacts=work.belt, ports=scene.ports, repeats=scene.repeats,
-                  held=True, critical=work.slopes, assembly=work.assembly, progress=work.say)
-    rows = [row.flat() for row in (found.full, *found.rows)]
-    best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
-    data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,
-                                                "model": None if best is None else best.flat()}}
-    studies = [(f"of {len(work.sub.interface)} DOF", found)]
-    return Result(data, ["Error against run time", str(found), words, Table("error-time", rows, title="Error against run time"),
-                         error_time_chart(studies), study_choice(found, scene.tolerance)])
-
-
-def _responses(work: Work) -> Result:
-    """The receptance at the contact, of the full model and the reduced ones, over the band."""
-    scene, (lo, hi) = work.scene, work.band[0]
-    omega = np.linspace(lo or hi / scene.frequencies, hi, scene.frequencies)
-    acting = work.belt if scene.sliding else None
-    exact: FrequencyResponse | None = None
-    curves: list[dict[str, Any]] = []
-    rows: list[dict[str, Any]] = []
-    for name, modes, model in work.models:
-        work.say(f"receptance, {label(name)} with {model.size} DOF")
-        found = frequency_response(damped(model, structural=scene.loss), acting, at=omega, loads="belt")
-        h = found.entry("belt", "belt")
-        own = {"model": name, "modes": modes, "size": model.size}
-        curve = own | {"omega": omega, "magnitude": np.abs(h), "phase": np.degrees(np.angle(h))}
-        if exact is not None:
-            error, size = found.error(exact)[:, 0, 0], np.abs(exact.entry("belt", "belt"))
-            worst = int(error.argmax())
-            rows.append(own | {"error": float(error.max() / size.max()), "omega": float(omega[worst]),
-                               "error_local": float((error / size).max()), "evidence": found.evidence})
-            curve["error"] = error / size
-        exact = exact or found
-        curves.append(curve)
-    assert exact is not None
-    points = [{key: curve[key] for key in ("model", "modes", "size")} | {key: float(curve[key][i]) for key in (
-        "omega", "magnitude", "phase", "error") if key in curve} for curve in curves for i in range(len(omega))]
-    columns = ("model", "modes", "size", column("error", "err h"), column("omega", "at ω", ".5g"),
-               column("error_local", "err h / h", ".1e"), "evidence")
-    table = Table("response-errors", rows, columns, "Errors of receptances", keys=3)
-    where = "about the sliding state" if scene.sliding else "at rest"
-    head = (f"Receptance at the contact {where}, loss factor {scene.loss:g}, at {len(omega)} frequencies; full model: "
-            f"{exact.evidence}, {int(exact.direct.sum())} solved directly, the others by {exact.modes} modes")
-    fit = [row for row in rows if row["error"] <= scene.tolerance and row["size"] < work.sub.size]
-    best = min(fit, key=lambda row: (row["size"], row["error"]), default=None)
-    words = "no small model of this run is accurate enough. Keep more modes, or lower the band" if best is None else (
-        f"for {100 * scene.tolerance:.3g} % of the largest receptance take {label(best['model'])} with {best['size']} DOF: it is "
-        f"off by at most {best['error']:.1e}")
-    choice = Advice([] if best is None else [f"Its receptance at the contact is off by at most {best['error']:.1e} of the "
-                                             f"largest one, {where}."], sentence=words, full=work.sub.size, band=(lo, hi),
-                    model="" if best is None else f"{label(best['model'])} with {best['modes']} modes ({best['size']} DOF)",
-                    size=0 if best is None else best["size"], brief=table.text(work.units.known))
-    data = {"frequency-response": {"evidence": exact.evidence, "modes": exact.modes, "direct": int(exact.direct.sum()),
-                                   "sliding": scene.sliding, "loss": scene.loss, "rows": rows}}
-    title = f"{scene.name}: receptance at the contact {where}"
-    return Result(data, [head, table, Table("frequency-response", points, title="Receptances"), response_chart(curves, title),
-                         choice])
-
-
-def _springs(work: Work) -> Result:
-    """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
-    sub = work.sub
-    if not len(sub.interface):
-        return Result({"joined-interface": []}, ["Interface on springs: the component has no interface DOF"])
-    condensed = np.diag(work.reduce(CraigBampton(0)).K)[:len(sub.interface)]
-    bare = sub.K.diagonal()[sub.interface]
-    own = np.where(condensed > 1e-9 * bare, condensed, bare)
-    rows: list[dict[str, Any]] = []
-    for ratio in RATIOS:
-        work.say(f"interface on springs of {ratio:g} times its own stiffness")
-        count = min(work.scene.elastic, min(rom.size for _, rom in work.reduced))
-        exact = _frequencies(sub, ratio * own, count)
-        for method, rom in work.reduced:
-            found = _frequencies(rom, ratio * own, count)
-            rows.append({"model": method.key, "modes": method.modes, "size": rom.size, "springs": float(ratio),
-                         "error": float(np.max(np.abs(found / exact - 1)))})
-    models = {(row["model"], row["modes"]): {key: row[key] for key in ("model", "modes", "size")} for row in rows}
-    for row in rows:
-        models[row["model"], row["modes"]][f"{row['springs']:g}"] = row["error"]
-    columns = ("model", "modes", "size", *(column(f"{ratio:g}", form=".1e") for ratio in RATIOS))
-    head = (f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
-            "component's own at each interface DOF")
-    title = f"{work.scene.name}: interface on springs, lowest {count} frequencies"
-    return Result({"joined-interface": rows}, [
-        head, Table("", list(models.values()), columns, keys=3), Table("joined-interface", rows, title="Interface on springs"),
-        springs_chart(rows, title)])
-
-
 def _frequencies(model: Substructure, springs: Array, count: int) -> Array:
     B = sp.csr_array(model.interface_rows)
     added = B.T @ sp.diags_array(springs) @ B
@@ -360,5 +136,213 @@ def _frequencies(model: Substructure, springs: Array, count: int) -> Array:
     return modes.frequencies[modes.rigid:]
 
 
-PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,
-                         "joined-interface": _springs, "frequency-response": _responses}
+class ComponentRun(Work):
+    """The outputs of a component's study."""
+
+    def modes(self) -> Result:
+        found = self.normal
+        limit, count = found.counted
+        proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
+        if found.unlisted:
+            proof += f", {found.unlisted} of them outside the band"
+        head = f"Normal modes of {self.sub.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}"
+        rows = mode_rows(found)
+        data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
+        said = [head, Table("modes", rows, ("mode", "omega", "residual"), "Normal modes")]
+        mesh, shapes = self.mesh, self.field(found.shapes)
+        if mesh is None or shapes is None or not self.scene.figures:
+            return Result({"modes": data}, said)
+        pictures, files = mode_views(self.scene, found.frequencies, {"": (mesh, shapes)}, self.marks)
+        return Result({"modes": data}, [*said, *pictures], files)
+
+    def critical_slope(self) -> Result:
+        band, _ = self.band
+        rows: list[dict[str, Any]] = []
+        for name, modes, model in self.models:
+            self.say(f"critical slope, {label(name)} with {model.size} DOF")
+            slope, omega, reason = first_loss(model, self.belt, "slope", None, band)
+            full = rows[0]["slope"] if rows else slope
+            port_error = model.port_error.get("belt", 0.0) if isinstance(model, ReducedSubstructure) else 0.0
+            rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
+                         "error": relative_error(slope, full), "port_error": port_error, "reason": reason})
+        self.slopes = [row["slope"] for row in rows]
+        columns = ("model", "modes", "size", column("slope", "critical slope"), column("omega", "at ω", ".5g"), "error",
+                   "port_error")
+        notes = [f"{label(row['model'])} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
+        if any(row["omega"] == 0 for row in rows):
+            notes.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
+                         f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * band[1]:.3g}, {band[1]:.6g}]")
+        return Result({"critical-slope": rows}, ["Critical slopes dμ/dv in the band",
+                                                 Table("critical-slope", rows, columns, "Critical slopes", keys=3), *notes,
+                                                 critical_slopes_chart(rows)])
+
+    def eigenvalues(self) -> Result:
+        band, _ = self.band
+        self.say(f"complex modes of {self.sub.size} DOF")
+        exact = complex_modes(self.sub, self.belt, band=band)
+        at = least_stable(exact)
+        spectra: list[dict[str, Any]] = []
+        for name, modes, model in self.models:
+            found = exact if model is self.sub else beside_the_full(model, self.belt, band=band)
+            spectra.append({"model": name, "modes": modes, "size": model.size, "evidence": found.evidence,
+                            "cutoff": model.cutoff, **comparable(exact, found, min(band[1], model.cutoff))})
+            if isinstance(model, ReducedSubstructure) and at is not None and len(found):
+                # ‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖ in the norm of M: the sine of the angle between the shapes
+                nearest = int(np.argmin(np.abs(found.eigenvalues - exact.eigenvalues[at])))
+                x, y, M = model.expand(found.shapes[:, nearest]), exact.shapes[:, at], self.sub.M
+                rest = x - y * (np.vdot(y, M @ x) / np.vdot(y, M @ y))
+                spectra[-1]["shape_error"] = float(np.sqrt(abs(np.vdot(rest, M @ rest)) / abs(np.vdot(x, M @ x))))
+        data: dict[str, Any] = {"eigenvalues": spectra}
+        printed = ("model", "modes", "size", "up_to", "counted", "full_counted", column("growth", "largest Re λ"), "full_growth",
+                   "is_stable", "shape_error")
+        kept = self.scene.modes
+        panels = [{**m, "panel": f"{modes} modes"} for modes in dict.fromkeys([kept[0], kept[len(kept) // 2], kept[-1]])
+                  for m in spectra if m["model"] == "full" or m["modes"] == modes]
+        shown: list[Shown] = [
+            f"Complex modes in the band, dμ/dv = {self.belt.slope:.5g} (full model: completeness {exact.evidence})",
+            Table("eigenvalues", spectra, printed, "Eigenvalues", 3,
+                  only=("model", "modes", "size", "up_to", "growth", "full_growth", "is_stable", "shape_error")),
+            eigenvalue_chart(panels, f"{self.scene.name}, dμ/dv = {self.belt.slope:.4g}, F = {self.belt.force:g}"),
+            stability_remark(spectra), Remark.of_completeness(exact.evidence)]
+        if at is None:
+            return Result(data, shown)
+        # the least stable shape of the last reduced model, expanded to the component
+        assert isinstance(model, ReducedSubstructure)
+        if not len(found):
+            return Result(data | {"least-stable": {}}, [
+                *shown, f"{label(name)} with {modes} modes has no eigenvalue in the band: no shape is recovered"])
+        value, true, u = complex(found.eigenvalues[nearest]), complex(exact.eigenvalues[at]), x
+        error = float(self.sub.linearised(self.belt).backward_error(np.array([value]), u[:, None])[0])
+        shown.append(f"least stable mode, recovered from {label(name)} with {modes} modes ({model.size} DOF): λ = "
+                     f"{value.real:.6g} {value.imag:+.6g}i, full model {true.real:.6g} {true.imag:+.6g}i; backward error in the "
+                     f"full pencil {error:.1e}; it oscillates at {value.imag:.6g} rad/time")
+        data["least-stable"] = {"model": name, "modes": modes, "size": model.size, "eigenvalue": value, "omega": value.imag,
+                                "full": true, "backward_error": error}
+        mesh, whole = self.mesh, self.field(u)
+        if mesh is None or whole is None:
+            return Result(data, shown)
+        files = page_mode(self.scene, mesh, whole, f", from {label(name)} with {model.size} DOF", value)
+        if not self.scene.figures:
+            return Result(data, shown, files)
+        # any phase will do: the one in which the place that moves most is at its largest
+        largest = whole.ravel()[np.argmax(np.abs(whole))]
+        shape = whole * (np.conj(largest) / abs(largest))
+        small = float(np.linalg.norm(shape.imag, axis=1).max()) or 1.0
+        parts = np.stack([shape.real, shape.imag / small], axis=-1)
+        titles = ["real part", f"imaginary part, drawn {1 / small:.3g} times larger"]
+        title = (f"{self.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {label(name)} with "
+                 f"{model.size} DOF")
+        named = f"{self.units.frequency(value.imag)} growth {value.real:.4g} 1/{self.units.time}"
+        fields = {f"real-part {named}": shape.real, f"imaginary-part {named}": shape.imag}
+        files["least-stable.vtu"] = partial(vtu, mesh, fields)
+        if value.imag > 0:
+            files |= motion_files(mesh, shape, value.imag, named)
+        shown.append(Picture("least-stable", lambda: shapes_figure(mesh, parts, titles, title, self.marks)))
+        return Result(data, shown, files)
+
+    def error_time(self) -> Result:
+        scene = self.scene
+        found = study(self.sub, self.methods, self.band[0], contacts=self.belt, ports=scene.ports, repeats=scene.repeats,
+                      held=True, critical=self.slopes, assembly=self.assembly, progress=self.say)
+        choice = study_choice(found, scene.tolerance)
+        rows = found.flat
+        data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": choice.sentence,
+                                                    "model": choice.row}}
+        return Result(data, ["Error against run time", str(found), choice.sentence,
+                             Table("error-time", rows, title="Error against run time"),
+                             error_time_chart([(f"of {len(self.sub.interface)} DOF", found)]), choice])
+
+    def frequency_response(self) -> Result:
+        """The receptance at the contact, of the full model and the reduced ones, over the band."""
+        scene, (lo, hi) = self.scene, self.band[0]
+        omega = np.linspace(lo or hi / scene.frequencies, hi, scene.frequencies)
+        acting = self.belt if scene.sliding else None
+        exact: FrequencyResponse | None = None
+        curves: list[dict[str, Any]] = []
+        rows: list[dict[str, Any]] = []
+        for name, modes, model in self.models:
+            self.say(f"receptance, {label(name)} with {model.size} DOF")
+            found = frequency_response(damped(model, structural=scene.loss), acting, at=omega, loads="belt")
+            h = found.entry("belt", "belt")
+            own = {"model": name, "modes": modes, "size": model.size}
+            curve = own | {"omega": omega, "magnitude": np.abs(h), "phase": np.degrees(np.angle(h))}
+            if exact is not None:
+                error, size = found.error(exact)[:, 0, 0], np.abs(exact.entry("belt", "belt"))
+                worst = int(error.argmax())
+                rows.append(own | {"error": float(error.max() / size.max()), "omega": float(omega[worst]),
+                                   "error_local": float((error / size).max()), "evidence": found.evidence})
+                curve["error"] = error / size
+            exact = exact or found
+            curves.append(curve)
+        assert exact is not None
+        points = [{key: curve[key] for key in ("model", "modes", "size")} | {key: float(curve[key][i]) for key in (
+            "omega", "magnitude", "phase", "error") if key in curve} for curve in curves for i in range(len(omega))]
+        columns = ("model", "modes", "size", column("error", "err h"), column("omega", "at ω", ".5g"),
+                   column("error_local", "err h / h", ".1e"), "evidence")
+        table = Table("response-errors", rows, columns, "Errors of receptances", keys=3)
+        where = "about the sliding state" if scene.sliding else "at rest"
+        head = (f"Receptance at the contact {where}, loss factor {scene.loss:g}, at {len(omega)} frequencies; full model: "
+                f"{exact.evidence}, {int(exact.direct.sum())} solved directly, the others by {exact.modes} modes")
+        choice = Advice(sentence="no small model of this run is accurate enough. Keep more modes, or lower the band",
+                        full=self.sub.size, band=(lo, hi), brief=table.text(self.units.known))
+        fit = [row for row in rows if row["error"] <= scene.tolerance and row["size"] < self.sub.size]
+        if fit:
+            best = min(fit, key=lambda row: (row["size"], row["error"]))
+            name, size, off = label(best["model"]), best["size"], f"off by at most {best['error']:.1e}"
+            choice = replace(
+                choice, decides=[f"Its receptance at the contact is {off} of the largest one, {where}."], size=size,
+                sentence=f"for {100 * scene.tolerance:.3g} % of the largest receptance take {name} with {size} DOF: it is {off}",
+                model=f"{name} with {best['modes']} modes ({size} DOF)")
+        data = {"frequency-response": {"evidence": exact.evidence, "modes": exact.modes, "direct": int(exact.direct.sum()),
+                                       "sliding": scene.sliding, "loss": scene.loss, "rows": rows}}
+        return Result(data, [head, table, Table("frequency-response", points, title="Receptances"),
+                             response_chart(curves, f"{scene.name}: receptance at the contact {where}"), choice])
+
+    def joined_interface(self) -> Result:
+        """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
+        sub = self.sub
+        if not len(sub.interface):
+            return Result({"joined-interface": []}, ["Interface on springs: the component has no interface DOF"])
+        condensed = np.diag(self.reduce(CraigBampton(0)).K)[:len(sub.interface)]
+        bare = sub.K.diagonal()[sub.interface]
+        own = np.where(condensed > 1e-9 * bare, condensed, bare)
+        rows: list[dict[str, Any]] = []
+        count = min(self.scene.elastic, min(rom.size for _, rom in self.reduced))
+        for ratio in RATIOS:
+            self.say(f"interface on springs of {ratio:g} times its own stiffness")
+            exact = _frequencies(sub, ratio * own, count)
+            for method, rom in self.reduced:
+                found = _frequencies(rom, ratio * own, count)
+                rows.append({"model": method.key, "modes": method.modes, "size": rom.size, "springs": float(ratio),
+                             "error": float(np.max(np.abs(found / exact - 1)))})
+        models = {(row["model"], row["modes"]): {key: row[key] for key in ("model", "modes", "size")} for row in rows}
+        for row in rows:
+            models[row["model"], row["modes"]][f"{row['springs']:g}"] = row["error"]
+        columns = ("model", "modes", "size", *(column(f"{ratio:g}", form=".1e") for ratio in RATIOS))
+        return Result({"joined-interface": rows}, [
+            f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
+            "component's own at each interface DOF", Table("", list(models.values()), columns, keys=3),
+            Table("joined-interface", rows, title="Interface on springs"),
+            springs_chart(rows, f"{self.scene.name}: interface on springs, lowest {count} frequencies")])
+
+
+def run_component(scene: ComponentScene, progress: Progress, kind: type[ComponentRun] = ComponentRun) -> Result:
+    """Computes what `scene.outputs` names, and nothing else; `kind` has outputs of a scene's own as well."""
+    work = kind(scene, progress)
+    sub = work.sub
+    data: dict[str, Any] = {
+        "model": repr(sub), "size": sub.size, "interface": len(sub.interface),
+        **scene.friction, "methods": scene.methods, "modes_kept": scene.modes, "ports": scene.ports}
+    text = [f"{scene.name}: {sub!r}", scene.friction_words]
+    if work.mesh is not None:
+        data["mesh"] = repr(work.mesh)
+    if work.mesh is not None and work.mesh.repairs:
+        data["repairs"] = list(work.mesh.repairs)
+        text.append(f"mesh: {'; '.join(work.mesh.repairs)}")
+    if set(scene.outputs) & {"critical-slope", "eigenvalues", "error-time", "frequency-response"}:
+        band, rule = work.band
+        data |= {"band": band, "band_rule": rule}
+        modes = ", ".join(map(str, scene.modes))
+        text.append(f"band {span(band)} ({rule}); {scene.labels} with {modes} modes"
+                    + (", static responses to the contact joined" if scene.ports else ""))
+    return work.result(data, text)

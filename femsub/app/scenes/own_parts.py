@@ -3,33 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import (
-    FrictionContact,
-    Material,
-    Mesh,
-    ReducedSubstructure,
-    Rigid,
-    Spring,
-    Substructure,
-    System,
-    Tied,
-    couple,
-    read_component,
-    read_mesh,
-    solid,
-)
+import femsub as fs
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Result, other_method_names, run_outputs
+from femsub.app.scene import Progress, Result, other_method_names
 from femsub.app.scenes.audit import MODEL
-from femsub.app.scenes.joined_parts import Choice, JoinedScene, Over, compared, system_modes
+from femsub.app.scenes.joined_parts import Choice, JoinedRun, JoinedScene, Over
 from femsub.app.scenes.solid import motions
 from femsub.components import DIRECTIONS
 from femsub.errors import InputError, unknown_name
@@ -80,7 +64,7 @@ class PartKeys:
     modes: list[int] = key([], "numbers of modes for this part, model by model", least=0, otherwise="modes of the scene",
                            example=[5, 10])
 
-    def model(self, folder: str) -> tuple[Substructure, Mesh | None]:
+    def model(self, folder: str) -> tuple[fs.Substructure, fs.Mesh | None]:
         """The part, with the port "belt" if it has a contact, and its mesh. Of matrices the interface is the set 'interface'."""
         sources = [name for name in ("M", "mesh", "file") if getattr(self, name)]
         if len(sources) != 1:
@@ -94,8 +78,8 @@ class PartKeys:
         if not self.mesh and self.contact:
             raise InputError(f"the part {self.name!r} has matrices: name its port, not a contact")
         if self.mesh:
-            mesh = read_mesh(Path(folder) / self.mesh)
-            return solid(mesh, Material(self.E, self.nu, self.rho), supports=motions(self.supports), name=self.name,
+            mesh = fs.read_mesh(Path(folder) / self.mesh)
+            return fs.solid(mesh, fs.Material(self.E, self.nu, self.rho), supports=motions(self.supports), name=self.name,
                          interface=motions([str(one) for one in self.interface]), rayleigh=(self.rayleigh[0], self.rayleigh[1]),
                          ports={"belt": (self.contact, self.direction)} if self.contact else {}), mesh
         named = ("M", "K", "D", "dofs", "file")
@@ -104,11 +88,11 @@ class PartKeys:
         first = paths.pop("M") if file is None else file.parent if file.name == MODEL else file
         ports = {"belt": self.port} if self.port else {}
         given: dict[str, Any] = {"interface": self.interface, "ports": ports, "cutoff": self.cutoff}
-        found = read_component(first, **paths, name=self.name, massless=self.massless, drop_empty=self.drop_empty,
+        found = fs.read_component(first, **paths, name=self.name, massless=self.massless, drop_empty=self.drop_empty,
                                **{name: value for name, value in given.items() if value})
-        if isinstance(found, ReducedSubstructure) or found.sets:
+        if isinstance(found, fs.ReducedSubstructure) or found.sets:
             return found, None
-        return Substructure(found.M, found.K, found.D, {ALL: found.interface}, found.ports, self.name, found.dofs,
+        return fs.Substructure(found.M, found.K, found.D, {ALL: found.interface}, found.ports, self.name, found.dofs,
                             H=found.H), None
 
 
@@ -127,20 +111,20 @@ class JointKeys:
     tolerance: float = key(0.0, "how far places that meet may lie apart", unit="length", least=0,
                            otherwise="a small share of the distance of neighbours")
 
-    def made(self, parts: dict[str, Substructure], meshes: dict[str, Mesh]) -> Rigid | Spring | Tied:
+    def made(self, parts: dict[str, fs.Substructure], meshes: dict[str, fs.Mesh]) -> fs.Rigid | fs.Spring | fs.Tied:
         """The joint between the parts."""
         ends = [_end(one, parts) for one in self.between]
         tol = self.tolerance or None
         if self.kind == "rigid":
-            return Rigid(*ends, tol=tol)
+            return fs.Rigid(*ends, tol=tol)
         if len(ends) != 2:
             raise InputError(f"a {self.kind} joint has two ends, but between names {len(ends)}: {', '.join(self.between)}")
         if self.kind == "spring":
-            return Spring(ends[0], ends[1], stiffness=self.stiffness, damping=self.damping)
+            return fs.Spring(ends[0], ends[1], stiffness=self.stiffness, damping=self.damping)
         for end in ends:
             if end == GROUND or end[0] not in meshes:
                 raise InputError(f"a tied joint glues surfaces of meshes, but {self.between[ends.index(end)]!r} is none")
-        return Tied(ends[0], ends[1], {end[0]: meshes[end[0]] for end in ends}, tol=tol)
+        return fs.Tied(ends[0], ends[1], {end[0]: meshes[end[0]] for end in ends}, tol=tol)
 
 
 @dataclass(frozen=True)
@@ -159,9 +143,9 @@ class ContactKeys:
     speed: float = key(0.0, "velocity along direction, or angular velocity about axis (rad/time)", least=0,
                        otherwise="without damping by friction")
 
-    def made(self, meshes: dict[str, Mesh]) -> FrictionContact:
+    def made(self, meshes: dict[str, fs.Mesh]) -> fs.FrictionContact:
         """The contact without friction, mu = 0."""
-        return FrictionContact(self.between[0], self.between[1], meshes, self.stiffness, 0.0, self.pressure,
+        return fs.FrictionContact(self.between[0], self.between[1], meshes, self.stiffness, 0.0, self.pressure,
                                direction=np.array(self.direction) if self.direction else None,
                                axis=np.array(self.axis) if self.axis else None, centre=np.array(self.centre),
                                speed=self.speed or None)
@@ -206,14 +190,14 @@ class OwnPartsScene(JoinedScene):
 SCENE = OwnPartsScene
 
 
-def run(scene: OwnPartsScene, progress: Progress, more: Mapping[str, Callable[[System], Result]] | None = None) -> Result:
-    """The study over methods; `more` are outputs of a scene's own."""
+def run(scene: OwnPartsScene, progress: Progress, kind: type[JoinedRun] = JoinedRun) -> Result:
+    """The study over methods; `kind` may have outputs of a scene's own."""
     progress(f"{scene.name}: reading the parts")
     made = {part.name: part.model(scene.folder) for part in scene.parts}
     parts = {name: sub for name, (sub, _) in made.items()}
     meshes = {name: mesh for name, (_, mesh) in made.items() if mesh is not None}
     surfaces = [contact.made(meshes) for contact in scene.contacts]
-    system = couple(parts, [*(joint.made(parts, meshes) for joint in scene.joints), *surfaces], scene.name,
+    system = fs.couple(parts, [*(joint.made(parts, meshes) for joint in scene.joints), *surfaces], scene.name,
                     interface=[_end(one, parts) for one in scene.interface] or None)
     rubbing = scene.belt or next((name for name, sub in parts.items() if sub.ports), "")
     if scene.belt and not parts[scene.belt].ports:
@@ -222,17 +206,12 @@ def run(scene: OwnPartsScene, progress: Progress, more: Mapping[str, Callable[[S
     over = Over("mu", scene.full or [scene.mu[1]], (scene.mu[0], scene.mu[1])) if surfaces else None
     choices = {part.name: Choice(part.method, part.modes) for part in scene.parts if part.method or part.modes}
     data: dict[str, Any] = {"band": scene.band, "belt": rubbing, **(scene.friction if rubbing else {})}
-    joined = f"{len(scene.joints)} joint{'s' * (len(scene.joints) != 1)}"
-    text = [f"{scene.name}: {len(parts)} parts, {joined}" + (f", {scene.friction_words}" if rubbing else "")]
-    text += [repr(sub) for sub in (*parts.values(), *surfaces)]
-    outputs = {"methods": lambda: compared(scene, system, [*surfaces, *belt], scene.name, "methods", progress,
-                                           choices=choices, over=over),
-               "modes": lambda: system_modes(scene, system, meshes, scene.reference)}
-    own = {name: partial(output, system) for name, output in (more or {}).items()}
-    return run_outputs(scene.outputs, lambda output: (outputs | own)[output](), data, text)
+    text = [f"{scene.name}: {len(parts)} parts, {len(scene.joints)} joint{'s' * (len(scene.joints) != 1)}"
+            + (f", {scene.friction_words}" if rubbing else ""), *map(repr, (*parts.values(), *surfaces))]
+    return kind(scene, progress, system, [*surfaces, *belt], meshes, choices, over).result(data, text)
 
 
-def _end(said: str, parts: dict[str, Substructure]) -> Any:
+def _end(said: str, parts: dict[str, fs.Substructure]) -> Any:
     """'ground', or (part, set), (part, DOF): what `couple` takes."""
     if said == GROUND:
         return GROUND

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import Belt, State, complex_modes, transient
+from femsub import ReducedSubstructure, State, complex_modes, transient
 from femsub.app.keys import key
-from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
+from femsub.app.scene import NO_SLOPE, Progress, Result
 from femsub.app.scenes.component import Work
-from femsub.app.scenes.in_time import found_table, growth, most_unstable, signals, spectra, spectrograms, track, verdict, whole
+from femsub.app.scenes.in_time import InTime, found_table, most_unstable, track, verdict, whole
 from femsub.app.scenes.solid import SolidScene
 from femsub.checks import Interruptible
 from femsub.errors import InputError
@@ -20,7 +21,6 @@ from femsub.modes import relative_error
 from femsub.motion import project
 from femsub.studies import Table, column, label, period_chart
 
-SETTLED = 1 / 4  # of the long run, at its end: where its spectrum is taken
 
 @dataclass(frozen=True)
 class SolidTransientScene(SolidScene):
@@ -51,11 +51,55 @@ class SolidTransientScene(SolidScene):
 SCENE = SolidTransientScene
 
 
+@dataclass(eq=False)
+class SolidTransientRun(InTime):
+    """The outputs of the disc: `final` is the state of the largest model, in its own coordinates, at the end of the long run."""
+
+    work: Work
+    final: State
+    period: float  #: of the most unstable mode
+
+    def step(self, name: str, text: str) -> None:
+        """Reports a step of a model's run."""
+        self.say(f"{name}, {text}")
+
+    def error_time(self) -> Result:
+        """Full and reduced models from one physical state: amplitude, its error, and seconds per period."""
+        scene, reference, rows = self.scene, self.tracks[0].model, list[dict[str, Any]]()
+        assert isinstance(reference, ReducedSubstructure)
+        state = [reference.expand(part) for part in (self.final.displacement, self.final.velocity)]
+        exact = 0.0
+        with Interruptible() as course:
+            for kind, modes, model in self.work.models:
+                full = kind == "full"
+                start = State(*(project(model, self.work.sub.M, part) for part in state)) if isinstance(
+                    model, ReducedSubstructure) else State(*state)
+                name = f"{label(kind)} with {model.size} DOF"
+                runs = [whole(transient(model, self.belt, (0.0, scene.compared * self.period), start=start,
+                                        step=self.period / scene.points, tol=scene.full_tol if full else scene.tol,
+                                        method="alpha" if full else "lsoda", progress=partial(self.step, name)))
+                        for _ in range(1 if full else scene.repeats)]
+                v = runs[0].velocity("belt")
+                amplitude = float(v[len(v) // 2:].std())
+                exact = amplitude if full else exact
+                seconds = float(np.median([item.effort.seconds for item in runs])) / scene.compared
+                rows.append({"model": kind, "modes": modes, "size": model.size, "rms": amplitude,
+                             "amplitude_error": relative_error(amplitude, exact), "seconds_per_period": seconds,
+                             "speedup": rows[0]["seconds_per_period"] / seconds if rows else 1.0, "steps": runs[0].effort.steps,
+                             "energy_residual": runs[0].energy.residual, "method": runs[0].effort.method})
+        columns = ["model", "modes", "size", column("rms", form=".6g"), column("amplitude_error", "error", ".1e"),
+                   column("seconds_per_period", "s per period", ".2g"), column("speedup", "times faster", ".4g"), "steps",
+                   "energy_residual"]
+        return Result({"error-time": rows} | ({} if course.complete else {"complete": False}), [
+            f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)",
+            Table("error-time", rows, columns, "Error against run time"), *([period_chart(rows)] if len(rows) > 1 else [])])
+
+
 def run(scene: SolidTransientScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     work, belt = Work(scene, progress), scene.rubbing
-    models = [(method.key, rom.modes, rom) for method, rom in work.reduced]
-    kind, _, reference = max(reversed(models), key=lambda item: (item[0] == models[-1][0], item[2].size))
+    kind = work.reduced[-1][0].key
+    reference = max((rom for method, rom in reversed(work.reduced) if method.key == kind), key=lambda rom: rom.size)
     modes = complex_modes(reference, belt)
     at = most_unstable(modes)
     if at is None:
@@ -63,61 +107,18 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
                          f"{belt.force:g}; take a larger force, less damping or another speed")
     value = complex(modes.eigenvalues[at])
     rate, omega, period = value.real, value.imag, 2 * np.pi / value.imag
-    step = period / scene.points
-
-    def saying(name: str) -> Callable[[str], None]:
-        return lambda text: work.say(f"{name}, {text}")
-
-    long = transient(reference, belt, (0.0, scene.periods * period), impulse=scene.impulse, step=step, tol=scene.tol,
-                     progress=saying(f"{label(kind)} from the blow"))
-    window = ((1 - SETTLED) * long.t[-1], float(long.t[-1])) if long.complete else (0.0, 0.0)
+    long = transient(reference, belt, (0.0, scene.periods * period), impulse=scene.impulse, step=period / scene.points,
+                     tol=scene.tol, progress=lambda text: work.say(f"{label(kind)} from the blow, {text}"))
+    # its last quarter has settled
+    window = (3 / 4 * long.t[-1], float(long.t[-1])) if long.complete else (0.0, 0.0)
     tracks = [track(kind, reference, long, window)]
     data: dict[str, Any] = {
-        "model": repr(work.sub), "size": work.sub.size, **scene.friction,
-        "rayleigh": scene.rayleigh,
+        "model": repr(work.sub), "size": work.sub.size, **scene.friction, "rayleigh": scene.rayleigh,
         "growth": rate, "omega": omega, "period": period, "periods": scene.periods, "compared": scene.compared,
-        "impulse": scene.impulse, "tol": scene.tol, "full_tol": scene.full_tol, "models": [item.row for item in tracks]}
+        "impulse": scene.impulse, "tol": scene.tol, "full_tol": scene.full_tol, "models": [item.row for item in tracks],
+        "complete": True}
     shown = [f"{scene.name}: {work.sub!r}\n{scene.friction_words}; a mode at {omega:.6g} rad/time grows (Re λ = {rate:.5g})",
-            "", f"From a blow of {scene.impulse:g} over {scene.periods:g} periods", found_table(data["models"]), verdict(tracks)]
-    views: dict[str, Callable[[], Result]] = {
-        "growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt),
-        "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
-        "spectrogram": lambda: spectrograms(tracks, 20 * period)}
-
-    def error_time() -> Result:
-        state = State(reference.expand(long.final.displacement), reference.expand(long.final.velocity))
-        return _error_time(scene, work, belt, state, period, work.models, saying)
-
-    views["error-time"] = error_time
-    return run_outputs(scene.outputs, lambda output: views[output](), data | {"complete": True}, shown, long.complete,
-                       ["error-time"])
-
-
-def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State, period: float,
-                models: list[tuple[str, int, Any]], saying: Callable[[str], Callable[[str], None]]) -> Result:
-    """Full and reduced models from one physical state: amplitude, its error, and seconds per period."""
-    rows: list[dict[str, Any]] = []
-    exact = 0.0
-    with Interruptible() as course:
-        for kind, modes, model in models:
-            start = state if kind == "full" else State(*(project(model, work.sub.M, part) for part in
-                                                         (state.displacement, state.velocity)))
-            tol, method, times = (scene.full_tol, "alpha", 1) if kind == "full" else (scene.tol, "lsoda", scene.repeats)
-            say = saying(f"{label(kind)} with {model.size} DOF")
-            runs = [whole(transient(model, belt, (0.0, scene.compared * period), start=start, step=period / scene.points, tol=tol,
-                                    method=method, progress=say)) for _ in range(times)]
-            v = runs[0].velocity("belt")
-            amplitude = float(v[len(v) // 2:].std())
-            exact = amplitude if kind == "full" else exact
-            seconds = float(np.median([item.effort.seconds for item in runs])) / scene.compared
-            rows.append({"model": kind, "modes": modes, "size": model.size, "rms": amplitude,
-                         "amplitude_error": relative_error(amplitude, exact), "seconds_per_period": seconds,
-                         "speedup": rows[0]["seconds_per_period"] / seconds if rows else 1.0, "steps": runs[0].effort.steps,
-                         "energy_residual": runs[0].energy.residual, "method": runs[0].effort.method})
-    columns = ["model", "modes", "size", column("rms", form=".6g"), column("amplitude_error", "error", ".1e"),
-               column("seconds_per_period", "s per period", ".2g"), column("speedup", "times faster", ".4g"), "steps",
-               "energy_residual"]
-    head = f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)"
-    data = {"error-time": rows} | ({} if course.complete else {"complete": False})
-    return Result(data, [head, Table("error-time", rows, columns, "Error against run time"),
-                         *([period_chart(rows)] if len(rows) > 1 else [])])
+             "", f"From a blow of {scene.impulse:g} over {scene.periods:g} periods", found_table(data["models"]), verdict(tracks)]
+    models = [(method.key, rom) for method, rom in work.reduced]
+    return SolidTransientRun(scene, progress, belt, models, tracks, 20 * period, work, long.final, period).result(
+        data, shown, long.complete, ["error-time"])

@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import ReducedSubstructure, System, audit
+from femsub import ReducedSubstructure, audit
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Result
+from femsub.app.scene import Result
 from femsub.app.scenes import own_parts
+from femsub.app.scenes.joined_parts import JoinedRun
 from femsub.app.scenes.own_parts import JointKeys, OwnPartsScene, PartKeys
 from femsub.studies import Remark, Table, column
 
@@ -38,34 +39,35 @@ class SuperelementsScene(OwnPartsScene):
 SCENE = SuperelementsScene
 
 
-def run(scene: SuperelementsScene, progress: Progress) -> Result:
-    """What was read, its audit, the frequencies of the system, and the study over methods."""
-    return own_parts.run(scene, progress, {"parts": partial(_parts, scene, progress)})
+class SuperelementsRun(JoinedRun):
+    """The outputs of superelements that are joined."""
+
+    def parts(self) -> Result:
+        """What was read of each part that is a reduced model, and the audit's statements."""
+        rows: list[dict[str, Any]] = []
+        checks: list[dict[str, Any]] = []
+        masses: list[str] = []
+        faults: list[str] = []
+        unknown: list[str] = []
+        for name, part in self.system.parts.items():
+            if not isinstance(part, ReducedSubstructure):
+                continue
+            self.say(f"checking {name}")
+            found = audit(part, units=self.scene.units)
+            dofs, full = part.interface_dofs, part.full_dofs
+            frames = [at for at, label in enumerate(full.labels) if "@" in label] if full else []  # which the files do not say
+            rows.append({"part": name, "size": part.size, "interface": len(part.interface_numbers), "modes": part.modes,
+                         "cutoff": part.cutoff, "recovered": len(part.V), "grids": len(np.unique(dofs.nodes)) if dofs else None,
+                         "own_frame": int(np.isin(full.components, frames).sum()) if full else None, "trusted": found.trusted,
+                         "faults": len(found.faults), "unknown": len(found.unknown)})
+            checks += [{"part": name, **row} for row in found.tables[0].rows]
+            masses += [f"{name}: {one.said}" for one in found.findings if one.what == "mass and inertia"]
+            faults += [f"{name}: {one.what}: {one.said}. {one.todo}." for one in found.faults]
+            unknown += [f"{name}: {one.what}: {one.said}." for one in found.unknown]
+        table = Table("superelements", rows, COLUMNS, "Superelements")
+        return Result({"superelements": rows, "checks": checks}, [
+            "Superelements as they were read, and checked by themselves:", table, *masses,
+            Table("checks", checks, (), "Checks of superelements"), Remark(faults, unknown)])
 
 
-def _parts(scene: SuperelementsScene, progress: Progress, system: System) -> Result:
-    """What was read of each part that is a reduced model, and the audit's statements."""
-    rows: list[dict[str, Any]] = []
-    checks: list[dict[str, Any]] = []
-    masses: list[str] = []
-    faults: list[str] = []
-    unknown: list[str] = []
-    for name, part in system.parts.items():
-        if not isinstance(part, ReducedSubstructure):
-            continue
-        progress(f"{scene.name}: checking {name}")
-        found = audit(part, units=scene.units)
-        dofs, full = part.interface_dofs, part.full_dofs
-        frames = [at for at, label in enumerate(full.labels) if "@" in label] if full else []  # which the files do not say
-        rows.append({"part": name, "size": part.size, "interface": len(part.interface_numbers), "modes": part.modes,
-                     "cutoff": part.cutoff, "recovered": len(part.V), "grids": len(np.unique(dofs.nodes)) if dofs else None,
-                     "own_frame": int(np.isin(full.components, frames).sum()) if full else None, "trusted": found.trusted,
-                     "faults": len(found.faults), "unknown": len(found.unknown)})
-        checks += [{"part": name, **row} for row in found.tables[0].rows]
-        masses += [f"{name}: {one.said}" for one in found.findings if one.what == "mass and inertia"]
-        faults += [f"{name}: {one.what}: {one.said}. {one.todo}." for one in found.faults]
-        unknown += [f"{name}: {one.what}: {one.said}." for one in found.unknown]
-    table = Table("superelements", rows, COLUMNS, "Superelements")
-    return Result({"superelements": rows, "checks": checks}, [
-        "Superelements as they were read, and checked by themselves:", table, *masses,
-        Table("checks", checks, (), "Checks of superelements"), Remark(faults, unknown)])
+run = partial(own_parts.run, kind=SuperelementsRun)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
-from femsub.app.scenes.flutter import FlutterScene, flutter
+from femsub.app.scenes.flutter import Flutter, FlutterScene
 from femsub.components import two_mode, two_mode_critical
 
 
@@ -26,6 +26,6 @@ SCENE = TwoModeScene
 def run(scene: TwoModeScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     pairs = {f"d1 = {d:g}, d2 = {scene.ratio * d:g}": (d, scene.ratio * d) for d in scene.damping}
-    return flutter(scene, {name: two_mode(pair) for name, pair in pairs.items()}, "mu",
-                   {name: two_mode_critical(pair) for name, pair in pairs.items()}, "μ",
-                   {"damping": scene.damping, "ratio": scene.ratio}, progress, unit="-")
+    exact = {name: two_mode_critical(pair) for name, pair in pairs.items()}
+    flutter = Flutter(scene, progress, {name: two_mode(pair) for name, pair in pairs.items()}, "mu", exact, "μ", unit="-")
+    return flutter.run({"damping": scene.damping, "ratio": scene.ratio})

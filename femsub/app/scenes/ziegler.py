@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
-from femsub.app.scenes.flutter import FlutterScene, flutter
+from femsub.app.scenes.flutter import Flutter, FlutterScene
 from femsub.components import ziegler, ziegler_critical
 
 
@@ -24,7 +24,6 @@ SCENE = ZieglerScene
 
 def run(scene: ZieglerScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
-    names = {f"b = {b:g}": b for b in scene.damping}
-    return flutter(scene, {name: ziegler(b) for name, b in names.items()}, "P",
-                   {name: ziegler_critical(b) for name, b in names.items()}, "P l/k", {"damping": scene.damping}, progress,
-                   unit="-")
+    models = {f"b = {b:g}": ziegler(b) for b in scene.damping}
+    exact = {f"b = {b:g}": ziegler_critical(b) for b in scene.damping}
+    return Flutter(scene, progress, models, "P", exact, "P l/k", unit="-").run({"damping": scene.damping})
