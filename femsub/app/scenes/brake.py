@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
+from femsub import studies
 from femsub.app.keys import key
 from femsub.app.scene import RIGID, Picture, Progress, Result, Run, Scene, Shown
 from femsub.app.scenes.joined_parts import by_kind
@@ -20,20 +21,7 @@ from femsub.checks import NOT_CHECKED, Array
 from femsub.coupling import brake_meshes, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
 from femsub.reduction import METHODS
-from femsub.studies import (
-    Loss,
-    Remark,
-    Row,
-    Study,
-    Table,
-    affine_over,
-    column,
-    first_loss,
-    flutter_chart,
-    friction_errors_chart,
-    span,
-    study_choice,
-)
+from femsub.studies import Loss, Remark, Row, Study, Table, column, span
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -149,7 +137,7 @@ class Brake(Run):
     @cached_property
     def affine(self) -> fs.Affine:
         """The best reduced model over μ."""
-        return affine_over(self.best, self.contacts(0.0), "mu", self.range)
+        return studies.affine_over(self.best, self.contacts(0.0), "mu", self.range)
 
     @cached_property
     def all_critical(self) -> fs.CriticalValue:
@@ -217,7 +205,7 @@ class Brake(Run):
             own, full = (Loss(one.critical, one.omega, one.reason) for one in (row, self.compared.full))
         else:
             self.say("the critical μ")
-            look = partial(first_loss, contacts=self.contacts(0.0), parameter="mu", between=self.range, band=self.band)
+            look = partial(studies.first_loss, contacts=self.contacts(0.0), parameter="mu", between=self.range, band=self.band)
             own = look(self.best)
             full = look(self.system, near=own.value)
         if full.reason and np.isfinite(own.value):
@@ -277,11 +265,11 @@ class Brake(Run):
             "it has no critical μ in the range"
         head = (f"Reduced models against the full one, which takes {found.full.solution.median:.1f} s per μ; {known}. Parts "
                 "reduced by a method are then reduced by contact modes")
-        rows, choice = found.flat, study_choice(found, scene.tolerance)
+        rows, choice = found.flat, studies.study_choice(found, scene.tolerance)
         data = {"error-time": {"parameter": "mu", "values": scene.full, "rows": rows, "left_out": found.left_out,
                                "recommendation": choice.sentence, "recommended": choice.row}}
         return Result(data, [head, str(found), choice.sentence, Table("error-time", rows, title="Error against run time"),
-                             friction_errors_chart(found, scene.name, "error-time"), choice])
+                             studies.friction_errors_chart(found, scene.name, "error-time"), choice])
 
     def flutter(self) -> Result:
         """Eigenvalues over μ of the best reduced model, and of the full one where it was solved; the critical μ of both."""
@@ -311,7 +299,7 @@ class Brake(Run):
             words, repr(followed).replace(" over mu ", " over μ "),
             Remark([f"Loss of stability in the flutter diagram: {losses}."] if losses else ()),
             Table("flutter", rows, title="Eigenvalues over μ"),
-            flutter_chart("flutter", {name: followed}, lost, "μ  [-]", scene.name, {
+            studies.flutter_chart("flutter", {name: followed}, lost, "μ  [-]", scene.name, {
                 f"full model of {self.system.size} DOF": crosses})])
 
     def losses(self) -> Result:

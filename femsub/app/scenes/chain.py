@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from femsub import Belt, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
+from femsub import Belt, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, studies, study, sweep
 from femsub.app.figures import belt_sweep_figure
 from femsub.app.keys import key
 from femsub.app.scene import Picture, Progress, Result, Run, Scene
@@ -18,21 +18,7 @@ from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
 from femsub.modes import relative_error
 from femsub.reduction import METHODS
-from femsub.studies import (
-    Loss,
-    Study,
-    Table,
-    belt_places_chart,
-    column,
-    eigenvalue_chart,
-    error_time_chart,
-    first_loss,
-    friction_chart,
-    size_sweep_chart,
-    span,
-    stability_remark,
-    study_choice,
-)
+from femsub.studies import Loss, Study, Table, column, span
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -138,7 +124,7 @@ class ChainRun(Run):
 
     def border(self, model: Substructure) -> Loss:
         """Critical slope and frequency in the scene's band; NaN and the reason where there is none to be had."""
-        return first_loss(model, self.contact, "slope", None, self.band)
+        return studies.first_loss(model, self.contact, "slope", None, self.band)
 
     def friction(self) -> Result:
         scene = self.scene
@@ -148,7 +134,7 @@ class ChainRun(Run):
         curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)}
                   for name in LAWS for eps in sorted({1e-1, 1e-2, 1e-3, scene.eps}, reverse=True)]
         return Result({"friction": {"speed": speeds, "curves": curves}}, [
-            friction_chart(speeds, curves, titles, scene.speed, self.contact.slope or 0.0)])
+            studies.friction_chart(speeds, curves, titles, scene.speed, self.contact.slope or 0.0)])
 
     def critical_slope(self) -> Result:
         rows: list[dict[str, Any]] = []
@@ -167,7 +153,7 @@ class ChainRun(Run):
             f"Critical slopes dμ/dv in the band {span(self.band)}",
             Table("critical-slope", rows, columns, "Critical slopes", keys=4),
             *dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"]),
-            belt_places_chart(rows, masses(self.scene.interface))])
+            studies.belt_places_chart(rows, masses(self.scene.interface))])
 
     def belt_sweep(self) -> Result:
         slopes, scene, panels = -np.geomspace(1e-3, 0.4, 60), self.scene, []
@@ -205,7 +191,8 @@ class ChainRun(Run):
             f"Relative error of the critical slope in the band {span(self.band)}, belt under m{scene.belt}",
             Table("", wide, columns, keys=2,
                   none="the band reaches above the model's cut-off, or the model has no DOF beside its interface"),
-            Table("size-sweep", rows, title="Critical slope over the model's size"), size_sweep_chart(curves, scene.belt)])
+            Table("size-sweep", rows, title="Critical slope over the model's size"),
+            studies.size_sweep_chart(curves, scene.belt)])
 
     def eigenvalues(self) -> Result:
         scene, belt, models = self.scene, self.contact, list[dict[str, Any]]()
@@ -234,22 +221,23 @@ class ChainRun(Run):
         return Result({"eigenvalues": {"belt": scene.belt, "models": models, "rows": rows}}, [
             f"Complex modes, belt under m{scene.belt}, dμ/dv = {belt.slope:.5g}", said,
             Table("eigenvalues", rows, title="Eigenvalues"),
-            eigenvalue_chart(panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}"), stability_remark(models)], files)
+            studies.eigenvalue_chart(panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}"),
+            studies.stability_remark(models)], files)
 
     def error_time(self) -> Result:
-        scene, studies = self.scene, dict[str, Study]()
+        scene, compared = self.scene, dict[str, Study]()
         for sub in self.models(scene.belt):
             methods = [METHODS[name](size - len(sub.interface)) for name in scene.methods for size in scene.sizes
                        if size >= len(sub.interface)]
-            studies[place(sub)] = study(sub, methods, self.band, contacts=self.contact, repeats=scene.repeats, held=True,
-                                        progress=self.progress)
-        rows = [{"interface": interface, **row} for interface, found in studies.items() for row in found.flat]
-        said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies.items())
-        choices = {interface: study_choice(found, where=f"interface {interface}") for interface, found in studies.items()}
-        recommended = [{"interface": interface, "sentence": one.sentence, "model": one.row} for interface, one in choices.items()]
+            compared[place(sub)] = study(sub, methods, self.band, contacts=self.contact, repeats=scene.repeats, held=True,
+                                         progress=self.progress)
+        rows = [{"interface": interface, **row} for interface, found in compared.items() for row in found.flat]
+        said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in compared.items())
+        choices = {name: studies.study_choice(found, where=f"interface {name}") for name, found in compared.items()}
+        recommended = [{"interface": name, "sentence": one.sentence, "model": one.row} for name, one in choices.items()]
         data = {"rows": rows, "band": scene.band, "repeats": scene.repeats, "recommended": recommended}
         return Result({"error-time": data}, [said, Table("error-time", rows, title="Error against run time"),
-                                             error_time_chart(list(studies.items())), *choices.values()])
+                                             studies.error_time_chart(list(compared.items())), *choices.values()])
 
 
 def run(scene: ChainScene, progress: Progress) -> Result:

@@ -8,37 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from femsub import (
-    Belt,
-    ComplexModes,
-    Substructure,
-    Transient,
-    complex_modes,
-    growth_rate,
-    rms,
-    spectrogram,
-    spectrum,
-    sticking,
-    transient,
-)
+import femsub as fs
+from femsub import growth_rate, studies, transient
 from femsub.app.figures import spectrogram_figure
 from femsub.app.scene import Picture, Progress, Result, Run
 from femsub.checks import Interruptible
-from femsub.modes import relative_error
+from femsub.modes import ComplexModes, relative_error
 from femsub.motion import Spectrum, sliding
-from femsub.studies import (
-    NEVER,
-    Remark,
-    Table,
-    Verdict,
-    column,
-    label,
-    named,
-    sentence,
-    signals_chart,
-    spectra_chart,
-    table_rows,
-)
+from femsub.studies import NEVER, Remark, Table, Verdict, column, label, named, sentence
 
 
 @dataclass(frozen=True)
@@ -46,21 +23,21 @@ class Track:
     """One model's run and what is seen of it in the window; None where it was interrupted before there was enough."""
 
     kind: str  #: 'full', or the method's key
-    model: Substructure
-    run: Transient
+    model: fs.Substructure
+    run: fs.Transient
     window: tuple[float, float]
     spectrum: Spectrum | None
     row: dict[str, Any]
 
 
-def whole(run: Transient) -> Transient:
+def whole(run: fs.Transient) -> fs.Transient:
     """The run, if it went to its end; an interruption goes on to whoever keeps what is done (`Interruptible`)."""
     if not run.complete:
         raise KeyboardInterrupt
     return run
 
 
-def track(kind: str, model: Substructure, run: Transient, window: tuple[float, float]) -> Track:
+def track(kind: str, model: fs.Substructure, run: fs.Transient, window: tuple[float, float]) -> Track:
     """What a run shows in the window: amplitude, frequencies, sticking."""
     v = run.velocity("belt")
     row: dict[str, Any] = {"model": kind, "size": model.size, "window": list(window), "rms": None, "peaks": None, "heights": None,
@@ -69,9 +46,9 @@ def track(kind: str, model: Substructure, run: Transient, window: tuple[float, f
     inside = (run.t >= window[0]) & (run.t <= window[1])
     seen = None
     if run.complete and inside.sum() > 64:
-        seen = spectrum(run.t, v, window)
-        row |= {"rms": rms(run.t, v, window), "peaks": seen.peaks, "heights": seen.heights,
-                "sticking": None if run.contact.without_eps else sticking(run, "belt", window)}
+        seen = fs.spectrum(run.t, v, window)
+        row |= {"rms": fs.rms(run.t, v, window), "peaks": seen.peaks, "heights": seen.heights,
+                "sticking": None if run.contact.without_eps else fs.sticking(run, "belt", window)}
     return Track(kind, model, run, window, seen, row)
 
 
@@ -111,8 +88,8 @@ class InTime(Run):
 
     scene: Any
     progress: Progress
-    belt: Belt
-    models: Sequence[tuple[str, Substructure]]
+    belt: fs.Belt
+    models: Sequence[tuple[str, fs.Substructure]]
     tracks: Sequence[Track]
     length: float  #: of the window of a spectrogram
 
@@ -130,7 +107,7 @@ class InTime(Run):
         measured = ("growth", "growth_of_cea", "omega", "omega_of_cea", "error")
         with Interruptible() as work:
             for kind, model in self.models:
-                modes = complex_modes(model, belt)
+                modes = fs.complex_modes(model, belt)
                 found = dict.fromkeys(measured)
                 if (at := most_unstable(modes)) is not None:  # else too few modes: what grows lies above this model's cut-off
                     # from a velocity `faint` until it should be `still`, and for a dozen periods at least
@@ -156,7 +133,7 @@ class InTime(Run):
 
     def signals(self) -> Result:
         """Velocities under the belt: all of the run, and the last ten periods."""
-        return Result({}, [signals_chart(self.tracks)] * any(len(item.run.t) > 1 for item in self.tracks))
+        return Result({}, [studies.signals_chart(self.tracks)] * any(len(item.run.t) > 1 for item in self.tracks))
 
     @property
     def highest(self) -> float:
@@ -169,12 +146,12 @@ class InTime(Run):
         rows = [{"model": item.kind, "size": item.model.size, "omega": at, "amplitude": height} for item in self.known
                 for at, height in zip(item.row["peaks"], item.row["heights"], strict=True)]
         return Result({"spectrum": rows}, [Table("spectrum", rows, title="Peaks of the spectra"), *(
-            [spectra_chart(self.known, self.highest)] if self.known else [])])
+            [studies.spectra_chart(self.known, self.highest)] if self.known else [])])
 
     def spectrogram(self) -> Result:
         """Short-time spectra of the whole runs, on one scale."""
         length = self.length
-        made = [(item, spectrogram(item.run.t, item.run.velocity("belt"), length)) for item in self.tracks
+        made = [(item, fs.spectrogram(item.run.t, item.run.velocity("belt"), length)) for item in self.tracks
                 if len(item.run.t) and np.ptp(item.run.t) > 2 * length]
         rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,
                  "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
@@ -194,7 +171,7 @@ class InTime(Run):
         exact, reduced = known[0], known[1:]
         measured = [{"model": item.kind, "error_frequency": relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
                      "error_amplitude": relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
-        rows = table_rows(exact.model, [item.model for item in reduced], self.belt, measured)
+        rows = studies.table_rows(exact.model, [item.model for item in reduced], self.belt, measured)
         columns = ["model", "size", column("missing_share", "missing", ".0%"), column("spurious_share", "spurious", ".0%"),
                    column("growth_error", "err Re λ", ".1%"), column("projection_loss", "loss", ".1%"),
                    column("compliance_mean", "compliance", ".1%"), column("error_frequency", "err ω in time", ".1%"),

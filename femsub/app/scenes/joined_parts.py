@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 import femsub as fs
+from femsub import studies
 from femsub.app.figures import parts_figure
 from femsub.app.keys import key
 from femsub.app.scene import RIGID, Picture, Progress, Result, Run, Scene, Shown, method_keys, other_method_names
@@ -17,16 +18,7 @@ from femsub.app.scenes.outputs import Drawn, mode_rows, mode_views, vtu
 from femsub.checks import Array
 from femsub.modes import NEAR, match
 from femsub.reduction import METHODS, PORT_LIMIT, Method
-from femsub.studies import (
-    Remark,
-    Table,
-    all_frequencies,
-    column,
-    elastic,
-    errors_chart,
-    friction_errors_chart,
-    study_choice,
-)
+from femsub.studies import Remark, Table, column, elastic
 
 if TYPE_CHECKING:
     from femsub.model import Contacts
@@ -133,7 +125,7 @@ class JoinedRun(Run):
         found = fs.study(system, methods, self.band, contacts=self.contacts, ports=scene.ports, repeats=scene.repeats,
                          held=over is None, progress=self.progress, **(over._asdict() if over else {}))
         rows, best = found.flat, found.recommended(scene.tolerance)
-        choice = study_choice(found, scene.tolerance, name.removeprefix("methods").strip("-").replace("-", " "))
+        choice = studies.study_choice(found, scene.tolerance, name.removeprefix("methods").strip("-").replace("-", " "))
         # natural frequencies of the full system in the band, and beside them those of the recommended model
         frequencies: list[dict[str, Any]] = []
         said: list[Shown] = []
@@ -144,7 +136,7 @@ class JoinedRun(Run):
             of, columns = "", ["mode", "omega"]
             if best is not None:
                 of, columns = f", and of {best.label} with {best.size} DOF", [*columns, "reduced", "error"]
-                theirs = all_frequencies(found.models[found.rows.index(best)])
+                theirs = studies.all_frequencies(found.models[found.rows.index(best)])
                 for at, to in zip(*match(own, theirs), strict=True):
                     if abs(theirs[to] - own[at]) <= NEAR * own[at]:
                         frequencies[at] |= {"reduced": theirs[to], "error": abs(theirs[to] - own[at]) / own[at]}
@@ -170,7 +162,7 @@ class JoinedRun(Run):
         return Result({name: data}, [
             f"{title}: {system!r}", str(found), *notes, choice.sentence, *said,
             Table(name, rows, title="Methods, error against run time"),
-            (friction_errors_chart if over else errors_chart)(found, title, name), choice])
+            (studies.friction_errors_chart if over else studies.errors_chart)(found, title, name), choice])
 
     def parts(self) -> Result:
         """The parts in colours, parts.png; and parts.vtu with the number of the part, counted from 1, at each node."""

@@ -10,21 +10,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub import (
-    ComplexModes,
-    CraigBampton,
-    FrequencyResponse,
-    Mesh,
-    NormalModes,
-    ReducedSubstructure,
-    Substructure,
-    complex_modes,
-    damped,
-    frequency_response,
-    io,
-    normal_modes,
-    study,
-)
+import femsub as fs
+from femsub import studies
 from femsub.app.figures import shapes_figure
 from femsub.app.moving import mode_file
 from femsub.app.scene import Picture, Progress, Result, Scene, Shown
@@ -32,22 +19,7 @@ from femsub.app.scenes.component import ComponentScene, Work
 from femsub.checks import Array
 from femsub.model import in_band
 from femsub.modes import beside_the_full, listed, relative_error
-from femsub.studies import (
-    Advice,
-    Remark,
-    Table,
-    column,
-    critical_slopes_chart,
-    eigenvalue_chart,
-    error_time_chart,
-    first_loss,
-    label,
-    response_chart,
-    span,
-    springs_chart,
-    stability_remark,
-    study_choice,
-)
+from femsub.studies import Advice, Remark, Table, column, label, span
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -56,10 +28,10 @@ NO_GROWTH = "no eigenvalue up to ω"
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of springs to the own static stiffness at the interface
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 
-Drawn = tuple[Mesh, Array]
+Drawn = tuple[fs.Mesh, Array]
 
 
-def mode_rows(found: NormalModes) -> list[dict[str, Any]]:
+def mode_rows(found: fs.NormalModes) -> list[dict[str, Any]]:
     """The rows of a table of normal modes."""
     return [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
             for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
@@ -79,21 +51,22 @@ def mode_views(scene: Scene, frequencies: Array, drawn: Mapping[str, Drawn], mar
     return pictures, files
 
 
-def lowest_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, marks: Mapping[str, Array], most: int = 6) -> Any:
+def lowest_figure(mesh: fs.Mesh, shapes: Array, titles: Sequence[str], title: str, marks: Mapping[str, Array],
+                  most: int = 6) -> Any:
     """A picture of the first `most` of real shapes (nodes, 3, k): more would be too small to be seen."""
     return shapes_figure(mesh, shapes[..., :most], titles[:most], title, marks)
 
 
-def page_mode(scene: Scene, mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str, Writer]:
+def page_mode(scene: Scene, mesh: fs.Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str, Writer]:
     """The file of a complex shape u (nodes, 3) for the page, if one is asked for."""
     return mode_file(mesh, u, f"least stable mode{title}", complex(eigenvalue)) if scene.paged else {}
 
 
-def vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
-    file.write(io.mesh_bytes(mesh, shapes))
+def vtu(mesh: fs.Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
+    file.write(fs.io.mesh_bytes(mesh, shapes))
 
 
-def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[str, Any]:
+def comparable(exact: fs.ComplexModes, found: fs.ComplexModes, limit: float) -> dict[str, Any]:
     """What is shown of a model, and of it and of the full one: how many λ have 0 ≤ Im λ ≤ limit, and their largest Re λ.
 
     What the full model has beyond the cut-off of a reduced one is no part of the comparison.
@@ -105,34 +78,34 @@ def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[s
     return data
 
 
-def least_stable(modes: ComplexModes) -> int | None:
+def least_stable(modes: fs.ComplexModes) -> int | None:
     """The eigenvalue with the largest Re λ that oscillates."""
     moving = np.flatnonzero(~modes.rigid & (modes.eigenvalues.imag > 0))
     return int(moving[np.argmax(modes.eigenvalues.real[moving])]) if len(moving) else None
 
 
-def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str = "least-stable",
+def motion_files(mesh: fs.Mesh, shape: Array, omega: float, named: str, title: str = "least-stable",
                  phases: int = 12) -> dict[str, Writer]:
     """Re(u e^(iωt)) at so many `phases` of a period: a .pvd file, which ParaView animates, and the file of each phase in it."""
-    bare = Mesh(mesh.points, mesh.cells, mesh.kind)
+    bare = fs.Mesh(mesh.points, mesh.cells, mesh.kind)
     times = {f"{title}/phase-{k:02d}.vtu": 2 * np.pi * k / phases / omega for k in range(phases)}
 
     def phase(time: float, file: BinaryIO) -> None:
         vtu(bare, {f"displacement {named}": (shape * np.exp(1j * omega * time)).real}, file)
 
     def series(file: BinaryIO) -> None:
-        file.write(io.series_bytes(times))
+        file.write(fs.io.series_bytes(times))
 
     files: dict[str, Writer] = {f"{title}.pvd": series}
     return files | {name: partial(phase, time) for name, time in times.items()}
 
 
-def _frequencies(model: Substructure, springs: Array, count: int) -> Array:
+def _frequencies(model: fs.Substructure, springs: Array, count: int) -> Array:
     B = sp.csr_array(model.interface_rows)
     added = B.T @ sp.diags_array(springs) @ B
     if not sp.issparse(model.K):
         added = added.toarray()
-    modes = normal_modes(Substructure(model.M, model.K + added, name=model.name), count=count)
+    modes = fs.normal_modes(fs.Substructure(model.M, model.K + added, name=model.name), count=count)
     return modes.frequencies[modes.rigid:]
 
 
@@ -160,9 +133,9 @@ class ComponentRun(Work):
         rows: list[dict[str, Any]] = []
         for name, modes, model in self.models:
             self.say(f"critical slope, {label(name)} with {model.size} DOF")
-            slope, omega, reason = first_loss(model, self.belt, "slope", None, band)
+            slope, omega, reason = studies.first_loss(model, self.belt, "slope", None, band)
             full = rows[0]["slope"] if rows else slope
-            port_error = model.port_error.get("belt", 0.0) if isinstance(model, ReducedSubstructure) else 0.0
+            port_error = model.port_error.get("belt", 0.0) if isinstance(model, fs.ReducedSubstructure) else 0.0
             rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
                          "error": relative_error(slope, full), "port_error": port_error, "reason": reason})
         self.slopes = [row["slope"] for row in rows]
@@ -174,19 +147,19 @@ class ComponentRun(Work):
                          f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * band[1]:.3g}, {band[1]:.6g}]")
         return Result({"critical-slope": rows}, ["Critical slopes dμ/dv in the band",
                                                  Table("critical-slope", rows, columns, "Critical slopes", keys=3), *notes,
-                                                 critical_slopes_chart(rows)])
+                                                 studies.critical_slopes_chart(rows)])
 
     def eigenvalues(self) -> Result:
         band, _ = self.band
         self.say(f"complex modes of {self.sub.size} DOF")
-        exact = complex_modes(self.sub, self.belt, band=band)
+        exact = fs.complex_modes(self.sub, self.belt, band=band)
         at = least_stable(exact)
         spectra: list[dict[str, Any]] = []
         for name, modes, model in self.models:
             found = exact if model is self.sub else beside_the_full(model, self.belt, band=band)
             spectra.append({"model": name, "modes": modes, "size": model.size, "evidence": found.evidence,
                             "cutoff": model.cutoff, **comparable(exact, found, min(band[1], model.cutoff))})
-            if isinstance(model, ReducedSubstructure) and at is not None and len(found):
+            if isinstance(model, fs.ReducedSubstructure) and at is not None and len(found):
                 # ‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖ in the norm of M: the sine of the angle between the shapes
                 nearest = int(np.argmin(np.abs(found.eigenvalues - exact.eigenvalues[at])))
                 x, y, M = model.expand(found.shapes[:, nearest]), exact.shapes[:, at], self.sub.M
@@ -202,12 +175,12 @@ class ComponentRun(Work):
             f"Complex modes in the band, dμ/dv = {self.belt.slope:.5g} (full model: completeness {exact.evidence})",
             Table("eigenvalues", spectra, printed, "Eigenvalues", 3,
                   only=("model", "modes", "size", "up_to", "growth", "full_growth", "is_stable", "shape_error")),
-            eigenvalue_chart(panels, f"{self.scene.name}, dμ/dv = {self.belt.slope:.4g}, F = {self.belt.force:g}"),
-            stability_remark(spectra), Remark.of_completeness(exact.evidence)]
+            studies.eigenvalue_chart(panels, f"{self.scene.name}, dμ/dv = {self.belt.slope:.4g}, F = {self.belt.force:g}"),
+            studies.stability_remark(spectra), Remark.of_completeness(exact.evidence)]
         if at is None:
             return Result(data, shown)
         # the least stable shape of the last reduced model, expanded to the component
-        assert isinstance(model, ReducedSubstructure)
+        assert isinstance(model, fs.ReducedSubstructure)
         if not len(found):
             return Result(data | {"least-stable": {}}, [
                 *shown, f"{label(name)} with {modes} modes has no eigenvalue in the band: no shape is recovered"])
@@ -242,27 +215,27 @@ class ComponentRun(Work):
 
     def error_time(self) -> Result:
         scene = self.scene
-        found = study(self.sub, self.methods, self.band[0], contacts=self.belt, ports=scene.ports, repeats=scene.repeats,
+        found = fs.study(self.sub, self.methods, self.band[0], contacts=self.belt, ports=scene.ports, repeats=scene.repeats,
                       held=True, critical=self.slopes, assembly=self.assembly, progress=self.say)
-        choice = study_choice(found, scene.tolerance)
+        choice = studies.study_choice(found, scene.tolerance)
         rows = found.flat
         data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": choice.sentence,
                                                     "model": choice.row}}
         return Result(data, ["Error against run time", str(found), choice.sentence,
                              Table("error-time", rows, title="Error against run time"),
-                             error_time_chart([(f"of {len(self.sub.interface)} DOF", found)]), choice])
+                             studies.error_time_chart([(f"of {len(self.sub.interface)} DOF", found)]), choice])
 
     def frequency_response(self) -> Result:
         """The receptance at the contact, of the full model and the reduced ones, over the band."""
         scene, (lo, hi) = self.scene, self.band[0]
         omega = np.linspace(lo or hi / scene.frequencies, hi, scene.frequencies)
         acting = self.belt if scene.sliding else None
-        exact: FrequencyResponse | None = None
+        exact: fs.FrequencyResponse | None = None
         curves: list[dict[str, Any]] = []
         rows: list[dict[str, Any]] = []
         for name, modes, model in self.models:
             self.say(f"receptance, {label(name)} with {model.size} DOF")
-            found = frequency_response(damped(model, structural=scene.loss), acting, at=omega, loads="belt")
+            found = fs.frequency_response(fs.damped(model, structural=scene.loss), acting, at=omega, loads="belt")
             h = found.entry("belt", "belt")
             own = {"model": name, "modes": modes, "size": model.size}
             curve = own | {"omega": omega, "magnitude": np.abs(h), "phase": np.degrees(np.angle(h))}
@@ -296,14 +269,14 @@ class ComponentRun(Work):
         data = {"frequency-response": {"evidence": exact.evidence, "modes": exact.modes, "direct": int(exact.direct.sum()),
                                        "sliding": scene.sliding, "loss": scene.loss, "rows": rows}}
         return Result(data, [head, table, Table("frequency-response", points, title="Receptances"),
-                             response_chart(curves, f"{scene.name}: receptance at the contact {where}"), choice])
+                             studies.response_chart(curves, f"{scene.name}: receptance at the contact {where}"), choice])
 
     def joined_interface(self) -> Result:
         """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
         sub = self.sub
         if not len(sub.interface):
             return Result({"joined-interface": []}, ["Interface on springs: the component has no interface DOF"])
-        condensed = np.diag(self.reduce(CraigBampton(0)).K)[:len(sub.interface)]
+        condensed = np.diag(self.reduce(fs.CraigBampton(0)).K)[:len(sub.interface)]
         bare = sub.K.diagonal()[sub.interface]
         own = np.where(condensed > 1e-9 * bare, condensed, bare)
         rows: list[dict[str, Any]] = []
@@ -323,7 +296,7 @@ class ComponentRun(Work):
             f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
             "component's own at each interface DOF", Table("", list(models.values()), columns, keys=3),
             Table("joined-interface", rows, title="Interface on springs"),
-            springs_chart(rows, f"{self.scene.name}: interface on springs, lowest {count} frequencies")])
+            studies.springs_chart(rows, f"{self.scene.name}: interface on springs, lowest {count} frequencies")])
 
 
 def run_component(scene: ComponentScene, progress: Progress, kind: type[ComponentRun] = ComponentRun) -> Result:
