@@ -94,72 +94,54 @@ def spectrogram_figure(made: Sequence[tuple[Any, Any]], highest: float) -> Any:
 
 def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, marks: Mapping[str, Array]) -> Any:
     """Fields (nodes, 3, k), the largest displacement of each 1, side by side; `marks` are nodes, rows of the mesh, by name."""
-    count = len(titles)
+    from matplotlib.tri import Triangulation
+
+    count, flat = len(titles), mesh.dimension < 3
     columns = min(count, 3 if mesh.dimension > 1 else 2)
     rows = -(-count // columns)
-    if mesh.dimension == 1:
-        draw, upward, width, height = _lines, "w / max|w|  [-]", 4.6, 1.9
-    elif mesh.dimension == 2:
-        draw, upward, width, height = _contours, "y  [length]", 4.0, 0.5 + 3.3 * _aspect(mesh.points)
-    else:
-        draw, upward, width, height = _surfaces, "", 4.0, 0.4 + 3.6 * _aspect(seen(mesh.points)[0])
+    aspect = np.ptp((mesh.points if flat else seen(mesh.points)[0])[:, :2], axis=0)
+    high = float(np.clip(aspect[1] / aspect[0], 0.3, 2.0)) if mesh.dimension > 1 else 0.0
+    width, height = {1: (4.6, 1.9), 2: (4.0, 0.5 + 3.3 * high), 3: (4.0, 0.4 + 3.6 * high)}[mesh.dimension]
     figure = new_figure(width * columns + (1.0 if mesh.dimension > 1 else 0), height * rows + 0.8)
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    draw(figure, axes, mesh, shapes, marks)
-    for axis, label in zip(axes.ravel(), titles, strict=False):
+    order = np.argsort(mesh.points[:, 0])
+    for axis, u, label in zip(axes.ravel(), np.moveaxis(shapes, -1, 0), titles, strict=False):
         axis.set_title(label)
+        if not flat:
+            scale = draw_solid(axis, mesh, u, marks)
+            continue
+        x, w = mesh.points[:, 0], u[:, 2]
+        if mesh.dimension == 1:
+            axis.axhline(0, color="grey", lw=0.6)
+            axis.plot(x[order], w[order], color="black", lw=1.2)
+            axis.set(ylim=(-1.2, 1.2))
+            axis.grid()
+        else:
+            cells = mesh.cells if mesh.kind == "triangle" else mesh.cells[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+            scale = axis.tricontourf(Triangulation(x, mesh.points[:, 1], triangles=cells), np.clip(w, -1, 1), levels=LEVELS,
+                                     cmap="RdBu_r")
+            axis.set_aspect("equal")
+        for name, at in marks.items():
+            colour, marker = MARKS[name]
+            place, edge = (w[at], colour) if mesh.dimension == 1 else (mesh.points[at, 1], "white")
+            axis.plot(x[at], place, marker, color=colour, mec=edge, ms=6, ls="none", label=name, clip_on=mesh.dimension == 1)
+    if mesh.dimension == 2:
+        figure.colorbar(scale, ax=axes, label="w / max|w|  [-]", shrink=0.8, ticks=np.linspace(-1.0, 1.0, 9))
+    elif not flat:
+        triad(axes[0, 0])
+        figure.colorbar(scale, ax=axes, label="|u| / max|u|  [-]", shrink=0.8)
     for axis in axes.ravel()[count:]:
         axis.set_visible(False)
-    if upward:
-        for axis in axes[-1]:
-            axis.set_xlabel("x  [length]")
-        for axis in axes[:, 0]:
-            axis.set_ylabel(upward)
+    for axis in axes[-1] if flat else ():
+        axis.set_xlabel("x  [length]")
+    for axis in axes[:, 0] if flat else ():
+        axis.set_ylabel("w / max|w|  [-]" if mesh.dimension == 1 else "y  [length]")
     shown = {label: line for axis in axes.ravel() for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
              if len(line.get_xdata()) or line.get_linestyle() == ":"}
     if shown:
         figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=max(2, len(shown)))
     figure.suptitle(title)
     return figure
-
-
-def _aspect(points: Array) -> float:
-    width, height = np.ptp(points[:, :2], axis=0)
-    return float(np.clip(height / width, 0.3, 2.0))
-
-
-def _lines(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[str, Array]) -> None:
-    x = mesh.points[:, 0]
-    order = np.argsort(x)
-    for axis, w in zip(axes.ravel(), shapes[:, 2].T, strict=False):
-        axis.axhline(0, color="grey", lw=0.6)
-        axis.plot(x[order], w[order], color="black", lw=1.2)
-        for name, at in marks.items():
-            colour, marker = MARKS[name]
-            axis.plot(x[at], w[at], marker, color=colour, ms=6, ls="none", label=name)
-        axis.set(ylim=(-1.2, 1.2))
-        axis.grid()
-
-
-def _contours(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[str, Array]) -> None:
-    from matplotlib.tri import Triangulation
-
-    cells = mesh.cells if mesh.kind == "triangle" else mesh.cells[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
-    plane = Triangulation(mesh.points[:, 0], mesh.points[:, 1], triangles=cells)
-    for axis, w in zip(axes.ravel(), shapes[:, 2].T, strict=False):
-        drawn = axis.tricontourf(plane, np.clip(w, -1, 1), levels=LEVELS, cmap="RdBu_r")
-        for name, at in marks.items():
-            colour, marker = MARKS[name]
-            axis.plot(*mesh.points[at, :2].T, marker, color=colour, mec="white", ms=6, ls="none", label=name, clip_on=False)
-        axis.set_aspect("equal")
-    figure.colorbar(drawn, ax=axes, label="w / max|w|  [-]", shrink=0.8, ticks=np.linspace(-1.0, 1.0, 9))
-
-
-def _surfaces(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[str, Array]) -> None:
-    for axis, u in zip(axes.ravel(), np.moveaxis(shapes, -1, 0), strict=False):
-        scale = draw_solid(axis, mesh, u, marks)
-    triad(axes[0, 0])
-    figure.colorbar(scale, ax=axes, label="|u| / max|u|  [-]", shrink=0.8)
 
 
 def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> Any:

@@ -119,7 +119,16 @@ def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
         lines = "".join(f"<li>{escape(str(line))}</li>" for line in data["warnings"])
         yield f'<section id="warnings"><h2>Warnings of the run</h2><ul>{lines}</ul></section>'
     if mode is not None:
-        yield from _mode(data, mode)
+        (growth, omega), said = mode.facts["eigenvalue"], str(mode.facts["title"])
+        at = SYSTEMS.get(data["inputs"].get("units", ""), UNKNOWN).said(f"{omega:.6g} rad/time")
+        fewer = f" Drawn are {len(mode.points)} of {mode.facts['nodes']} nodes." if len(mode.points) < mode.facts["nodes"] else ""
+        sliders = "".join(f'<label>{title} <input type="range" id="{name}" min="{low}" max="{high}" step="{step}" '
+                          f'value="{value}"><output></output></label>' for name, title, low, high, step, value in SLIDERS)
+        yield (f'<section id="mode"><h2>The mode in motion</h2><p>{escape(said[:1].upper() + said[1:])}: λ = {growth:.5g} '
+               f'{"+" if omega >= 0 else "-"} {abs(omega):.6g}i. It {"grows" if growth > 0 else "decays"}, and oscillates at '
+               f'{escape(at)}.</p><div id="motion"></div><div class="controls"><button id="play" type="button">Play</button>'
+               f'{sliders}</div><p class="note">Shown is Re(u e<sup>iφ</sup>) without growth. Colour: amplitude of each place '
+               f'over the largest.{fewer}</p></section>')
     yield ('<section id="plots"><h2>Plots</h2><p class="note">Point at a mark to read its numbers. Click a name in a legend to '
            'hide it. Drag to zoom; double-click to zoom out.</p><div class="plots"></div></section>')
     yield ('<section id="tables"><h2>Tables</h2><p class="note">Click a head to sort by its column. Point at it to read what it '
@@ -127,22 +136,16 @@ def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
     for name, table in data["tables"].items():
         yield from _table(name, table, rows_of(data, table))
     yield "</section>"
-    yield from _rests_on(data, mode)
-
-
-def _mode(data: Mapping[str, Any], mode: Moving) -> Iterator[str]:
-    (growth, omega), said = mode.facts["eigenvalue"], str(mode.facts["title"])
-    verb = "grows" if growth > 0 else "decays"
-    at = SYSTEMS.get(data["inputs"].get("units", ""), UNKNOWN).said(f"{omega:.6g} rad/time")
-    fewer = f" Drawn are {len(mode.points)} of {mode.facts['nodes']} nodes." if len(mode.points) < mode.facts["nodes"] else ""
-    sliders = "".join(
-        f'<label>{title} <input type="range" id="{name}" min="{low}" max="{high}" step="{step}" value="{value}"><output></output>'
-        "</label>" for name, title, low, high, step, value in SLIDERS)
-    yield (f'<section id="mode"><h2>The mode in motion</h2><p>{escape(said[:1].upper() + said[1:])}: λ = {growth:.5g} '
-           f'{"+" if omega >= 0 else "-"} {abs(omega):.6g}i. It {verb}, and oscillates at {escape(at)}.</p>'
-           f'<div id="motion"></div><div class="controls"><button id="play" type="button">Play</button>{sliders}</div>'
-           '<p class="note">Shown is Re(u e<sup>iφ</sup>) without growth. Colour: amplitude of each place over the largest.'
-           f'{fewer}</p></section>')
+    yield ('<section id="inputs"><h2>Inputs</h2><p class="note">As a scene file, with every key as it was used. Places of files '
+           f"are relative to the folder of the results.</p><pre>{escape(inputs_toml(data['inputs']))}</pre></section>")
+    versions = {**data.get("versions", {}), **{f"machine: {key}": value for key, value in data.get("machine", {}).items()}}
+    facts = [(key, ", ".join(map(str, value)) if isinstance(value, list) else value) for key, value in versions.items()]
+    facts += [(str(item.get("path")), f"SHA-256 {item.get('sha256')}") for item in data.get("files", [])]
+    facts.append(("run ended", data.get("date", "")))
+    if mode is None:
+        facts.append(("mode", f"{MODE_FILE} is not there. A run with the output page writes it, if the scene finds a mode"))
+    lines = "".join(f"<tr><th scope=row>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts)
+    yield f'<section id="versions"><h2>Versions and machine</h2><div class="scroll"><table>{lines}</table></div></section>'
 
 
 def rows_of(data: Mapping[str, Any], table: Mapping[str, Any], longest: int = 6) -> list[dict[str, Any]]:
@@ -205,17 +208,3 @@ def _toml_lines(table: Mapping[str, Any], header: str) -> Iterator[str]:
         for item in value if isinstance(value, list) else [value]:
             yield f"\n{'[[' if isinstance(value, list) else '['}{header}{key}{']]' if isinstance(value, list) else ']'}"
             yield from _toml_lines(item, f"{header}{key}.")
-
-
-def _rests_on(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
-    """Inputs, files, versions and the machine."""
-    yield ('<section id="inputs"><h2>Inputs</h2><p class="note">As a scene file, with every key as it was used. Places of files '
-           f"are relative to the folder of the results.</p><pre>{escape(inputs_toml(data['inputs']))}</pre></section>")
-    versions = {**data.get("versions", {}), **{f"machine: {key}": value for key, value in data.get("machine", {}).items()}}
-    facts = [(key, ", ".join(map(str, value)) if isinstance(value, list) else value) for key, value in versions.items()]
-    facts += [(str(item.get("path")), f"SHA-256 {item.get('sha256')}") for item in data.get("files", [])]
-    facts.append(("run ended", data.get("date", "")))
-    if mode is None:
-        facts.append(("mode", f"{MODE_FILE} is not there. A run with the output page writes it, if the scene finds a mode"))
-    lines = "".join(f"<tr><th scope=row>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts)
-    yield f'<section id="versions"><h2>Versions and machine</h2><div class="scroll"><table>{lines}</table></div></section>'

@@ -37,7 +37,8 @@ class Units:
         """A text or label with these units: 'to 775 rad/time' becomes 'to 775 rad/s (to 123 Hz)', '[length]' becomes '[m]'."""
         if not self.known:
             return text
-        text = _TOLD.sub(lambda found: f"{found[0][:-4]}s ({_range(found)} Hz)", text).replace("rad/time", "rad/s")
+        text = _TOLD.sub(lambda found: f"{found[0][:-4]}s (" + " to ".join(
+            f"{_hertz(float(end)):.4g}" for end in found.groups() if end) + " Hz)", text).replace("rad/time", "rad/s")
         words = re.compile(r"\b(length|time|mass|force)\b")
         return _BRACKETED.sub(lambda found: words.sub(lambda word: str(getattr(self, word[0])), found[0]), text)
 
@@ -68,8 +69,3 @@ SYSTEMS = {"SI": Units("m", "s", "kg", "N"), "mm-t-s": Units("mm", "s", "t", "N"
 
 def _hertz(value: Any) -> Any:
     return [_hertz(item) for item in value] if hasattr(value, "__iter__") else float(value) / (2 * pi)
-
-
-def _range(found: re.Match[str]) -> str:
-    lo, hi = found.groups()
-    return f"{float(hi) / (2 * pi):.4g}" if lo is None else f"{float(lo) / (2 * pi):.4g} to {float(hi) / (2 * pi):.4g}"

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
 
 TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
-WORDS = {GOOD: "good", FAULT: "FAULT", UNKNOWN: "unknown"}
+WORDS = {GOOD: "good", FAULT: "FAULT", UNKNOWN: "unknown"}  # in a table: a fault in capitals
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,32 +117,31 @@ class Audit:
                 f"; {len(self.unknown)} could not be decided." if self.unknown else ".")
         decides = [f"{one.what}: {one.said}. {one.todo}." for one in self.faults]
         unknown = [f"Not known: {one.what}: {one.said}." + (f" {one.todo}." if one.todo else "") for one in self.unknown]
-        answer = "no" if self.faults else "yes" if self.full_size else "in part"
-        return Verdict([*decides, self._trust(), *unknown], (), answer, headline, "Is the reduced model what it should be?")
-
-    def _trust(self) -> str:
-        if np.isnan(self.trusted):
-            return "Which frequencies may be trusted is not known without the full model" + (
-                "." if np.isnan(self.cutoff) else f". None above the cut-off, {self.cutoff:.6g} rad/time.")
         how = "by the full model's own" if self.full_size else (
             "by a bound from the small matrices, if the inside has fixed-interface modes and the cut-off is right")
         right = int(np.count_nonzero(self.omega <= self.trusted))
-        if not right:
-            return f"No elastic frequency is within {TRUSTED:.0%}, {how}."
-        return (f"Trusted: {right} elastic frequencies, up to {self.trusted:.6g} rad/time, are within "
-                f"{max(self.error[:right].max(), 1e-12):.1e}, {how}.")
+        trust = f"No elastic frequency is within {TRUSTED:.0%}, {how}."
+        if right:
+            trust = (f"Trusted: {right} elastic frequencies, up to {self.trusted:.6g} rad/time, are within "
+                     f"{max(self.error[:right].max(), 1e-12):.1e}, {how}.")
+        if np.isnan(self.trusted):
+            trust = "Which frequencies may be trusted is not known without the full model" + (
+                "." if np.isnan(self.cutoff) else f". None above the cut-off, {self.cutoff:.6g} rad/time.")
+        answer = "no" if self.faults else "yes" if self.full_size else "in part"
+        return Verdict([*decides, trust, *unknown], (), answer, headline, "Is the reduced model what it should be?")
 
     @property
     def tables(self) -> tuple[Table, Table]:
         """The checks, and the frequencies with what they are worth."""
-        rows = [{"check": one.what, "verdict": one.verdict, "figure": one.figure, "limit": one.limit, "said": one.said,
-                 "todo": one.todo} for one in self.findings]
+        rows = [{"check": one.what, **{key: getattr(one, key) for key in ("verdict", "figure", "limit", "said", "todo")}}
+                for one in self.findings]
+        verdict = column("verdict", "verdict", "s", cell=lambda row: WORDS[row["verdict"]])
         values = [{"mode": at + 1, "omega": float(one), "full": None if np.isnan(low) else float(low),
                    "error": None if np.isnan(low) or np.isinf(error) else float(error)}
                   for at, (one, low, error) in enumerate(zip(self.omega, self.lower, self.error, strict=True))]
         head = "full model" if self.full_size else "not below"
-        return (Table("checks", rows, [column("check", "check", "s"), column("verdict", "verdict", "s", cell=_word),
-                                       column("figure", "figure", ".1e"), column("limit", "limit", ".0e")], "Checks"),
+        return (Table("checks", rows, [column("check", "check", "s"), verdict, column("figure", "figure", ".1e"),
+                                       column("limit", "limit", ".0e")], "Checks"),
                 Table("frequencies", values, ["mode", "omega", column("full", head, ".6g"), "error"] if values else (),
                       "Elastic frequencies, interface free", most=LOWEST))
 
@@ -169,15 +168,9 @@ class Audit:
             return None if value is None or not np.isfinite(value) else float(value)
 
         return {"verdict": self.verdict, "name": self.name, "size": self.size, "full_size": self.full_size,
-                "checks": [{"check": one.what, "verdict": one.verdict, "figure": plain(one.figure), "limit": plain(one.limit),
-                            "said": one.said, "todo": one.todo} for one in self.findings],
+                "checks": [{**row, "figure": plain(row["figure"]), "limit": plain(row["limit"])} for row in self.tables[0].rows],
                 "omega": self.omega.tolist(), "full" if self.full_size else "lower": [plain(one) for one in self.lower],
                 "cutoff": plain(self.cutoff), "trusted": plain(self.trusted), "evidence": self.evidence}
-
-
-def _word(row: Mapping[str, Any]) -> str:
-    """A fault in capitals."""
-    return WORDS[row["verdict"]]
 
 
 def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure | None = None, *, mass: float | None = None,

@@ -38,20 +38,19 @@ def size_sweep_chart(curves: Sequence[Mapping[str, Any]], belt: int) -> Chart:
     panels = []
     for key, label, rounding in (("slope", SLOPE, False), ("error", ERROR, True)):
         for name, mine in places.items():
-            series = [_sized(curve["method"], curve["sizes"], curve[key], at, rounding, {"DOF": curve["sizes"], "critical slope":
-                             curve["slope"], "relative error": curve["error"]}) for at, curve in enumerate(mine)]
+            series = []
+            for at, curve in enumerate(mine):
+                values = np.asarray(curve[key], dtype=float)
+                hover = {"DOF": curve["sizes"], "critical slope": curve["slope"], "relative error": curve["error"]}
+                series.append(Series(look(curve["method"]).label, curve["sizes"], floored(values) if rounding else
+                                     np.where(np.isfinite(values), values, np.nan), curve["method"], "solid", size=nested(at),
+                                     hover=hover))
             levels = [] if rounding else [Level(mine[0]["full"], f"full model: {mine[0]['full']:.6f}", "y")]
             panels.append(Panel(series, "DOF of the reduced model  [-]", label,
                                 "" if rounding else f"belt under m{belt}, interface {name}", "y" * rounding, levels,
                                 rounding=rounding, share={"x": "size", "y": key}, among=f"interface {name}"))
     return Chart("size-sweep", "Critical slope over the model's size", panels, len(places), note=MISSING,
                  width=1.0 if len(places) > 1 else 0.65, height=2.4)
-
-
-def _sized(method: str, x: Sequence[float], y: Sequence[float], at: int, error: bool, hover: Mapping[str, Any]) -> Series:
-    """Values over the size or place; infinite ones are left out, and marks that are drawn later are smaller."""
-    values = floored(y) if error else np.where(np.isfinite(np.asarray(y, dtype=float)), np.asarray(y, dtype=float), np.nan)
-    return Series(look(method).label, x, values, method, "solid", size=nested(at), hover=hover)
 
 
 def critical_slopes_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:

@@ -42,22 +42,16 @@ def errors_chart(found: Study, title: str, name: str) -> Chart:
     """Errors of frequencies, growth rates, critical slope and forces in the joints of a system over seconds."""
     rows = [row for row in found.rows if row.sound and row.size < found.full.size]
     kinds = [kind for kind in list(SYSTEM)[:4] if any(np.isfinite(getattr(row, kind)) for row in found.rows)]
-    about = _runs([found]) + "\nnot shown: models of full size, and those with a mode missing or added in the band"
-    about += "".join(f"\n{line}" for line in _absent(found, rows))
-    return _chart(name, found, title, _panels(found, rows, SYSTEM, kinds, ""), 2, about)
-
-
-def _absent(found: Study, shown: Sequence[Row]) -> list[str]:
-    """Why a method is not to be seen at all."""
-    lines = []
-    for method in dict.fromkeys(row.method for row in found.rows):
+    about = [_runs([found]), "not shown: models of full size, and those with a mode missing or added in the band"]
+    drawn = {row.method for row in rows}
+    for method in dict.fromkeys(row.method for row in found.rows if row.method not in drawn):
         own = [row for row in found.rows if row.method == method]
-        if not any(row in shown for row in own):
-            why = [word for word, which in (("of full size", lambda row: row.size >= found.full.size),
-                                            ("a mode missing", lambda row: row.missing), ("a mode added", lambda row: row.extra))
-                   if any(which(row) for row in own)]
-            lines.append(f"{look(method).label} has no mark: {' or '.join(why)} in each of its models")
-    return [*lines, *found.left_out]
+        why = [word for word, hidden in (("of full size", [row.size >= found.full.size for row in own]),
+                                         ("a mode missing", [row.missing for row in own]),
+                                         ("a mode added", [row.extra for row in own])) if any(hidden)]
+        about.append(f"{look(method).label} has no mark: {' or '.join(why)} in each of its models")
+    panels = _panels(found, rows, SYSTEM, kinds, "")
+    return _chart(name, found, title, panels, 2, "\n".join([*about, *found.left_out]))
 
 
 def friction_errors_chart(found: Study, title: str, name: str) -> Chart:

@@ -224,8 +224,12 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[
                  for text, least in zip(head, wide, strict=True)]
     wide = [max(least, *map(len, lines)) for lines, least in zip(heads, wide, strict=True)]
     gap = next((one for one in GAPS if sum(wide) + len(one) * (len(wide) - 1) <= WIDTH), GAPS[0])
-    parts = []
-    for block in _blocks(wide, keys, gap):
+    blocks, parts = [list(range(keys))], []  # columns that stand side by side, each time with the first `keys`
+    for at in range(keys, len(wide)):
+        if sum(wide[one] + len(gap) for one in [*blocks[-1], at]) - len(gap) > WIDTH and len(blocks[-1]) > keys:
+            blocks.append(list(range(keys)))
+        blocks[-1].append(at)
+    for block in blocks:
         high = max(len(heads[at]) for at in block)
         lines = [[([""] * high + heads[at])[line - high] for at in block] for line in range(high)]
         lines += [["-" * wide[at] for at in block], *([row[at] for at in block] for row in body)]
@@ -242,16 +246,6 @@ def _cell(value: Any, form: str) -> str:
     if isinstance(value, list):
         return ", ".join(_cell(one, form) for one in value) or NONE
     return value if isinstance(value, str) else format(value, form)
-
-
-def _blocks(wide: Sequence[int], keys: int, gap: str) -> list[list[int]]:
-    """Columns that stand side by side, each time with the first `keys`."""
-    blocks: list[list[int]] = [list(range(keys))]
-    for at in range(keys, len(wide)):
-        if sum(wide[one] + len(gap) for one in [*blocks[-1], at]) - len(gap) > WIDTH and len(blocks[-1]) > keys:
-            blocks.append(list(range(keys)))
-        blocks[-1].append(at)
-    return blocks
 
 
 def fitted(text: str) -> str:
