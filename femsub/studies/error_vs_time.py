@@ -153,23 +153,22 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     modes = normal_modes(own, band=band) if model.size > SMALL else _all_modes(own)
     rates = [turnover(model, load, spectrum) for load, spectrum in zip(asked.loads, full.spectra, strict=True)]
     rows = [asked.row(full, one, modes, rates) for one in (full, *small)]
+    models = tuple(one.model for one in small)
     if known is not None:
         losses = [Loss(float(known[i])) for i in (0, *(1 + asked_for.index(one.steps) for one in small))]
     else:
-        losses = asked.losses([full.model, *(one.model for one in small)], rows, say)
+        losses = asked.losses([model, *models], rows, say)
     rows = [replace(row, critical=loss.value, omega=loss.omega, reason=loss.reason,
                     error_critical=relative_error(loss.value, losses[0].value)) for row, loss in zip(rows, losses, strict=True)]
     if held and len(model.interface):
         say(f"{model.name}: undamped frequencies with the interface held")
-        rows = [replace(row, error_held=error) for row, error in zip(
-            rows, asked.held_errors([one.model for one in small]), strict=True)]
+        rows = [replace(row, error_held=error) for row, error in zip(rows, asked.held_errors(models), strict=True)]
     if at is not None:
         say(f"{model.name}: receptances")
-        rows = [replace(row, error_response=error) for row, error in zip(
-            rows, asked.response_errors([one.model for one in small], at), strict=True)]
-    return Study(model.name, band, repeats, full=rows[0], rows=with_front(rows[1:], band[1]), assembly=assembly,
-                 parameter=parameter, values=values, between=between, left_out=left_out,
-                 models=tuple(one.model for one in small), spectra=tuple(full.spectra), interface=len(model.interface))
+        rows = [replace(row, error_response=error) for row, error in zip(rows, asked.response_errors(models, at), strict=True)]
+    return Study(model.name, band, repeats, rows[0], with_front(rows[1:], band[1]), assembly=assembly, parameter=parameter,
+                 values=values, between=between, left_out=left_out, models=models, spectra=tuple(full.spectra),
+                 interface=len(model.interface))
 
 
 @dataclass(eq=False)
@@ -215,10 +214,10 @@ class Comparison:
         """The row of a model, without its first loss. `modes` are those of the full model at rest, `rates` the scales of Re λ."""
         model, reduced, pairs = one.model, one is not full, list(zip(full.spectra, one.spectra, strict=True))
         found = [spectrum_errors(*pair, (full.model, model), scale, self.band) for pair, scale in zip(pairs, rates, strict=True)]
-        growth, votes = [], []  # the largest Re λ in the band and below the cut-off, and whether the modes there are stable
+        growth, votes = -np.inf, []  # the largest Re λ in the band and below the cut-off, and whether the modes there are stable
         for spectrum in one.spectra:
             keep = np.flatnonzero(~spectrum.rigid & ~spectrum.above_cutoff & in_band(spectrum.eigenvalues, self.band))
-            growth.append(float(spectrum.eigenvalues.real[keep].max(initial=-np.inf)))
+            growth = float(spectrum.eigenvalues.real[keep].max(initial=growth))
             votes += [spectrum.stable[i] for i in keep] or [None]
         theirs = _all_modes(self.at_rest(model)) if reduced else modes
         kept, force = kept_modes(model), np.nan
@@ -236,7 +235,7 @@ class Comparison:
             error_frequency=frequency_error(frequencies, elastic(theirs)) if reduced else 0.0, error_force=force,
             mac=-_largest(-each.mac for each in found), missing=sum(each.missing for each in found),
             extra=sum(extra_eigenvalues(*pair, self.band) for pair in pairs), missed=sum(each.missed for each in found),
-            invented=sum(each.invented for each in found), growth=max(growth), critical=np.nan, error_critical=np.nan,
+            invented=sum(each.invented for each in found), growth=growth, critical=np.nan, error_critical=np.nan,
             stable=False if False in votes else None if None in votes else True,
             port_error=max((port_error(model, name) for name in self.places), default=0.0),
             reduction=Timing.of([sum(seconds.values()) for seconds in one.phases]), solution=Timing.of(one.solving),
@@ -407,10 +406,8 @@ def held_frequencies(model: Substructure, band: tuple[float, float] | None = Non
     if model.size <= len(model.interface_numbers):
         return np.empty(0)
     at_rest = couple({"held": model}, [Rigid(("held", model.interface_numbers), "ground")], interface=[])
-    if band is None:
-        return all_frequencies(at_rest)
-    found = elastic(normal_modes(at_rest, band=band) if at_rest.size > SMALL else _all_modes(at_rest))
-    return found[in_band(found, band)]
+    found = elastic(normal_modes(at_rest, band=band) if band and at_rest.size > SMALL else _all_modes(at_rest))
+    return found[in_band(found, band)] if band else found
 
 
 def held_error(full: Array, reduced: Array) -> float:
