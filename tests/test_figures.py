@@ -23,7 +23,7 @@ from femsub import annulus, rectangle
 from femsub.app.figure_style import MANY, PAGE, SIZES, STYLE, draw, label_points, legend_below, new_figure, render
 from femsub.app.figures import belt_sweep_figure, shapes_figure
 from femsub.studies import ROUNDING, Chart, Panel, Series, look
-from femsub.studies.charts_components import LINES, eigenvalue_chart, springs_chart
+from femsub.studies.charts_components import eigenvalue_chart, springs_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
 from femsub.studies.charts_motion import envelope
 
@@ -204,10 +204,10 @@ def test_a_method_without_a_mark_is_named_with_its_reason() -> None:
 def test_a_page_has_all_lines_over_springs_and_a_figure_those_that_can_be_told_apart() -> None:
     rows = [{"model": model, "modes": modes, "size": modes + 3, "springs": springs, "error": 1e-3}
             for model in ("craig-bampton", "craig-chang", "rubin") for modes in (4, 8, 12, 20) for springs in (0.1, 1.0)]
-    chart = springs_chart(rows, "x")
+    chart = springs_chart(rows, "x", lines=8)
     (panel,) = chart.drawn
     looks = {(*one.look[1:], one.line, one.hollow) for one in panel.series}
-    assert len(looks) == len(panel.series) == 6 <= LINES and {one.hover["modes"][0] for one in panel.series} == {4, 20}
+    assert len(looks) == len(panel.series) == 6 <= 8 and {one.hover["modes"][0] for one in panel.series} == {4, 20}
     assert len(chart.plain()["places"][0]["panels"][0]["series"]) == 12 and "models with 8, 12 modes" in chart.about
     assert len(springs_chart(rows[:8], "x").drawn[0].series) == 3  # one method: fewest, most, and one between
 

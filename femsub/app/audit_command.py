@@ -37,13 +37,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def keys(options: argparse.Namespace) -> dict[str, Any]:
     """The keys of the scene, those that were given."""
     found: dict[str, Any] = {"scene": "audit", **_named(options.files, "model", ""), **_named(options.full, "full", "full_")}
-    for name in [*FILES, *NUMBERS, "floating", "units"]:
+    for name in [*FILES, *NUMBERS, *LISTS, "floating", "units"]:
         if (value := getattr(options, name.replace("-", "_"))) is not None:
+            if name in LISTS:
+                words = [word.strip() for word in value.split(",") if word.strip()]
+                value = [int(word) if word.isdecimal() else word for word in words]
             found[name.replace("-", "_")] = value
-    for name in LISTS:
-        if (value := getattr(options, name.replace("-", "_"))) is not None:
-            words = [word.strip() for word in value.split(",") if word.strip()]
-            found[name.replace("-", "_")] = [int(word) if word.isdecimal() else word for word in words]
     return found | ({"gyroscopic": True} if options.gyroscopic else {})
 
 

@@ -9,6 +9,7 @@ import base64
 import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from html import escape
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -53,9 +54,7 @@ def show(folder: Path) -> Path:
         The folder holds no results of a run, or damaged ones; a run writes into it.
     """
     check_plotly()
-    if not folder.is_dir():
-        raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
-    with output_folder(str(folder)):
+    with output_folder(str(folder)) if folder.is_dir() else nullcontext():
         path = folder / RESULTS
         data = results_of(path, compared=True)
         kind = data["inputs"].get("scene") if data else None

@@ -47,9 +47,22 @@ class Record:
             from femsub.app.page import check_plotly
 
             check_plotly()  # not after hours
-        self.last = self._last()
+        self.last: dict[str, Any] = {}  # the files that the last run of this scene wrote into the folder, with their hashes
+        place, module = folder / RESULTS, type(scene).__module__.rpartition(".")[2]
+        # the name of a built-in scene, or the place of the Python file of another
+        kind = self._place(Path(scene.own)) if scene.own else next(
+            name for name, (known_as, _) in SCENES.items() if known_as == module)
+        if is_there(place):
+            known = results_of(place)
+            if known is None:
+                raise InputError(f"{place} was not written by femsub; choose another folder for --out")
+            if (known["scene"], known["inputs"].get("scene", kind)) != (scene.name, kind):
+                others = [path.name for path in sorted(folder.iterdir()) if path.suffix in OURS]
+                raise InputError(f"the output folder {folder} holds the results of another scene, {known['scene']!r} "
+                                 f"({first_of(others)}); choose another folder for --out, or delete them")
+            self.last = {name: known["sha256"].get(name) for name in known["written"] if isinstance(name, str)}
         keys = asdict(scene)
-        self.inputs: dict[str, Any] = {"scene": self._kind()} | {name: keys[name] for name in keys_of(type(scene))}
+        self.inputs: dict[str, Any] = {"scene": kind} | {name: keys[name] for name in keys_of(type(scene))}
         self.files = self._described([Path(scene.own)] if scene.own else [])
         for table, name in _file_keys(type(scene), self.inputs):
             path, matrix = Path(keys.get("folder", ".")) / table[name], ""
@@ -90,27 +103,6 @@ class Record:
         if strange:
             warn(f"{self.folder} also holds files that are not of this run: {first_of(strange)}", FemsubWarning)
         return written
-
-    def _kind(self) -> str:
-        """The name of a built-in scene, or the place of the Python file of another."""
-        if self.scene.own:
-            return self._place(Path(self.scene.own))
-        module = type(self.scene).__module__.rpartition(".")[2]
-        return next(kind for kind, (name, _) in SCENES.items() if name == module)
-
-    def _last(self) -> dict[str, Any]:
-        """The files that the last run of this scene wrote into the folder, with their hashes."""
-        place, kind = self.folder / RESULTS, self._kind()
-        if not is_there(place):
-            return {}
-        known = results_of(place)
-        if known is None:
-            raise InputError(f"{place} was not written by femsub; choose another folder for --out")
-        if (known["scene"], known["inputs"].get("scene", kind)) != (self.scene.name, kind):
-            others = [path.name for path in sorted(self.folder.iterdir()) if path.suffix in OURS]
-            raise InputError(f"the output folder {self.folder} holds the results of another scene, {known['scene']!r} "
-                             f"({first_of(others)}); choose another folder for --out, or delete them")
-        return {name: known["sha256"].get(name) for name in known["written"] if isinstance(name, str)}
 
     def _place(self, path: Path) -> str:
         """A file as seen from the folder of the results, with which it may be moved."""

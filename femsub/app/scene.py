@@ -59,7 +59,6 @@ SCENES = {
 }
 OWN = ".py"  #: ending of a file with a scene of your own
 LONGEST_NAME = 100
-RIGID = 6  # rigid motions that a part has at most
 PAGE = "page"  # the output that is made of the others
 #: of the literature, and of Python's MacNeal
 SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-bampton", "mac-neal": "macneal"}
@@ -319,19 +318,19 @@ def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Sce
         Python file that is not to be run.
     """
     if source in SCENES:
-        return _build({"scene": source}, Path("."))
+        return built({"scene": source})
     path = Path(source)
     if not path.is_file():
         if path.suffix in (".toml", OWN) or "/" in source:
             raise InputError(f"there is no scene file {source}")
         raise unknown_name("scene", source, SCENES)
     if path.suffix == OWN:
-        return _build({"scene": source}, Path("."))
+        return built({"scene": source})
     if path.suffix == ".json":
         from femsub.app.inputs import inputs_of
 
         table, folder = inputs_of(path)
-        return _build(table, folder, path, trusted)
+        return built(table, folder, path, trusted)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:  # text that is no TOML or no UTF-8, a number of more than 4,300 digits
@@ -343,15 +342,10 @@ def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Sce
     if not table:
         raise InputError(f'{source} names no scene: it is empty, or has comments only. Begin it with scene = "chain", or '
                          "another name of `femsub scenes`")
-    return _build(table, path.parent, path, trusted)
+    return built(table, path.parent, path, trusted)
 
 
-def built(table: Mapping[str, Any]) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
-    """A scene from its keys, as in a scene file; it names its files as seen from here."""
-    return _build(table, Path("."))
-
-
-def _build(table: Mapping[str, Any], folder: Path, source: Path | None = None, trusted: Sequence[str] = ()) \
+def built(table: Mapping[str, Any], folder: Path = Path("."), source: Path | None = None, trusted: Sequence[str] = ()) \
         -> tuple[Scene, Callable[[Scene, Progress], Result]]:
     """The scene that a table describes; files in it are named as seen from the folder. None is a source that the user named."""
     values = dict(table)

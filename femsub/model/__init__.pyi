@@ -24,7 +24,7 @@ from .contact import (
     small_matrices as small_matrices,
 )
 from .digits import rounding_of as rounding_of
-from .dof_map import LARGEST as LARGEST, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
+from .dof_map import LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, STILL as STILL, Estimate as Estimate
 from .origin import SHARED as SHARED, Origin as Origin
 from .pencil import (

@@ -14,6 +14,7 @@ from femsub.errors import InputError, unknown_name
 
 LARGEST = 10 ** 15  # limit of node numbers: node and motion are packed into one integer
 TRANSLATIONS = ("ux", "uy", "uz")
+MOTIONS = (*TRANSLATIONS, "rx", "ry", "rz")  # of a node, and of a rigid body
 AXES = {"ux": 0, "uy": 1, "uz": 2, "w": 2}
 #: the rotation that a motion is, and its sign: the slopes of a deflection w are ∂w/∂x = -θ_y and ∂w/∂y = θ_x
 ROTATIONS = {"rx": (0, 1.0), "ry": (1, 1.0), "rz": (2, 1.0), "w,x": (1, -1.0), "w,y": (0, 1.0)}

@@ -10,7 +10,7 @@ import numpy as np
 
 from femsub.checks import Array, Tally, choice, positive_number
 from femsub.errors import InputTypeError
-from femsub.studies.audit_case import LOWEST, Case, Unknown
+from femsub.studies.audit_case import Case, Unknown
 from femsub.studies.audit_checks import findings
 from femsub.studies.audit_figures import FAULT, GOOD, SYSTEMS, UNKNOWN, Finding
 from femsub.studies.charts import Chart, Level, Panel, Series
@@ -143,7 +143,7 @@ class Audit:
         return (Table("checks", rows, [column("check", "check", "s"), verdict, column("figure", "figure", ".1e"),
                                        column("limit", "limit", ".0e")], "Checks"),
                 Table("frequencies", values, ["mode", "omega", column("full", head, ".6g"), "error"] if values else (),
-                      "Elastic frequencies, interface free", most=LOWEST))
+                      "Elastic frequencies, interface free", most=Case.few))
 
     @property
     def chart(self) -> Chart:
@@ -242,5 +242,5 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
         return Audit(*head, pairs[:, 0], pairs[:, 1], first, tally)
     if not isinstance(case.bounds, Unknown):
         return Audit(*head, case.bounds.upper, case.bounds.lower, small.cutoff)
-    omega = small.elastic_frequencies[:LOWEST]
+    omega = small.elastic_frequencies[:case.few]
     return Audit(*head, omega, np.full(len(omega), np.nan), small.cutoff)

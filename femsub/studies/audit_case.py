@@ -9,19 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import (
-    DENSE,
-    EQUAL,
-    Array,
-    Tally,
-    instance,
-    items,
-    mapping,
-    positive_number,
-    real_array,
-    whole_numbers,
-    word,
-)
+from femsub import checks
+from femsub.checks import DENSE, EQUAL, Array, Tally
 from femsub.errors import FemsubError, InputError, InputTypeError
 from femsub.model import DofMap, Pencil, ReducedSubstructure, Substructure, rounding_of
 from femsub.modes import ShiftInvert, lowest_modes, modes_under, motion_of
@@ -33,7 +22,6 @@ if TYPE_CHECKING:
     from femsub.reduction import FrequencyBounds
 
 ENTRIES = ("M", "K", "D", "V", "kinds", "interface", "full_interface", "dofs", "cutoff", "name")
-LOWEST = 10  # frequencies that are bounded without the full model
 
 
 class Unknown(NamedTuple):
@@ -82,6 +70,8 @@ class Case:
     full : Substructure, optional
     most : int
         Frequencies that are compared, at most: each costs a mode of the full model.
+    few : int
+        Frequencies that are bounded without the full model, and printed, at most.
     sound : bool
         Whether no check of the small matrices alone has found a fault so far.
     stopped : bool
@@ -91,6 +81,7 @@ class Case:
     small: SmallModel
     full: Substructure | None = None
     most: int = 60
+    few: int = 10
     sound: bool = True
     stopped: bool = False
 
@@ -106,7 +97,7 @@ class Case:
         """
         own: dict[str, Any] = {}
         if isinstance(reduced, Mapping):
-            given = mapping("reduced", reduced, "names and matrices, as {'M': M, 'K': K}")
+            given = checks.mapping("reduced", reduced, "names and matrices, as {'M': M, 'K': K}")
             if strange := [key for key in given if key not in ENTRIES]:
                 raise InputError(f"reduced has an entry {strange[0]!r}; known are {', '.join(ENTRIES)}")
             if "M" not in given or "K" not in given:
@@ -115,20 +106,20 @@ class Case:
             own["name"] = str(given.get("name", "model"))
             for key in [key for key in "MKDV" if key in there]:
                 value = there[key]
-                own[key] = real_array(key, value.toarray() if hasattr(value, "toarray") else value, finite=False)
+                own[key] = checks.real_array(key, value.toarray() if hasattr(value, "toarray") else value, finite=False)
                 if own[key].ndim != 2 or not own[key].size:
                     raise InputError(f"{key} must be a matrix, but its shape is {own[key].shape}")
             for key, name in (("interface", "places"), ("full_interface", "rows")):
                 if key in there:
-                    own[name] = whole_numbers(key, there[key]).astype(np.intp)
+                    own[name] = checks.whole_numbers(key, there[key]).astype(np.intp)
             if "kinds" in there:
-                own["kinds"] = tuple(word("kinds", kind) for kind in items("kinds", there["kinds"], "words"))
+                own["kinds"] = tuple(checks.word("kinds", kind) for kind in checks.items("kinds", there["kinds"], "words"))
             if "dofs" in there:
-                own["dofs"] = instance("dofs", there["dofs"], DofMap)
+                own["dofs"] = checks.instance("dofs", there["dofs"], DofMap)
             if "cutoff" in there:
-                own["cutoff"] = np.inf if there["cutoff"] == np.inf else positive_number("cutoff", there["cutoff"])
+                own["cutoff"] = np.inf if there["cutoff"] == np.inf else checks.positive_number("cutoff", there["cutoff"])
         elif isinstance(reduced, (Substructure, Pencil)):
-            own |= {"name": getattr(reduced, "name", "model"), **{key: array(getattr(reduced, key)) for key in "MKD"}}
+            own = {"name": getattr(reduced, "name", "model"), **{key: array(getattr(reduced, key)) for key in "MKD"}}
             if isinstance(reduced, Substructure):
                 own |= {"places": reduced.interface if len(reduced.interface) else None, "dofs": reduced.interface_dofs}
             if isinstance(reduced, ReducedSubstructure):
@@ -143,7 +134,7 @@ class Case:
         if highest < own.get("cutoff", 0.0) < np.inf:
             raise InputError(f"cutoff must be below {highest:.0e}, so that its square is finite; it is {own['cutoff']:g}")
         if full is not None:
-            instance("full", full, Substructure, "made by solid, read_component or others")
+            checks.instance("full", full, Substructure, "made by solid, read_component or others")
         return cls(SmallModel(**own, **stated), full)
 
     @property
@@ -375,7 +366,7 @@ class Case:
             M, K = ((A + A.T) / 2 for A in (small.M, small.K))
             rom = ReducedSubstructure(M, K, None, {}, small.name, V=np.eye(small.size) if small.V is None else small.V,
                                       kinds=tuple(small.kinds or kinds.tolist()), cutoff=small.cutoff, rigid_motion=small.carried)
-            return frequency_bounds(rom, max(1, min(LOWEST, len(small.elastic_frequencies))))
+            return frequency_bounds(rom, max(1, min(self.few, len(small.elastic_frequencies))))
         except FemsubError as error:
             return Unknown(f"they have no bounds: {error}")
 

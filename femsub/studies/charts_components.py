@@ -13,7 +13,6 @@ SLOPE, ERROR = "critical slope dμ/dv  [time/length]", "relative error  [-]"
 MISSING = "A slope below the border destabilises. Where a point is missing, the band reaches above the model's cut-off."
 HOLLOW = "Right of the line Re λ = 0 a mode grows. Hollow marks of reduced models lie above their cut-off."
 PLANE = "Re λ  [1/time]", "Im λ  [rad/time]"
-LINES = 8  # that can be distinguished in one panel
 STYLES = (("solid", False, 1.6), ("dash", True, 1.2), ("dot", True, 0.9))  # line, hollow and width: the most modes first
 SHADES = ("#9ecae1", "#4292c6", "#08519c", "#000000")
 
@@ -162,14 +161,14 @@ def _clump(models: Sequence[Mapping[str, Any]], part: float = 0.4) -> tuple[tupl
     return (float(seen.real.min() - room), float(seen.real.max() + room)), (float(low), float(high))
 
 
-def springs_chart(rows: Sequence[Mapping[str, Any]], title: str) -> Chart:
+def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8) -> Chart:
     """Error of the lowest frequencies over the stiffness of the springs under the interface; a line for each model.
 
-    A figure has so many models that they can be distinguished: of each method the fewest and the most modes, and those between as
-    far as there is room. A page has all.
+    A figure has about so many `lines`, which can still be distinguished: of each method the fewest and the most modes, and those
+    between as far as there is room. A page has all.
     """
     methods, counts = (list(dict.fromkeys(row[key] for row in rows)) for key in ("model", "modes"))
-    room = min(max(LINES // max(len(methods), 1), 2), len(STYLES))
+    room = min(max(lines // max(len(methods), 1), 2), len(STYLES))
     drawn = [counts[at] for at in sorted({round(at) for at in np.linspace(0, len(counts) - 1, min(room, len(counts)))})]
     looks = {modes: STYLES[at] for at, modes in enumerate(reversed(drawn))}
 

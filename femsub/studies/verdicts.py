@@ -201,8 +201,7 @@ def cycles_verdict(rows: Sequence[Mapping[str, Any]], where: str, unchecked: Seq
     if not full:
         return Verdict(decides, unchecked, "open", "The full model's limit cycles are not among the results. Nothing is decided.")
     if not names:
-        return Verdict(decides, unchecked, "open",
-                       f"The full model has {len(full)} limit cycles. No small model was compared.")
+        return Verdict(decides, unchecked, "open", f"The full model has {len(full)} limit cycles. No small model was compared.")
     if good:
         return Verdict(decides, unchecked, "yes" if len(good) == len(names) else "in part",
                        f"{' and '.join(good)} may replace the full model for its limit cycles {where}, if the errors shown here "

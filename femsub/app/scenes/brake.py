@@ -14,7 +14,8 @@ import numpy as np
 import femsub as fs
 from femsub import studies
 from femsub.app.keys import key
-from femsub.app.scene import RIGID, Picture, Progress, Result, Run, Scene, Shown
+from femsub.app.scene import Picture, Progress, Result, Run, Scene, Shown
+from femsub.app.scenes.component import RIGID
 from femsub.app.scenes.joined_parts import by_kind
 from femsub.app.scenes.outputs import least_stable, lowest_figure, motion_files, page_mode, vtu
 from femsub.checks import NOT_CHECKED, Array

@@ -12,12 +12,14 @@ import numpy as np
 
 from femsub import Mesh, NormalModes, ReducedSubstructure, Substructure, displacements, normal_modes, reduce
 from femsub.app.keys import key
-from femsub.app.scene import RIGID, Progress, Run, Scene
+from femsub.app.scene import Progress, Run, Scene
 from femsub.checks import Array
 from femsub.components import node_rows
 from femsub.errors import InputError, PortWarning
+from femsub.model import MOTIONS
 from femsub.reduction import METHODS, Method
 
+RIGID = len(MOTIONS)  # rigid motions that a part has at most
 MARGIN = 0.02  # relative distance of the end of the band's default from the modes below and above it
 SI_DEFAULTS = ("E", "rho")  # of a scene that makes its component; other units need other numbers
 

@@ -13,7 +13,8 @@ import femsub as fs
 from femsub import studies
 from femsub.app.figures import parts_figure
 from femsub.app.keys import key
-from femsub.app.scene import RIGID, Picture, Progress, Result, Run, Scene, Shown, method_keys, other_method_names
+from femsub.app.scene import Picture, Progress, Result, Run, Scene, Shown, method_keys, other_method_names
+from femsub.app.scenes.component import RIGID
 from femsub.app.scenes.outputs import Drawn, mode_rows, mode_views, vtu
 from femsub.checks import Array
 from femsub.modes import NEAR, match
