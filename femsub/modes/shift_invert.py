@@ -302,7 +302,7 @@ class ShiftInvert:
                 f"K has a negative eigenvalue, ω² = {rest.min():.3g}: {share:.1e} of the energy of the forces that cancel in "
                 f"this mode, {why}. Check that K belongs to a stable component, and that its file holds all digits (17)")
         self.doubt = self.unit / float(self.shares[count]) if count < len(values) and self.shares[count] else 0.0
-        self.note = self._warning(values, cost[0], count)
+        self.note = self._warning(values, count)
         if not len(rest) and self.elastic > 0:
             return self.lowest_elastic()
         self.lowest = float(rest.min(initial=np.inf))
@@ -318,16 +318,17 @@ class ShiftInvert:
         turn = np.linalg.eigh(rest.T @ (self.M @ rest))[1][:, t.shape[1]:]
         return np.hstack([t, orthonormal(rest @ turn, self.M.__matmul__, t)[0]]), t.shape[1]
 
-    def _warning(self, values: Array, force: Array, count: int) -> str:
+    def _warning(self, values: Array, count: int) -> str:
         """Where rigid motion costs more than a rounding, or the next mode so little that another may be within rounding.
 
-        Of 700 free beams, plates and solids, of up to 5,000 elements, rigid motion had an energy and forces of one rounding.
-        Where pieces hang together softly, more may be left of the forces. But their springs show which modes are elastic.
+        Of 700 free beams, plates and solids, of up to 5,000 elements, rigid motion had an energy of at most one rounding. Where
+        pieces hang together softly, their springs show which modes are elastic.
         """
         share, softly = self.shares[:count], soft_springs(self.K, self.unit).nnz > 0
         cost = share.max(initial=0.0)
         seen = np.abs(values[:count]) > self.doubt * np.abs(values[count:count + 1]).max(initial=0.0)  # ω² itself, and its vector
-        costly = (share > EPS) & (softly | (share > SUMS) | (seen & (force[:count] > 2 * EPS)))
+        # of a term x_i k_ij x_j the entry and two products are rounded, by EPS/2 each
+        costly = (share > SUMS) | (share > (EPS if softly else 1.5 * EPS)) & (softly | seen)
         # ω² of two modes of a beam may be 81 apart, and translations are known without rounding
         hidden = self.doubt > MIXED**2 and count > self.exact and not softly
         if not costly.any() and not hidden:
