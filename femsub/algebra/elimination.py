@@ -15,9 +15,6 @@ from femsub.algebra.null_spaces import ROUNDING, SUMS, RowSpace, row_space
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, warn
 
-PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
-SPREAD_PIVOT = 0.1  # the same for a generalised coordinate, in units of energy
-
 
 @dataclass(frozen=True, eq=False)
 class Equations:
@@ -88,7 +85,8 @@ class Eliminated:
     redundant: int
 
 
-def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None]) -> Eliminated:
+def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None], pivot: float = 1e-5,
+              spread: float = 0.1) -> Eliminated:
     """The motions that A x = 0 leaves: Boolean where two DOF are equal, then by dependent DOF, then by an orthonormal basis.
 
     1. x_i = x_j and x_i = 0: DOF that are equal become one coordinate, by connected components, so that no order and no
@@ -97,24 +95,90 @@ def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None]) -
     3. What is left couples generalised coordinates: per group of equations that share some, x = S Q₂ y with S the units of
        energy and Q₂ the null space of A S, by a QR decomposition with pivots. Pivots below 1e-10 of the first are redundant.
 
+    Parameters
+    ----------
+    equations : Equations
+    refuse : callable
+        Gets the owners of equations that leave none of their coordinates any motion, and how many of both; it raises the error.
+    pivot : float
+        Smallest entry of a DOF that is given by the rest of its equation, relative to the largest entry: lever arms are in mm.
+    spread : float
+        The same for a generalised coordinate, in units of energy. A tenth is the usual threshold of sparse LU.
+
     Raises
     ------
     InputError
-        By `refuse`, for equations that leave none of their coordinates any motion: their owners, and how many of both.
+        By `refuse`.
     """
-    given, size = equations.A.shape
-    L = sp.eye_array(size, format="csr")
+    given, whole = equations.A.shape
+    L = sp.eye_array(whole, format="csr")
     equations = _pruned(replace(equations, size=abs(equations.A)))
-    while step := _equal(equations):
-        L, equations = L @ step[0], _pruned(equations.through(*step))
-    for take in (_dependent, _null_space):
-        if len(equations.owner):
-            step, rest = take(equations, refuse)
-            L, equations = L @ step[0], _pruned(equations.chosen(rest).through(*step))
-    return Eliminated(sp.csr_array(L), equations.unit, equations.physical, given - (size - L.shape[1]))
 
+    # 1. one coordinate for all DOF that are equal, none for those that are held, until no equation is of these two kinds
+    while True:
+        A, n = equations.A, equations.A.shape[1]
+        count, start = np.diff(A.indptr), A.indptr[:-1]
+        held, pair = A.indices[start[count == 1]], start[count == 2]
+        pair = pair[A.data[pair] == -A.data[pair + 1]]
+        if not len(held) and not len(pair):
+            break
+        graph = sp.csr_array((np.ones(len(pair)), (A.indices[pair], A.indices[pair + 1])), shape=(n, n))
+        joined, group = connected_components(graph, directed=False)
+        moves = np.ones(joined, dtype=bool)
+        moves[group[held]] = False
+        number = np.cumsum(moves) - 1
+        rows = np.flatnonzero(moves[group])
+        T = sp.csr_array((np.ones(len(rows)), (rows, number[group[rows]])), shape=(n, int(moves.sum())))
+        unit = (T.T @ equations.unit[:, None] ** -2.0).ravel() ** -0.5
+        physical = (T.T @ equations.physical.astype(float)) > 0
+        L, equations = L @ T, _pruned(equations.through(T, unit, physical))
 
-Step = tuple[Matrix, Array, Array]  # T (n, k) with x = T y; the units of y, and which of it are physical
+    # 2. coordinates that are in one equation alone are given by the rest of it; equations that have none are left
+    if len(equations.owner):
+        A, (m, n) = equations.A, equations.A.shape
+        rows, columns, size = np.repeat(np.arange(m), np.diff(A.indptr)), A.indices, np.abs(A.data)
+        alone = np.bincount(columns, minlength=n)[columns] == 1
+        is_physical = equations.physical[columns]
+        energy, plain = size * equations.unit[columns], np.where(is_physical, size, 0.0)
+        first = A.indptr[:-1]
+        longest = np.maximum.reduceat(plain, first)[rows]
+        share = energy / np.maximum.reduceat(energy, first)[rows]
+        # a displacement before an amplitude: it keeps its meaning where it is given by others
+        rank = np.where(is_physical & (plain > pivot * longest), 1 + size / np.where(longest > 0, longest, 1.0),
+                        np.where(share > spread, share, 0.0)) * alone
+        best = np.lexsort((rank, rows))[A.indptr[1:] - 1]
+        chosen = best[rank[best] > 0]
+        taken, dependent = rows[chosen], columns[chosen]
+        entry = np.ones(m)
+        entry[taken] = A.data[chosen]
+        kept = np.ones(n, dtype=bool)
+        kept[dependent] = False
+        number, owner = np.cumsum(kept) - 1, np.zeros(m, dtype=np.intp)
+        owner[taken] = dependent
+        used = np.zeros(m, dtype=bool)
+        used[taken] = True
+        others = used[rows] & kept[columns]
+        rest = sp.csr_array((-A.data[others] / entry[rows[others]], (owner[rows[others]], number[columns[others]])),
+                            shape=(n, int(kept.sum())))
+        T = sp.csr_array(sp.eye_array(n, format="csr")[:, kept] + rest)
+        L, equations = L @ T, _pruned(equations.chosen(np.flatnonzero(~used)).through(T, equations.unit[kept],
+                                                                                       equations.physical[kept]))
+
+    # 3. an orthonormal basis, in units of energy, of what each group of equations leaves of its coordinates
+    if len(equations.owner):
+        unit, places, blocks = equations.unit, [], []
+        for rows, columns in groups(equations.A):
+            found = _rows_apart(equations, rows, columns)
+            if found.rank == len(columns):
+                refuse(equations.owner[rows], len(rows), len(columns))
+            places.append(columns)
+            blocks.append(unit[columns, None] * _clean(found.rest))
+        T, stay = _beside_kept(len(unit), places, blocks)
+        new = T.shape[1] - len(stay)
+        physical = np.append(equations.physical[stay], np.zeros(new, dtype=bool))
+        none = equations.chosen(np.zeros(0, dtype=np.intp))
+        L, equations = L @ T, none.through(T, np.append(unit[stay], np.ones(new)), physical)
+    return Eliminated(sp.csr_array(L), equations.unit, equations.physical, given - (whole - L.shape[1]))
 
 
 def largest(A: Matrix) -> Array:
@@ -137,72 +201,6 @@ def _pruned(equations: Equations) -> Equations:
     left = np.flatnonzero(np.bincount(rows[keep], minlength=A.shape[0]))
     A = sp.csr_array((A.data[keep], (rows[keep], A.indices[keep])), shape=A.shape)
     return replace(equations, A=A).chosen(left)
-
-
-def _equal(equations: Equations) -> Step | None:
-    """One coordinate for all that are equal, none for those that are held; None if no equation is of these two kinds."""
-    A, n = equations.A, equations.A.shape[1]
-    count, start = np.diff(A.indptr), A.indptr[:-1]
-    held, pair = A.indices[start[count == 1]], start[count == 2]
-    pair = pair[A.data[pair] == -A.data[pair + 1]]
-    if not len(held) and not len(pair):
-        return None
-    graph = sp.csr_array((np.ones(len(pair)), (A.indices[pair], A.indices[pair + 1])), shape=(n, n))
-    groups, group = connected_components(graph, directed=False)
-    moves = np.ones(groups, dtype=bool)
-    moves[group[held]] = False
-    number = np.cumsum(moves) - 1
-    rows = np.flatnonzero(moves[group])
-    T = sp.csr_array((np.ones(len(rows)), (rows, number[group[rows]])), shape=(n, int(moves.sum())))
-    unit = (T.T @ equations.unit[:, None] ** -2.0).ravel() ** -0.5
-    return T, unit, (T.T @ equations.physical.astype(float)) > 0
-
-
-def _dependent(equations: Equations, refuse: Callable[[Array, int, int], None]) -> tuple[Step, Array]:
-    """Coordinates that are in one equation alone, given by the rest of it; and the equations that have none."""
-    A, (m, n) = equations.A, equations.A.shape
-    rows, columns, size = np.repeat(np.arange(m), np.diff(A.indptr)), A.indices, np.abs(A.data)
-    alone = np.bincount(columns, minlength=n)[columns] == 1
-    physical = equations.physical[columns]
-    energy, plain = size * equations.unit[columns], np.where(physical, size, 0.0)
-    first = A.indptr[:-1]
-    largest = np.maximum.reduceat(plain, first)[rows]
-    share = energy / np.maximum.reduceat(energy, first)[rows]
-    # a displacement before an amplitude: it keeps its meaning where it is given by others
-    rank = np.where(physical & (plain > PIVOT * largest), 1 + size / np.where(largest > 0, largest, 1.0),
-                    np.where(share > SPREAD_PIVOT, share, 0.0)) * alone
-    best = np.lexsort((rank, rows))[A.indptr[1:] - 1]
-    chosen = best[rank[best] > 0]
-    taken, given = rows[chosen], columns[chosen]
-    pivot = np.ones(m)
-    pivot[taken] = A.data[chosen]
-    kept = np.ones(n, dtype=bool)
-    kept[given] = False
-    number, owner = np.cumsum(kept) - 1, np.zeros(m, dtype=np.intp)
-    owner[taken] = given
-    used = np.zeros(m, dtype=bool)
-    used[taken] = True
-    others = used[rows] & kept[columns]
-    rest = sp.csr_array((-A.data[others] / pivot[rows[others]], (owner[rows[others]], number[columns[others]])),
-                        shape=(n, int(kept.sum())))
-    T = sp.csr_array(sp.eye_array(n, format="csr")[:, kept] + rest)
-    return (T, equations.unit[kept], equations.physical[kept]), np.flatnonzero(~used)
-
-
-def _null_space(equations: Equations, refuse: Callable[[Array, int, int], None]) -> tuple[Step, Array]:
-    """An orthonormal basis, in units of energy, of what each group of equations leaves of its coordinates."""
-    unit = equations.unit
-    places, blocks = [], []
-    for rows, columns in groups(equations.A):
-        found = _rows_apart(equations, rows, columns)
-        if found.rank == len(columns):
-            refuse(equations.owner[rows], len(rows), len(columns))
-        places.append(columns)
-        blocks.append(unit[columns, None] * _clean(found.rest))
-    T, kept = _beside_kept(len(unit), places, blocks)
-    new = T.shape[1] - len(kept)
-    return ((T, np.append(unit[kept], np.ones(new)), np.append(equations.physical[kept], np.zeros(new, dtype=bool))),
-            np.zeros(0, dtype=np.intp))
 
 
 def _beside_kept(n: int, places: list[Array], blocks: list[Array]) -> tuple[Matrix, Array]:
