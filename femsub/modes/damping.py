@@ -8,14 +8,12 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Matrix, finite_number, instance, items, positive_number, whole_number
+from femsub.checks import DENSE, Matrix, finite_number, instance, items, positive_number, whole_number
 from femsub.components import not_negative, pair, proportional
 from femsub.errors import InputError, InputTypeError
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import all_modes, lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
-
-FILLED = 2000  # DOF up to which modal damping may fill the D of a sparse model
 
 Model = TypeVar("Model", bound=Substructure)
 
@@ -72,14 +70,50 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
     if rayleigh is not None and ratios is not None:
         raise InputError("rayleigh and ratios both define Rayleigh damping. Give only one of them")
     D = sub.D
+
+    # Rayleigh: α, β with ζ_i = α/(2ω_i) + βω_i/2
     if ratios is not None:
-        rayleigh = _through(ratios)
+        points = [pair("each point of ratios", point, "(omega, zeta)")
+                  for point in pair("ratios", ratios, "((omega1, zeta1), (omega2, zeta2))")]
+        (low, zeta), (high, other) = sorted(
+            (finite_number("omega of ratios", omega), not_negative("zeta of ratios", zeta)) for omega, zeta in points)
+        if not 0 < low < high:
+            raise InputError(f"ratios needs two different positive frequencies, not {low:.6g} and {high:.6g}")
+        mass, stiffness = zeta * high - other * low, other * high - zeta * low
+        if min(mass, stiffness) < -1e-12 * max(zeta, other) * high:
+            raise InputError(f"ratios: ζ = {zeta:.4g} at ω = {low:.6g} and {other:.4g} at {high:.6g} would need a negative α or "
+                             f"β. With the first point, the second ζ can be {zeta * low / high:.4g} to {zeta * high / low:.4g}")
+        span = high**2 - low**2
+        rayleigh = 2 * low * high * max(mass, 0.0) / span, 2 * max(stiffness, 0.0) / span
     if rayleigh is not None:
         D = D + proportional(sub, rayleigh)
+
+    # modal: MΦ diag(2ζω) ΦᵀM, dense
     if modal is not None:
-        D = D + _modal(sub, modal)
+        if sp.issparse(sub.K) and 2 * sub.size > DENSE:  # complex modes are those of 2n coordinates then
+            raise InputError(f"modal damping makes D a full matrix, but {sub.name!r} has {sub.size} DOF (at most {DENSE // 2}). "
+                             "Apply it to the reduced model, damped(reduce(...), modal=...), or use ratios=")
+        if isinstance(modal, str) or not isinstance(modal, (int, float, np.number, Sequence, np.ndarray)):
+            raise InputTypeError(f"modal must be a ratio or a sequence of them, not {modal!r:.80}")
+        if isinstance(modal, (Sequence, np.ndarray)):
+            each = np.array([not_negative(f"modal[{i}]", value) for i, value in enumerate(items("modal", modal, "ratios"))])
+            modes = lowest_modes(ShiftInvert(sub.K, sub.M, carried=sub.rigid_motion), len(each))  # refuses more than there are
+        else:
+            modes = all_modes(sub.K, sub.M, carried=sub.rigid_motion)
+            each = np.full(len(modes.eigenvalues) - modes.rigid, not_negative("modal", modal))
+        forces = (sub.M @ modes.shapes[:, modes.rigid:]) * np.sqrt(2 * each * modes.frequencies[modes.rigid:])
+        D = D + forces @ forces.T
+
+    # dashpots: Σ c w wᵀ, sparse
     if dashpots is not None:
-        added = _dashpots(sub, dashpots)
+        if not isinstance(dashpots, Mapping):
+            raise InputTypeError(f"dashpots must map DOF, pairs of DOF or ports to numbers, not {type(dashpots).__name__}")
+        columns, sizes = [sp.csr_array((sub.size, 0))], []
+        for key, value in dashpots.items():
+            columns.append(_column(sub, key))
+            sizes += [not_negative(f"dashpot {key!r}", value)] * columns[-1].shape[1]
+        weighted = sp.csr_array(sp.hstack(columns)) @ sp.diags_array(np.sqrt(sizes))
+        added = sp.csr_array(weighted @ weighted.T)
         D = D + (added if sp.issparse(D) else added.toarray())
     found = sub if D is sub.D else sub.with_damping(D)
     if structural is not None:
@@ -126,56 +160,8 @@ def equivalent_viscous(model: Model, omega: float) -> Model:
     return model.with_structural_damping(None).with_damping(model.D + H / positive_number("omega", omega))
 
 
-def _through(ratios: Any) -> tuple[float, float]:
-    """α, β with ζ_i = α/(2ω_i) + βω_i/2."""
-    points = [pair("each point of ratios", point, "(omega, zeta)")
-              for point in pair("ratios", ratios, "((omega1, zeta1), (omega2, zeta2))")]
-    (low, zeta), (high, other) = sorted(
-        (finite_number("omega of ratios", omega), not_negative("zeta of ratios", zeta)) for omega, zeta in points)
-    if not 0 < low < high:
-        raise InputError(f"ratios needs two different positive frequencies, not {low:.6g} and {high:.6g}")
-    mass, stiffness = zeta * high - other * low, other * high - zeta * low
-    if min(mass, stiffness) < -1e-12 * max(zeta, other) * high:
-        raise InputError(f"ratios: ζ = {zeta:.4g} at ω = {low:.6g} and {other:.4g} at {high:.6g} would need a negative α or β. "
-                         f"With the first point, the second ζ can be {zeta * low / high:.4g} to {zeta * high / low:.4g}")
-    span = high**2 - low**2
-    return 2 * low * high * max(mass, 0.0) / span, 2 * max(stiffness, 0.0) / span
-
-
-def _modal(sub: Substructure, modal: Any) -> Matrix:
-    """MΦ diag(2ζω) ΦᵀM, dense."""
-    if sp.issparse(sub.K) and sub.size > FILLED:
-        raise InputError(f"modal damping makes D a full matrix, but {sub.name!r} has {sub.size} DOF (at most {FILLED}). Apply it "
-                         "to the reduced model, damped(reduce(...), modal=...), or use ratios=")
-    if isinstance(modal, str) or not isinstance(modal, (int, float, np.number, Sequence, np.ndarray)):
-        raise InputTypeError(f"modal must be a ratio or a sequence of them, not {modal!r:.80}")
-    if isinstance(modal, (Sequence, np.ndarray)):
-        zeta = np.array([not_negative(f"modal[{i}]", value) for i, value in enumerate(items("modal", modal, "ratios"))])
-        modes = lowest_modes(ShiftInvert(sub.K, sub.M, carried=sub.rigid_motion), len(zeta))  # refuses more than there are
-    else:
-        modes = all_modes(sub.K, sub.M, carried=sub.rigid_motion)
-        zeta = np.full(len(modes.eigenvalues) - modes.rigid, not_negative("modal", modal))
-    forces = (sub.M @ modes.shapes[:, modes.rigid:]) * np.sqrt(2 * zeta * modes.frequencies[modes.rigid:])
-    return forces @ forces.T
-
-
-def _dashpots(sub: Substructure, dashpots: Any) -> Matrix:
-    """Σ c w wᵀ, sparse."""
-    if not isinstance(dashpots, Mapping):
-        raise InputTypeError(f"dashpots must map DOF, pairs of DOF or ports to numbers, not {type(dashpots).__name__}")
-    columns, sizes = [], []
-    for key, value in dashpots.items():
-        w = _column(sub, key)
-        columns.append(w)
-        sizes += [not_negative(f"dashpot {key!r}", value)] * w.shape[1]
-    if not columns:
-        return sp.csr_array((sub.size, sub.size))
-    W = sp.csr_array(sp.hstack(columns))
-    weighted = W @ sp.diags_array(np.sqrt(sizes))
-    return sp.csr_array(weighted @ weighted.T)
-
-
 def _column(sub: Substructure, key: Any) -> Matrix:
+    """w (n, p) of a dashpot at a port, at a DOF, or between two."""
     if isinstance(key, str):
         return sp.csr_array(sub.port(key).reshape(sub.size, -1))
     pair = key if isinstance(key, tuple) else (key,)

@@ -157,8 +157,14 @@ class ModeSet(Frozen):
     def _common(self, dofs: DofMap, tol: float | None) -> tuple[Array, Array]:
         """Rows of this set, and rows of the model's map for the same motions."""
         nodes = self.dofs.nodes
-        if tol is not None:
-            nodes = self._nearest(dofs, positive_number("tol", tol))
+        if tol is not None:  # of each row the number of the model's nearest node; -1 where none is near
+            from scipy.spatial import cKDTree
+
+            positive_number("tol", tol)
+            if self.dofs.points is None or dofs.points is None or self.dofs.points.shape[1] != dofs.points.shape[1]:
+                raise InputError("tol needs the places of the nodes here and there, in as many coordinates")
+            distance, at = cKDTree(dofs.points).query(self.dofs.points)
+            nodes = np.where(distance <= tol, dofs.nodes[at], -1)
         labels, theirs = ([one.labels[kind] for kind in one.components] for one in (self.dofs, dofs))
         place = {key: at for at, key in enumerate(zip(dofs.nodes.tolist(), theirs, strict=True))}
         both = [(at, place[key]) for at, key in enumerate(zip(nodes.tolist(), labels, strict=True)) if key in place]
@@ -168,15 +174,6 @@ class ModeSet(Frozen):
                              "numbers of the nodes differ, tol= finds them by their places")
         here, there = np.array(both).T
         return here, there
-
-    def _nearest(self, dofs: DofMap, tol: float) -> Array:
-        """The number of the model's nearest node for each row; -1 where none is near."""
-        from scipy.spatial import cKDTree
-
-        if self.dofs.points is None or dofs.points is None or self.dofs.points.shape[1] != dofs.points.shape[1]:
-            raise InputError("tol needs the places of the nodes here and there, in as many coordinates")
-        distance, at = cKDTree(dofs.points).query(self.dofs.points)
-        return np.where(distance <= tol, dofs.nodes[at], -1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,14 +12,11 @@ real and imaginary parts of one size: Γ = Σ L R σ² conj(L R)', C = 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from femsub.checks import Array
-
-CHUNK = 2_000_000  # entries of a temporary array
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +56,6 @@ class Noise:
         """The number of measurements; 0 of a stated σ."""
         return 0 if self.deviations is None else len(self.deviations)
 
-    def _samples(self) -> Iterator[Array]:
-        """L d R / √(n (n - 1)), one measurement after the other."""
-        assert self.deviations is not None
-        for one in self.deviations:
-            yield self.left @ one @ self.right / np.sqrt(self.repeated * (self.repeated - 1))
-
     def moments(self) -> tuple[Array, Array]:
         """E|e|² and E[e²] of each entry, (nf, nr, nl) each; inf and 0 where the noise is not small."""
         if self.scatter is not None:
@@ -72,34 +63,33 @@ class Noise:
             turned = np.zeros(size.shape, dtype=complex)
         else:
             size, turned = 0.0, 0.0  # type: ignore[assignment]
-            for e in self._samples():
+            assert self.deviations is not None
+            for one in self.deviations:
+                e = self.left @ one @ self.right / np.sqrt(self.repeated * (self.repeated - 1))
                 size, turned = size + np.abs(e) ** 2, turned + e**2
         small = self.small[:, None, None]
         return np.where(small, size, np.inf), np.where(small, turned, 0.0)
 
-    def covariance(self, rows: Array, columns: Array) -> tuple[Array, Array]:
-        """Γ and C of the entries (rows, columns), (nf, k, k) each; NaN where the noise is not small."""
+    def covariance(self, rows: Array, columns: Array, most: int = 2_000_000) -> tuple[Array, Array]:
+        """Γ and C of the entries (rows, columns), (nf, k, k) each; NaN where the noise is not small.
+
+        Temporary arrays have at most so many numbers: 32 MB, which the cache of a processor nearly holds.
+        """
         left, right = self.left[:, rows], np.swapaxes(self.right[:, :, columns], 1, 2)  # (nf, k, a), (nf, k, b)
         if self.deviations is None:
             assert self.scatter is not None
-            gamma, turned = self._independent(left, right), np.zeros(())
+            k, turned = len(rows), np.zeros(())
+            gamma = np.zeros((len(self.scatter), k, k), dtype=complex)
+            step = max(1, most // (k * right.shape[2]))
+            for f, sigma in enumerate(self.scatter):  # one frequency after the other, and in blocks of the rows of σ
+                L, R = (part[f if len(part) > 1 else 0] for part in (left, right))
+                for start in range(0, len(sigma), step):
+                    block = slice(start, start + step)
+                    each = (L[:, block, None] * R[:, None] * sigma[block]).reshape(k, -1)
+                    gamma[f] += each @ each.conj().T
         else:
             e = np.array([np.einsum("fka,fka->fk", left, right @ np.swapaxes(one, 1, 2)) for one in self.deviations])
             e = np.moveaxis(e, 0, -1) / np.sqrt(self.repeated * (self.repeated - 1))
             gamma, turned = (e @ np.swapaxes(other, 1, 2) for other in (e.conj(), e))
         small = self.small[:, None, None]
         return np.where(small, gamma, np.nan), np.where(small, turned, np.nan) + np.zeros(gamma.shape, dtype=complex)
-
-    def _independent(self, left: Array, right: Array) -> Array:
-        """Σ L R σ² conj(L R)', one frequency after the other and in blocks of the rows of σ."""
-        assert self.scatter is not None
-        k = left.shape[1]
-        found = np.zeros((len(self.scatter), k, k), dtype=complex)
-        step = max(1, CHUNK // (k * right.shape[2]))
-        for at, sigma in enumerate(self.scatter):
-            L, R = (part[at if len(part) > 1 else 0] for part in (left, right))
-            for start in range(0, len(sigma), step):
-                block = slice(start, start + step)
-                each = (L[:, block, None] * R[:, None] * sigma[block]).reshape(k, -1)
-                found[at] += each @ each.conj().T
-        return found

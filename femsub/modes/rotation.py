@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -30,11 +29,7 @@ from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
 from femsub.model import TRANSLATIONS, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 
-SLANT = 0.2  # of a surface's normal along the circumference that a coarse mesh of a rounded edge may have
 TINY = np.finfo(float).tiny
-UNBALANCED = 1e-2  # share of the centrifugal load, or of its moments, that may be unbalanced; a round body's mesh has much less
-SWIRL = 0.1  # share of the static displacement along the circumference above which supports are not round
-OTHER_MASS = 10.0  # ratio of the part's masses to those of mesh and material that a lumped mass does not explain
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,27 +139,7 @@ def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, M
     >>> waves[waves > 0].round(-1)
     array([7000., 7170., 7200., 7770., 8170.])
     """
-    _check_part(part, mesh)
-    parts = materials_of(mesh, material)
-    e, middle = _direction(axis), real_array("centre", centre)
-    if middle.shape != (3,):
-        raise InputError(f"centre must be three numbers, a point of the axis, not {centre!r:.60}")
-    across = np.cross(e, np.eye(3)).T  # across @ x = e × x
-    _refuse_angular(mesh, parts, across, middle)
-    rows = _rows(part, mesh)
-    load, masses = _load(mesh, parts, across, middle)
-    ratio = float(part.M.diagonal().sum() / masses[rows // 3].sum())
-    if not 1 / OTHER_MASS < ratio < OTHER_MASS:
-        raise InputError(f"the masses of {part.name!r} are {ratio:.3g} times those of the mesh {mesh.name!r} with this material. "
-                         "Give the mesh, material and units that the part was made with")
-    field = np.zeros(3 * len(mesh.points))
-    field[rows] = ShiftInvert(part.K, part.M).elastic_solve(load.ravel()[rows, None])[:, 0]
-    _tell_swirl(part, field.reshape(-1, 3), (mesh.points - middle) @ across.T)
-    gyroscopic, centrifugal = (matrix[rows][:, rows] for matrix in turning(mesh, parts, across, middle, field.reshape(-1, 3)))
-    return Rotor(part, gyroscopic, centrifugal, e)
-
-
-def _check_part(part: Substructure, mesh: Mesh) -> None:
+    # a full component of solid elements
     instance("mesh", mesh, Mesh)
     instance("part", part, Substructure, "a solid at rest, see solid")
     if type(part) is not Substructure:
@@ -172,97 +147,100 @@ def _check_part(part: Substructure, mesh: Mesh) -> None:
                              "first, then reduce or couple what `at` gives")
     if mesh.kind not in KINDS:
         raise InputTypeError(f"the mesh {mesh.name!r} has {mesh.kind} cells. Only solids can turn: one of {', '.join(KINDS)}")
-    if part.dofs is None or part.dofs.labels != TRANSLATIONS:
-        found = "no DOF map" if part.dofs is None else f"the DOF {', '.join(part.dofs.labels)}"
+    dofs = part.dofs
+    if dofs is None or dofs.labels != TRANSLATIONS:
+        found = "no DOF map" if dofs is None else f"the DOF {', '.join(dofs.labels)}"
         raise InputTypeError(f"part must be a solid with the DOF {', '.join(TRANSLATIONS)}, but {part.name!r} has {found}. Beams "
                              "and plates cannot turn")
+    parts = materials_of(mesh, material)
 
-
-def _direction(axis: str | Sequence[float]) -> Array:
+    # the axis
     if isinstance(axis, str):
-        return np.eye(3)["xyz".index(choice("axis", axis, "xyz"))]
-    vector = real_array("axis", axis)
-    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
-    if not 0 < length < np.inf:
-        raise InputError(f"axis must be 'x', 'y', 'z' or three numbers that are not all 0, not {axis!r:.60}")
-    return vector / length
+        e = np.eye(3)["xyz".index(choice("axis", axis, "xyz"))]
+    else:
+        e = real_array("axis", axis)
+        length = float(np.linalg.norm(e)) if e.shape == (3,) else 0.0
+        if not 0 < length < np.inf:
+            raise InputError(f"axis must be 'x', 'y', 'z' or three numbers that are not all 0, not {axis!r:.60}")
+        e = e / length
+    middle = real_array("centre", centre)
+    if middle.shape != (3,):
+        raise InputError(f"centre must be three numbers, a point of the axis, not {centre!r:.60}")
+    across = np.cross(e, np.eye(3)).T  # across @ x = e × x
+    around = (mesh.points - middle) @ across.T
+    radius = np.linalg.norm(around, axis=1)
 
-
-def _rows(part: Substructure, mesh: Mesh) -> Array:
-    """For each DOF of the part its row among the 3n of the mesh."""
-    dofs: Any = part.dofs
-    nodes = node_rows(mesh, dofs.nodes)
-    if dofs.points is not None:
-        apart = np.abs(dofs.points - mesh.points[nodes]).max(axis=1)
-        if apart.max() > POSITION * np.ptp(mesh.points, axis=0).max():
-            raise InputError(f"node {dofs.nodes[apart.argmax()]} of {part.name!r} lies {apart.max():.3g} from its place in the "
-                             f"mesh {mesh.name!r}. Give the mesh that the part was made from")
-    return 3 * nodes + dofs.components
-
-
-def _refuse_angular(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array) -> None:
-    """Refuse a body, or a material in it, with a surface that faces along the circumference, as that of a hole does.
-
-    For a surface of revolution (e × x)·n = 0. The normal at a corner, averaged over its faces, may deviate by half the extent
-    of these faces around the axis, and by SLANT where the surface is curved and the faces are coarse.
-    """
-    for material, members in parts:
+    # no surface of the body, or of a material in it, faces along the circumference, as that of a hole does: of a surface of
+    # revolution (e × x)·n = 0. The normal at a corner, averaged over its faces, may deviate by half the extent of these faces
+    # around the axis, and by a fifth where the surface is curved, as a rounded edge is, and the faces are coarse
+    for one, members in parts:
         body = mesh if len(parts) == 1 else Mesh(mesh.points, mesh.cells[members], mesh.kind)
         faces = corner_nodes(body, *boundary_faces(body))
-        corners = mesh.points[faces] - centre
+        corners = mesh.points[faces] - middle
         areas = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
         unit = areas / np.maximum(np.linalg.norm(areas, axis=1), TINY)[:, None]
         normals, extent = np.zeros_like(mesh.points), np.zeros(len(mesh.points))
         np.add.at(normals, faces, unit[:, None])
-        around = (mesh.points - centre) @ across.T
-        radius = np.linalg.norm(around, axis=1)
         turn = corners.mean(axis=1) @ across.T
         wide = np.ptp(np.einsum("fca,fa->fc", corners, turn), axis=1) / np.maximum(np.linalg.norm(turn, axis=1), TINY)
         np.maximum.at(extent, faces, wide[:, None])
         nodes = np.unique(faces)
         along = np.abs(np.einsum("na,na->n", normals[nodes], around[nodes]))
         sizes = np.linalg.norm(normals[nodes], axis=1) * radius[nodes]
-        bad = nodes[along * radius[nodes] > (extent[nodes] / 2 + SLANT * radius[nodes]) * sizes]
+        bad = nodes[along * radius[nodes] > (extent[nodes] / 2 + 0.2 * radius[nodes]) * sizes]
         if len(bad):
             place = ", ".join(f"{x:.4g}" for x in mesh.points[bad[0]])
-            which = "" if len(parts) == 1 else f" of the material {material}"
+            which = "" if len(parts) == 1 else f" of the material {one}"
             raise InputError(f"{mesh.name!r} is not round about the axis: at {len(bad)} of the {len(nodes)} corners on the "
                              f"surface{which} this faces along the circumference, one of them at ({place}). In a fixed frame its "
                              "matrices would change with time. Check axis and centre, or mesh the part without holes, slots and "
                              "teeth")
 
+    # for each DOF of the part its row among the 3n of the mesh
+    nodes = node_rows(mesh, dofs.nodes)
+    if dofs.points is not None:
+        apart = np.abs(dofs.points - mesh.points[nodes]).max(axis=1)
+        if apart.max() > POSITION * np.ptp(mesh.points, axis=0).max():
+            raise InputError(f"node {dofs.nodes[apart.argmax()]} of {part.name!r} lies {apart.max():.3g} from its place in the "
+                             f"mesh {mesh.name!r}. Give the mesh that the part was made from")
+    rows = 3 * nodes + dofs.components
 
-def _load(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array) -> tuple[Array, Array]:
-    """∫ρ N_i x_⊥ dV (n, 3), with x_⊥ the vector from the axis, and the masses ∫ρ N_i² dV (n,)."""
+    # the centrifugal load ∫ρ N_i x_⊥ dV (n, 3), with x_⊥ the vector from the axis, and the masses ∫ρ N_i² dV (n,)
     count = len(mesh.points)
     load, masses, size = np.zeros((count, 3)), np.zeros(count), 0.0
-    for material, members, N, root, _ in at_points(mesh, parts):
+    for one, members, N, root, _ in at_points(mesh, parts):
         cells = mesh.cells[members]
-        away = -((N @ mesh.points[cells] - centre) @ (across @ across).T)
-        weight = material.rho * root**2
+        away = -((N @ mesh.points[cells] - middle) @ (across @ across).T)
+        weight = one.rho * root**2
         forces = N.T @ (weight[..., None] * away)
-        for axis in range(3):
-            load[:, axis] += np.bincount(cells.ravel(), forces[..., axis].ravel(), count)
+        for direction in range(3):
+            load[:, direction] += np.bincount(cells.ravel(), forces[..., direction].ravel(), count)
         masses += np.bincount(cells.ravel(), (weight @ N**2).ravel(), count)
         size += float((weight * np.linalg.norm(away, axis=-1)).sum())
-    force, moments = load.sum(axis=0), load.T @ (mesh.points - centre)
+    force, moments = load.sum(axis=0), load.T @ (mesh.points - middle)
     # ∫ρ x_⊥ xᵀ dV, which is the same in all directions across the axis
     uneven = np.linalg.norm(moments + np.trace(moments) / 2 * across @ across) / np.trace(moments)
     left = max(float(np.linalg.norm(force)) / size, float(uneven))
-    if left > UNBALANCED:
+    if left > 0.01:  # the mesh of a round body has much less
         raise InputError(f"{mesh.name!r} is not balanced about the axis: {left:.2%} of the centrifugal load or of its moments "
                          "are left over. Check axis, centre and materials, or whether the body is round")
-    return load, masses
+    ratio = float(part.M.diagonal().sum() / masses[rows // 3].sum())
+    if not 0.1 < ratio < 10:  # lumped masses differ less, and other units more
+        raise InputError(f"the masses of {part.name!r} are {ratio:.3g} times those of the mesh {mesh.name!r} with this material. "
+                         "Give the mesh, material and units that the part was made with")
 
-
-def _tell_swirl(part: Substructure, field: Array, around: Array) -> None:
-    """Warn if the centrifugal load moves nodes along the circumference, which it does not do in a body held all the way round."""
-    radius = np.maximum(np.linalg.norm(around, axis=1), TINY)
-    share = float(np.linalg.norm(np.einsum("na,na->n", field, around) / radius) / np.linalg.norm(field))
-    if share > SWIRL:
+    # its displacements, which in a body held all the way round are not along the circumference
+    field = np.zeros(3 * count)
+    field[rows] = ShiftInvert(part.K, part.M).elastic_solve(load.ravel()[rows, None])[:, 0]
+    field = field.reshape(-1, 3)
+    swirl = np.einsum("na,na->n", field, around) / np.maximum(radius, TINY)
+    share = float(np.linalg.norm(swirl) / np.linalg.norm(field))
+    if share > 0.1:  # a coarse mesh of a round support has less
         warn(f"{part.name!r}: {share:.0%} of the displacement under the centrifugal load is along the circumference, so "
              "its supports do not go all the way round. They stand still in space and do not turn with the part. Hold "
              "whole rings of nodes", FemsubWarning)
+    gyroscopic, centrifugal = (matrix[rows][:, rows] for matrix in turning(mesh, parts, across, middle, field))
+    return Rotor(part, gyroscopic, centrifugal, e)
 
 
 def turning(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array,
@@ -277,16 +255,12 @@ def turning(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, cent
         S, T = N * root[..., None], (G @ around[..., None])[..., 0]  # root times N and times ∂_θ N
         rate = S.swapaxes(1, 2) @ T
         gradient = field[cells].swapaxes(1, 2)[:, None] @ G / root[..., None, None]
-        pulled = (G @ _stress(material, gradient)).swapaxes(1, 2).reshape(m, k, 3 * q)
+        lam, mu = material.lame
+        trace = np.trace(gradient, axis1=-2, axis2=-1)[..., None, None]
+        stress = lam * trace * np.eye(3) + mu * (gradient + gradient.swapaxes(-1, -2))
+        pulled = (G @ stress).swapaxes(1, 2).reshape(m, k, 3 * q)
         stiffness = pulled @ G.swapaxes(2, 3).reshape(m, 3 * q, k) - material.rho * (T.swapaxes(1, 2) @ T)
         both = np.stack([material.rho * (rate - rate.swapaxes(1, 2)), stiffness], axis=-1)
         keep, blocks, add = pattern.places(members)
         total[blocks] += add @ both.reshape(-1, 2)[keep]
     return pattern.spread_diagonal(total[:, 0], skew=True), pattern.spread_diagonal(total[:, 1])
-
-
-def _stress(material: Material, gradient: Array) -> Array:
-    """σ (..., 3, 3) of displacement gradients ∂u_a/∂x_b."""
-    lam, mu = material.lame
-    trace = np.trace(gradient, axis1=-2, axis2=-1)[..., None, None]
-    return lam * trace * np.eye(3) + mu * (gradient + gradient.swapaxes(-1, -2))
