@@ -12,7 +12,7 @@ import femsub as fs
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
 from femsub.algebra import petsc
 from femsub.checks import EQUAL
-from femsub.model.bands import DOUBLE, REAL, beyond, in_band, moving, upper, widened, within
+from femsub.model.bands import DOUBLE, beyond, in_band, moving, upper, widened, within
 from femsub.modes.dense import dense_modes
 from femsub.modes.quadratic.matching import clear_radius, clusters, distinct, joined
 
@@ -65,7 +65,7 @@ def test_other_filters_have_the_same_edges() -> None:
     omega = 2.0 * (1 + EQUAL * np.array([-1.0, 0.0, 0.9, 1.1]))
     assert np.array_equal(beyond(omega, 2.0), ~in_band(omega, (0.0, 2.0)) | (omega > 2 * (1 + EQUAL)))
     assert np.array_equal(beyond(omega, 2.0), [False, False, False, True]) and not beyond(omega, np.inf).any()
-    values = np.array([-1.0 + 1j, -3.0 + 1j, 1j, 3j, -1.0 - 0.5 * REAL * 1j, -1.0 - 2 * REAL * 1j, 0.0])
+    values = np.array([-1.0 + 1j, -3.0 + 1j, 1j, 3j, -1.0 - 0.5 * DOUBLE * 1j, -1.0 - 2 * DOUBLE * 1j, 0.0])
     assert np.array_equal(within(values, (0.0, 2.0)), in_band(values, (0.0, 2.0), (-2.0, 2.0)))
     assert np.array_equal(upper(values), [True, True, True, True, True, False, True])
     bars = np.array([0.0, 2e-3, 0.0, 0.0])

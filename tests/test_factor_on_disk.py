@@ -90,7 +90,7 @@ def test_memory_decides(place: Path, machine: Callable[..., None], monkeypatch: 
 def test_a_reduction_that_would_not_fit_has_its_factor_on_disk(place: Path, machine: Callable[..., None],
                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "MOST_FILL", 1e9)
-    monkeypatch.setattr(memory, "LOADED", 0.0)
+    monkeypatch.setattr(memory, "LIBRARIES", "numpy")
     sub, kinds = lattice(*SIZE, held=True), []
     cache.drop()
     parts, less = (memory.reduction_bytes(sub.K, len(sub.interface) + 2, 5, sub.interface, on_disk=on_disk)

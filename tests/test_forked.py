@@ -67,7 +67,7 @@ def test_what_no_fork_has_begun_is_found_here(beside: bool) -> None:
 
 @pytest.mark.parametrize("end", ["killed", "raises", "hangs"])
 def test_a_fork_that_does_not_answer_costs_no_column(end: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.processes.beside.LEAST", 0.2)
+    monkeypatch.setattr("femsub.algebra.processes.beside.PATIENCE", 0.2)
 
     def fail() -> None:
         if end == "raises":
@@ -140,7 +140,7 @@ def test_one_thread_may_end_in_any_order() -> None:
 
 
 def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.factor.WORTH", 0.0)
+    monkeypatch.setattr("femsub.algebra.factor.WORK", 0.0)
     monkeypatch.setattr("femsub.algebra.processes.beside.cores", lambda: 2)
     asked, found = [], []
     begin = Divided.__init__
@@ -164,7 +164,7 @@ def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytes
 
 def test_a_fork_that_dies_within_a_block_leaves_the_constraint_modes_right(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its columns are written already, and it has not said so."""
-    monkeypatch.setattr("femsub.algebra.factor.WORTH", 0.0)
+    monkeypatch.setattr("femsub.algebra.factor.WORK", 0.0)
     monkeypatch.setattr("femsub.algebra.factor.BLOCK", 16)
     monkeypatch.setattr("femsub.algebra.processes.beside.BLOCK", 16)
     monkeypatch.setattr("femsub.algebra.processes.beside.cores", lambda: 2)
@@ -200,7 +200,7 @@ def test_no_fork_where_it_would_not_be_safe_or_not_be_worth_it(monkeypatch: pyte
     sub = fs.solid(fs.block((1.0, 0.5, 0.3), (6, 4, 3), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0))
     factor = shared_factor(sub.K + 1e6 * sub.M, "definite")
     assert not fork_pays(factor, 1000)
-    monkeypatch.setattr("femsub.algebra.factor.WORTH", 0.0)
+    monkeypatch.setattr("femsub.algebra.factor.WORK", 0.0)
     here, there = fork_pays(factor, 1000), []
     assert here is (factor.package == "cholmod")
     Thread(target=lambda: there.append(fork_pays(factor, 1000))).start()

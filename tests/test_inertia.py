@@ -21,7 +21,6 @@ from femsub.algebra.matrices import Difference
 from femsub.algebra.ordering import good_order, leaves_first
 from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.processes import beside
-from femsub.modes.block_lanczos import BLOCK
 from femsub.modes.dense import orthonormalise
 from femsub.modes.quadratic.projected_count import Projection
 from femsub.modes.quadratic.region import Contour
@@ -206,7 +205,7 @@ def test_a_process_beside_that_is_stopped_is_ended_and_named(kind: type[CountBes
                                                              monkeypatch: pytest.MonkeyPatch,
                                                              caplog: pytest.LogCaptureFixture) -> None:
     """Then this process does its work: None says so."""
-    monkeypatch.setattr("femsub.algebra.processes.beside.LEAST", 0.2)
+    monkeypatch.setattr("femsub.algebra.processes.beside.PATIENCE", 0.2)
     started = CountBeside(plate.K, plate.M) if kind is CountBeside else SignsBeside(plate.K, plate.M, 1.0)
     pid = int(Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()[-1])
     os.kill(pid, signal.SIGSTOP)
@@ -264,7 +263,7 @@ def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) ->
     assert all(highest < value for value in asked)
     assert order == ["residuals", "residuals", "count"][:2 + len(asked)]
     if asked:
-        search = [one for one in blocks if one in ("ask", (BLOCK,))]
+        search = [one for one in blocks if one in ("ask", (8,))]
         assert 0.3 * len(search) < search.index("ask") < 0.7 * len(search)
 
 

@@ -18,7 +18,7 @@ from rails import ARGUMENTS, STEEL, cells_of, piece, rail
 import femsub as fs
 from femsub.io.pieces import Piece
 from femsub.reduction import levels as levels_module
-from femsub.reduction.component import reduced
+from femsub.reduction.method import reduced
 
 BAR = {"material": STEEL, "supports": ["left"], "ports": {"belt": ("patch", "x")}, "rayleigh": (0.0, 1e-7)}
 

@@ -182,7 +182,7 @@ def test_a_fork_corrects_half_of_the_pairs(end: str, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(os, "fork", forked)
     monkeypatch.setattr("femsub.algebra.processes.beside.cores", lambda: 2)
     for worth in (1e12, 0.0):
-        monkeypatch.setattr("femsub.algebra.factor.WORTH", worth)
+        monkeypatch.setattr("femsub.algebra.factor.WORK", worth)
         projection = Projection(twice, contour)
         if not worth and not fork_pays(projection.factor, 1000):
             pytest.skip("no CHOLMOD")

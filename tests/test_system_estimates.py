@@ -21,7 +21,7 @@ from femsub.modes.quadratic import full_solve
 from femsub.reduction.estimates import nested as nested_estimates
 from femsub.reduction.estimates.joined import JoinedSpace, held_statics
 from femsub.reduction.estimates.leaving_out import LeavingOut
-from femsub.reduction.estimates.nested import ACCEPTED, Nested
+from femsub.reduction.estimates.nested import JOINED_RESIDUAL, Nested
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
 TOL = 1e-3
@@ -35,7 +35,7 @@ def together(case: Case, tol: float = TOL, kind: type = fs.CraigBampton) -> fs.S
 
 def check(case: Case, rom: fs.System, estimate: Estimate, most: float = 10.0) -> float:
     """The largest true error. Each is below its bound or estimate, but for rounding, and not far below."""
-    modes = all_modes(rom.K, rom.M, ACCEPTED)
+    modes = all_modes(rom.K, rom.M, JOINED_RESIDUAL)
     error = of_omega(case, modes.frequencies[modes.rigid:])
     room = ROUNDING + case.rounding[:len(error)]
     told = estimate.frequency_error[:len(error)]
@@ -367,7 +367,7 @@ def test_lower_bounds_by_lanczos_are_those_of_lapack(monkeypatch: pytest.MonkeyP
         with monkeypatch.context() as patched:
             patched.setattr(nested_estimates, "all_modes", None)
             for least in (0, 10**6):
-                patched.setattr(nested_estimates, "MANY", least)
+                patched.setattr(nested_estimates, "WIDE", least)
                 found.append(replace(given).bounds)
         by_modes, few, every = found
         assert len(by_modes) == len(every)

@@ -121,7 +121,7 @@ def test_small_dense_work_takes_one_thread_and_gives_the_others_back(code: str) 
 
 @pytest.mark.parametrize("long", [0.0, 1e9])  # in two threads, and in one
 def test_a_product_with_a_complex_block_is_that_of_its_parts(long: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.processes.threads.LONG", long)
+    monkeypatch.setattr("femsub.algebra.processes.threads.WORK", long)
     monkeypatch.setattr("femsub.algebra.processes.threads.threads", lambda: 2)
     rng = np.random.default_rng(1)
     A = sp.csr_array(sp.random_array((60, 60), density=0.4, rng=rng))

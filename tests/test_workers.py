@@ -317,7 +317,7 @@ def stopped_processes(folder: Path) -> list[int]:
 @pytest.mark.parametrize("sent", [signal.SIGCONT, signal.SIGKILL])
 def test_a_worker_that_is_stopped_is_named_and_what_is_advised_works(sent: signal.Signals, tmp_path: Path,
                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.algebra.processes.waiting.LEAST", 0.2)
+    monkeypatch.setattr("femsub.algebra.processes.waiting.PATIENCE", 0.2)
     said: list[str] = []
 
     class Advised(logging.Handler):
@@ -438,7 +438,7 @@ def test_parts_that_do_not_fit_side_by_side_are_told_beforehand(monkeypatch: pyt
     whole, made = system(), SparseFactor.made
     monkeypatch.setattr(workers, "at_hand", lambda need: workers.BASE)
     monkeypatch.setattr(parts, "LARGE", 100)
-    with pytest.warns(fs.FemsubWarning, match=r"only 1 of 2 workers run: 2 parts side by side need about 0.4\d* GB"):
+    with pytest.warns(fs.FemsubWarning, match=r"only 1 of 2 workers run: 2 parts side by side need about 0.6\d* GB"):
         found = fs.reduce(whole, methods(whole), workers=2)
     assert SparseFactor.made > made  # in this process
     assert_same(fs.reduce(whole, methods(whole)), found)

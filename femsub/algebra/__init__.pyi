@@ -16,8 +16,6 @@ from .elimination import (
     without_dust as without_dust,
 )
 from .factor import (
-    SMALL as SMALL,
-    WIDE as WIDE,
     ComplexFactor as ComplexFactor,
     DenseFactor as DenseFactor,
     Handle as Handle,
@@ -100,7 +98,15 @@ from .processes.folders import (
     only_one as only_one,
     opened as opened,
 )
-from .processes.limits import FEW as FEW, LARGE as LARGE, QUADRATIC as QUADRATIC, WORK as WORK
+from .processes.limits import (
+    BLOCK as BLOCK,
+    FEW as FEW,
+    LARGE as LARGE,
+    QUADRATIC as QUADRATIC,
+    SMALL as SMALL,
+    WIDE as WIDE,
+    WORK as WORK,
+)
 from .processes.memory import available as available, most_memory as most_memory, reused_memory as reused_memory
 from .processes.parts import check_workers as check_workers, side_by_side as side_by_side
 from .processes.stored import (

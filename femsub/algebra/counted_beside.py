@@ -15,14 +15,12 @@ from femsub.algebra.factor import are_definite, inertia
 from femsub.algebra.matrices import Difference
 from femsub.algebra.memory import MOST_FILL, room_of_count
 from femsub.algebra.processes.beside import Process
-from femsub.algebra.processes.limits import BASE, FACTOR_BYTES
+from femsub.algebra.processes.limits import BASE, FACTOR_BYTES, WORTH
 from femsub.checks import Matrix
 from femsub.errors import NotEnoughMemoryError
 
 if TYPE_CHECKING:
     from femsub.algebra.factor import Handle
-
-WORTH = 2e7  # nonzeros of the factor from which a count takes much longer than the half second in which a process starts
 
 
 class CountBeside(Process):

@@ -16,15 +16,11 @@ from femsub.algebra.ordering import leaves_first
 from femsub.algebra.petsc import Kind, SparseFactor
 from femsub.algebra.processes.beside import divided, is_fork_safe, shared_zeros
 from femsub.algebra.processes.cache import drop, forget, shared
-from femsub.algebra.processes.limits import BLOCK, FACTOR_BYTES, LARGE
+from femsub.algebra.processes.limits import BLOCK, FACTOR_BYTES, LARGE, SMALL, WORK
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
 
 log = logging.getLogger(__name__)
-
-WIDE = 300  # up to so many DOF all eigenvalues of a dense quadratic problem are found where only a band is asked
-SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
-WORTH = 2e9  # nonzeros of the factor times columns from which the solves take much longer than a fork, some 20 ms
 
 
 class Handle(Protocol):
@@ -161,7 +157,8 @@ def fork_pays(factor: Handle, columns: int) -> bool:
     """
     if not isinstance(factor, SparseFactor) or factor.package != "cholmod":
         return False
-    return columns > BLOCK // 2 and factor.fill * factor.size * columns >= WORTH and is_fork_safe()
+    # twenty times the work from which a thread is worth it: a fork takes some 20 ms, and the solves take much longer
+    return columns > BLOCK // 2 and factor.fill * factor.size * columns >= 20 * WORK and is_fork_safe()
 
 
 def solved(factor: Handle, B: Array) -> Array:

@@ -36,8 +36,14 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     try:
         raw: Any = sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
         shared = isinstance(value, sp.csr_array) and is_sealed(value) and raw.has_canonical_format
-        matrix = None if np.iscomplexobj(raw) else raw if shared and raw.dtype == np.float64 else (
-            _copied(raw) if sp.issparse(raw) else raw.astype(np.float64))
+        matrix = None if np.iscomplexobj(raw) else raw
+        if matrix is not None and not (shared and raw.dtype == np.float64):
+            if sp.issparse(raw):  # with short indices where they do: sums of matrices often have long ones
+                short = max(raw.nnz, *raw.shape) <= np.iinfo(np.int32).max
+                places = (part.astype(np.int32 if short else np.int64) for part in (raw.indices, raw.indptr))
+                matrix = sp.csr_array((raw.data.astype(np.float64), *places), shape=raw.shape)
+            else:
+                matrix = raw.astype(np.float64)
     except (NotImplementedError, OverflowError, TypeError, ValueError):
         raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}") from None
     if matrix is None:
@@ -61,12 +67,6 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
         raise InputError(f"{name}'s largest entry is {largest:.3g}. Products of such numbers leave the range of floating point. "
                          "Choose other units")
     return frozen(matrix)
-
-
-def _copied(A: Matrix) -> Matrix:
-    """A CSR matrix of numbers in double precision, with short indices where they do: sums of matrices often have long ones."""
-    index = np.int32 if max(A.nnz, *A.shape) <= np.iinfo(np.int32).max else np.int64
-    return sp.csr_array((A.data.astype(np.float64), A.indices.astype(index), A.indptr.astype(index)), shape=A.shape)
 
 
 def same(A: Matrix, B: Matrix) -> bool:

@@ -22,9 +22,7 @@ from femsub.checks import Array, Matrix, temporary
 from femsub.errors import NotEnoughMemoryError
 
 BLOCKS = 3 * BLOCK  # columns in work while constraint modes are computed: loads, solutions and products with K
-LOADED = 8e7  # bytes of the libraries that the first factorisation loads, and of their buffers
 LIBRARIES = "petsc4py.PETSc"
-BUFFERS = 3e8  # bytes of address space that the BLAS libraries take for their own use when they are first called
 MOST_FILL = 60  # nonzeros of a factor and its count for each one of A, rarely reached: where so many fit, none are estimated
 SAFE = 1.2  # times what a factor is foretold to take must be free: a process that takes too much is killed
 FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it goes to a disk, and while it is used there
@@ -55,7 +53,7 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int,
     """
     if not sp.issparse(K) or K.shape[0] < LARGE:
         return 0.0
-    libraries = {"libraries": 0.0 if LIBRARIES in sys.modules else LOADED}
+    libraries = {"libraries": 0.0 if LIBRARIES in sys.modules else BASE / 4}  # the first factorisation loads them
     amply = reduction_bytes(K, columns, modes, held, nonzeros=MOST_FILL * K.nnz) | libraries
     if (free := available()) is None or sum(amply.values()) < free:
         return amply["columns"]
@@ -144,18 +142,18 @@ def goes_to_disk(A: Matrix, possible: bool, kept: bool = True) -> bool:
     """
     limit, free, beside = left_of_limit(), available() if A.shape[0] >= LARGE else None, _beside.get()
     enough = MOST_FILL * FACTOR_BYTES * A.nnz + beside
-    if (limit is None or limit > BUFFERS + enough) and (free is None or free > (1 + (kept_bytes() > 0)) * enough):
+    if (limit is None or limit > BASE + enough) and (free is None or free > (1 + (kept_bytes() > 0)) * enough):
         return False
     nonzeros = factor_nonzeros(A)
     need = FACTOR_BYTES * nonzeros if kept else count_bytes(A, nonzeros)
     whole = SAFE * need + beside
     if free is not None and (kept_bytes() or free < whole):
         free, limit = at_hand(2 * need + beside), left_of_limit()
-    left = min(np.inf if limit is None else limit - BUFFERS, np.inf if free is None else free)
+    left = min(np.inf if limit is None else limit - BASE, np.inf if free is None else free)
     if possible and A.shape[0] >= LARGE and FRONTS * need < left < whole and need < disk()[1]:
         return True
-    if limit is not None and need > limit - BUFFERS:
-        raise NotEnoughMemoryError(f"a factor of {A.shape[0]} DOF needs about {(BUFFERS + need) / 1e9:.2g} GB, but the limit of "
+    if limit is not None and need > limit - BASE:
+        raise NotEnoughMemoryError(f"a factor of {A.shape[0]} DOF needs about {(BASE + need) / 1e9:.2g} GB, but the limit of "
                                    f"this process (ulimit -v or -d) leaves {max(limit, 0.0) / 1e9:.2g} GB. Raise the limit, or "
                                    "make the model smaller")
     return False

@@ -26,13 +26,13 @@ def rank_of_mass(M: Matrix) -> int:
     pieces, piece = connected_components(sp.csr_array(M), directed=False)
     rows = np.argsort(piece, kind="stable")
     counts = np.bincount(piece, minlength=pieces)
-    mass, rank = M.diagonal(), 0
-    rank += int(np.count_nonzero(mass[rows[np.repeat(counts, counts) == 1]]))
+    rank = int(np.count_nonzero(M.diagonal()[rows[np.repeat(counts, counts) == 1]]))
     for part in np.split(rows, np.cumsum(counts)[:-1]):
         if len(part) > 1:
             block = M[part][:, part]
             block = block.toarray() if sp.issparse(block) else block
-            unit = _unit(block)
+            mass = block.diagonal()
+            unit = np.where(mass > 0, mass, 1.0) ** -0.5
             sizes = np.linalg.eigvalsh(unit[:, None] * block * unit)
             rank += int(np.count_nonzero(sizes > SINGULAR * sizes[-1]))
     return rank
@@ -71,11 +71,6 @@ def factor_of_mass(M: Array, rank: int, stiffness: Array) -> tuple[Array, Array]
         R[k] = (M[order[k]] - R[:k, order[k]] @ R[:k]) / np.sqrt(left[order[k]])
         left = np.maximum(left - R[k] ** 2, 0.0)
     return R, order
-
-
-def _unit(M: Array) -> Array:
-    mass = M.diagonal()
-    return np.where(mass > 0, mass, 1.0) ** -0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EQUAL, Array, Matrix
+from femsub.checks import EQUAL, POSITION, Array, Matrix
 from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS
 from femsub.io.damage import MOST, check_room
@@ -22,7 +22,7 @@ from femsub.io.nastran_systems import NAMES, Systems
 from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
 from femsub.io.sierra import read_cbr
-from femsub.model import SHARED, DofMap, ReducedSubstructure, Substructure, of_few_digits
+from femsub.model import DofMap, ReducedSubstructure, Substructure, of_few_digits
 
 NETCDF = (".nc", ".nc4")  # of Sierra/SD
 ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
@@ -387,7 +387,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     V, kept = np.vstack([np.eye(len(order)), back.T @ recovery]), len(order) - nb
     D = None if D is None else T.T @ D @ T
     scale = np.sqrt(np.abs(np.outer(K.diagonal()[nb:], K.diagonal()[:nb])))
-    kind = "free" if (np.abs(K[nb:, :nb]) > SHARED * scale).any() else "fixed-interface"
+    kind = "free" if (np.abs(K[nb:, :nb]) > POSITION * scale).any() else "fixed-interface"
     # without a cut-off, the highest frequency of the modal coordinates
     if cutoff is None:
         k, m = K.diagonal()[nb:], M.diagonal()[nb:]

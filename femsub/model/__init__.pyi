@@ -25,8 +25,8 @@ from .contact import (
 )
 from .digits import rounding_of as rounding_of
 from .dof_map import LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
-from .estimate import SHARE as SHARE, STILL as STILL, Estimate as Estimate
-from .origin import SHARED as SHARED, Origin as Origin
+from .estimate import SHARE as SHARE, Estimate as Estimate
+from .origin import Origin as Origin
 from .pencil import (
     Pencil as Pencil,
     contact_matrix as contact_matrix,

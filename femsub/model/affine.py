@@ -205,13 +205,9 @@ def _fixed(theta: Theta, values: Mapping[str, float]) -> Theta:
     known = {name: float(values[name]) for name in _names(theta) if name in values}
     if not callable(theta):
         return known.get(theta, theta) if isinstance(theta, str) else theta
-    if len(known) == len(_names(theta)):
-        return _value(theta, known)
-    return partial(theta, **known) if known else theta
-
-
-def _value(theta: Callable[..., float], known: Mapping[str, float]) -> float:
-    """θ at the values of its parameters, which may have been given in two steps (`fixed`)."""
+    if len(known) < len(_names(theta)):
+        return partial(theta, **known) if known else theta
+    # the values may have been given in two steps (`fixed`)
     whole = {**theta.keywords, **known} if isinstance(theta, partial) else known
     function = theta.func if isinstance(theta, partial) else theta
     what = f"the factor {getattr(function, '__name__', type(function).__name__)}({', '.join(whole)})"

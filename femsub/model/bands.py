@@ -6,9 +6,10 @@ import numpy as np
 
 from femsub.checks import EPS, EQUAL, Array
 
-DOUBLE = 1e-6  # two eigenvalues closer than DOUBLE |λ| are one double eigenvalue split by rounding: both are in, or none
-LEAST = 1e-2  # in these two tolerances |λ| counts as at least LEAST hi: near 0 the rounding exceeds any share of |λ|
-REAL = 1e-7  # λ is real if |Im λ| / |λ| is smaller: rounding turns two equal real eigenvalues into a pair
+# two eigenvalues closer than DOUBLE |λ| are one double eigenvalue split by rounding: both are in a band, or none; both members of
+# such a pair are real; a λ that small, beside those of a band, is 0
+DOUBLE = 1e-6
+SMALL_SHARE = 1e-2  # in these tolerances |λ| counts as at least so much of hi: near 0 the rounding exceeds any share of |λ|
 REAL_ROOT = 1e-6  # a root of the border function counts only if its coefficient c is real: |Im c| / |Re c| up to this
 Range = tuple[float, float]
 
@@ -19,7 +20,7 @@ def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
     The edges belong to the band. Values up to EQUAL |λ| beyond an edge are in as well, since rounding moves them.
     Rounding splits a double eigenvalue by about the square root of EPS. So a value within DOUBLE |λ| of one that is in the
     band is in, too. The conjugate of a complex λ counts as such a neighbour: a double real eigenvalue may have become a
-    pair a ± bi with a small b. In both rules a |λ| below LEAST hi counts as LEAST hi.
+    pair a ± bi with a small b. In both rules a |λ| below a hundredth of hi counts as that.
 
     Parameters
     ----------
@@ -27,14 +28,18 @@ def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
         Real: frequencies ω. Complex: eigenvalues λ, with both members of a pair or only those with Im λ ≥ 0.
     band, re : (lo, hi)
     """
-    size = np.maximum(np.abs(values), LEAST * band[1] if np.isfinite(band[1]) else 0.0)
+    size = np.maximum(np.abs(values), SMALL_SHARE * band[1] if np.isfinite(band[1]) else 0.0)
     outside = distance_outside(values, band, re)
     result = outside <= EQUAL * size
     beside = np.flatnonzero(~result & (outside <= DOUBLE * size))
     if len(beside):
         mirrored = values.conj()
         members = np.append(values[result], mirrored[distance_outside(mirrored, band, re) <= EQUAL * size])
-        result[beside] = _distance(values[beside], members) <= DOUBLE * size[beside]
+        if len(members):
+            from scipy.spatial import cKDTree
+
+            points, tree = (np.stack([part.real, part.imag], axis=1) for part in (values[beside], members))
+            result[beside] = np.asarray(cKDTree(tree).query(points)[0]) <= DOUBLE * size[beside]
     return result
 
 
@@ -50,7 +55,7 @@ def beyond(omega: Array | float, limit: Array | float) -> Array:
 
 def upper(values: Array) -> Array:
     """Which λ have Im λ ≥ 0. If rounding has turned two equal real eigenvalues into a pair, both count."""
-    return values.imag >= -REAL * np.abs(values)
+    return values.imag >= -DOUBLE * np.abs(values)
 
 
 def moving(values: Array, bar: Array) -> Array:
@@ -70,13 +75,3 @@ def distance_outside(values: Array, band: Range, re: Range | None = None) -> Arr
 def widened(limit: float) -> float:
     """The limit up to which to search, so that nothing in a band that ends at `limit` (≥ 0) is missed."""
     return limit * (1 + 4 * DOUBLE)
-
-
-def _distance(values: Array, others: Array) -> Array:
-    """From each value to the nearest of the others, inf if there are none, shape (k,)."""
-    from scipy.spatial import cKDTree
-
-    if not len(others):
-        return np.full(len(values), np.inf)
-    points, tree = (np.stack([part.real, part.imag], axis=1) for part in (values, others))
-    return np.asarray(cKDTree(tree).query(points)[0])

@@ -104,21 +104,16 @@ class LinearContact(Frozen):
         names = [self.ports] if isinstance(self.ports, str) else items("ports", self.ports, "names of ports")
         if not names:
             raise InputError("ports is empty: a contact needs at least one port")
-        found = {name: self._matrix(name) for name in ("stiffness", "damping")}
-        given = [matrix for matrix in found.values() if matrix is not None]
+        given = {name: np.array(real_array(name, value)) for name in ("stiffness", "damping")
+                 if (value := getattr(self, name)) is not None}
         if not given:
             raise InputError("a linear contact needs stiffness or damping: matrices on the columns of its ports")
-        if len({matrix.shape for matrix in given}) > 1:
-            raise InputError(f"stiffness is {given[0].shape}, but damping {given[1].shape}")
-        self._set(ports=tuple(word("each of ports", name) for name in names), **found)
-
-    def _matrix(self, name: str) -> Array | None:
-        if (value := getattr(self, name)) is None:
-            return None
-        matrix = np.array(real_array(name, value))
-        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-            raise InputError(f"{name} must be square, one row per column of the ports, but its shape is {matrix.shape}")
-        return matrix
+        for name, matrix in given.items():
+            if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+                raise InputError(f"{name} must be square, one row per column of the ports, but its shape is {matrix.shape}")
+        if len({matrix.shape for matrix in given.values()}) > 1:
+            raise InputError(f"stiffness is {given['stiffness'].shape}, but damping {given['damping'].shape}")
+        self._set(ports=tuple(word("each of ports", name) for name in names), **given)
 
     def __repr__(self) -> str:
         shown = [f"{name} {len(matrix)} x {len(matrix)}, {'symmetric' if np.array_equal(matrix, matrix.T) else 'unsymmetric'}"

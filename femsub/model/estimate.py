@@ -10,11 +10,9 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.model.bands import LEAST, distance_outside
+from femsub.model.bands import DOUBLE, SMALL_SHARE, distance_outside
 
 SHARE = 0.7  # a band ends below this share of the cut-off: the neglected terms of a series in (ω/ω_cut)² then stay below 1/2
-STILL = 1e-6  # of the band: |λ| up to which it counts as rigid motion
-SAME = 1e-6  # |Δλ| / |λ| up to which an eigenvalue of the model is one of its estimate; |λ| counts as at least LEAST hi
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,10 +116,11 @@ class Estimate:
             mirrored = np.where(values.imag < 0, values.conj(), values)
             apart = np.abs(mirrored[:, None] - self.eigenvalues)
             near = apart.argmin(axis=1)
-            known = apart[np.arange(len(values)), near] <= SAME * np.maximum(np.abs(values), LEAST * self.band[1])
+            known = apart[np.arange(len(values)), near] <= DOUBLE * np.maximum(np.abs(values), SMALL_SHARE * self.band[1])
             middle, radius = self.located.real[near], self.radius[near]
             found[known] = np.stack([middle - radius, middle + radius], axis=1)[known]
-            found[~known & (np.abs(values) <= STILL * self.band[1])] = STILL * self.band[1] * np.array([-1.0, 1.0])
+            still = DOUBLE * self.band[1]
+            found[~known & (np.abs(values) <= still)] = still * np.array([-1.0, 1.0])
         return found
 
     def reaching(self, band: tuple[float, float]) -> tuple[float, float]:

@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array
+from femsub.checks import POSITION, Array
 from femsub.errors import InputError
 from femsub.model.contact import Contacts, columns_of, contacts_of, small_matrices
 from femsub.model.rigid_motion import RigidMotion, Touched, by_places, driven, energy_units, found
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
-
-TURNS = 1e-6  # share of a motion beside its mean from which on it turns, or of the largest one below which it is none
 
 
 def check_held(model: Substructure, contacts: Contacts, noun: str = "the part") -> None:
@@ -46,7 +44,18 @@ def check_held(model: Substructure, contacts: Contacts, noun: str = "the part") 
         for name, begin, end in zip(contact.sets, ends[:-1], ends[1:], strict=True):
             moved[name] = (W.T @ free)[begin:end]
     name = max(moved, key=lambda one: float(np.abs(moved[one]).max(initial=0.0)))
-    raise InputError(f"{noun} {name.rpartition('.')[0] or model.name!r} is not supported{_against(model, name, moved[name])}: "
+    # what the set does that is driven away, in words; motions of other parts leave it at rest. They are as exact as the places of
+    # the DOF that they follow from
+    U, size, _ = np.linalg.svd(moved[name], full_matrices=False)
+    u = U[:, size > POSITION * size[0]]
+    against = f"{u.shape[1]} rigid motions"
+    if u.shape[1] == 1:
+        assert model.interface_dofs is not None
+        dofs = model.interface_dofs.kept(model.sets[name])
+        mean = [float(u[dofs.components == k].mean()) if (dofs.components == k).any() else 0.0 for k in range(len(dofs.labels))]
+        turns = np.abs(u[:, 0] - np.array(mean)[dofs.components]).max(initial=0.0) > POSITION * np.abs(u).max()
+        against = ("turning" if turns else "sliding") + " in the plane of the contact"
+    raise InputError(f"{noun} {name.rpartition('.')[0] or model.name!r} is not supported against {against}: "
                      f"friction on {name!r} pushes it, and nothing but the contact holds it, so there is no steady sliding. Hold "
                      "it by supports or springs, as its caliper holds a pad. A band that begins above 0 judges its elastic modes")
 
@@ -61,16 +70,3 @@ def floating(model: Substructure, contacts: Contacts) -> RigidMotion | None:
         W, damping, stiffness = small_matrices(model, contact)
         motion = Touched(damping, W, stiffness, unit, left=False)(motion)
     return motion
-
-
-def _against(model: Substructure, name: str, u: Array) -> str:
-    """What a set does that is driven away, in words; motions of other parts leave it at rest."""
-    U, size, _ = np.linalg.svd(u, full_matrices=False)
-    u = U[:, size > TURNS * size[0]]
-    if u.shape[1] > 1:
-        return f" against {u.shape[1]} rigid motions"
-    assert model.interface_dofs is not None
-    dofs = model.interface_dofs.kept(model.sets[name])
-    mean = [float(u[dofs.components == k].mean()) if (dofs.components == k).any() else 0.0 for k in range(len(dofs.labels))]
-    turns = np.abs(u[:, 0] - np.array(mean)[dofs.components]).max(initial=0.0) > TURNS * np.abs(u).max()
-    return " against turning in the plane of the contact" if turns else " against sliding in the plane of the contact"

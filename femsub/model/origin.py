@@ -10,8 +10,6 @@ import numpy as np
 
 from femsub.checks import Array, Matrix
 
-SHARED = 1e-6  # of sqrt(k_ii k_jj): stiffness that constraint modes share with fixed-interface modes through rounding alone
-
 
 @dataclass(frozen=True, eq=False)
 class Origin:

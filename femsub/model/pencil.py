@@ -30,9 +30,6 @@ from femsub.errors import InputError, warn
 from femsub.model.constraints import Freed, freed
 from femsub.model.rigid_motion import Carried, Damped, Scaled, Touched, changed
 
-EVEN = 4.0  # largest entry of an unsymmetric K where its diagonal has been scaled to about 1, and shows the units
-LIGHT = 0.1  # damping ratio up to which a DOF is lightly damped
-ALIKE = 10  # DOF from which it is no accident that all are
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
 
 
@@ -149,9 +146,9 @@ class Pencil(Frozen):
         return found._with(rigid_motion=self.rigid_motion, noise=self.noise, cutoff=self.cutoff, contacts=self.contacts,
                            K0=found.K if self.K0 is self.K else sp.csr_array(self.K0))
 
-    def carrying(self, rigid_motion: Carried, noise: Array) -> Pencil:
-        """A copy that brings along what is known of its rigid motion, and of the rounding in its D."""
-        return self._with(rigid_motion=rigid_motion, noise=noise)
+    def carrying(self, rigid_motion: Carried, noise: Array, cutoff: float | None = None) -> Pencil:
+        """A copy that brings along what is known of its rigid motion, of the rounding in its D, and of its cut-off."""
+        return self._with(rigid_motion=rigid_motion, noise=noise, cutoff=self.cutoff if cutoff is None else float(cutoff))
 
     def below(self, cutoff: float) -> Pencil:
         """A copy whose modes count up to this cut-off."""
@@ -217,7 +214,8 @@ class Pencil(Frozen):
         stiffness = np.abs(self.K.diagonal())
         if self.symmetric[0] and stiffness.all():
             r = c = 2.0 ** np.rint(-np.log2(stiffness) / 2)
-            if self.symmetric[2] or without_signs(scaled(self.K, r, c)).max() <= EVEN:
+            # of an unsymmetric K the diagonal, which is about 1 now, shows the units if no entry is much larger
+            if self.symmetric[2] or without_signs(scaled(self.K, r, c)).max() <= SPREAD**0.5:
                 return r, c
         mass = np.abs(self.M.diagonal())
         both = (mass > 0) & (stiffness > 0)
@@ -285,10 +283,11 @@ class Pencil(Frozen):
         return np.divide(size, scale, out=np.zeros_like(size), where=scale > 0)
 
 
-def look_at_the_order(*parts: Sequence[tuple[float, Matrix]]) -> None:
+def look_at_the_order(*parts: Sequence[tuple[float, Matrix]], light: float = 0.1, many: int = 10) -> None:
     """A warning if D and K seem to be in each other's place; `parts` are the terms of M, D and K with their factors.
 
-    By itself each DOF with mass then has ζ = d/(2√(mk)) > 1, and with the two exchanged each is lightly damped. And K has no more
+    By itself each DOF with mass then has ζ = d/(2√(mk)) > 1, and with the two exchanged each is lightly damped: ζ < `light`, as
+    of nearly all structures. So they are where at least so `many` DOF agree, which is no accident then. And K has no more
     entries than D, as only the damping of a material has. Diagonals are looked at, which costs next to nothing.
     """
     if not all(parts):
@@ -296,8 +295,8 @@ def look_at_the_order(*parts: Sequence[tuple[float, Matrix]]) -> None:
     m, d, k = (sum(theta * A.diagonal() for theta, A in terms) for terms in parts)
     at = m > 0
     m, d, k = m[at], d[at], np.abs(k[at])
-    exchanged = (d > 0) & (d * d > 4 * m * k) & (k * k < (2 * LIGHT) ** 2 * m * d)
-    if len(m) < ALIKE or not k.any() or not exchanged.all() or _entries(parts[2]) > _entries(parts[1]):
+    exchanged = (d > 0) & (d * d > 4 * m * k) & (k * k < (2 * light) ** 2 * m * d)
+    if len(m) < many or not k.any() or not exchanged.all() or _entries(parts[2]) > _entries(parts[1]):
         return
     with np.errstate(divide="ignore"):
         given, other = (float(np.median(one / (2 * np.sqrt(m * two)))) for one, two in ((d, k), (k, d)))

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import Frozen, as_matrix, is_symmetric, rows_of_zeros, same, shared, translations
-from femsub.checks import Array, Matrix, check_band, instance, mapping, real_array, whole_numbers, word
+from femsub.algebra import ROUNDING, Frozen, as_matrix, is_symmetric, rows_of_zeros, same, shared, translations
+from femsub.checks import EQUAL, POSITION, Array, Matrix, check_band, instance, mapping, real_array, whole_numbers, word
 from femsub.errors import InputError, empty_dofs_error, unknown_name, warn
 from femsub.model.bands import beyond
 from femsub.model.contact import Contacts, contacts_of, small_matrices
@@ -24,11 +24,6 @@ from femsub.model.rigid_motion import Carried, RigidMotion
 
 if TYPE_CHECKING:
     from femsub.model.affine import Affine
-
-SYMMETRY = 1e-9  # largest |a_ij - a_ji| / sqrt(|a_ii a_jj|) that counts as rounding; other DOF's stiffness plays no role
-BALANCED, FEW = 1e-5, 4  # share of a row's entries to which they sum in a stiffness matrix; rows from which that says something
-SOME = 1000  # rows looked at before all are
-UNUSUAL = 1e-13  # from here on `Substructure` warns: an assembly rounds off less, products of matrices may round off more
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,20 +100,45 @@ class Substructure(Frozen):
             raise InputError(f"M has a negative mass: M[{where}, {where}] = {diagonal[where]:.6g}")
         if not np.any(diagonal):
             raise InputError("M has no mass at all: every diagonal entry is zero")
-        _semidefinite_pairs(mass, diagonal)
+        # m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too expensive here
+        bound = np.sqrt(diagonal)
+        if sp.issparse(mass):  # few arrays of its size: the first touch of their memory takes longer than the rest
+            size, limit = np.abs(mass.data), np.repeat(bound, np.diff(mass.indptr))
+            limit *= bound[mass.indices]
+        else:
+            size, limit = np.abs(mass), np.outer(bound, bound)
+        limit *= 1 + EQUAL
+        if (size > limit).any():
+            at = int((size - limit).argmax())
+            i, j = divmod(at, len(bound))
+            if sp.issparse(mass):
+                i, j = int(np.searchsorted(mass.indptr, at, "right")) - 1, int(mass.indices[at])
+            raise InputError(f"M is not positive semidefinite: M[{i}, {j}] = {mass[i, j]:.6g} is larger than "
+                             f"sqrt(M[{i}, {i}] M[{j}, {j}]), so some motion would have negative kinetic energy")
+        del size, limit
         if type(self) is Substructure and _in_each_others_place(mass, stiffness):  # parts of a system have been looked at
             warn(f"M and K of {name!r} seem to be in each other's place: most rows of M sum to 0 along a translation, as "
                  "those of a stiffness matrix do, and those of K do not. The order is Substructure(M, K), read_component(M, K)")
         if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:
             raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
-        if isinstance(interface, Mapping):
-            interface, sets = _named(interface, pencil.size)
+        if isinstance(interface, Mapping):  # named sets, which may overlap: each DOF once, and where in the interface each set is
+            named = {key: _interface(rows, pencil.size, f"the interface set {key!r}") for key, rows in interface.items()}
+            interface = list(dict.fromkeys(int(row) for rows in named.values() for row in rows))
+            place = {row: at for at, row in enumerate(interface)}
+            sets = {key: np.array([place[int(row)] for row in rows], dtype=np.intp) for key, rows in named.items()}
         joined = _interface(interface, pencil.size)
+        checked = {}
+        for key, column in mapping("ports", {} if ports is None else ports, "names and columns, as {'belt': w}").items():
+            what = f"port {word('the name of a port', key)!r}"
+            checked[key] = w = np.array(real_array(what, column.toarray() if sp.issparse(column) else column))
+            if w.ndim not in (1, 2) or w.shape[0] != pencil.size or w.size == 0:
+                raise InputError(f"{what} has the shape {w.shape}; the model has {pencil.size} DOF, so ({pencil.size},) or "
+                                 f"({pencil.size}, p)")
         self._set(M=mass, K=stiffness, D=pencil.D, interface=joined, sets=checked_sets(sets, len(joined)),
-                  ports=_ports({} if ports is None else ports, pencil.size), name=name, dofs=dofs, rigid_motion=None,
+                  ports=checked, name=name, dofs=dofs, rigid_motion=None,
                   noise=pencil.noise, H=None if H is None else _structural(H, stiffness))
         if mass is pencil.M and stiffness is pencil.K:
-            self._set(pencil=pencil)  # checked already
+            self._set(_checked=pencil)
 
     def __repr__(self) -> str:
         kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
@@ -128,6 +148,11 @@ class Substructure(Frozen):
     @property
     def size(self) -> int:
         return int(self.M.shape[0])
+
+    @property
+    def is_reduced(self) -> bool:
+        """Whether it is a reduced model, or a system with such a part."""
+        return any(part.is_reduced for part in getattr(self, "parts", {}).values())
 
     @cached_property
     def interior(self) -> Array:
@@ -152,8 +177,11 @@ class Substructure(Frozen):
 
     @cached_property
     def pencil(self) -> Pencil:
-        """λ²M + λD + K without any contact."""
-        return Pencil(self.M, self.D, self.K).carrying(self.rigid_motion, self.noise).below(self.cutoff)
+        """λ²M + λD + K without any contact, with what the model knows of its rigid motion and rounding."""
+        plain = vars(self).pop("_checked", None) or Pencil(self.M, self.D, self.K)
+        if self.rigid_motion is None and not self.noise.shape[1] and self.cutoff == plain.cutoff:
+            return plain
+        return plain.carrying(self.rigid_motion, self.noise, self.cutoff)
 
     def linearised(self, contacts: Contacts = None, *, structural: bool = False) -> Pencil:
         """The pencil linearised about steady sliding: with D + Σ W C_D Wᵀ and K + Σ W C_K Wᵀ over the given contacts.
@@ -223,9 +251,8 @@ class Substructure(Frozen):
             raise empty_dofs_error(len(found), map(self.dof_name, found.tolist()), self.name if name is None else name)
 
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
-        """What a model made of others knows from them."""
-        self._set(rigid_motion=rigid_motion, noise=noise,
-                  pencil=self.pencil.carrying(rigid_motion, noise).below(self.cutoff))
+        """What a model made of others knows from them; its pencil is made afterwards."""
+        self._set(rigid_motion=rigid_motion, noise=noise)
 
     def port(self, name: str) -> Array:
         """The column(s) w of a port, shape (n,) or (n, p); an unknown name is an InputError."""
@@ -332,9 +359,9 @@ class ReducedSubstructure(Substructure):
         self._set(V=V, interface_dofs=known, sets=sets, kinds=tuple(self.kinds), cutoff=float(self.cutoff),
                   port_error=self.port_error, full_interface=full_interface,
                   origin=None if self.origin is None else self.origin.belonging(self.M, self.K, same),
-                  estimate=self.estimate if valid else None, estimated=estimated if valid else None)
-        self._carry(motion.belonging(*own) if isinstance(motion, RigidMotion) else None,
-                    noise if noise is not None and len(noise) == self.size else self.noise)
+                  estimate=self.estimate if valid else None, estimated=estimated if valid else None,
+                  rigid_motion=motion.belonging(*own) if isinstance(motion, RigidMotion) else None,
+                  noise=noise if noise is not None and len(noise) == self.size else self.noise)
 
     def __repr__(self) -> str:
         limit = "complete" if np.isinf(self.cutoff) else f"cut-off {self.cutoff:.4g} rad/time"
@@ -344,6 +371,11 @@ class ReducedSubstructure(Substructure):
     def interface_rows(self) -> Matrix:
         """B with u_b = B q, shape (n_b, r)."""
         return self.V[self.full_interface]
+
+    @property
+    def is_reduced(self) -> bool:
+        """True."""
+        return True
 
     @property
     def interface_numbers(self) -> Array:
@@ -395,7 +427,9 @@ def called(model: Substructure | Pencil | Affine) -> str:
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:
-    """(A + Aᵀ)/2 of an A that is symmetric but for rounding. The tolerance is measured per DOF."""
+    """(A + Aᵀ)/2 of an A that is symmetric but for rounding: |a_ij - a_ji| ≤ EQUAL sqrt(|a_ii a_jj|), whatever the stiffness of
+    other DOF. An assembly rounds off less than ROUNDING, products of matrices may round off more: there is a warning then.
+    """
     skew, unit = sp.coo_array(matrix - matrix.T), np.sqrt(np.abs(matrix.diagonal()))
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(skew.data == 0, 0.0, np.abs(skew.data) / (unit[skew.row] * unit[skew.col]))
@@ -405,10 +439,10 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
     size = f"a difference of {share[where]:.1e} of sqrt({places})" if share[where] < np.inf else f"although {places} = 0"
     found = (f"{name} is not symmetric: {name}[{row}, {column}] = {matrix[row, column]:.6g}, but {name}[{column}, {row}] = "
              f"{matrix[column, row]:.6g}, {size}")
-    if share[where] > SYMMETRY:
-        raise InputError(f"{found}. Only {SYMMETRY:g} is accepted as rounding. Give an unsymmetric matrix to Pencil(M, D, K), "
+    if share[where] > EQUAL:
+        raise InputError(f"{found}. Only {EQUAL:g} is accepted as rounding. Give an unsymmetric matrix to Pencil(M, D, K), "
                          f"and friction as a contact. If it is rounding after all, give ({name} + {name}.T) / 2")
-    if share[where] > UNUSUAL:
+    if share[where] > ROUNDING:
         warn(f"{found}. It is treated as rounding and averaged out. If it is friction, use Pencil(M, D, K), else give "
              f"({name} + {name}.T) / 2")
     mean = (matrix + matrix.T) * 0.5
@@ -423,24 +457,12 @@ def _structural(H: Any, K: Matrix) -> Matrix:
     return found if is_symmetric(found) else _symmetric("H", found)
 
 
-def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
-    """Check m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too expensive here."""
-    bound = np.sqrt(diagonal)
-    if sp.issparse(M):  # few arrays of its size: the first touch of their memory takes longer than the rest
-        size, limit = np.abs(M.data), np.repeat(bound, np.diff(M.indptr))
-        limit *= bound[M.indices]
-    else:
-        size, limit = np.abs(M), np.outer(bound, bound)
-    limit *= 1 + SYMMETRY
-    if (size > limit).any():
-        where = int((size - limit).argmax())
-        i, j = (np.searchsorted(M.indptr, where, "right") - 1, M.indices[where]) if sp.issparse(M) else divmod(where, len(bound))
-        raise InputError(f"M is not positive semidefinite: M[{i}, {j}] = {M[i, j]:.6g} is larger than "
-                         f"sqrt(M[{i}, {i}] M[{j}, {j}]), so some motion would have negative kinetic energy")
+def _in_each_others_place(M: Matrix, K: Matrix, few: int = 4, some: int = 1000) -> bool:
+    """Whether M looks like a stiffness matrix and K does not: forces inside a body add up to 0, inertia in a translation not.
 
-
-def _in_each_others_place(M: Matrix, K: Matrix) -> bool:
-    """Whether M looks like a stiffness matrix and K does not: forces inside a body add up to 0, inertia in a translation not."""
+    They add up to 0 within the digits of a file. At least a `few` rows of a translation must do so, since fewer may by accident;
+    `some` rows are looked at before all are.
+    """
     if (M.data if sp.issparse(M) else M).min(initial=0.0) >= 0:  # then nothing in it can add up to 0
         return False
     t = translations(M.shape[0])
@@ -449,10 +471,10 @@ def _in_each_others_place(M: Matrix, K: Matrix) -> bool:
         part = A[rows]
         sums, size = np.abs(part @ t), abs(part) @ t
         own = (t[rows] > 0) & (size > 0)
-        return (own & (sums <= BALANCED * size)).sum(axis=0) / np.maximum(own.sum(axis=0), FEW)
+        return (own & (sums <= 10 * POSITION * size)).sum(axis=0) / np.maximum(own.sum(axis=0), few)
 
-    some = np.random.default_rng(1).integers(len(t), size=SOME)
-    if len(t) > SOME and (balanced(M, some) < 0.3).all():  # as of nearly every M: all rows take longer
+    sample = np.random.default_rng(1).integers(len(t), size=some)
+    if len(t) > some and (balanced(M, sample) < 0.3).all():  # as of nearly every M: all rows take longer
         return False
     stiff = balanced(M) > 0.5
     return bool(stiff.any() and (stiff & (balanced(K) < 0.1)).any())
@@ -469,14 +491,6 @@ def _interface(values: Iterable[int], size: int, what: str = "interface") -> Arr
     return raw.astype(np.intp)
 
 
-def _named(sets: Mapping[str, Iterable[int]], size: int) -> tuple[list[int], dict[str, Array]]:
-    """The interface of named sets of DOF, each DOF once, and where in it each set is."""
-    found = {name: _interface(rows, size, f"the interface set {name!r}") for name, rows in sets.items()}
-    flat = list(dict.fromkeys(int(row) for rows in found.values() for row in rows))
-    place = {row: at for at, row in enumerate(flat)}
-    return flat, {name: np.array([place[int(row)] for row in rows], dtype=np.intp) for name, rows in found.items()}
-
-
 def checked_sets(sets: Mapping[str, Any] | None, count: int) -> dict[str, Array]:
     """Named sets of an interface of `count` DOF, each DOF by its place in the interface."""
     found = {}
@@ -487,13 +501,3 @@ def checked_sets(sets: Mapping[str, Any] | None, count: int) -> dict[str, Array]
             raise InputError(f"the interface set {name!r} names place {found[name].max()}, but the interface has {count} DOF, "
                              "counted from 0: give the interface as a mapping, {'left': [0, 1]}")
     return found
-
-
-def _ports(ports: Mapping[str, Any], size: int) -> dict[str, Array]:
-    checked = {}
-    for name, column in mapping("ports", ports, "names and columns, as {'belt': w}").items():
-        what = f"port {word('the name of a port', name)!r}"
-        checked[name] = w = np.array(real_array(what, column.toarray() if sp.issparse(column) else column))
-        if w.ndim not in (1, 2) or w.shape[0] != size or w.size == 0:
-            raise InputError(f"{what} has the shape {w.shape}; the model has {size} DOF, so ({size},) or ({size}, p)")
-    return checked

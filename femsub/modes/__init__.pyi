@@ -1,6 +1,7 @@
 from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
 from .mode_set import ModeSet as ModeSet
 from .normal_modes import (
+    ACCEPTED as ACCEPTED,
     NormalModes as NormalModes,
     all_modes as all_modes,
     count_deferred as count_deferred,
@@ -42,8 +43,6 @@ from .receptance import (
 )
 from .shift_invert import IN_PARTS as IN_PARTS, ShiftInvert as ShiftInvert, motion_of as motion_of
 from .static_shapes import (
-    DEPENDENT as DEPENDENT,
-    NOISE as NOISE,
     energy_directions as energy_directions,
     independent as independent,
     lightest as lightest,

@@ -11,25 +11,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra import times
+from femsub.algebra import LARGE, ROUNDING, times
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
 
 if TYPE_CHECKING:
     from femsub.algebra import Handle
 
-BLOCK = 8  # a wider one makes a column cheaper, but needs more of them; BLAS takes eight at a time, and for ten longer per column
-WIDE, MANY = 16, 100  # the block for so many modes and more, where orthogonalisation gains as well
-RESTARTS = 60
-OFTEN = 16  # the Ritz values are looked at when so small a part of the basis is new
-ROWS = 50_000
-PASSES = 30  # of orthogonalisation of one block; two or three are usual
-SPREAD = 3e5  # ratio of the highest to the lowest θ up to which rounding in T and X leaves 1e-12 of λ, and 3e-11 as a residual
-LOST = 512 * EPS  # loss of orthogonality by cancellation up to which one pass is enough
-
 
 def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1, known: Array | None = None,
-                  seen: Callable[[Array, Array], int] | None = None, restarts: int = RESTARTS) -> tuple[Array, Array]:
+                  seen: Callable[[Array, Array], int] | None = None, restarts: int = 60, block: int | None = None
+                  ) -> tuple[Array, Array]:
     """The eigenvalues of (K - λM)φ = 0 next above σ: A V = V T + Q R Eᵀ, A = (K - σM)⁻¹M, VᵀMV = I, V (n, m), λ = σ + 1/θ.
 
     `factor` is that of K - σM, which is positive definite. A Ritz pair is accepted if ‖R Eᵀy‖ ≤ tol θ. T is block tridiagonal,
@@ -46,6 +38,11 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     seen : callable, optional
         Gets the approximate λ of each step, shape (count,), and how large their relative errors are at most. Returns how many of
         them have to meet `tol`; the others are as accurate as they are then.
+    restarts : int
+        So many at most. The default is far more than any model was seen to need.
+    block : int, optional
+        Columns of a block. A wider one makes a column cheaper, but needs more of them; BLAS takes eight at a time, and for ten
+        longer per column. The default is 8, and from 100 modes on, where orthogonalisation gains as well, 16.
 
     Returns
     -------
@@ -69,8 +66,10 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     def due(theta: Array, error: Array) -> int:
         return seen(sigma + 1 / theta, error) if seen else count
 
-    theta, X = _ritz_vectors(factor, M, count, tol, seed, locked, due, restarts)
-    if theta[0] <= SPREAD * theta[-1] and M.diagonal().all():
+    theta, X = _ritz_vectors(factor, M, count, tol, locked, due, np.random.default_rng(seed),
+                             restarts=restarts, block=block or (8 if count < 100 else 16))
+    # rounding in T and X leaves less than EPS θ₁/θ_k as a residual: half of that at most, and of λ a hundredth
+    if theta[0] * EPS <= tol / 10 * theta[-1] and M.diagonal().all():
         return sigma + 1 / theta, X
     MX = times(M, X)
     # Z = AX removes components in the null space of M, and zᵀ(K - σM)z = zᵀMx is accurate to rounding for small θ as well
@@ -80,12 +79,12 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     return sigma + np.einsum("ij,ij->j", Z, MX) / square, Z / np.sqrt(square)
 
 
-def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array,
-                  seen: Callable[[Array, Array], int], most_restarts: int) -> tuple[Array, Array]:
+def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, locked: Array, seen: Callable[[Array, Array], int],
+                  rng: np.random.Generator, *, restarts: int, block: int) -> tuple[Array, Array]:
     """The wanted θ (count,) and their Ritz vectors after a step of inverse iteration, (n, count). All other memory is freed."""
-    (n, known), rng = locked.shape, np.random.default_rng(seed)
+    n, known = locked.shape
     room = n - known
-    b = min(WIDE if count >= MANY else BLOCK, room // 4)
+    b = min(block, room // 4)
     most = min(room - b, int(2.5 * count) + 4 * b)
     whole, T = np.zeros((n, known + most + b), order="F"), np.zeros((most + b, most + b))
     whole[:, :known], V = locked, whole[:, known:]
@@ -100,7 +99,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
         """
         basis, size, clean = whole[:, :known + at], W.shape[1], False
         C, R = np.zeros((known + at, size)), np.eye(size)
-        for _ in range(PASSES):
+        for _ in range(2 * size + 6):  # one or two are usual; columns that are only rounding take two more each
             MW = times(M, W)
             G = W.T @ MW
             before = float(np.trace(G))
@@ -115,7 +114,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
             if clean and not lost and values[0] > 0.5 * values[-1]:  # the change is only rounding: no new product MW
                 V[:, at:at + size] = W @ change
                 return C[known:], R, MW @ change
-            W, clean = W @ change, not lost and EPS**2 * before < LOST**2 * values[0]
+            W, clean = W @ change, not lost and EPS**2 * before < ROUNDING**2 * values[0]  # no more was lost to cancellation
             if lost:
                 more = random(lost)
                 more -= W @ (W.T @ (M @ more))
@@ -124,7 +123,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
                                 "fewer modes, or check the matrices")
 
     _, _, MQ = put(random(b), 0)
-    first, m, restarts, looked = 0, 0, 0, 0
+    first, m, done, looked = 0, 0, 0, 0
     while True:
         new = slice(m, m + b)
         W = factor.solve(MQ)
@@ -135,7 +134,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
         T[:m, new] += C
         T[new, :m] = T[:m, new].T
         full = m + b > most
-        if full or (m >= count and m - looked >= m // OFTEN):
+        if full or (m >= count and m - looked >= m // 16):  # else eigenvalues of T would take longer than the steps
             theta, Y = np.linalg.eigh((T[:m, :m] + T[:m, :m].T) / 2)
             theta, Y, looked = theta[::-1], np.array(Y[:, ::-1], order="F"), m  # BLAS cannot use a negative stride
             rest = R @ Y[m - b:]
@@ -144,14 +143,14 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
             if m >= count and (residual <= tol * np.abs(theta[:count]))[:due].all():  # AX = XΘ + QREᵀY: this step needs no solve
                 return theta[:count], _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
         if full:
-            if restarts == most_restarts:
+            if done == restarts:
                 good = int(np.count_nonzero(residual <= tol * np.abs(theta[:count])))
                 raise NotConvergedError(f"{good} of {count} modes converged to {tol:g} within {restarts} restarts. Ask for "
                                         "fewer modes, or check the matrices")
-            restarts += 1
+            done += 1
             keep = min((2 * count + 3 * m) // 5, m - b)
-            for start in range(0, n, ROWS):  # in place: a second basis may not fit beside a large factor
-                rows = slice(start, start + ROWS)
+            for start in range(0, n, LARGE):  # in place: a second basis may not fit beside a large factor
+                rows = slice(start, start + LARGE)
                 V[rows, :keep] = _product(V[rows, :m], Y[:, :keep])
             V[:, keep:keep + b] = V[:, m:m + b]
             T[:] = 0.0

@@ -6,14 +6,9 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from femsub.algebra import LARGE, ROUNDING, SINGULAR
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError, SingularMatrixError
-
-ORTHOGONAL = 1e-12  # deviation of ΦᵀMΦ from I above which modes are orthogonalised once more
-ROWS = 20_000  # rows of Φ processed at a time
-NEAR = 1e-6  # relative distance of ω² of neighbours that are refined together
-BESIDE = 1e-10  # relative distance of the shift from ω²: on it K - σM would be singular
-TURNS, SETTLED = 6, 64 * EPS  # steps of inverse iteration, each with a new shift; relative change of λ at which it ends
 
 
 def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
@@ -74,36 +69,43 @@ def orthonormalise(shapes: Array, M: Matrix) -> None:
         gram = shapes.T @ (M @ shapes)
         change = np.triu(gram, 1) + np.diag((gram.diagonal() - 1) / 2)
         off = np.abs(change).max(initial=0.0)
-        if off < ORTHOGONAL:
+        if off < 8 * ROUNDING:  # of which the products above have some themselves
             break
         if not off < 0.5:
             i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
             raise NotConvergedError(f"modes {i + 1} and {j + 1} are not independent, φᵀMφ = {gram[i, j]:.3g}. The eigensolver "
                                     "has listed one mode twice. Check the scaling of K and M")
-        for start in range(0, len(shapes), ROWS):
-            shapes[start:start + ROWS] -= shapes[start:start + ROWS] @ change
+        for start in range(0, len(shapes), LARGE):
+            shapes[start:start + LARGE] -= shapes[start:start + LARGE] @ change
 
 
-def refined(K: Matrix, M: Matrix, values: Array, shapes: Array, which: Array) -> tuple[Array, Array]:
+def refined(K: Matrix, M: Matrix, values: Array, shapes: Array, which: Array, near: float) -> tuple[Array, Array]:
     """λ (k,) and φ (n, k) with the columns `which` refined by inverse iteration, each DOF in the unit of its own stiffness.
 
     Where stiff DOF lie beside soft ones, LAPACK's modes from the middle of the spectrum have the rounding of the stiff ones
-    in all entries. (K - σM)y = Mφ in scaled DOF has it in the stiff ones only; λ = σ + yᵀMφ / yᵀMy.
+    in all entries. (K - σM)y = Mφ in scaled DOF has it in the stiff ones only; λ = σ + yᵀMφ / yᵀMy. Neighbours whose λ are within
+    the share `near` are refined together.
     """
+    from scipy.sparse.linalg import splu
+
     values, shapes = values.copy(), shapes.copy()
-    for group in np.split(which, 1 + np.flatnonzero(np.diff(values[which]) > NEAR * values[which][1:])):
+    for group in np.split(which, 1 + np.flatnonzero(np.diff(values[which]) > near * values[which][1:])):
         lam, x = values[group], shapes[:, group]
-        for _ in range(TURNS):
-            sigma = float(lam.mean()) * (1 + BESIDE)
+        for _ in range(6):  # each with a new shift; two or three are usual
+            sigma = float(lam.mean()) * (1 + EPS ** (2 / 3))  # on it K - σM would be singular
             unit = 2.0 ** np.rint(np.log2(_units(K, M, np.array([sigma]))[:, 0]))
-            y = _solved(K - sigma * M, unit, M @ x)
-            if y is None:
+            A, b = K - sigma * M, unit[:, None] * (M @ x)
+            U = sp.diags_array(unit)
+            try:  # an A that is nearly singular is what inverse iteration needs
+                y = splu(sp.csc_array(U @ A @ U)).solve(b) if sp.issparse(A) else np.linalg.solve(unit[:, None] * A * unit, b)
+            except (RuntimeError, np.linalg.LinAlgError):
                 break
+            y = unit[:, None] * y
             size = np.sqrt(np.einsum("ij,ij->j", y, M @ y))
             y, energy = y / size, (y / size).T @ (M @ (x / size))  # yᵀ(K - σM)y, without cancellation
             shift, turn = la.eigh((energy + energy.T) / 2, y.T @ (M @ y))
             x, before, lam = y @ turn, lam, sigma + shift
-            if (np.abs(lam - before) <= SETTLED * lam).all():
+            if (np.abs(lam - before) <= SINGULAR * lam).all():
                 break
         values[group], shapes[:, group] = lam, x
     order = np.argsort(values, kind="stable")
@@ -123,15 +125,3 @@ def _units(K: Matrix, M: Matrix, values: Array) -> Array:
     """max(|k_ii|, λ m_ii)^(-1/2), (n, k)."""
     size = np.maximum(np.abs(K.diagonal())[:, None], np.outer(M.diagonal(), values))
     return np.where(size > 0, size, 1.0) ** -0.5
-
-
-def _solved(A: Matrix, unit: Array, b: Array) -> Array | None:
-    """A⁻¹b by LU of UAU, or None of a singular A. An A that is nearly singular is what inverse iteration needs."""
-    from scipy.sparse.linalg import splu
-
-    U, b = sp.diags_array(unit), unit[:, None] * b
-    try:
-        y: Array = splu(sp.csc_array(U @ A @ U)).solve(b) if sp.issparse(A) else np.linalg.solve(unit[:, None] * A * unit, b)
-    except (RuntimeError, np.linalg.LinAlgError):
-        return None
-    return unit[:, None] * y

@@ -27,8 +27,6 @@ from femsub.errors import InputError, InputTypeError, SingularMatrixError, unkno
 from femsub.modes.receptance import TOL, FrequencyResponse, loose
 
 MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # of a virtual point
-LOUD, LOST = 0.4, 1.0  # second order relative to the first: a warning from here on (95 % were 90 to 94 %); nothing stated
-SINGULAR = 1e-13  # reciprocal condition below which a matrix has no inverse
 End = tuple[str, str]
 
 
@@ -120,14 +118,14 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
         row, column = rows.stop, columns.stop
     joined = _Joined.of(Y, B, B_f)
     second = joined.second_order(places)
-    noise = tuple(one.through(joined.left[:, :, rows], joined.right[:, columns], second < LOST)
+    noise = tuple(one.through(joined.left[:, :, rows], joined.right[:, columns], second < 1.0)
                   for part, rows, columns in places for one in part.noise)
-    many = second > LOUD  # first order says too little of the noise
+    many = second > 0.4  # first order says too little of the noise: regions of 95 % hold 90 to 94 % here
     if many.any():
         worst = int(second.argmax())
         warn(f"the noise is too large for first order at {int(many.sum())} of {len(omega)} frequencies, most at ω = "
              f"{omega[worst]:.5g} rad/time: terms of second order are {second[worst]:.2g} of the first, so scatter, ellipses "
-             f"and covariance are too small there (unknown from {LOST:g} on). Measure more often, or leave these frequencies out")
+             f"and covariance are too small there (unknown from 1 on). Measure more often, or leave these frequencies out")
     bound = joined.bounded(bound)
     whole = all(part.tally.counted is not None for part in given.values())
     known = int(np.count_nonzero(~loose(joined.Y, bound, tol))) if whole else None
@@ -179,7 +177,7 @@ class _Joined:
         B_f = _per((_per(size.max(axis=1))[:, None] * size).max(axis=0))[:, None] * B_f
         across = B @ Y @ B_f.T
         rank = np.linalg.svd(across, compute_uv=False)
-        if (bad := rank[:, -1] <= SINGULAR * rank[:, 0]).any():
+        if (bad := rank[:, -1] <= 512 * EPS * rank[:, 0]).any():  # as much as rounding leaves where forces cancel
             raise SingularMatrixError(f"the joints have no unique forces at frequency {int(bad.argmax()) + 1} of {len(Y)}: some "
                                       "of them follow from the others, or the parts resonate against each other without damping")
         Z = np.linalg.inv(across)

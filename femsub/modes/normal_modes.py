@@ -17,6 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import (
+    BLOCK,
     SMALL,
     Difference,
     columns_left,
@@ -44,7 +45,7 @@ from femsub.errors import (
     SingularMatrixError,
     warn,
 )
-from femsub.model import Substructure, in_band, usable_band, widened
+from femsub.model import DOUBLE, Substructure, in_band, usable_band, widened
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
 from femsub.modes.shift_invert import IN_PARTS, ShiftInvert
 
@@ -54,18 +55,10 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-TOLERANCE = 1e-12  # of Krylov-Schur, relative to the eigenvalue of the shift-inverted problem
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
 GOOD = 64 * EPS  # scaled residual above which a mode is refined, if any mode is poor
-SHARP, BLURRED = EPS**0.5, 100  # relative error of ω² from which a mode is poor, if it is as many times that of rounding in K
-BLOCK_TOLERANCE = 1e-9  # of block Lanczos, which ends with a step of inverse iteration: residuals are 1e-13 to 1e-11 then
 HEAVY = 100  # nonzeros of the factor per row from which block solves are faster
-LOST = 0.1  # relative change of ω² by rounding in K above which there is a warning
 BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn until no mode lies at it
-BEYOND_WANTED = 1e-4  # error of modes that are not listed, and only show where a limit of the count may lie
-GAP = 1e-6  # relative gap of neighbouring ω² below which they are a cluster: no inertia is counted inside it
-SURE = 3.0  # times the bound of its error that a limit keeps from an approximate ω²
-COLUMNS = 16  # modes whose residuals are computed at a time: fresh memory takes longer than the products
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,6 +217,7 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
     if known is not None:
         values, shapes = known.eigenvalues[rigid:], known.shapes[:, rigid:]
     # two more than requested show where a cluster ends
+    tol = ACCEPTED / 100  # of Krylov-Schur, relative to the eigenvalue of the shift-inverted problem
     ask = min(count + 2 if evidence and known is None else count, finite - rigid) - len(values)
     nonzeros = handle.factor.fill * handle.factor.size
     heavy = handle.factor.fill > HEAVY and finite > 20 * max(count, 1)
@@ -234,10 +228,11 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
             counts = evidence and known is None
             converged = min(count, ask) if counts else converged
             with ExitStack() as stack:
-                more = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=BLOCK_TOLERANCE, known=beside,
+                # it ends with a step of inverse iteration: residuals are 1e-13 to 1e-11 then
+                more = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=10 * ACCEPTED, known=beside,
                                      seen=_counted_beside(handle, nonzeros, count, stack) if counts else None)
         else:
-            more = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE, known=beside)
+            more = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=tol, known=beside)
         values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]]) if len(values) else more[1]
     if len(values) == 0:
         return _result(handle, values, shapes, (0.0, 0), Tally(0, 0))
@@ -272,7 +267,7 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
             if handle.K.shape[0] > DENSE:
                 break
             return _dense(handle, count)
-        extra = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, missed, tol=TOLERANCE, seed=17 + attempt,
+        extra = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, missed, tol=tol, seed=17 + attempt,
                                 known=np.hstack([handle.rigid, shapes]))
         values, shapes = np.append(values, extra[0]), np.hstack([shapes, extra[1]])
         converged = len(values)
@@ -346,14 +341,16 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
         limit = _limit(values, count)[0]
         # The residual bounds the error of ω². So does its square over the distance to the modes beyond, about `apart`.
         apart = max(values[-1] / values[count - 1] - 1, EPS) if count else EPS
-        near = SURE * error * np.minimum(1.0, error / apart)
-        clear = bool((np.abs(values - limit) > SURE * error * values).all())
-        if beside is not None and beside.value is None and (np.abs(values - limit) > near * values).all():
+        far = 3 * error * values  # which the error is of the mode that is meant, if not of another one near it
+        near = far * np.minimum(1.0, error / apart)
+        clear = bool((np.abs(values - limit) > far).all())
+        if beside is not None and beside.value is None and (np.abs(values - limit) > near).all():
             beside.ask(limit)
             stack.enter_context(one_thread(True))
         elif beside is not None and not beside.busy:
             stack.close()
-        return count if clear and error.max() < BEYOND_WANTED else len(values)
+        # modes that are not listed only show where a limit may lie: their error, the square, must be far within a gap
+        return count if clear and error.max() ** 2 < DOUBLE / 100 else len(values)
 
     return seen
 
@@ -387,12 +384,12 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
         rounding[blurred], residual[blurred] = known
     if len(shapes) <= DENSE:
         scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
-        poor = (residual > accepted) | ((doubt > SHARP) & (doubt > BLURRED * rounding))
+        poor = (residual > accepted) | (doubt > np.maximum(EPS**0.5, 100 * rounding))  # far more than rounding in K explains
         elastic = values > 0
         elastic[blurred] = False
         if poor[elastic].any():
             which = np.flatnonzero((poor | (scaled > GOOD)) & elastic)
-            values, shapes = refined(handle.K, handle.M, values, shapes, which)
+            values, shapes = refined(handle.K, handle.M, values, shapes, which, DOUBLE)
             residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit, handle.rigid)
             if len(blurred):
                 rounding[blurred], residual[blurred] = known
@@ -410,7 +407,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
         at = int(beyond.argmax())
         raise NotConvergedError(f"mode {at + 1} has a relative residual of {residual[at]:.1e}, but "
                                 f"at most {accepted:g} is accepted. Check the scaling of K and M")
-    if rounding.max(initial=0.0) > LOST:
+    if rounding.max(initial=0.0) > 0.1:  # ω, its root, keeps one digit
         worst = float(rounding.max())
         warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative {worst:.0e}: its "
              f"energy is {handle.unit / worst:.0e} of that of the forces that cancel in it. "
@@ -552,7 +549,7 @@ def _remember(K: Matrix, M: Matrix, limit: float, modes: NormalModes) -> None:
     known = _counted(K, M)
     if np.count_nonzero(modes.eigenvalues < limit) == len(modes.eigenvalues) == modes.counted[1] and (
             not known or limit > known[0][0]):
-        known[:] = [(limit, modes.eigenvalues, (GAP + modes.rounding) * modes.eigenvalues)]
+        known[:] = [(limit, modes.eigenvalues, (DOUBLE + modes.rounding) * modes.eigenvalues)]
 
 
 def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Array:
@@ -574,8 +571,9 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
     def lengths(A: Array) -> Array:
         return np.sqrt(np.einsum("ij,ij->j", A, A))
 
-    for start in range(0, shapes.shape[1], COLUMNS):
-        part = slice(start, start + COLUMNS)
+    at_once = BLOCK // 4  # each takes four columns, and fresh memory takes longer than the products
+    for start in range(0, shapes.shape[1], at_once):
+        part = slice(start, start + at_once)
         x, value = np.array(shapes[:, part], order="C"), values[part]  # as products of sparse matrices have it
         inertial = times(M, x)
         inertial *= value
@@ -598,20 +596,21 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
 def _limit(values: Array, count: int, beside: CountBeside | None = None) -> tuple[float, int]:
     """The limit for the inertia count, and the number of the values (ascending) below it.
 
-    The limit lies in the widest gap above the `count` wanted ones. If there is no gap, because they end inside a cluster, it
-    lies just below the cluster. Then no lower mode is missing, and any member of the cluster may be listed. Where a limit is
-    counted beside already, and lies in such a gap, it is taken.
+    The limit lies in the widest gap above the `count` wanted ones. Neighbours within DOUBLE are a cluster, inside which no
+    inertia is counted. If there is no gap, because they end inside a cluster, it lies just below the cluster. Then no lower mode
+    is missing, and any member of the cluster may be listed. Where a limit is counted beside already, and lies in such a gap, it
+    is taken.
     """
     if beside is not None and beside.value is not None:
         within = int(np.count_nonzero(values < beside.value))
-        if count <= within < len(values) and (np.abs(values - beside.value) > GAP / 4 * values).all():
+        if count <= within < len(values) and (np.abs(values - beside.value) > DOUBLE / 4 * values).all():
             return beside.value, within
     if len(values) > count:
         tail = values[count - 1:] if count else np.append(0.0, values)
         gaps = np.diff(tail) / tail[1:]
         at = int(np.argmax(gaps))
-        if gaps[at] > GAP:
+        if gaps[at] > DOUBLE:
             return float((tail[at] + tail[at + 1]) / 2), at + count
-    below = np.flatnonzero(np.diff(values[:count]) > GAP * values[1:count])
+    below = np.flatnonzero(np.diff(values[:count]) > DOUBLE * values[1:count])
     first = int(below[-1]) + 1 if len(below) else 0
-    return float(values[first] * (1 - GAP / 2)), first
+    return float(values[first] * (1 - DOUBLE / 2)), first

@@ -30,7 +30,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import SMALL, ComplexFactor, Frozen, shared_factor
+from femsub.algebra import BLOCK, ROUNDING, SMALL, WIDE, ComplexFactor, Frozen, shared_factor
 from femsub.checks import (
     EPS,
     Array,
@@ -51,23 +51,14 @@ from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, be
 from femsub.modes.noise import Noise
 from femsub.modes.normal_modes import modes_below, modes_under
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.modes.static_shapes import DEPENDENT, energy_directions
+from femsub.modes.static_shapes import energy_directions
 
 if TYPE_CHECKING:
     from femsub.modes.normal_modes import NormalModes
 
 log = logging.getLogger(__name__)
 
-MANY = 8  # frequencies from which on modes are worth their cost: 12 of a chain, fewer than 1 of a bulky solid
-SWEEPS = 3  # with each, the static responses to what the basis leaves out join it
-LEAST = 1e-5  # share of a motion's energy, as a root, below which what is left out joins no more
-MOST = 40  # shapes that join in one sweep, at most
-MODES = 300  # modes up to which 'auto' takes this way
-REACH = 2.0  # modes are kept up to so many times the highest frequency
-WIDE = 200  # columns of loads, responses, contacts and dashpots beside the modes, at most
-DASHPOTS = 60  # DOF on which D acts, up to which each has a static response
-FAINT = 1e-3  # of the largest response to a load, or of the median over frequency: smaller ones need be no more accurate
-TOL = 1e-5
+TOL = 1e-5  # of responses; and the share of a motion's energy, as a root, that a basis may leave out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -364,7 +355,7 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     ------
     InputError, InputTypeError
         A negative frequency; an unknown port or DOF; no loads; 'modal' where it is not known to be right: an unsymmetric D on
-        many DOF, contacts of surfaces, more than 200 columns, K not positive semidefinite.
+        many DOF, contacts of surfaces, more than 300 columns, K not positive semidefinite.
     SingularMatrixError
         An undamped resonance, or ω = 0 of a floating model.
 
@@ -400,9 +391,10 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     pencil = model.linearised(contacts, structural=True)
     model.refuse_empty(pencil.D, pencil.K, model.H)
     basis: Modal | None = None
-    if method == "modal" or (method == "auto" and pencil.is_sparse and pencil.size > SMALL and len(omega) >= MANY):
+    # modes cost as much as 12 solutions of a chain, and as fewer than one of a bulky solid
+    if method == "modal" or (method == "auto" and pencil.is_sparse and pencil.size > SMALL and len(omega) >= 8):
         try:
-            basis = Modal.of(model, contacts, F, C, float(omega.max()), MODES if method == "auto" else model.size)
+            basis = Modal.of(model, contacts, F, C, float(omega.max()), WIDE if method == "auto" else model.size)
         except FemsubError as error:
             if method == "modal":
                 raise
@@ -424,10 +416,13 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     return found
 
 
-def loose(h: Array, bound: Array, tol: float) -> Array:
-    """At which frequencies some bound is not within the tolerance, bool, shape (nf,)."""
+def loose(h: Array, bound: Array, tol: float, faint: float = 1e-3) -> Array:
+    """At which frequencies some bound is not within the tolerance, bool, shape (nf,).
+
+    Responses below the share `faint` of the largest to a load, or of the median over frequency, need be no more accurate than it.
+    """
     size = np.abs(h)
-    size = np.maximum(size, FAINT * np.maximum(size.max(axis=1, keepdims=True), np.median(size, axis=0)))
+    size = np.maximum(size, faint * np.maximum(size.max(axis=1, keepdims=True), np.median(size, axis=0)))
     return ~(bound <= tol * size).all(axis=(1, 2))
 
 
@@ -446,33 +441,30 @@ def columns(model: Substructure, given: Any, what: str) -> tuple[tuple[str, ...]
     asked = list(model.ports) if given is None else [given] if single else items(what, given, "ports or DOF")
     if not asked:
         raise InputError(f"{what} is empty: name at least one port or DOF")
-    parts = [(key if isinstance(key, str) else f"DOF {key}", _column(model, key, what)) for key in asked]
+    basis = model.V if isinstance(model, ReducedSubstructure) else None
+    size = model.size if basis is None else len(basis)
+    parts = []
+    for key in asked:
+        if isinstance(key, str) and (key in model.ports or key not in model.sets):
+            with naming(what):
+                w = model.port(key)
+        elif isinstance(key, str):
+            joined: Matrix = model.interface_rows[model.sets[key]].T
+            w = np.asarray(joined.toarray() if sp.issparse(joined) else joined)
+        elif isinstance(key, bool) or not isinstance(key, (int, np.integer)):
+            raise InputTypeError(f"each of {what} must be the name of a port or an interface set, or a DOF, not {shown(key)}")
+        else:
+            dof = whole_number(f"the DOF in {what}", key)
+            if not 0 <= dof < size:
+                raise InputError(f"{what}: there is no DOF {dof}. {model.name!r} has {size}, counted from 0")
+            w = np.zeros(size)
+            w[dof] = 1.0
+            w = w if basis is None else np.array(basis[dof])
+        parts.append((key if isinstance(key, str) else f"DOF {key}", w))
     names = [name if w.ndim == 1 else f"{name}[{k}]" for name, w in parts for k in range(1 if w.ndim == 1 else w.shape[1])]
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(f"{what}: {twice[0]!r} is named {names.count(twice[0])} times")
     return tuple(names), np.column_stack([w for _, w in parts])
-
-
-def _column(model: Substructure, key: Any, what: str) -> Array:
-    """Column(s) of a port, of an interface set, or of a DOF."""
-    if isinstance(key, str):
-        if key in model.ports or key not in model.sets:
-            with naming(what):
-                return model.port(key)
-        joined: Matrix = model.interface_rows[model.sets[key]].T
-        return np.asarray(joined.toarray() if sp.issparse(joined) else joined)
-    basis = model.V if isinstance(model, ReducedSubstructure) else None
-    size = model.size if basis is None else len(basis)
-    if isinstance(key, bool) or not isinstance(key, (int, np.integer)):
-        raise InputTypeError(f"each of {what} must be the name of a port or an interface set, or a DOF, not {shown(key)}")
-    dof = whole_number(f"the DOF in {what}", key)
-    if not 0 <= dof < size:
-        raise InputError(f"{what}: there is no DOF {dof}. {model.name!r} has {size}, counted from 0")
-    if basis is not None:
-        return np.array(basis[dof])
-    w = np.zeros(size)
-    w[dof] = 1.0
-    return w
 
 
 def _counted(number: int, what: str) -> str:
@@ -544,13 +536,10 @@ class Whole:
         wrong = pencil.backward_error(np.full(x.shape[1], s), x, rest).max(initial=0.0)
         changed = _changed(solve, False, each, x)
         if y is not x:
-            changed = max(changed, _changed(solve, True, self._residual(self._transposed, s, self.C, y)[1], y))
+            transposed = pencil if all(pencil.symmetric) else pencil.transposed()
+            changed = max(changed, _changed(solve, True, self._residual(transposed, s, self.C, y)[1], y))
         bound = np.abs(y).T @ each / (1 - changed) ** 2 if changed < 1 else np.full((y.shape[1], x.shape[1]), np.inf)
         return self.C.T @ x, bound, float(wrong)
-
-    @cached_property
-    def _transposed(self) -> Pencil:
-        return self.pencil if all(self.pencil.symmetric) else self.pencil.transposed()
 
     def _residual(self, pencil: Pencil, s: complex, F: Array, x: Array) -> tuple[Array, Array]:
         """F - Px, and its size with that of its rounding, entry by entry."""
@@ -622,8 +611,12 @@ class Modal:
     modes: int
 
     @classmethod
-    def of(cls, model: Substructure, contacts: Contacts, F: Array, C: Array, highest: float, most: int) -> Modal:
-        """For frequencies up to the highest; with `most` modes.
+    def of(cls, model: Substructure, contacts: Contacts, F: Array, C: Array, highest: float, most: int, *,
+           reach: float = 2.0, sweeps: int = 3) -> Modal:
+        """For frequencies up to the highest; with at most `most` modes, which are all up to `reach` times the highest frequency.
+
+        γ is 3/4 then. `sweeps` times the static responses to what the basis leaves out join it; the bound is small after one or
+        two.
 
         Raises
         ------
@@ -634,7 +627,7 @@ class Modal:
         if any(map(sp.issparse, (part for term in terms for part in term))):
             raise InputError("contacts of surfaces act on too many DOF for the modal way. Take method='direct'")
         braked = np.unique(np.concatenate(model.D.nonzero()))  # its rows and its columns
-        few = len(braked) <= DASHPOTS
+        few = len(braked) <= BLOCK  # one solve gives each its static response
         if few:  # D acts as a contact does
             one_by_one = np.zeros((model.size, len(braked)))
             one_by_one[braked, np.arange(len(braked))] = 1.0
@@ -646,13 +639,13 @@ class Modal:
             raise InputError(f"{forces.shape[1]} columns of loads, responses, contacts and dashpots are too many for the modal "
                              f"way (at most {WIDE}). Take method='direct', or ask for fewer at a time")
         handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
-        floor = handle.lowest ** 0.5 / REACH  # far below it rounding of K may hide whether rigid motion is below the limit
-        limit = max(REACH * highest, floor) if np.isfinite(floor) or not highest else REACH * highest
+        floor = handle.lowest ** 0.5 / reach  # far below it rounding of K may hide whether rigid motion is below the limit
+        limit = max(reach * highest, floor) if np.isfinite(floor) or not highest else reach * highest
         if most < model.size and (count := modes_under(model.K, model.M, limit**2)) > most:
             raise InputError(f"{count} modes lie below {limit:.5g} rad/time, more than {most}. Take method='direct'")
         found = modes_below(model.K, model.M, limit, handle)
         spread = (None if few else model.D, model.H)
-        basis = _ModalBasis.of(handle, found, forces, spread, highest or limit)
+        basis = _ModalBasis.of(handle, found, forces, spread, highest or limit, sweeps)
         V, M, K = basis.V, basis.M, basis.K
         D, H = (np.zeros(K.shape) if A is None else V.T @ (A @ V) for A in spread)
         size, rounding = np.abs(V), _terms(model.pencil) * EPS
@@ -724,7 +717,7 @@ class _ModalBasis:
 
     @classmethod
     def of(cls, handle: ShiftInvert, modes: NormalModes, forces: Array, spread: tuple[Matrix | None, Matrix | None],
-           highest: float) -> _ModalBasis:
+           highest: float, sweeps: int) -> _ModalBasis:
         """For forces, and a `spread` of D and H over many DOF.
 
         What the basis leaves out of -ω²MV, iωDV and iHV is itself a load. Its static responses join the basis, those of the
@@ -734,16 +727,20 @@ class _ModalBasis:
         unit = np.maximum(values, highest**2) ** -0.5  # makes motions of energy 1
         given = handle.elastic_solve(forces, Phi)
         energy, through = _energy(handle, given), ((Phi.T @ forces) ** 2).sum(axis=0) / top
-        static = given[:, energy > DEPENDENT**2 * through]  # the rest is rounding
-        for sweep in range(SWEEPS + 1):
-            Psi = _of_unit_energy(handle, static, Phi)
+        static = given[:, energy > ROUNDING**2 * through]  # the rest is rounding
+        for sweep in range(sweeps + 1):
+            Psi = static  # made K-orthonormal, and M-orthogonal to Φ; in two passes, since nearly dependent columns lose digits
+            for _ in range(2):
+                Psi = handle.deflate(Psi, Phi)
+                gram = Psi.T @ (handle.K @ Psi)
+                Psi = Psi @ energy_directions((gram + gram.T) / 2, gram.diagonal(), len(Psi) - Phi.shape[1])[0]
             V = np.hstack([Phi * unit, Psi])
             acting = [(handle.M, Psi, highest**2), *zip(spread, (V, V), (highest, 1.0), strict=True)]
             beside = np.hstack([rate * (A @ x) for A, x, rate in acting if A is not None])
             response = handle.elastic_solve(beside, Phi)
             size, turn = np.linalg.eigh(_gram(handle, response, Psi))
-            joining = np.flatnonzero(size > LEAST**2)[-MOST:]
-            if sweep == SWEEPS or not len(joining):
+            joining = np.flatnonzero(size > TOL**2)[-BLOCK:]
+            if sweep == sweeps or not len(joining):
                 break
             static = np.hstack([static, response @ turn[:, joining]])
         seen = np.sqrt(energy + through)
@@ -780,12 +777,3 @@ def _gram(handle: ShiftInvert, x: Array, Psi: Array) -> Array:
     left = x - Psi @ (Psi.T @ (handle.K @ x))
     gram = left.T @ (handle.K @ left)
     return (gram + gram.T) / 2
-
-
-def _of_unit_energy(handle: ShiftInvert, x: Array, Phi: Array) -> Array:
-    """Ψ with ΨᵀKΨ = I and ΦᵀMΨ = 0 that spans x beside Φ; in two passes, since nearly dependent columns lose digits."""
-    for _ in range(2):
-        x = handle.deflate(x, Phi)
-        energy = x.T @ (handle.K @ x)
-        x = x @ energy_directions((energy + energy.T) / 2, energy.diagonal(), len(x) - Phi.shape[1])[0]
-    return x

@@ -15,6 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import (
+    BLOCK,
+    LARGE,
     ROUNDING,
     SINGULAR,
     SUMS,
@@ -61,8 +63,6 @@ if TYPE_CHECKING:
     from femsub.model import Substructure
 
 BLURRED = 1e-3  # relative change of ω² by rounding in K from which K alone gives none, but K Z = 0 may
-LARGE = 10_000  # DOF from which the graph of K is used for the first shift
-COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
 BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
 IN_PARTS = ("Make pieces that hang together softly the parts of a system (couple, Spring), which knows their rigid motion, or "
             "support each piece. Likely causes are also elements too thin or too small for a slender part")
@@ -86,7 +86,11 @@ class ShiftInvert:
     def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None, seeks: int = 0) -> None:
         self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
         self.blurred = False  # whether K as it is holds few digits of the lowest elastic mode
-        self.beside = self._prepared(seeks) if seeks else None  # counts the modes while they are sought
+        self.beside: CountBeside | None = None  # counts the modes while they are sought
+        if seeks:
+            from femsub.algebra import CountBeside
+
+            self.beside = CountBeside.early(self.K, self.M, search_columns(seeks))
         motion = motion_of(carried) if isinstance(rows, slice) else None
         self._given = None if motion is None else motion.shapes
         key = (self.K, self.M), ("shift and rigid-body modes", motion is None)
@@ -110,11 +114,6 @@ class ShiftInvert:
         self._factorise(self.sigma)
         return self.factor
 
-    def _prepared(self, seeks: int) -> CountBeside | None:
-        from femsub.algebra import CountBeside
-
-        return CountBeside.early(self.K, self.M, search_columns(seeks))
-
     @property
     def sharing(self) -> AbstractContextManager[None]:
         """Work with one core, if a process counts the modes of this part now: with both, the two would wait for each other."""
@@ -131,29 +130,19 @@ class ShiftInvert:
         if self._given is not None:
             self._carried(self._given)
         else:
-            self._looked_for()
+            self.unit = rounding(self.K)
+            if not self._is_held():
+                self._float(self._find_rigid)
+                if not self.floating:
+                    try:
+                        self._factorise(0.0)  # held after all, but softly
+                    except SingularMatrixError as error:
+                        few = ", ".join(f"{share:.0e}" for share in self.shares[:7])
+                        raise SingularMatrixError(
+                            "K is numerically singular, but no rigid-body modes were found: its softest motions have an energy "
+                            f"of {few} of that of the forces that cancel in them, the rounding of K is {self.unit:.0e}, and no "
+                            f"gap shows which are rigid. {IN_PARTS} ({error})") from None
         return self.sigma, self.rigid, self.lowest, self.unit, self.note, self.exact, self.doubt
-
-    def _looked_for(self) -> None:
-        self.unit = rounding(self.K)
-        if not annihilates_a_translation(self.K, self.unit):
-            try:
-                self._factorise(0.0)
-            except SingularMatrixError:
-                pass
-            else:
-                if not self._nearly_singular():
-                    return
-        self._float(self._find_rigid)
-        if not self.floating:
-            try:
-                self._factorise(0.0)  # held after all, but softly
-            except SingularMatrixError as error:
-                few = ", ".join(f"{share:.0e}" for share in self.shares[:7])
-                raise SingularMatrixError(
-                    "K is numerically singular, but no rigid-body modes were found: its softest motions have an energy of "
-                    f"{few} of that of the forces that cancel in them, the rounding of K is {self.unit:.0e}, and no gap shows "
-                    f"which are rigid. {IN_PARTS} ({error})") from None
 
     def _carried(self, Z: Array) -> None:
         """With given rigid motions: only the shift and the lowest elastic ω² are looked for."""
@@ -196,7 +185,14 @@ class ShiftInvert:
             self.factorisations += factors_made() - before
         self.sigma = sigma
 
-    def _nearly_singular(self) -> bool:
+    def _is_held(self) -> bool:
+        """Whether K is clearly definite. Then its factor is there."""
+        if annihilates_a_translation(self.K, self.unit):
+            return False
+        try:
+            self._factorise(0.0)
+        except SingularMatrixError:
+            return False
         # Rounding may let a Cholesky factorisation of a singular K succeed; its inverse then amplifies one shape.
         # DOF are scaled by their stiffness: otherwise QR gives rotations the rounding errors of deflections.
         unit = units(self.K)[:, None]
@@ -205,8 +201,8 @@ class ShiftInvert:
             x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
             force, energy = costs(self.K, x)
             if (energy > self.unit**0.5).all():  # one solve brings out what costs nothing
-                return False
-        return bool(is_rigid(force, energy, self.unit).any())
+                return True
+        return not is_rigid(force, energy, self.unit).any()
 
     def _float(self, search: Callable[[], float]) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
@@ -290,8 +286,15 @@ class ShiftInvert:
                 break
             block *= 2
         self.rigid, self.exact = orthonormal(cleaned[:, :count], self.M.__matmul__, own)[0], own.shape[1]
-        if count and not len(loose):
-            self.rigid, self.exact = self._by_translations(self.rigid)
+        if count and not len(loose):  # turned such that translations come first, which are known without rounding
+            t = translations(n)
+            t = t[:, costs_nothing(self.K, t)]
+            beyond = np.linalg.norm(self.M @ self.deflate(t), axis=0) / np.linalg.norm(self.M @ t, axis=0)
+            t = orthonormal(t[:, beyond <= MIXED], self.M.__matmul__)[0]
+            others = self.deflate(self.rigid, t)
+            turn = np.linalg.eigh(others.T @ (self.M @ others))[1][:, t.shape[1]:]
+            self.rigid = np.hstack([t, orthonormal(others @ turn, self.M.__matmul__, t)[0]])
+            self.exact = t.shape[1]
         self.rigid = np.hstack([own, self.rigid])
         rest = values[count:]
         if (rest < -noise[count:]).any():
@@ -307,16 +310,6 @@ class ShiftInvert:
             return self.lowest_elastic()
         self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
-
-    def _by_translations(self, Z: Array) -> tuple[Array, int]:
-        """Rigid-body modes Z (n, k) turned such that translations come first, without rounding; and how many these are."""
-        t = translations(len(Z))
-        t = t[:, costs_nothing(self.K, t)]
-        beyond = np.linalg.norm(self.M @ self.deflate(t, Z), axis=0) / np.linalg.norm(self.M @ t, axis=0)
-        t = orthonormal(t[:, beyond <= MIXED], self.M.__matmul__)[0]
-        rest = self.deflate(Z, t)
-        turn = np.linalg.eigh(rest.T @ (self.M @ rest))[1][:, t.shape[1]:]
-        return np.hstack([t, orthonormal(rest @ turn, self.M.__matmul__, t)[0]]), t.shape[1]
 
     def _warning(self, values: Array, count: int) -> str:
         """Where rigid motion costs more than a rounding, or the next mode so little that another may be within rounding.
@@ -398,20 +391,20 @@ class ShiftInvert:
         It is the number of DOF with mass, unless several DOF share one mass. Then M, scaled to a unit diagonal, has
         eigenvalues at 0; these are computed up to `DENSE` DOF.
         """
-        return shared((self.M,), "rank", self._rank_of_mass)
-
-    def _rank_of_mass(self) -> int:
-        massive = np.flatnonzero(self.M.diagonal())
-        M = self.M[massive][:, massive] if len(massive) < self.M.shape[0] else self.M
-        diagonal = np.count_nonzero(M.data if sp.issparse(M) else M) == np.count_nonzero(M.diagonal())
-        if diagonal or len(massive) > DENSE:
+        def rank() -> int:
+            massive = np.flatnonzero(self.M.diagonal())
+            M = self.M[massive][:, massive] if len(massive) < self.M.shape[0] else self.M
+            is_diagonal = np.count_nonzero(M.data if sp.issparse(M) else M) == np.count_nonzero(M.diagonal())
+            if is_diagonal or len(massive) > DENSE:
+                return len(massive)
+            scale = sp.diags_array(M.diagonal(), format="csr") if sp.issparse(M) else np.diag(M.diagonal())
+            try:
+                factorise(Difference(M, scale, SINGULAR), "definite").close()
+            except SingularMatrixError:
+                return rank_of_mass(M)
             return len(massive)
-        above = Difference(M, sp.diags_array(M.diagonal(), format="csr") if sp.issparse(M) else np.diag(M.diagonal()), SINGULAR)
-        try:
-            factorise(above, "definite").close()
-        except SingularMatrixError:
-            return rank_of_mass(M)
-        return len(massive)
+
+        return shared((self.M,), "rank", rank)
 
     @cached_property
     def loose(self) -> Array:
@@ -542,28 +535,25 @@ class ShiftInvert:
         lowest = self.lowest  # no mode outside Φ (ascending) is lower
         if basis.shape[1] > self.rigid.shape[1]:
             lowest = float(basis[:, -1] @ (self.K @ basis[:, -1]))
-        rate = -self.sigma / (lowest - self.sigma)
-        x = np.empty(B.shape, order="F")
-        for start in range(0, B.shape[1], COLUMNS):
-            part = slice(start, start + COLUMNS)
-            x[:, part] = self._elastic_block(B[:, part], basis, rate)
-        return x
-
-    def _elastic_block(self, B: Array, basis: Array, rate: float) -> Array:
-        b = B - self.M @ (basis @ (basis.T @ B))
-        x = self.deflate(self.factor.solve(b), basis)
-        if self.sigma == 0:
-            return x
-        size, step = np.linalg.norm(x, axis=0), np.ones(x.shape[1])
-        going = size > 0
-        while going.any():
-            change = self.deflate(self.factor.solve(b - self.K @ x), basis)
-            x = x + change
-            before, step = step, np.linalg.norm(change, axis=0) / np.where(size > 0, size, 1.0)
-            going &= step < before / 2  # a correction that does not contract is rounding
-            rate = max(rate, float((step[going] / before[going]).max(initial=0.0)))
-            going &= rate * step > ROUNDING  # what the next correction may change
-        return self.deflate(x, basis)
+        X = np.empty(B.shape, order="F")
+        for start in range(0, B.shape[1], BLOCK):
+            part = slice(start, start + BLOCK)
+            b = B[:, part] - self.M @ (basis @ (basis.T @ B[:, part]))
+            x = self.deflate(self.factor.solve(b), basis)
+            if self.sigma:
+                rate = -self.sigma / (lowest - self.sigma)
+                size, step = np.linalg.norm(x, axis=0), np.ones(x.shape[1])
+                going = size > 0
+                while going.any():
+                    change = self.deflate(self.factor.solve(b - self.K @ x), basis)
+                    x = x + change
+                    before, step = step, np.linalg.norm(change, axis=0) / np.where(size > 0, size, 1.0)
+                    going &= step < before / 2  # a correction that does not contract is rounding
+                    rate = max(rate, float((step[going] / before[going]).max(initial=0.0)))
+                    going &= rate * step > ROUNDING  # what the next correction may change
+                x = self.deflate(x, basis)
+            X[:, part] = x
+        return X
 
 
 def motion_of(carried: Carried) -> RigidMotion | None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import phase, shared_zeros, times
+from femsub.algebra import BLOCK, phase, shared_zeros, times
 from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.modes import ShiftInvert, count_deferred, independent
@@ -18,8 +18,6 @@ from femsub.modes import ShiftInvert, count_deferred, independent
 if TYPE_CHECKING:
     from femsub.model import Estimate, Substructure
     from femsub.modes import NormalModes
-
-COLUMNS = 64  # columns of V that are processed at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,8 +247,8 @@ def projected(A: Matrix, V: Array, W: Array, symmetric: bool = False) -> Array:
     """
     result = np.zeros((V.shape[1], W.shape[1]))
     if not sp.issparse(A) or A.nnz:
-        for start in range(0, W.shape[1], COLUMNS):
-            part, known = slice(start, min(start + COLUMNS, W.shape[1])), start if symmetric else 0
+        for start in range(0, W.shape[1], BLOCK):
+            part, known = slice(start, min(start + BLOCK, W.shape[1])), start if symmetric else 0
             result[:known, part] = result[part, :known].T
             result[known:, part] = V[:, known:].T @ times(A, W[:, part])
     return result

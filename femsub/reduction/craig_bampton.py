@@ -24,13 +24,10 @@ from femsub.model import (
 )
 from femsub.modes import IN_PARTS, ShiftInvert, motion_of
 from femsub.reduction.basis import Partition, Statics, zeros
-from femsub.reduction.method import Method
+from femsub.reduction.method import DIGITS, Method
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
-
-DIGITS = 1e-4  # relative rounding error of the condensed stiffness, or of ω² of a mode, above which `reduce` warns
-SOFT = 1e-4  # eigenvalues of the scaled condensed stiffness below this may be rounding, and are examined
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,7 @@ class CraigBampton(Method):
         """The interior. Where the positions of the DOF show that the interface does not hold it, no factor is made."""
         if loose := loose_by_places(sub, sub.interface):
             raise _not_held(sub, loose)
-        return super().part(sub)
+        return Partition.of(sub, self.held)
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """Constraint modes with their stiffness, and the port columns whose static responses join the basis."""
@@ -127,7 +124,7 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
         constraint, unit, rows = constraint[:, own], unit[own], np.setdiff1d(np.arange(sub.size), sub.interface[loose])
     with one_thread(len(own) <= FEW):
         values, vectors = np.linalg.eigh(unit[:, None] * condensed[np.ix_(own, own)] * unit)
-    doubtful = np.flatnonzero(values <= SOFT)
+    doubtful = np.flatnonzero(values <= DIGITS)  # of the scaled matrix: they may be rounding, and are examined
     # ten times the limit of rigid-body modes: constraint modes also contain the rounding of their solve
     ratio = costs(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful]))[0] if len(doubtful) else doubtful
     rigid = doubtful[ratio < 10 * ROUNDING]

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg as la
 
+from femsub.checks import EPS
 from femsub.coupling import FORCE
 from femsub.reduction.basis import Basis, Statics
 from femsub.reduction.free_interface import DUST, FreeInterface, motion_by
-
-SEEN = 1e-6  # of the largest motion at unit energy: a shape with less at the interface belongs to the ports
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,8 @@ class DualCraigBampton(FreeInterface):
         at = basis.interface[:, m:].T / np.sqrt(stiffness)[:, None]  # motion at unit energy (s, n_b)
         size = np.linalg.norm(at, axis=0)
         left, R, order = la.qr(at / np.where(size > 0, size, 1.0), pivoting=True)
-        rank = int(np.count_nonzero(np.abs(R.diagonal()) > SEEN)) if size.any() else 0
+        # a shape of whose energy the interface sees but rounding belongs to the ports
+        rank = int(np.count_nonzero(np.abs(R.diagonal()) > (512 * EPS) ** 0.5)) if size.any() else 0
         blocks, kinds = [at[:, np.sort(order[:rank])]], (FORCE,) * rank
         if statics.forces.shape[1] > n_b:  # shapes of ports, K-orthogonal to those of the interface
             blocks, kinds = [*blocks, left[:, rank:]], kinds + ("static port",) * (len(at) - rank)

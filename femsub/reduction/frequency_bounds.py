@@ -18,14 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, Tally, instance, whole_number
+from femsub.checks import EPS, POSITION, Array, Tally, instance, whole_number
 from femsub.coupling import System, rows_of_parts
 from femsub.errors import InputError
-from femsub.model import SHARED, Origin, ReducedSubstructure, Substructure
+from femsub.model import Origin, ReducedSubstructure, Substructure
 from femsub.modes import ShiftInvert, lowest_modes, modes_below
-from femsub.reduction.craig_bampton import CraigBampton
 
-HELD = ("constraint", "rigid", CraigBampton.mode_kind, "static port")  # kinds of coordinates of models with a held interface
+HELD = ("constraint", "rigid", "fixed-interface", "static port")  # kinds of coordinates of models with a held interface
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,8 +142,15 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     lower = np.minimum(worst[:count] ** -0.5, omega[:count])
     proved = int(np.count_nonzero(omega[:count] < beyond))
     tally = Tally(count, proved if proved == count else None, sampled=bool(found.premises))  # a premise is not counted
-    return FrequencyBounds(omega[:count], lower, modes.rigid, tally,
-                           _in_words(model, found))
+    # whose frequencies are bounded
+    full = f"{model.name!r} before reduction ({found.dofs} DOF)"
+    if found.premises:
+        first, *others = found.premises
+        more = f", and {len(others)} more part{'s' * (len(others) > 1)} likewise" if others else ""
+        full = f"{model.name!r} before reduction, if {first}{more}"
+    elif not model.is_reduced:
+        full = f"{model.name!r} itself, whose {model.size} coordinates count as a full model"
+    return FrequencyBounds(omega[:count], lower, modes.rigid, tally, full)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +184,11 @@ def left_out(model: Substructure, q: Array) -> LeftOut:
         See `frequency_bounds`.
     """
     none = np.zeros((q.shape[1],) * 2)
-    if not _is_reduced(model):
+    if not model.is_reduced:
         return LeftOut(0.0, none, model.size)
     if isinstance(model, System):
         _check_springs(model)
-        parts = [left_out(part, model.L[rows] @ q if _is_reduced(part) else q)
+        parts = [left_out(part, model.L[rows] @ q if part.is_reduced else q)
                  for part, rows in zip(model.parts.values(), rows_of_parts(model.parts), strict=True)]
         joined = model.L.shape[0] - model.L.shape[1]
         return LeftOut(max(part.most for part in parts), sum((part.coupling for part in parts), none),
@@ -229,7 +235,8 @@ def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
     inner = np.array([kind not in ("constraint", "rigid") for kind in part.kinds], dtype=bool)
     M, K = (A.toarray() if sp.issparse(A) else A for A in (part.M, part.K))
     unit = np.sqrt(np.abs(K.diagonal()))
-    shared = np.abs(K[np.ix_(inner, ~inner)]) > SHARED * np.outer(unit[inner], unit[~inner])
+    # a model may come from a file that prints no more digits than mesh files do
+    shared = np.abs(K[np.ix_(inner, ~inner)]) > POSITION * np.outer(unit[inner], unit[~inner])
     if shared.any():
         raise InputError(f"{part.name!r}: {int(shared.any(axis=1).sum())} coordinates that leave the interface at rest share "
                          "stiffness with its constraint modes. Bounds are known only where they share none")
@@ -279,21 +286,6 @@ def _worst(theta: Array, found: LeftOut, count: int, complete: bool) -> Array:
         start = end
     least = np.append(theta, np.full(count, 0.0 if complete else theta[-1]))[:count] + found.most
     return np.asarray(np.minimum(worst, least))
-
-
-def _in_words(model: Substructure, found: LeftOut) -> str:
-    """Whose frequencies are bounded."""
-    if found.premises:
-        first, *others = found.premises
-        more = f", and {len(others)} more part{'s' * (len(others) > 1)} likewise" if others else ""
-        return f"{model.name!r} before reduction, if {first}{more}"
-    if not _is_reduced(model):
-        return f"{model.name!r} itself, whose {model.size} coordinates count as a full model"
-    return f"{model.name!r} before reduction ({found.dofs} DOF)"
-
-
-def _is_reduced(model: Substructure) -> bool:
-    return isinstance(model, ReducedSubstructure) or any(map(_is_reduced, getattr(model, "parts", {}).values()))
 
 
 def _check_springs(system: System) -> None:

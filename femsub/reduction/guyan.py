@@ -13,7 +13,7 @@ from femsub.model import Substructure
 from femsub.modes import lowest_modes
 from femsub.reduction.basis import Kept, Partition, Statics
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.estimates.search import lowest
+from femsub.reduction.method import lowest
 
 if TYPE_CHECKING:
     from femsub.model import Pencil

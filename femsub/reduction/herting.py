@@ -10,7 +10,7 @@ from femsub.errors import InputError
 from femsub.modes import ShiftInvert
 from femsub.reduction.basis import Kept, Partition, Statics
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.estimates.search import lowest
+from femsub.reduction.method import lowest
 
 if TYPE_CHECKING:
     from femsub.model import Pencil

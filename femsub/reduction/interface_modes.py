@@ -19,12 +19,11 @@ from femsub.model import ReducedSubstructure, Substructure, units
 from femsub.modes import ShiftInvert, all_modes
 from femsub.reduction.basis import Basis, Partition, Statics, square, structural, zeros
 from femsub.reduction.craig_bampton import condensed_stiffness
-from femsub.reduction.estimates.nested import ACCEPTED
+from femsub.reduction.estimates.nested import JOINED_RESIDUAL
 from femsub.reduction.method import Method
 
 KIND, INSIDE = "interface mode", "interior"  # labels of the coordinates
-ALIKE = 1e-6  # of a shape on the interface between parts: where others contain it but for less it is no shape of its own
-EXACT = 4096 * EPS  # the same for rigid motion, of which nothing may be lost: a floating system would be held by it
+EXACT = 4096 * EPS  # share of a rigid motion beside others that is rounding: without the rest a floating system would be held
 
 
 @dataclass(frozen=True)
@@ -143,7 +142,25 @@ class InterfaceModes(Method):
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """Of a reduced part: with V from the displacements of the full part, and its DOF numbers, as joints name them."""
-        model = _with_rounding(sub, model)
+        if (known := model.estimate) is not None:
+            # with what one rounding in each entry of K does to ω and λ of the model. It is much where a stiff part that floats is
+            # joined to a soft one. In the coordinates that the modes are computed in, the interface shares no stiffness, and this
+            # rounding does not show
+            modes = all_modes(model.K, model.M, JOINED_RESIDUAL, model.rigid_motion)
+            omega, x = modes.frequencies[modes.rigid:], np.abs(model.V @ modes.shapes[:, modes.rigid:])
+            if len(omega):
+                share = EPS * np.einsum("ij,ij->j", x, abs(sub.K) @ x) / (2 * omega**2)
+                of_omega, of_lambda = (share[np.abs(size[:, None] - omega).argmin(axis=1)]
+                                       for size in (known.frequencies, np.abs(known.eigenvalues)))
+                known = replace(known, frequency_error=known.frequency_error + of_omega,
+                                eigenvalue_error=known.eigenvalue_error + of_lambda)
+            if known.worst > known.tol:
+                raise NotConvergedError(f"the interface of {sub.name!r} cannot be reduced to a relative error of {known.tol:g}, "
+                                        f"by rounding alone: {known!r}. Reduce the stiffness contrast of its parts, raise tol, "
+                                        "or give a number of modes")
+            wider = model.wider
+            model = replace(model, estimate=known)
+            model._set(wider=wider)
         if not isinstance(sub, ReducedSubstructure):
             return model
         return replace(model, V=sub.V @ model.V, full_interface=sub.full_interface, full_dofs=sub.full_dofs,
@@ -157,30 +174,6 @@ def _rows(sub: Substructure) -> Matrix:
     found = [_rows(part) @ sp.csr_array(sub.L[rows])
              for part, rows in zip(sub.parts.values(), rows_of_parts(sub.parts), strict=True)]
     return sp.csr_array(sp.vstack(found))
-
-
-def _with_rounding(sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
-    """Its estimate with what one rounding in each entry of K does to ω and λ of the model.
-
-    It is much where a stiff part that floats is joined to a soft one. In the coordinates that the modes are computed in, the
-    interface shares no stiffness, and this rounding does not show.
-    """
-    known = model.estimate
-    if known is None:
-        return model
-    found = all_modes(model.K, model.M, ACCEPTED, model.rigid_motion)
-    omega, x = found.frequencies[found.rigid:], np.abs(model.V @ found.shapes[:, found.rigid:])
-    if len(omega):
-        share = EPS * np.einsum("ij,ij->j", x, abs(sub.K) @ x) / (2 * omega**2)
-        of_omega, of_lambda = (share[np.abs(size[:, None] - omega).argmin(axis=1)]
-                               for size in (known.frequencies, np.abs(known.eigenvalues)))
-        known = replace(known, frequency_error=known.frequency_error + of_omega,
-                        eigenvalue_error=known.eigenvalue_error + of_lambda)
-    if known.worst > known.tol:
-        raise NotConvergedError(f"the interface of {sub.name!r} cannot be reduced to a relative error of {known.tol:g}, by "
-                                f"rounding alone: {known!r}. Reduce the stiffness contrast of its parts, raise tol, or give a "
-                                "number of modes")
-    return replace(model, estimate=known)
 
 
 def _turned(sub: Substructure) -> tuple[Matrix | None, Array]:
@@ -266,8 +259,9 @@ def with_common_shapes(system: System, models: Mapping[str, ReducedSubstructure]
     blocks: list[tuple[Array, Array, Array]] = []
     for group in (np.flatnonzero(signature == one) for one in np.unique(signature[member.any(axis=1)])):
         meets, size = member[group[0]], unit[group, None]
+        # where others contain a shape but for rounding of its energy, it is no shape of its own
         met = np.hstack([found[group] for found, one in zip(shapes, meets, strict=True) if one])
-        blocks.append((group, meets, size * _orthonormal((whole[group] / size, EXACT), (met, ALIKE))))
+        blocks.append((group, meets, size * _orthonormal((whole[group] / size, EXACT), (met, ROUNDING**0.5))))
     return dict(models) | {name: _in_shapes(
         system.parts[name], model, np.hstack([motion[name][:, group] @ block for group, meets, block in blocks if meets[at]]),
         motion[name] @ whole) for at, (name, model) in enumerate((name, own[name]) for name in motion)}

@@ -27,9 +27,9 @@ from femsub.coupling import Rigid, System, couple, rows_of_parts
 from femsub.errors import InputError, InputTypeError, warn
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.reduction.basis import Partition
-from femsub.reduction.component import reduced
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.frequency_bounds import FrequencyBounds, frequency_bounds
+from femsub.reduction.method import reduced
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -159,26 +159,28 @@ class Levels:
         x = np.asarray(x)
         if x.ndim == 0 or x.shape[0] != self.model.size:
             raise InputError(f"x must have {self.model.size} rows, one per coordinate, but its shape is {x.shape}")
-        for task, q in self._descended(x.reshape(len(x), -1)):
-            if not task.below and (names is None or task.name in names):
-                part = self.recipes[task.name]()
-                if part.size != task.size or _lengths(part) != task.sets:
-                    raise InputError(f"the function of the part {task.name!r} makes another component now, of {part.size} DOF "
-                                     f"instead of {task.size}, or with another interface. Delete {self.folder} and reduce again")
-                u = _displacements(part, _read(self.folder, task)["beside"], q)
-                yield task.name, u.reshape(-1, *x.shape[1:])
-
-    def _descended(self, x: Array) -> Iterator[tuple[Task, Array]]:
-        """Each task below the last with its own coordinates in the motions x (n, k) of the model."""
-        waiting = [(name, self.model.L[rows] @ x) for name, rows in
+        # from the last task down to the parts, each with its own coordinates q (r, k) in these motions of the model
+        waiting = [(name, self.model.L[rows] @ x.reshape(len(x), -1)) for name, rows in
                    zip(self.model.parts, rows_of_parts(self.model.parts), strict=True)]
         while waiting:
             name, q = waiting.pop()
             task = self.tasks[name]
-            yield task, q
             if task.below:
                 down = _read(self.folder, task)["down"]
                 waiting += [(below, down[below] @ q) for below in task.below]
+            elif names is None or name in names:
+                part = self.recipes[name]()
+                if part.size != task.size or _lengths(part) != task.sets:
+                    raise InputError(f"the function of the part {name!r} makes another component now, of {part.size} DOF "
+                                     f"instead of {task.size}, or with another interface. Delete {self.folder} and reduce again")
+                # constraint modes by a solve, the other shapes as they were kept
+                n_b, u = len(part.interface), np.zeros((part.size, q.shape[1]))
+                u[part.interface] = q[:n_b]
+                if len(part.interior):
+                    loads = part.K[part.interior][:, part.interface] @ q[:n_b]
+                    u[part.interior] = Partition.of(part, True).factored().factor.solve(-loads)
+                    u[part.interior] += _read(self.folder, task)["beside"] @ q[n_b:]
+                yield name, u.reshape(-1, *x.shape[1:])
 
 
 def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: str | Path, *, workers: int | None = None,
@@ -272,9 +274,14 @@ def _levels(parts: dict[str, Recipe], method: CraigBampton, folder: Path, done: 
     there, level = list(tasks.values()), 0
     while len(there) > 2:
         level += 1
-        made = done(_reduced_pair, {f"{one.parts[0]}~{other.parts[0]}~{level}": (
-            _key(*map(_content, (one, other)), closing := _closing((one, other), there), level, method), (one, other), closing,
-            level, method) for one, other in _pairs(there)}, what="pair")
+        jobs = {}
+        for pair in _pairs(there):
+            closing = _closing(pair, there)
+            # a task that is made anew may have other signs of its modes
+            content = [repr((task.name, task.key, sorted(task.files.items()))) for task in pair]
+            jobs["~".join((pair[0].parts[0], pair[1].parts[0], str(level)))] = (
+                _key(*content, closing, level, method), pair, closing, level, method)
+        made = done(_reduced_pair, jobs, what="pair")
         tasks |= made
         joined = {name for task in made.values() for name in task.below}
         there = [*made.values(), *(task for task in there if task.name not in joined)]
@@ -293,11 +300,6 @@ def _key(*what: object) -> str:
     except Exception as error:
         raise InputError(f"a part's function cannot be sent to a worker, since pickle refuses it: {error}. Define it at the top "
                          "level of a module") from None
-
-
-def _content(task: Task) -> str:
-    """What a result that is made of this task's depends on: a task that is made anew may have other signs of its modes."""
-    return repr((task.name, task.key, sorted(task.files.items())))
 
 
 def _done(folder: Path, call: Callable[..., Task], jobs: Mapping[str, tuple[Any, ...]], what: str, workers: int | None,
@@ -457,14 +459,3 @@ def _cleared(path: Path) -> None:
             path.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{path} cannot be deleted: {error.strerror or error}. Delete it, or name another folder") from None
-
-
-def _displacements(part: Substructure, beside: Array, q: Array) -> Array:
-    """u of a part from its reduced coordinates q (r, k): constraint modes by a solve, the other shapes as they were kept."""
-    n_b = len(part.interface)
-    u = np.zeros((part.size, q.shape[1]))
-    u[part.interface] = q[:n_b]
-    if len(part.interior):
-        loads = part.K[part.interior][:, part.interface] @ q[:n_b]
-        u[part.interior] = Partition.of(part, True).factored().factor.solve(-loads) + beside @ q[n_b:]
-    return u

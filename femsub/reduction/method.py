@@ -1,24 +1,53 @@
-"""The base class of all reduction methods: names and plot style, which modes are kept, and the steps of the method."""
+"""The base class of all reduction methods, and the reduction of one component by any of them, step by step."""
 
 from __future__ import annotations
 
+import logging
+import weakref
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+import scipy.sparse as sp
 
-from femsub.checks import Array, positive_number, whole_number
-from femsub.errors import InputError
-from femsub.modes import modes_below
-from femsub.reduction.basis import Basis, Kept, Partition, Statics
-from femsub.reduction.estimates.search import Goal, Space, chosen_in, lowest
+from femsub.algebra import SMALL, WORK, check_memory, kept_free, one_thread, units as energy_units, without
+from femsub.checks import DENSE, EPS, EQUAL, Array, Matrix, positive_number, shown, whole_number
+from femsub.errors import ConditionWarning, InputError, InputTypeError, PortWarning, SingularMatrixError, warn
+from femsub.model import (
+    SHARE,
+    Affine,
+    Origin,
+    Pencil,
+    ReducedSubstructure,
+    RigidMotion,
+    Substructure,
+    coordinates,
+    costs,
+    size_of_products,
+    units,
+)
+from femsub.modes import IN_PARTS, lowest_modes, modes_below, motion_of
+from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, projected, square, structural
+from femsub.reduction.estimates.nested import Nested
+from femsub.reduction.estimates.search import Goal, Space, chosen_in
+from femsub.reduction.frequency_bounds import origin_of
+from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
-    from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure
+    from femsub.coupling import Belt
+    from femsub.model import Contacts
     from femsub.modes import ShiftInvert
 
+log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
+
 METHODS: dict[str, type[Method]] = {}  #: every method by its key
+FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
+DIGITS = 1e-4  # relative rounding error of the condensed stiffness, or of ω² of a mode, above which `reduce` warns
+PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
+PART_OF_A_CUT = ("K of this part is indefinite, as it may be where matrices were cut. Reduce such parts by "
+                 "CraigBampton(modes=...) or Guyan(), or cut the mesh")
 
 
 @dataclass(frozen=True)
@@ -160,7 +189,7 @@ class Method(ABC):
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """The modes of the part: those of `sought`, or as many as band and tolerance require with the damping of `pencil`."""
-        if (kept := statics.sought or self.sought(statics.handle)) is not None:
+        if (kept := self.sought(statics.handle)) is not None:
             return kept
         assert self.goal is not None
         return chosen_in(Space.of(statics, pencil, self.goal.band[1]), self.goal)
@@ -182,3 +211,195 @@ class Method(ABC):
     def row_key(self) -> str:
         """The key that stands in tables and figures."""
         return self.key
+
+
+def lowest(handle: ShiftInvert, count: int, defer: bool = True) -> Kept:
+    """The `count` lowest modes, and one more for the cut-off if there is one. `count_deferred` must still run if `defer`."""
+    return Kept(lowest_modes(handle, count + (count < handle.elastic), defer), count)
+
+
+def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = False,
+            contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure:
+    """One component by one method; see `reduce`."""
+    request = checked(sub, method, ports, contacts)
+    try:
+        with one_thread(request.work < WORK), kept_free(request.beside):
+            part = method.part(sub)
+            if method.held and not len(part.sub.interior):
+                return finished(request, part, whole_basis(request, part))
+            turned = request if part.turn is None else request.turned(part)
+            statics = method.statics(replace(part, alone=True), part.factored(method.modes or 0), turned.extra)
+            kept = statics.sought or method.kept(statics, turned.pencil)
+            return finished(request, part, assembled(statics, kept, turned.ports, method.mode_kind), statics, kept)
+    except SingularMatrixError as error:
+        reason = str(error).removeprefix(f"{sub.name!r}: ")
+        is_cut = any(sub.name in key.split("+") for key in sub.sets)  # as `cut` names what its parts share
+        raise SingularMatrixError(f"{sub.name!r}: " + (f"{PART_OF_A_CUT} ({reason})" if is_cut else reason)) from None
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """The checked arguments of `reduce`.
+
+    Attributes
+    ----------
+    sub : Substructure
+    method : Method
+    ports : mapping of str to ndarray, shape (n, p)
+        Those whose static responses judge the basis.
+    extra : ndarray, shape (n, s)
+        The port columns whose static responses join the basis.
+    pencil : Pencil, optional
+        The damped model whose complex eigenvalues must be within the tolerance.
+    static : int
+        Static shapes of the method itself.
+    beside : float
+        Bytes that the reduction needs beside its factor.
+    """
+
+    sub: Substructure
+    method: Method
+    ports: Mapping[str, Array]
+    extra: Array
+    pencil: Pencil | None
+    static: int
+    beside: float = 0.0
+
+    @property
+    def columns(self) -> int:
+        """Static shapes of the method, and responses to the ports: those that join the basis, and those that judge it."""
+        return self.static + self.extra.shape[1] + sum(w.shape[1] for w in self.ports.values())
+
+    @property
+    def held(self) -> Array | None:
+        """The interface DOF that the method holds while it computes modes."""
+        return self.sub.interface if self.method.held else None
+
+    @property
+    def work(self) -> float:
+        """Approximate number of multiplications in the dense part of the reduction; decides about threads."""
+        sub, kept = self.sub, FIRST if self.method.modes is None else self.method.modes
+        if not sp.issparse(sub.K) or sub.size <= SMALL or kept > 0.3 * sub.size:
+            return float(sub.size) ** 3
+        return float(sub.size) * (kept + self.static + self.extra.shape[1]) ** 2
+
+    def turned(self, part: Partition) -> Request:
+        """In the coordinates of a part that has others."""
+        T: Matrix = part.turn
+        pencil = None if self.pencil is None else part.sub.with_damping(T.T @ (self.pencil.D @ T)).pencil
+        return replace(self, ports={name: T.T @ w for name, w in self.ports.items()}, extra=T.T @ self.extra, pencil=pencil)
+
+
+def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], contacts: Belt | Sequence[Belt] | None) -> Request:
+    """The arguments of `reduce`, and whether the memory is there."""
+    if not isinstance(sub, Substructure):
+        if isinstance(sub, (Affine, Pencil)):
+            raise InputTypeError(f"reduce takes a Substructure, whose K is symmetric, not {type(sub).__name__}: reduce "
+                                 "Substructure(M, (K + K.T) / 2, D, interface=[...]), and project the rest on its basis by "
+                                 f"{type(sub).__name__.lower()}.reduced(rom), which keeps the cut-off")
+        raise InputTypeError(f"sub must be a Substructure, not {shown(sub)}")
+    if not isinstance(method, Method):
+        raise InputTypeError(f"unknown method {method!r}; valid: {', '.join(m.__name__ for m in METHODS.values())}")
+    if len(sub.interface_rows.shape) == 2 and sub.interface_rows.shape[0] != len(sub.interface):
+        raise InputError(f"{sub.name!r} is already reduced, and its interface is spread over generalised coordinates (as "
+                         "Craig-Chang does). Reduce the full component instead")
+    if isinstance(ports, str) or not isinstance(ports, (bool, Sequence)):
+        raise InputTypeError(f"ports must be True, False or a sequence of port names, not {ports!r}")
+    static = method.static_columns(sub)
+    sub.refuse_empty(rows=sub.interior if method.held else None)
+    columns = {name: w.reshape(len(w), -1) for name, w in sub.ports.items()}
+    names = list(sub.ports) if ports is True else list(ports or [])
+    for name in names:
+        sub.port(name)
+    extra = np.hstack([np.zeros((sub.size, 0)), *(columns[name] for name in names)])
+    if contacts is not None and method.band is None:
+        raise InputError("contacts have no effect on a basis with a given number of modes. Leave them out, or give a band and a "
+                         f"tolerance, e.g. {type(method).__name__}(band=(0, 2e3), tol=1e-3)")
+    pencil = None
+    if method.band is not None:
+        pencil = method.judged(sub, contacts)
+        if method.band[1] >= SHARE * sub.cutoff:
+            raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
+                             f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")
+    request = Request(sub, method, columns if method.judges_ports else {}, extra, pencil, static)
+    beside = check_memory(sub.name, sub.K, request.columns, method.modes or 0, static, request.held)
+    return replace(request, beside=beside)
+
+
+def whole_basis(request: Request, part: Partition, judged: bool = True) -> Basis:
+    """The basis of a component whose DOF are all interface: the identity, nothing is left out.
+
+    In a system it is not judged by itself: it may be a point mass, which has no modes.
+    """
+    sub, method, b = part.sub, request.method, part.sub.interface
+    if method.modes and sub is request.sub:
+        raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface, so there are "
+                         "none. Use modes=0, or a smaller interface")
+    goal = method.goal if judged else None
+    estimate = None if goal is None else Nested.whole(sub, request.pencil).estimate(0, goal.band, goal.tol)
+    return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
+                 request.extra.shape[1], dict.fromkeys(request.ports, 0.0), 0, np.eye(len(b)), estimate)
+
+
+def finished(request: Request, part: Partition, basis: Basis, statics: Statics | None = None, kept: Kept | None = None
+             ) -> ReducedSubstructure:
+    """The model that `reduce` returns, from the basis [C Φ Ξ] and the steps that led to it, or from a basis that is finished.
+
+    It warns where the modes kept of a floating part have few digits, and where a port is poorly represented.
+    """
+    sub, method = request.sub, request.method
+
+    # the coordinates of the method
+    if statics is not None and kept is not None:
+        known = kept.found.rounding[:kept.found.rigid + kept.elastic]
+        handle, lost = statics.handle, float(known.max(initial=0.0))
+        if not kept.elastic and handle.exact < handle.rigid.shape[1]:
+            lost = handle.doubt**0.5  # the soft mode is in static shapes, as exact as shapes are
+        # of a K with fewer digits there is another warning, and under a tolerance the estimate counts rounding in
+        if handle.floating and lost > DIGITS and handle.unit == EPS and method.goal is None:
+            warn(f"rounding in the entries of K may change ω² of the modes of {sub.name!r} by a relative {lost:.0e}, and the "
+                 f"reduced model has them as they are. {IN_PARTS}", ConditionWarning)
+        basis = method.coordinates(basis, statics)
+    if not basis.V.shape[1]:
+        raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
+                         "name interface DOF")
+    basis.V[part.sub.interface] = basis.interface  # exact, where products leave rounding
+    if part.turn is not None:
+        basis = replace(basis, V=part.turn @ basis.V, motion=None if basis.motion is None else part.turn @ basis.motion)
+    V, title = basis.V, method.title(basis.modes)
+    for name, error in basis.port_error.items():
+        if error > PORT_LIMIT:
+            warn(f"port {name!r} of {sub.name!r}: its static response is off by {error:.2g} in the energy norm with {title}. Put "
+                 "its DOF into the interface, or call reduce(..., ports=True)", PortWarning)
+    own = np.inf if V.shape[1] == sub.size else basis.cutoff
+    cutoff = min(own, sub.cutoff)
+    origin = origin_of(sub, V, own) if sub.is_reduced else Origin(V.shape[1], len(V), own)
+
+    # VᵀDV without the rounding of rigid motion, this motion, and G: the rounding of D is up to EPS G Gᵀ. The motion is known as
+    # the method, or else the component, knows it. What a component carries is looked for in the span of V
+    D, H = projected(sub.D, V, V) if basis.D is None else basis.D, structural(sub, V)
+    D = (D + D.T) / 2 if sub.pencil.symmetric[1] else D
+    carried = np.abs(V).T @ sub.noise if sub.noise.shape[1] else np.zeros((V.shape[1], 0))  # |V| takes as much memory as V
+    noise = np.hstack([carried, size_of_products(sub.D, V)])
+    q: Array | None = None
+    motion: RigidMotion | None = None
+    unit = units(sub.M)
+    if basis.rigid is not None and basis.motion is not None:
+        if sub.rigid_motion is not None or (costs(sub.K, basis.motion)[0] <= EQUAL).all():
+            q, Z = basis.rigid, basis.motion
+    elif (given := motion_of(sub.rigid_motion)) is not None:
+        q, Z = coordinates(V, given.shapes, unit), given.shapes
+    if q is not None:
+        motion = RigidMotion.of(Z, sub.D, unit, q)
+        D = without(D, motion.undamped, energy_units(basis.M.diagonal(), basis.K.diagonal())[0])
+
+    model = ReducedSubstructure(
+        basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
+        kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
+        dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
+        interface_dofs=sub.interface_dofs, sets=sub.sets, rigid_motion=motion, noise=noise, H=H, origin=origin,
+        estimate=None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff))
+    model._set(wider=Wider(weakref.ref(sub), sub if sub.size <= DENSE else None, method.held))
+    model = method.finished(sub, model)
+    log.info("%r", model)
+    return model

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -10,16 +11,16 @@ from typing import TYPE_CHECKING
 import scipy.sparse as sp
 
 from femsub.algebra import LARGE, WORK, check_workers, kept_free, one_thread, reduction_bytes, same, side_by_side
-from femsub.checks import choice, instance, shown
+from femsub.checks import DENSE, choice, instance, shown
 from femsub.coupling import System
 from femsub.errors import InputError, InputTypeError, WorkerError
 from femsub.model import ReducedSubstructure, Substructure
-from femsub.reduction.component import FIRST, checked, finished, finished_basis, reduced, whole_basis, work
+from femsub.reduction.basis import assembled
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.estimates.joined import JoinedSpace
 from femsub.reduction.estimates.search import Goal, chosen
 from femsub.reduction.interface_modes import with_common_shapes
-from femsub.reduction.method import Method
+from femsub.reduction.method import FIRST, Method, checked, finished, reduced, whole_basis
 from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
@@ -62,7 +63,8 @@ def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstr
                 raise InputError(f"the part {name!r} has {full} DOF, but {method!r} was made of {len(method.V)}")
             found[name] = method
         else:
-            alike = seen.setdefault(_marks(part), [])
+            marks = part.size, len(part.interface), *(float(A.diagonal().sum()) for A in (part.K, part.M))
+            alike = seen.setdefault(marks, [])
             first[name] = next((one for one in alike if methods[one] == method and _equal(system.parts[one], part)), name)
             if first[name] == name:
                 alike.append(name)
@@ -80,7 +82,9 @@ def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstr
         raise
     found |= _twins(made, first, system)
     for name in first:  # of models that workers made, too
-        found[name]._set(wider=Wider.of(system.parts[name], methods[name].held))  # type: ignore[union-attr]
+        part, method = system.parts[name], methods[name]
+        assert isinstance(method, Method)
+        found[name]._set(wider=Wider(weakref.ref(part), part if part.size <= DENSE else None, method.held))
     return system.with_parts(with_common_shapes(system, {name: found[name] for name in methods}))
 
 
@@ -108,11 +112,6 @@ def _common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | 
     return goal
 
 
-def _marks(part: Substructure) -> tuple[object, ...]:
-    """What equal parts have in common, so that few pairs must be compared."""
-    return part.size, len(part.interface), *(float(A.diagonal().sum()) for A in (part.K, part.M))
-
-
 def _equal(one: Substructure, other: Substructure) -> bool:
     """Whether two full components have the same matrices, interface and ports, whatever their names and places."""
     if one is other:
@@ -138,13 +137,14 @@ def _together(system: System, methods: Mapping[str, Method], ports: bool, contac
     """The parts reduced so that the system meets a tolerance; see `chosen`."""
     tasks = {name: checked(system.parts[name], method, ports, None) for name, method in methods.items()}
     parts = {name: task.method.part(task.sub) for name, task in tasks.items()}
-    with one_thread(sum(map(work, tasks.values())) < WORK), kept_free(sum(task.beside for task in tasks.values())):
+    with one_thread(sum(task.work for task in tasks.values()) < WORK), kept_free(sum(task.beside for task in tasks.values())):
         statics = {name: tasks[name].method.statics(part, part.factored(), tasks[name].extra) for name, part in parts.items()
                    if len(part.sub.interior)}
         given = {name: count for name in statics if (count := methods[name].modes) is not None}
         kept, estimate = chosen(JoinedSpace(system, statics, contacts, goal.band[1], given), goal)
-        bases = {name: finished_basis(task, statics[name], kept[name]) if name in statics
+        bases = {name: assembled(statics[name], kept[name], task.ports, task.method.mode_kind) if name in statics
                  else whole_basis(task, parts[name], judged=False) for name, task in tasks.items()}
-    found = system.with_parts({name: finished(task, parts[name], bases[name]) for name, task in tasks.items()})
+    found = system.with_parts({name: finished(task, parts[name], bases[name], statics.get(name), kept.get(name))
+                               for name, task in tasks.items()})
     log.info("%r: %r", found, estimate)
     return found.estimated_by(estimate)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, overload
 
 from femsub.algebra import reused_memory
 from femsub.errors import InputError
-from femsub.reduction.component import PORT_LIMIT, reduced
 from femsub.reduction.contact_modes import ContactModes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.craig_chang import CraigChang
@@ -17,7 +16,7 @@ from femsub.reduction.herting import Herting
 from femsub.reduction.hurty import Hurty
 from femsub.reduction.interface_modes import InterfaceModes
 from femsub.reduction.macneal import MacNeal
-from femsub.reduction.method import METHODS, Method
+from femsub.reduction.method import METHODS, PORT_LIMIT, Method, reduced
 from femsub.reduction.parts import part_by_part
 from femsub.reduction.rubin import Rubin
 

@@ -13,8 +13,8 @@ from femsub.checks import Array, whole_number
 from femsub.errors import InputError
 from femsub.modes import lightest
 from femsub.reduction.basis import Basis, assembled, in_blocks, labelled, port_errors, projected
-from femsub.reduction.component import checked, finished, reduced, work
 from femsub.reduction.estimates.nested import Nested
+from femsub.reduction.method import checked, finished, reduced
 
 if TYPE_CHECKING:
     from femsub.model import ReducedSubstructure, Substructure
@@ -55,9 +55,9 @@ class Reductor:
             raise InputError(f"a reductor takes a method with a number of modes, e.g. {type(method).__name__}(modes=20)")
         if not method.nested or (method.held and not len(sub.interior)):
             return
-        with one_thread(work(self.task) < WORK), kept_free(self.task.beside):
+        with one_thread(self.task.work < WORK), kept_free(self.task.beside):
             self.part = part = method.part(sub)
-            task = self.task.turned(part)
+            task = self.task if part.turn is None else self.task.turned(part)
             self.statics = statics = method.statics(part, part.factored(), task.extra)
             self.kept = kept = method.kept(statics, None)
             basis = assembled(statics, kept, task.ports, method.mode_kind)
@@ -75,7 +75,7 @@ class Reductor:
         method = replace(self.task.method, modes=whole_number("modes", modes, least=0, most=self.task.method.modes or 0))
         if not self._known:
             return reduced(self.task.sub, method, self._ports)
-        with one_thread(work(self.task) < WORK):
+        with one_thread(self.task.work < WORK):
             basis = self.largest if modes >= self.kept.elastic else self._smaller(modes)
             basis = method.coordinates(basis, self.statics)
             return finished(replace(self.task, method=method), self.part, replace(basis, V=times(self.U, basis.V)))

@@ -8,33 +8,29 @@ of the reduction, and no solution of the full model.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra import orthonormal
+from femsub.algebra import SINGULAR, orthonormal
 from femsub.checks import Array
 from femsub.reduction.basis import Partition
 
 if TYPE_CHECKING:
     from femsub.model import ReducedSubstructure, Substructure
 
-KEPT = 5000  # DOF up to which the full component is kept for this; a larger one, with its factor, takes too much memory
-MASSIVE = 1e-14  # relative eigenvalue of M below which a coordinate has no mass
-
 
 @dataclass(frozen=True, eq=False)
 class Wider:
-    """Makes a wider model as long as the full component exists: a small one is kept, a large one may go. Neither is pickled."""
+    """Makes a wider model as long as the full component exists. Neither is pickled.
 
-    full: Callable[[], Substructure | None]
+    A component of up to DENSE coordinates is `kept`; a larger one, with its factor, would take too much memory.
+    """
+
+    full: weakref.ref[Substructure]
+    kept: Substructure | None
     held: bool
-
-    @classmethod
-    def of(cls, full: Substructure, held: bool) -> Wider:
-        return cls((lambda: full) if full.size <= KEPT else weakref.ref(full), held and len(full.interface) > 0)
 
     def __call__(self, model: ReducedSubstructure, omega: Array, q: Array, port: str | None) -> ReducedSubstructure | None:
         """The model with the responses to P(iω)Vq, q (r, k), and to the force on a port; None if there is no full component.
@@ -52,7 +48,7 @@ class Wider:
         new = np.zeros((sub.size, sum(load.shape[1] for load in loads)))
         new[part.rows] = part.factored().elastic_solve(np.hstack(loads)[part.rows])
         values, turn = np.linalg.eigh(model.M)
-        massive = values > values[-1] * MASSIVE
+        massive = values > values[-1] * SINGULAR
         new = orthonormal(new, sub.M.__matmul__, V @ (turn[:, massive] / np.sqrt(values[massive])))[0]
         wide = np.hstack([V, new])
         M, D, K = (_bordered(own, wide.T @ (A @ new)) for own, A in ((model.M, sub.M), (model.D, sub.D), (model.K, sub.K)))

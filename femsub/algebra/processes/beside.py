@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from femsub.algebra.processes.folders import MEMORY, has_room, task_folder
-from femsub.algebra.processes.limits import BLOCK, LEAST, LOOK
+from femsub.algebra.processes.limits import BLOCK, LOOK, PATIENCE
 from femsub.algebra.processes.memory import available
 from femsub.algebra.processes.stored import bytes_of, load, store
 from femsub.algebra.processes.system import environment_of_workers, libc
@@ -160,7 +160,7 @@ class Divided:
                 break
             self._take(at)
         now = time.monotonic()
-        patience = now + LEAST + (now - self._start)
+        patience = now + PATIENCE + (now - self._start)
         while self.busy() and time.monotonic() < patience:
             time.sleep(LOOK)
         self.close()
@@ -233,7 +233,7 @@ class Process:
             assert self._process.stdout is not None
             line = poll()
             line.register(self._process.stdout, POLLIN)
-            while not line.poll(1000 * LEAST):
+            while not line.poll(1000 * PATIENCE):
                 if is_stopped(pid := self._process.pid):
                     log.warning("process %d, which works beside this one, is stopped (state T). It is ended, and this process "
                                 "does its work", pid)

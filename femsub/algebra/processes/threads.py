@@ -17,10 +17,10 @@ import numpy as np
 import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 
+from femsub.algebra.processes.limits import WORK
 from femsub.algebra.processes.system import held_during_forks, own_processors
 from femsub.checks import Array, Matrix
 
-LONG = 2e7  # multiplications of a product with a sparse matrix from which it is divided among threads
 BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  # modules that load a BLAS
 
 
@@ -140,8 +140,9 @@ def times(A: Matrix, X: Array) -> Array:
         return np.asarray(A @ X)
     if sp.issparse(A) and np.iscomplexobj(X) and not np.iscomplexobj(A.data):
         return times(A, np.ascontiguousarray(X).view(float)).view(complex)
-    # with ten nonzeros per row, as in a chain, the copies cost more than a second thread gains
-    if not sp.issparse(A) or A.format != "csr" or A.nnz < max(LONG / max(X.shape[1], 1), 10 * A.shape[0]) \
+    # sparse multiplications take five times as long as dense ones; with ten nonzeros per row, as in a chain, the copies cost more
+    # than a second thread gains
+    if not sp.issparse(A) or A.format != "csr" or A.nnz < max(WORK / 5 / max(X.shape[1], 1), 10 * A.shape[0]) \
             or (count := threads()) == 1:
         return np.asarray(A @ X)
     from concurrent.futures import ThreadPoolExecutor

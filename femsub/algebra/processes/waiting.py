@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from femsub.algebra.processes.limits import LEAST, LOOK
+from femsub.algebra.processes.limits import LOOK, PATIENCE
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -48,7 +48,7 @@ def first_done(futures: Iterable[Future[Any]], at_work: Callable[[], Mapping[int
     from concurrent.futures import FIRST_COMPLETED, wait
 
     waiting = [*futures]
-    while not (ended := wait(waiting, LEAST, FIRST_COMPLETED).done):
+    while not (ended := wait(waiting, PATIENCE, FIRST_COMPLETED).done):
         for pid, what in at_work().items():
             if pid not in named and is_stopped(pid):
                 named.add(pid)

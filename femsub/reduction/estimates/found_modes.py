@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra import check_columns
+from femsub.algebra import BLOCK, check_columns
 from femsub.checks import DENSE, EPS, Array, Matrix
 from femsub.modes import NormalModes, independent, lightest, lowest_modes
-from femsub.reduction.basis import COLUMNS, Kept, Statics, in_blocks
+from femsub.reduction.basis import Kept, Statics, in_blocks
 from femsub.reduction.estimates.nested import Nested, free_first
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
-MOST = 1000  # modes at which the search gives up in a model of more than DENSE DOF: they take as long as all of DENSE
 TINY = float(np.finfo(float).tiny)
 
 
@@ -45,8 +43,8 @@ class FoundModes:
 
     @property
     def spent(self) -> bool:
-        """Whether these are all modes there are, or as many as a large part gives."""
-        return self.complete or (self.modes >= MOST and self.statics.handle.K.shape[0] > DENSE)
+        """Whether these are all modes, or as many as a large part gives: a quarter of DENSE take as long as all of DENSE."""
+        return self.complete or (self.modes >= DENSE // 4 and self.statics.handle.K.shape[0] > DENSE)
 
     @property
     def most(self) -> int:
@@ -154,17 +152,16 @@ class Span:
 
     def projected(self, D: Matrix) -> Array:
         """UᵀDU, shape (R, R), a block of columns at a time."""
-        return np.hstack([self.dot(D @ block) for block in self._blocks()])
-
-    def _blocks(self) -> Iterator[Array]:
+        blocks = [np.zeros((self.rest.stop, 0))]
         for group in (self.statics.constraint, self.modes, self.static):
-            for start in range(0, group.shape[1], COLUMNS):
-                block = group[:, start:start + COLUMNS]
+            for start in range(0, group.shape[1], BLOCK):
+                block = group[:, start:start + BLOCK]
                 if group is not self.statics.constraint and len(group) < self.statics.part.sub.size:
                     full = np.zeros((self.statics.part.sub.size, block.shape[1]), order="F")
                     full[self.statics.part.rows] = block
                     block = full
-                yield block
+                blocks.append(self.dot(D @ block))
+        return np.hstack(blocks)
 
 
 def compressed(columns: Array, stiffness: Array) -> Array:

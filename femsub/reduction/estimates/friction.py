@@ -25,9 +25,9 @@ import scipy.sparse as sp
 from femsub.algebra import ROUNDING, check_columns, orthonormal, unresisted
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
-from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, units, upper, within
+from femsub.model import DOUBLE, Estimate, Pencil, beyond, distance_outside, units, upper, within
 from femsub.modes import (
-    DEPENDENT,
+    ACCEPTED,
     Coupling,
     EnergyBasis,
     Term,
@@ -46,18 +46,12 @@ from femsub.reduction.estimates.search import Best, Goal, Space
 if TYPE_CHECKING:
     from femsub.reduction.basis import Statics
 
-ABOVE = 1.7  # the larger model has all real modes up to so many times the band
-SPARE = 3  # modes beyond BEYOND times the band whose responses it has
-ROOM = 1.15  # the eigenvalues are counted in a rectangle that ends at so many times the band at most
-BEYOND = 1.2  # c holds up to so many times the band: the circles about these eigenvalues do not reach farther
+BEYOND = 1.2  # c holds up to so many times the band: the circles about eigenvalues do not reach farther
+ROOM = (1 + 3 * BEYOND) / 4  # the eigenvalues are counted in a rectangle that ends at so many times the band at most
 LEAST = 0.05  # smallest c with which the count is tried
 SURE = 0.7  # g stays below this share of c at the points where it is sampled
 CIRCLE = np.exp(2j * np.pi * (np.arange(8) + 0.5) / 8)  # the points on a circle about an eigenvalue
-SMALLEST = 1e-10  # of |λ|: its smallest radius
-FINE = 1e-6  # of |λ|: a radius so small is not improved
 CHOICES = ((0,), (0, 1), (0, 2), (0, 1, 2))  # of the loads K₁, K₁ᵀ and D₁: the responses that are tried
-STEP = 1.1  # from one number of modes to the next that is tried
-LANCZOS = 40  # steps
 
 
 class Larger:
@@ -79,9 +73,22 @@ class Larger:
         self.top = np.inf if search.complete else search.top
         self.found, self.loose = found, 0
         if found.rigid:
-            self._turn()
+            # Turn the rigid modes so that the `loose` ones come first, on which neither N nor D acts. Each of them has a double
+            # eigenvalue at 0, in P and in P_U alike, and no part in the others: its column of P is λ²MΦ. What moves by rounding
+            # alone is at rest: friction on its motion would not look like rounding
+            N, D, r = self.N, pencil.D * hi, found.rigid
+            both = sp.vstack([N, D]) if sp.issparse(N) else np.vstack([N, D])
+            Z, root = found.shapes[:, :r], np.sqrt(handle.M.diagonal())[:, None]
+            Z = np.where(root * np.abs(Z) > ROUNDING * np.linalg.norm(root * Z, axis=0), Z, 0.0)
+            Z, free = unresisted(both, Z, np.tile(units(handle.K), 2))
+            self.found = replace(found, shapes=np.hstack([Z[:, ::-1], found.shapes[:, r:]]))
+            self.loose = len(free)
         shapes = self.found.shapes
-        modes, forces = shapes / self.size, np.hstack([_forces(load, shapes[:, :self.answered]) for load in matrices])
+        modes, acting = shapes / self.size, []
+        for load in matrices:  # 0 where it is but rounding, as that of friction on rigid motion
+            force, size = load @ shapes[:, :self.answered], abs(load) @ abs(shapes[:, :self.answered])
+            acting.append(np.where(np.linalg.norm(force, axis=0) > ROUNDING * np.linalg.norm(size, axis=0), force, 0.0))
+        forces = np.hstack(acting)
         self.loads = shapes.T @ np.hstack([forces, search.loads])
         rest = self._without_rounding(np.hstack([handle.elastic_solve(forces, shapes), search.rest]))
         sigma = handle.sigma
@@ -114,26 +121,12 @@ class Larger:
         force = handle.K @ handle.deflate(x)
         return force - handle.M @ (handle.rigid @ (handle.rigid.T @ force)) - handle.sigma * (handle.M @ x)
 
-    def _turn(self) -> None:
-        """Turn the rigid modes so that the `loose` ones come first, on which neither N nor D acts.
-
-        Each of them has a double eigenvalue at 0, in P and in P_U alike, and no part in the others: its column of P is λ²MΦ.
-        What moves by rounding alone is at rest: friction on its motion would not look like rounding.
-        """
-        N, D, r = self.N, self.pencil.D * self.hi, self.found.rigid
-        both = sp.vstack([N, D]) if sp.issparse(N) else np.vstack([N, D])
-        Z, root = self.found.shapes[:, :r], np.sqrt(self.handle.M.diagonal())[:, None]
-        Z = np.where(root * np.abs(Z) > ROUNDING * np.linalg.norm(root * Z, axis=0), Z, 0.0)
-        Z, free = unresisted(both, Z, np.tile(units(self.handle.K), 2))
-        self.found = replace(self.found, shapes=np.hstack([Z[:, ::-1], self.found.shapes[:, r:]]))
-        self.loose = len(free)
-
     def _without_rounding(self, rest: Array) -> Array:
         """The responses, 0 where the modes have left nothing but rounding; of small ones most may be rigid motion."""
         rest = self.handle.deflate(rest)
         held, energy = self.loads[self.rigid:], np.einsum("ij,ij->j", rest, self.product(rest))
         whole = energy + np.einsum("ij,ij->j", held, held / self.found.eigenvalues[self.rigid:, None])
-        return np.where(energy > DEPENDENT * whole, rest, 0.0)
+        return np.where(energy > ROUNDING * whole, rest, 0.0)
 
     def _answers(self, values: Array, X: Array, Y: Array) -> Array:
         """A⁻¹ times the residuals of right and left eigenvectors, real and imaginary parts."""
@@ -170,8 +163,11 @@ class Larger:
                 self.space.terms[at] = replace(term, range=(-size, size) if term.weights[1] else (MARGIN * low, np.inf))
         return self.space.coercivity(BEYOND * self.hi, BEYOND * self.hi)
 
-    def _ends(self, B: Matrix, skew: bool = False) -> tuple[float, float]:
-        """The smallest and largest xᴴBx / xᴴAx over L of a symmetric B, or 0; of a skew one those of BᵀA⁻¹B. By Lanczos."""
+    def _ends(self, B: Matrix, skew: bool = False, steps: int = 40) -> tuple[float, float]:
+        """The smallest and largest xᴴBx / xᴴAx over L of a symmetric B, or 0; of a skew one those of BᵀA⁻¹B.
+
+        By so many `steps` of Lanczos, which suffice for the two digits that the margins leave open.
+        """
         if not abs(B).max():
             return 0.0, 0.0
 
@@ -180,8 +176,8 @@ class Larger:
 
         start = self._outside(np.random.default_rng(11).standard_normal((len(self.U), 1)))
         V, image = orthonormal(start, self.product)
-        H = np.zeros((LANCZOS, LANCZOS))
-        for k in range(min(LANCZOS, len(self.U) - self.U.shape[1]) if V.shape[1] else 0):
+        H = np.zeros((steps, steps))
+        for k in range(min(steps, len(self.U) - self.U.shape[1]) if V.shape[1] else 0):
             new = -applied(applied(V[:, k:])) if skew else applied(V[:, k:])
             H[:k + 1, k] = image.T @ new[:, 0]
             more, its = orthonormal(new, self.product, V)
@@ -194,14 +190,12 @@ class Larger:
     @cached_property
     def counted(self) -> bool:
         """Whether the full system has as many eigenvalues as this model in a rectangle |Re λ| ≤ a, |Im λ| ≤ b about the band."""
-        a, b = (self._free(np.abs(part)) for part in (self.values.real, self.values.imag))
+        # the places just above the band that are farthest from all values
+        places = np.linspace(1.0, ROOM, 25)[1:] * self.hi
+        a, b = (float(places[np.abs(places[:, None] - np.abs(part)).min(axis=1).argmax()])
+                for part in (self.values.real, self.values.imag))
         corners = [complex(a, 0.0), complex(a, b), complex(-a, b), complex(-a, 0.0)]
         return self.coercivity > LEAST and all(self._clear(begin, end) for begin, end in pairwise(corners))
-
-    def _free(self, values: Array) -> float:
-        """The place just above the band that is farthest from all values."""
-        places = np.linspace(1.0, ROOM, 25)[1:] * self.hi
-        return float(places[np.abs(places[:, None] - values).min(axis=1).argmax()])
 
     def _clear(self, begin: complex, end: complex) -> bool:
         """Whether g < c between two points, sampled at steps of half the distance to the next eigenvalue."""
@@ -229,9 +223,9 @@ class Larger:
             value = self.values[k]
             right, left = self.coupling.lengths(value)
             first = right[k] * left[k] / limit
-            start = float(max(first if np.isfinite(first) else np.inf, SMALLEST * abs(value), 4 * rounding))
+            start = float(max(first if np.isfinite(first) else np.inf, ACCEPTED * abs(value), 4 * rounding))
             for thorough in (False, True):
-                if found[k] > FINE * abs(value):
+                if found[k] > DOUBLE * abs(value):  # else no other eigenvalue is meant
                     found[k] = min(found[k], self._circle(value, start, thorough))
         return found
 
@@ -278,7 +272,7 @@ class Larger:
     def estimate(self, count: int, T: Array, goal: Goal) -> Estimate:
         """The estimate of the model with so many elastic modes and the basis T."""
         pencil, T, band = self.small, T[self.loose:, self.loose:], goal.band
-        least = STILL * band[1] if self.rigid else 0.0
+        least = DOUBLE * band[1] if self.rigid else 0.0
         small = Pencil(*(T.T @ (part @ T) for part in (pencil.M, pencil.D, pencil.K))) if T.shape[1] else None
         found = np.zeros(0, dtype=complex) if small is None else solve(small)[0]
         found = found[upper(found) & (np.abs(found) > least)]
@@ -297,8 +291,8 @@ class Larger:
     def fewest(self, loads: Sequence[int], goal: Goal, below: float) -> tuple[int, Estimate] | None:
         """The size and the estimate of the first model of fewer than `below` DOF that meets the tolerance.
 
-        The numbers of modes rise in steps: one mode more is not always better, since pairs that meet want both or none. Nothing
-        is searched if the largest model does not meet it.
+        The numbers of modes rise in steps of a tenth: one mode more is not always better, since pairs that meet want both or
+        none. Nothing is searched if the largest model does not meet it.
         """
         inside = int(np.searchsorted(self.frequencies[:self.most], goal.band[1], side="right"))
         count, most = max(inside, int(not self.rigid)), self.most  # no basis is empty
@@ -314,14 +308,8 @@ class Larger:
                 found = self.estimate(count, T, goal)
             if found.met:
                 return (T.shape[1], found) if T.shape[1] < below else None
-            count = max(count + 1, min(most, int(STEP * count)))
+            count = max(count + 1, min(most, int(1.1 * count)))
         return None
-
-
-def _forces(load: Matrix, shapes: Array) -> Array:
-    """The forces of a load on shapes, 0 where they are but rounding, as those of friction on rigid motion."""
-    force = load @ shapes
-    return np.where(np.linalg.norm(force, axis=0) > ROUNDING * np.linalg.norm(abs(load) @ abs(shapes), axis=0), force, 0.0)
 
 
 class FrictionSpace(Space):
@@ -354,8 +342,8 @@ class FrictionSpace(Space):
         self.choice: tuple[int, ...] = ()
 
     def reach(self, hi: float) -> None:
-        """Beyond the band, too: c is positive only then."""
-        self.modes.reach(ABOVE * hi, 2.0)
+        """Beyond the band, too: with all real modes up to √2 BEYOND times the band, inertia takes no more than half of c."""
+        self.modes.reach(2**0.5 * BEYOND * hi, 2.0)
 
     def best(self, goal: Goal) -> Best | None:
         """The smallest model over all choices of responses."""
@@ -363,7 +351,7 @@ class FrictionSpace(Space):
         self.reach(hi)
         modes.replace(lowest_modes(modes.statics.handle, modes.modes, known=modes.found))  # counted by inertia
         near = int(np.searchsorted(modes.found.frequencies[modes.found.rigid:], BEYOND * hi))
-        self.answered = min(max(near + SPARE, self.answered), modes.modes)
+        self.answered = min(max(near + 3, self.answered), modes.modes)  # and the responses to the next three
         larger = Larger(modes, self.pencil, self.loads, hi, self.answered)
         for choice in self.choices if larger.counted else []:
             if (found := larger.fewest(choice, goal, below)) is not None:
@@ -373,8 +361,16 @@ class FrictionSpace(Space):
         if larger.counted and self.answered < modes.modes:
             self.answered *= 2
         elif modes.spent:
-            raise NotConvergedError(self._lacking(larger, larger.estimate(larger.most, larger.basis(
-                larger.most, self.choices[-1]), goal)))
+            lo, hi = goal.band
+            if larger.counted:
+                largest = larger.estimate(larger.most, larger.basis(larger.most, self.choices[-1]), goal)
+                raise NotConvergedError(
+                    f"{self.name} cannot be reduced to a relative error of {goal.tol:g} from {lo:.5g} to {hi:.5g} rad/time under "
+                    f"this friction. With {largest.modes} modes: {largest!r}. Lower the band, or raise tol")
+            raise NotConvergedError(
+                f"{self.name}: with {modes.modes} modes the eigenvalues of the full system up to {hi:.5g} rad/time cannot be "
+                f"counted (c = {larger.coercivity:.2g}, at least {LEAST:g} is needed). Lower the band, mu, or the contact's "
+                "stiffness")
         else:
             self.grow(1.5)
         return None
@@ -384,12 +380,3 @@ class FrictionSpace(Space):
         kept = Kept(self.modes.found, int(counts[0]))
         forces = [self.loads[load] @ kept.shapes for load in self.choice]
         return dict.fromkeys(self.parts, replace(kept, forces=np.hstack([kept.shapes[:, :0], *forces])))
-
-    def _lacking(self, larger: Larger, best: Estimate) -> str:
-        lo, hi = best.band
-        if larger.counted:
-            return (f"{self.name} cannot be reduced to a relative error of {best.tol:g} from {lo:.5g} to {hi:.5g} rad/time under "
-                    f"this friction. With {best.modes} modes: {best!r}. Lower the band, or raise tol")
-        return (f"{self.name}: with {best.searched} modes the eigenvalues of the full system up to {hi:.5g} rad/time cannot be "
-                f"counted (c = {larger.coercivity:.2g}, at least {LEAST:g} is needed). Lower the band, mu, or the contact's "
-                "stiffness")

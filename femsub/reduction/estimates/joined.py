@@ -24,13 +24,13 @@ from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.reduction.basis import Statics
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.estimates.found_modes import FoundModes, Span
-from femsub.reduction.estimates.nested import ACCEPTED, Nested
-from femsub.reduction.estimates.search import Goal, Reference, Space
+from femsub.reduction.estimates.nested import JOINED_RESIDUAL, Nested
+from femsub.reduction.estimates.search import Goal, ReferenceModel, Space
 
 if TYPE_CHECKING:
     from femsub.model import Estimate
 
-SHARE = 0.3  # of an error that is judged, or of the tolerance: the largest model, the standard of comparison, may have as much
+ENOUGH = 0.3  # of an error that is judged, or of the tolerance: the largest model, the standard of comparison, may have as much
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,7 +66,7 @@ class JoinedSpace(Space):
             raise InputError(f"no estimate can be had of {system.name!r}: its parts that are not reduced have "
                              f"{sum(whole.values())} DOF, {max(whole, key=lambda name: whole[name])!r} most of them, and at most "
                              f"{most} are allowed. Reduce them, too")
-        self.enough = 1.0 if given else SHARE
+        self.enough = 1.0 if given else ENOUGH
         super().__init__(f"the parts of {system.name!r}", {name: FoundModes(one, self.all[name].pencil if self.damped else None)
                                                            for name, one in statics.items()}, top, given)
 
@@ -74,7 +74,7 @@ class JoinedSpace(Space):
         """As the parts differ, nothing is extrapolated."""
         return 2.0
 
-    def assembled(self, own: Mapping[str, tuple[Nested, Span]]) -> Reference:
+    def assembled(self, own: Mapping[str, tuple[Nested, Span]]) -> ReferenceModel:
         """The joined matrices in the order [C Φ Ξ]."""
         images = dict(self.all) | {name: Image(self.all[name], nested, span) for name, (nested, span) in own.items()}
         joined = couple(images, self.system.joints, self.system.name, interface=[])
@@ -94,7 +94,12 @@ class JoinedSpace(Space):
         order, count, dense = np.concatenate([outside, within]), len(outside), joined.pencil.dense()
         M, K, D = (A[np.ix_(order, order)] for A in (dense.M, dense.K, dense.D))
         turns = {name: L[rows[name]].toarray()[:, order] for name in own}
-        motion, rounding = motion_of(joined.rigid_motion), _of_sums(K[:count, :count])
+        motion = motion_of(joined.rigid_motion)
+        # a diagonal R with |xᵀEx| ≤ xᵀRx for every E whose entries are at most EPS times those of K. So much is lost where a
+        # stiff part that floats meets a soft one: in the sums of their stiffnesses, and in its rigid motion
+        bare, size = K.diagonal()[:count], np.abs(K[:count, :count])
+        unit = np.sqrt(np.where(bare > 0, bare, 1.0))
+        rounding = np.diag(EPS * unit * (size @ (1 / unit)))
         for name, (nested, _) in own.items():
             C = turns[name][:nested.constraint, :count]
             rounding += C.T @ nested.rounding @ C
@@ -104,7 +109,7 @@ class JoinedSpace(Space):
                        max(nested.lightest for nested, _ in own.values()),
                        tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True)), self.limit,
                        None if motion is None else replace(motion, shapes=motion.shapes[order]), 1.0)
-        return Reference(found, own, turns)
+        return ReferenceModel(found, own, turns)
 
 
 def held_statics(sub: Substructure) -> Statics:
@@ -135,15 +140,6 @@ def damped_parts(system: System, contacts: Contacts) -> dict[str, Substructure]:
         W = sp.csc_array(sp.hstack(columns)) if sets else np.hstack(columns)
         found[owner] = part.with_damping(part.pencil.with_contact(small_matrices(system, contact)[1], W).D)
     return found
-
-
-def _of_sums(K: Array) -> Array:
-    """A diagonal R with |xᵀEx| ≤ xᵀRx for every E whose entries are at most EPS times those of K.
-
-    So much is lost where a stiff part that floats meets a soft one: in the sums of their stiffnesses, and in its rigid motion.
-    """
-    unit = np.sqrt(np.where((bare := K.diagonal()) > 0, bare, 1.0))
-    return np.diag(EPS * unit * (np.abs(K) @ (1 / unit)))
 
 
 def system_estimate(full: System, rom: System, band: tuple[float, float], contacts: Contacts = None, *,
@@ -190,10 +186,21 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     goal = Goal(band, tol)
     instance("full", full, System, "whose parts were reduced")
     instance("rom", rom, System, "made of the reduced parts")
-    statics = {name: held_statics(part) for name, part in _same_parts(full, rom).items() if len(part.interior)}
+    parts: dict[str, Substructure] = {}  # the full ones that are reduced in `rom`
+    for name in [*full.parts, *rom.parts]:
+        one, other = full.parts.get(name), rom.parts.get(name)
+        size = other.V.shape[0] if isinstance(other, ReducedSubstructure) else getattr(other, "size", 0)
+        if one is None or size != (one.V.shape[0] if one is other and isinstance(one, ReducedSubstructure) else one.size):
+            raise InputError(f"{rom.name!r} is not {full.name!r} with reduced parts: {name!r} is no part of both, or has another "
+                             "size")
+        if one is not other:
+            parts[name] = one
+    statics = {name: held_statics(part) for name, part in parts.items() if len(part.interior)}
+    if not statics:
+        raise InputError(f"no part of {rom.name!r} is reduced: it is {full.name!r} itself")
     space, small = JoinedSpace(full, statics, contacts, goal.band[1]), rom.pencil.dense()
     space.reach(goal.band[1])
-    found = all_modes(small.K, small.M, ACCEPTED, rom.rigid_motion)
+    found = all_modes(small.K, small.M, JOINED_RESIDUAL, rom.rigid_motion)
     omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
     values = None
     if space.damped:
@@ -221,21 +228,5 @@ def _sharp(largest: Estimate, judged: Estimate) -> bool:
     if len(largest.frequencies) != len(judged.frequencies) or largest.unmatched:
         return judged.unmatched > 0
     # errors below a thousandth of the tolerance need not be known to two digits
-    fine = largest.frequency_error <= SHARE * np.maximum(judged.frequency_error, 1e-3 * judged.tol)
-    return bool(fine.all()) and largest.eigenvalue_error.max(initial=0.0) <= SHARE * max(judged.worst, judged.tol)
-
-
-def _same_parts(full: System, rom: System) -> dict[str, Substructure]:
-    """The full parts that are reduced in `rom`."""
-    found = {}
-    for name in [*full.parts, *rom.parts]:
-        one, other = full.parts.get(name), rom.parts.get(name)
-        size = other.V.shape[0] if isinstance(other, ReducedSubstructure) else getattr(other, "size", 0)
-        if one is None or size != (one.V.shape[0] if one is other and isinstance(one, ReducedSubstructure) else one.size):
-            raise InputError(f"{rom.name!r} is not {full.name!r} with reduced parts: {name!r} is no part of both, or has another "
-                             "size")
-        if one is not other:
-            found[name] = one
-    if not any(len(part.interior) for part in found.values()):
-        raise InputError(f"no part of {rom.name!r} is reduced: it is {full.name!r} itself")
-    return found
+    fine = largest.frequency_error <= ENOUGH * np.maximum(judged.frequency_error, 1e-3 * judged.tol)
+    return bool(fine.all()) and largest.eigenvalue_error.max(initial=0.0) <= ENOUGH * max(judged.worst, judged.tol)

@@ -67,10 +67,27 @@ class LeavingOut:
         return cls(nested, counts, inverse, shapes, S, int(inside[0]) if len(inside) else 0, most)
 
     def may_meet(self, counts: Array) -> bool:
-        """False if some ω of a model with fewer modes is certainly too high."""
-        N = self._conditions(counts)
-        if N is None or not len(self.most):
+        """False if some ω of a model with fewer modes is certainly too high.
+
+        In such a model Nᵀx = 0, with N (r, l) the K w of directions w that are K-orthogonal to it. A mode that is left out stays
+        in the static shapes S by its share: w = φ + Sβ.
+        """
+        if not len(self.most):
             return True
+        nested, first = self.nested, self.nested.rest.start - self.nested.modes
+        held = nested.held(self.counts)
+        left = np.flatnonzero(held & ~nested.held(counts))
+        stiffness = nested.K.diagonal()[:, None]  # of Φ and Ξ: nothing else moves
+        W = np.zeros((len(nested.M), len(left)))
+        W[first + left, np.arange(len(left))] = 1.0
+        if nested.loads.shape[1]:
+            new = nested.static(counts)[0]
+            if self.static.shape[1] != new.shape[1]:
+                return True
+            force = stiffness * new
+            W -= self.static @ np.linalg.solve(force.T @ self.static, force.T @ W)
+        force = stiffness * W
+        N = np.concatenate([force[:first], force[first + np.flatnonzero(held)], self.static.T @ force])
         along = self.shapes.T @ N
         for number, square in enumerate(self.most, self.first + 1):
             far = 1 - square * self.inverse
@@ -82,23 +99,3 @@ class LeavingOut:
             if np.count_nonzero(far < 0) - lost < number:
                 return False
         return True
-
-    def _conditions(self, counts: Array) -> Array | None:
-        """N (r, l) with Nᵀx = 0 in a model with fewer modes: K w of directions w that are K-orthogonal to it.
-
-        A mode that is left out stays in the static shapes S by its share: w = φ + Sβ.
-        """
-        nested, first = self.nested, self.nested.rest.start - self.nested.modes
-        held = nested.held(self.counts)
-        left = np.flatnonzero(held & ~nested.held(counts))
-        stiffness = nested.K.diagonal()[:, None]  # of Φ and Ξ: nothing else moves
-        W = np.zeros((len(nested.M), len(left)))
-        W[first + left, np.arange(len(left))] = 1.0
-        if nested.loads.shape[1]:
-            new = nested.static(counts)[0]
-            if self.static.shape[1] != new.shape[1]:
-                return None
-            force = stiffness * new
-            W -= self.static @ np.linalg.solve(force.T @ self.static, force.T @ W)
-        force = stiffness * W
-        return np.concatenate([force[:first], force[first + np.flatnonzero(held)], self.static.T @ force])

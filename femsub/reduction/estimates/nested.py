@@ -18,10 +18,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from femsub.algebra import negative_eigenvalues, without
+from femsub.algebra import ROUNDING, WIDE, negative_eigenvalues, without
 from femsub.checks import EPS, EQUAL, Array, Matrix
 from femsub.model import SHARE, Estimate, Pencil, RigidMotion, beyond, in_band, moving, units, upper, within
-from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve
+from femsub.modes import all_modes, energy_directions, match, motion_of, region_of, solve
 from femsub.modes.quadratic.search import search
 
 if TYPE_CHECKING:
@@ -30,9 +30,8 @@ if TYPE_CHECKING:
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
 Solution: TypeAlias = tuple[Array, Array, Array, Array, Array]  # of a damped model, see `Nested.damped`
-ACCEPTED = 1e-7  # residual of modes of these small matrices. Where parts are joined their ω² span up to 12 decades; ω is wrong
-# by much less
-MANY = 300  # coordinates from which on an estimate solves by Lanczos, and only for what may lie in the band or near it
+# residual of modes of these small matrices. Where parts are joined their ω² span up to 12 decades; ω is wrong by much less
+JOINED_RESIDUAL = 1e-7
 MARGIN = 1.01  # safety factor on each estimate: with all modes the estimate is the error itself, and rounding could undercut it
 
 
@@ -77,6 +76,11 @@ class Nested:
     @property
     def modes(self) -> int:
         return len(self.values)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether ω and λ are found for the band alone, where it has a limit."""
+        return len(self.M) > WIDE
 
     @cached_property
     def most(self) -> Array:
@@ -154,7 +158,7 @@ class Nested:
         inertia, change = inertia[::-1], change @ turn[:, ::-1]
         motion = np.sqrt(mass @ shapes[first:] ** 2 + ((held / values[:, None]) ** 2).sum(axis=0))
         top = np.append(inertia, 1 / np.sort(values)[-1:]).max(initial=0.0)
-        massless = inertia <= np.maximum(self.lightest * top, (NOISE * (np.abs(change).T @ motion)) ** 2)
+        massless = inertia <= np.maximum(self.lightest * top, (ROUNDING * (np.abs(change).T @ motion)) ** 2)
         unit = np.where(massless, 1.0, inertia)
         shapes = shapes @ (change / np.sqrt(unit))
         shapes[np.ix_(first + np.flatnonzero(mass), massless)] = 0.0
@@ -194,7 +198,7 @@ class Nested:
                 inverse, shapes = la.eigh(*self.pencil_up_to_limit(M, K), check_finite=False,
                                           subset_by_value=(self.limit**-2, np.inf))
                 return inverse[::-1] ** -0.5, (shapes * inverse**-0.5)[:, ::-1]  # LAPACK has them of unit energy
-        found = all_modes(K, M, ACCEPTED, self._carried(len(K)))
+        found = all_modes(K, M, JOINED_RESIDUAL, self._carried(len(K)))
         return found.frequencies[found.rigid:], found.shapes[:, found.rigid:]
 
     def pencil_up_to_limit(self, M: Array, K: Array) -> tuple[Array, Array]:
@@ -229,7 +233,7 @@ class Nested:
         if self.motion is not None:
             return self.motion
         kept = self._first + self.modes
-        found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
+        found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], JOINED_RESIDUAL)
         Z, D = found.shapes[:, :found.rigid], np.zeros((kept, kept)) if self.D is None else self.D[:kept, :kept]
         return free_first(Z, Z, self.M[:kept, :kept], D)
 
@@ -264,7 +268,7 @@ class Nested:
         if (found := self._bounds_of_band(S, below)) is not None:
             return found
         kept = self._first + self.modes
-        ritz = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED, self._carried(kept))
+        ritz = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], JOINED_RESIDUAL, self._carried(kept))
         q, r = ritz.shapes[:self.constraint], ritz.rigid
         if self.complete:
             return ritz.frequencies[r:]
@@ -329,7 +333,7 @@ class Nested:
             z = la.solve_triangular(R, x, lower=True, trans="T", check_finite=False)
             return np.concatenate([_solved(R, M @ z + E.T @ y), E @ z + (y.T * d).T]) - v @ (v[:len(R)].T @ x + v[len(R):].T @ y)
 
-        if size > MANY:
+        if size > WIDE:
             left = 1 - limit * d
             left[left == 0] = np.finfo(float).tiny
             felt = (E.T @ sp.diags_array(limit**2 / left) @ E).toarray()
@@ -445,8 +449,15 @@ class Nested:
         lacking = int(np.count_nonzero(~beyond(low[known:], band[1])))
         values, errors, unmatched = np.zeros(0, dtype=complex), np.zeros(0), lacking
         if found is not None:
-            values, errors, more = self._compared(*found, band)
-            unmatched += more
+            values, bar = found
+            exact, exact_bar = self.reference
+            at, to, distance, concerned, alone = compared(exact, values, band, within(exact, band))
+            largest, doubt = self.doubt
+            near = match(exact, largest, far=FAR)
+            tail = np.zeros(len(exact))
+            tail[near[0]] = doubt[near[1]]
+            errors = ((MARGIN * (distance + tail[at]) + exact_bar[at] + bar[to]) / np.abs(exact[at]))[concerned]
+            values, unmatched = values[to[concerned]], unmatched + alone
         return Estimate(band, tol, 0, np.inf, omega[inside], error, values, errors, unmatched, self.modes, self.share)
 
     def floor(self, band: tuple[float, float], damped: bool = True) -> float:
@@ -459,17 +470,6 @@ class Nested:
         exact, bar = self.reference
         inside = within(exact, band)
         return max(floor, float((bar[inside] / np.abs(exact[inside])).max(initial=0.0)))
-
-    def _compared(self, found: Array, bar: Array, band: tuple[float, float]) -> tuple[Array, Array, int]:
-        """λ of the reduced model that the band concerns, their errors, and the number of λ without a partner."""
-        exact, exact_bar = self.reference
-        at, to, distance, inside, alone = compared(exact, found, band, within(exact, band))
-        largest, doubt = self.doubt
-        near = match(exact, largest, far=FAR)
-        tail = np.zeros(len(exact))
-        tail[near[0]] = doubt[near[1]]
-        error = (MARGIN * (distance + tail[at]) + exact_bar[at] + bar[to]) / np.abs(exact[at])
-        return found[to[inside]], error[inside], alone
 
 
 def compared(exact: Array, found: Array, band: tuple[float, float],

@@ -21,15 +21,13 @@ import numpy as np
 from femsub.checks import Array, check_band, finite_number
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import SHARE, Estimate, beyond
-from femsub.modes import lowest_modes
 from femsub.reduction.basis import Kept, Statics
 from femsub.reduction.estimates.found_modes import FoundModes, Span
 from femsub.reduction.estimates.leaving_out import LeavingOut
-from femsub.reduction.estimates.nested import MANY, Nested
+from femsub.reduction.estimates.nested import Nested
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
-    from femsub.modes import ShiftInvert
 
 Best: TypeAlias = tuple[Array, Estimate]  # numbers of modes, one for each part, and the estimate of the model they make
 
@@ -104,17 +102,17 @@ class Space:
         self.further(reference, largest)
         return None
 
-    def reference(self) -> Reference:
+    def reference(self) -> ReferenceModel:
         """That of all modes found."""
         return self.assembled({name: part.nested() for name, part in self.parts.items()})
 
-    def assembled(self, own: Mapping[str, tuple[Nested, Span]]) -> Reference:
+    def assembled(self, own: Mapping[str, tuple[Nested, Span]]) -> ReferenceModel:
         """The reference made of those of the parts."""
         ((name, (nested, _)),) = own.items()
-        found = replace(nested, limit=self.limit if len(nested.M) > MANY else np.inf)
-        return Reference(found, own, {name: np.eye(len(nested.M))})
+        found = replace(nested, limit=self.limit if nested.is_large else np.inf)
+        return ReferenceModel(found, own, {name: np.eye(len(nested.M))})
 
-    def extended(self, given: Reference, band: tuple[float, float]) -> Nested:
+    def extended(self, given: ReferenceModel, band: tuple[float, float]) -> Nested:
         """With the static responses to the residuals of the complex modes in the band."""
         sides, own = sides_of(given.nested, band), {}
         for name, part in self.parts.items():
@@ -166,7 +164,7 @@ class Space:
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class ReferenceModel:
     """The reference, those of the parts with their U, and where their coordinates are in it: T_p (R_p, R)."""
 
     nested: Nested
@@ -234,7 +232,13 @@ def _by_first_order(reference: Nested, least: Array, best: Best, trials: int = 1
     After `trials` choices that do not meet it, `best` stays.
     """
     (most, largest), tol = best, best[1].tol
-    costs = _costs(reference, largest.band)
+    # of each part, what leaving out a mode costs each frequency of the band, relatively and to first order, (modes, k)
+    kept, band = reference.rest.start, largest.band
+    omega, shapes = reference.lowest(reference.M[:kept, :kept], reference.K[:kept, :kept])
+    inside = np.flatnonzero(~beyond(omega, band[1]) & ~beyond(band[0], omega))
+    amplitude, square = shapes[kept - reference.modes:, inside], omega[inside] ** 2
+    cost = amplitude**2 * np.maximum(reference.values[:, None] - square, 0.0) / (2 * square)
+    costs = np.split(cost, np.cumsum(reference.most)[:-1])
     base = reference.estimate(most, largest.band, tol, False).frequency_error.max(initial=0.0)
     allowed = tol
     for _ in range(trials):
@@ -244,16 +248,6 @@ def _by_first_order(reference: Nested, least: Array, best: Best, trials: int = 1
             return (counts, found) if counts.sum() < most.sum() else best
         allowed *= np.clip(0.95 * tol / found.worst, 0.3, 0.95)
     return best
-
-
-def _costs(nested: Nested, band: tuple[float, float]) -> list[Array]:
-    """Of each part, what leaving out a mode costs each frequency of the band, relatively and to first order, (modes, k)."""
-    kept = nested.rest.start
-    omega, shapes = nested.lowest(nested.M[:kept, :kept], nested.K[:kept, :kept])
-    inside = np.flatnonzero(~beyond(omega, band[1]) & ~beyond(band[0], omega))
-    amplitude, square = shapes[kept - nested.modes:, inside], omega[inside] ** 2
-    cost = amplitude**2 * np.maximum(nested.values[:, None] - square, 0.0) / (2 * square)
-    return np.split(cost, np.cumsum(nested.most)[:-1])
 
 
 def _leanest(costs: Sequence[Array], least: Array, most: Array, allowed: float, exchanged: int = 4) -> Array:
@@ -303,8 +297,3 @@ def sides_of(nested: Nested, band: tuple[float, float]) -> list[tuple[Array, Arr
         kinetic, elastic = (np.abs(np.einsum("ij,ij->j", x.conj(), part @ x)) for part in (nested.M, nested.K))
         sides.append((value, x / np.sqrt(kinetic + elastic / np.abs(value) ** 2), left))
     return sides
-
-
-def lowest(handle: ShiftInvert, count: int, defer: bool = True) -> Kept:
-    """The `count` lowest modes, and one more for the cut-off if there is one. `count_deferred` must still run if `defer`."""
-    return Kept(lowest_modes(handle, count + (count < handle.elastic), defer), count)
