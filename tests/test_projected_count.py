@@ -19,7 +19,7 @@ from femsub.algebra import factors_made, fork_pays
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes.quadratic import dense, projected_pairs, sparse
 from femsub.modes.quadratic.energy_basis import Coupling
-from femsub.modes.quadratic.projected_count import Projection
+from femsub.modes.quadratic.projected_count import Change, Projection
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Contour, Count
 
@@ -81,6 +81,51 @@ def test_a_count_is_never_wrong(seed: int) -> None:
         assert found is None or found.number == np.count_nonzero(contour.encloses(values))
         if "gyroscopic" not in DAMPING[seed % len(DAMPING)] and seed // len(DAMPING) % 2 == 0:
             assert found is not None and found.margin < 1
+
+
+@pytest.mark.sampled(7)
+@pytest.mark.parametrize("seed", range(48))
+def test_one_projection_counts_for_all_values_of_a_parameter(seed: int) -> None:
+    """P(s) + Σ θ_q s^q T_q with stiffness, damping, mass and a contact that change: where a count is given, it is LAPACK's."""
+    pencil, rng = random_pencil(seed), np.random.default_rng(seed)
+    n, values = pencil.size, dense.solve(pencil.dense())[0]
+    hi = float(np.sort(np.abs(values))[rng.integers(8, 40)] * rng.uniform(0.9, 1.1))
+    contour = Contour(sides=(-hi, hi, hi))
+    i, j = rng.integers(0, n, (2, 4))
+    contact = sp.csr_array((rng.standard_normal(4) * pencil.K.diagonal().mean(), (i, j)), shape=(n, n))
+    anywhere = sp.csr_array((rng.standard_normal(n), (rng.permutation(n), rng.permutation(n))), shape=(n, n))
+    every = (contact, 0), (0.02 * anywhere * pencil.K.diagonal().min(), 0), (0.1 / hi * contact, 1), (0.1 * pencil.M, 2), \
+        (0.02 / hi * pencil.K, 1)
+    changes = [Change(sp.csr_array(T), power, 1.0) for T, power in every if rng.random() < 0.5]
+    try:
+        projection = Projection(pencil, contour, changes=changes)
+    except (fs.SingularMatrixError, fs.NotConvergedError, fs.MissedModesError):
+        return
+    for theta in (np.zeros(len(changes)), *rng.uniform(-1, 1, (3, len(changes)))):
+        parts = [pencil.K, pencil.D, pencil.M]
+        for share, change in zip(theta.tolist(), changes, strict=True):
+            parts[change.power] = parts[change.power] + share * change.matrix
+        values = dense.solve(fs.Pencil(*parts[::-1]).dense())[0]
+        projection = projection.changed(theta.tolist())
+        found = projection.on(lambda _: contour)
+        assert found is None or found.number == np.count_nonzero(contour.encloses(values))
+        if found is not None and projection.counted is not None and not any(change.power == 2 for change in changes):
+            again = count(fs.Pencil(*parts[::-1]), contour)
+            assert again is None or again.number == found.number
+
+
+def test_few_columns_that_change_act_inside_the_basis_alone() -> None:
+    """A⁻¹T joins V, so that T has no image outside: the margin does not depend on θ T where VᵀPV does not."""
+    pencil = random_pencil(6)
+    T = sp.csr_array(([5.0, -5.0], ([3, 70], [70, 3])), shape=(pencil.size, pencil.size))
+    projection = Projection(pencil, Contour(0.5), changes=[Change(T, 0, 2.0)])
+    acting = projection.changed([1.5])
+    assert acting.terms[-1].spanned and acting.coercivity(0.5, 0.5) == projection.coercivity(0.5, 0.5)
+    x = np.random.default_rng(1).standard_normal((acting.size, 3))
+    image = projection.factor.solve(acting.image(len(acting.terms) - 1, x))
+    outside = image - acting.V @ (acting.V.T @ (acting.product(image)))
+    assert np.linalg.norm(outside) < 1e-11 * np.linalg.norm(image)
+    assert acting.size == projection.size and acting.terms[-1].weights == (1.5, 0.0, 0.0)
 
 
 def test_a_mode_that_the_basis_lacks_leaves_no_count(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 import femsub as fs
 from benchmarks.attacks import critical_values as attack, solvers
+from femsub.modes.quadratic import complex_modes, search
 from femsub.stability import edges, followed
 from femsub.stability.critical_value import first_value
 
@@ -60,12 +61,12 @@ def test_the_first_loss_alone_is_that_of_all_with_fewer_solutions(monkeypatch: p
     chain, belt = fs.chain(10, belt=2), fs.Belt(slope=0.0)
     made, limits = counted(monkeypatch), ("slope", (0.0, -0.1), (0.0, 2.1))
     every = fs.critical_value(chain, belt, "slope", between=limits[1], band=limits[2], solver="followed")
-    assert made["complex_modes"] == 5 and made["ComplexFactor"] <= 4 * len(every.losses + every.regains)
+    assert made["_listed"] == 5 and made["ComplexFactor"] <= 4 * len(every.losses + every.regains)
     for near, solved, end in ((np.nan, 3, -0.0486), (-0.0255, 2, -0.0305), (-0.01, 4, -0.0486), (-np.inf, 3, -0.0486)):
-        made["complex_modes"] = 0
+        made["_listed"] = 0
         found = first_value(chain, belt, *limits, near)
         assert found.value == pytest.approx(every.value, abs=1e-11) and found.evidence == every.evidence == "confirmed"
-        assert made["complex_modes"] == found.solved == solved and found.searched[1] == pytest.approx(end)
+        assert made["_listed"] == found.solved == solved and found.searched[1] == pytest.approx(end)
         assert not found.open and found.omega == pytest.approx(every.omega, rel=1e-9)
     grown = first_value(chain, belt, "slope", (-0.03, 0.0), limits[2])
     assert (grown.value, grown.growing, grown.solved) == (-0.03, 4, 2)
@@ -97,7 +98,7 @@ def brake_like(n: int) -> tuple[fs.Affine, tuple[float, float]]:
 
 def counted(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     """How many bands are searched and how many complex factors made."""
-    homes = {"complex_modes": followed, "ComplexFactor": edges}
+    homes = {"_listed": complex_modes, "ComplexFactor": edges}
     made = dict.fromkeys(homes, 0)
     for name, home in homes.items():
         def call(*arguments: object, name: str = name, real: object = getattr(home, name), **options: object) -> object:
@@ -115,7 +116,7 @@ def test_a_sparse_unsymmetric_pencil_is_followed_with_few_solutions(monkeypatch:
     made = counted(monkeypatch)
     found = fs.critical_value(family, None, "mu", between=(0.0, 0.01), band=band)
     assert found.method == "followed" and len(found.losses) >= 2 and found.evidence == "confirmed"
-    assert made["complex_modes"] == 5 and made["ComplexFactor"] <= 8 * (len(found.losses) + len(found.regains))
+    assert made["_listed"] == 5 and made["ComplexFactor"] <= 8 * (len(found.losses) + len(found.regains))
 
     def growing(p: float) -> int:
         z = fs.complex_modes(family.at(mu=p).dense()).eigenvalues
@@ -128,13 +129,36 @@ def test_a_sparse_unsymmetric_pencil_is_followed_with_few_solutions(monkeypatch:
             assert pencil.backward_error(np.array([1j * one.omega]), one.shape[:, None])[0] < 1e-8
 
 
+def test_one_projection_counts_at_all_values(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """Losses of a chain with a coupled pair are those of each value's own projection, with the undamped modes found once."""
+    n = 400
+    K = sp.csr_array(sp.diags_array([2.02, -1.0, -1.0], offsets=[0, 1, -1], shape=(n, n)))
+    M, pair = sp.csr_array(sp.eye_array(n)), sp.csr_array(([1.0, -1.0], ([70, 190], [190, 70])), shape=(n, n))
+    family = fs.Affine(M, [(1.0, 1e-4 * M + 1e-3 * K)], [(1.0, K), ("p", pair)])
+    made: list[int] = []
+    real = search.Projection
+
+    def projection(*arguments: object) -> object:
+        made.append(1)
+        return real(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(search, "Projection", projection)
+    found = fs.critical_value(family, None, "p", between=(0.0, 0.2), band=(0.2, 0.3))
+    assert len(made) == 1 and found.losses and found.evidence == "confirmed"
+    monkeypatch.setattr(complex_modes, "projection_over", lambda *_: None)
+    alone = fs.critical_value(family, None, "p", between=(0.0, 0.2), band=(0.2, 0.3))
+    assert len(made) == 6 and alone.evidence == "confirmed"
+    for one, other in ((found.losses, alone.losses), (found.regains, alone.regains)):
+        assert np.allclose([(a.value, a.omega) for a in one], [(a.value, a.omega) for a in other], rtol=1e-9)
+
+
 @pytest.mark.slow
 def test_a_pencil_of_2000_dof_is_followed_within_30_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
     """As many modes in the band as a model of 4,096 DOF has up to 0.38, and as many solutions."""
     family, _ = brake_like(48)
     made = counted(monkeypatch)
     found = fs.critical_value(family, None, "mu", between=(0.0, 0.005), band=(0.0, 0.42))
-    assert found.losses and found.method == "followed" and made["complex_modes"] + made["ComplexFactor"] <= 30
+    assert found.losses and found.method == "followed" and made["_listed"] + made["ComplexFactor"] <= 30
     for one in found.losses:
         growth = [fs.complex_modes(family.at(mu=one.value + step), band=(0.999 * one.omega, 1.001 * one.omega)).growth
                   for step in (-1e-4, 1e-4)]

@@ -9,7 +9,12 @@ from .normal_modes import (
     modes_below as modes_below,
     modes_under as modes_under,
 )
-from .quadratic.complex_modes import ComplexModes as ComplexModes, beside_the_full as beside_the_full, with_bars as with_bars
+from .quadratic.complex_modes import (
+    ComplexModes as ComplexModes,
+    beside_the_full as beside_the_full,
+    modes_over as modes_over,
+    with_bars as with_bars,
+)
 from .quadratic.correction import corrected as corrected, slope as slope
 from .quadratic.dense import (
     ModalForm as ModalForm,

@@ -88,6 +88,7 @@ class PencilOver:
     at: Callable[[float], Pencil]
     shares: tuple[Share, ...]
     sign: float = 1.0
+    named: tuple[tuple[int, Matrix, Callable[[float], float]], ...] | None = None  #: the terms θ(p) λ^power T of an `Affine`
 
     def __call__(self, p: float) -> Pencil:
         return self.at(self.sign * p)
@@ -105,6 +106,19 @@ class PencilOver:
         step = [(getattr(last, name) - getattr(first, name)) / (hi - lo) for name in "MDK"]
         return replace(self, at=lambda p: type(first)(*(getattr(first, name) + (p - lo) * slope
                                                         for name, slope in zip("MDK", step, strict=True))))
+
+    def terms(self, between: tuple[float, float]) -> list[tuple[int, Matrix, Callable[[float], float]]] | None:
+        """(power, T, θ) of all terms θ(p) λ^power T that depend on the parameter; None if they are not known.
+
+        They are known of an `Affine`, and of contacts that are affine in the parameter from the pencils at both ends.
+        """
+        if not self.affine(between):
+            return None if self.named is None else [(power, T, lambda p, theta=theta: theta(self.sign * p))  # type: ignore[misc]
+                                                    for power, T, theta in self.named]
+        first, last = self(between[0]), self(between[1])
+        slopes = [(power, (getattr(last, name) - getattr(first, name)) / (between[1] - between[0]))
+                  for power, name in enumerate("KD")]
+        return [(power, slope, lambda p: p) for power, slope in slopes if abs(slope).max()]
 
     def port_damping(self, p: float, beside: float) -> tuple[Matrix, float] | None:
         """W (n, k) and s if all that depends on the parameter is a term s p W Wᵀ in D, compared at two values; else None."""
@@ -221,8 +235,12 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
             raise unknown_name("parameter", parameter, model.parameters)
         if rest := [name for name in model.parameters if name != parameter]:
             raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
+        every = [(power, theta, T) for name, power in (("M", 2), ("D", 1), ("K", 0)) for theta, T in getattr(model, name)]
+        named = tuple((power, T, lambda p, at=at: float(model.factors(**{parameter: p})[at]))
+                      for at, (power, theta, T) in enumerate(every) if callable(theta) or isinstance(theta, str))
         return PencilOver(parameter, lambda p: model.at(**{parameter: p}).below(np.inf),
-                          (Share("the Affine", lambda p: (model.factors(**{parameter: p}),), model.affine_in(parameter)),))
+                          (Share("the Affine", lambda p: (model.factors(**{parameter: p}),), model.affine_in(parameter)),),
+                          named=named)
     instance("model", model, Substructure, "or an Affine").viscous_only("an analysis over a parameter")
     given = contacts_of(contacts)
     known = [fields_of(contact) for contact in given]

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.algebra import reused_memory, unit_length
-from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance, truth, until
+from femsub.checks import NOT_CHECKED, Array, Matrix, Tally, check_band, instance, truth, until
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
 from femsub.model import Pencil, RigidMotion, Substructure, beyond, look_at_the_order, usable_band
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
+from femsub.modes.quadratic.projected_count import Change, Projection
 from femsub.modes.quadratic.region import region_of
-from femsub.modes.quadratic.search import SearchResult, search
+from femsub.modes.quadratic.search import SearchResult, projection_over, search
 
 if TYPE_CHECKING:
     from femsub.model import Contacts
@@ -243,8 +245,32 @@ def beside_the_full(model: Substructure, contacts: Contacts, *, band: tuple[floa
     return found if band is None or not beyond(band[1], model.cutoff) else replace(found, tally=Tally(len(found)))
 
 
+def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
+               terms: Sequence[tuple[int, Matrix, Callable[[float], float]]] | None, band: tuple[float, float]
+               ) -> Iterator[ComplexModes]:
+    """`complex_modes` of a pencil in a band at ascending values of a parameter, counted by one projection.
+
+    It is made from the undamped modes in the middle of the values. (q, T, θ) of `terms` is a term θ(p) λ^q T of the pencil, and
+    no other depends on p. Where they are not known (None), or the projection gives no count, a value is solved alone.
+    """
+    m, projection, theta = (values[0] + values[-1]) / 2, None, np.zeros((len(values), 0))
+    middle = pencil_at(m)
+    if terms is None:
+        log.info("a contact is not affine in the parameter, so that each value is solved alone")
+    else:
+        theta = np.array([[of(p) - of(m) for *_, of in terms] for p in values]).reshape(len(values), -1)
+        sizes = np.abs(theta).max(axis=0).tolist()
+        projection = projection_over(middle, [Change(T, q, size) for (q, T, _), size in zip(terms, sizes, strict=True)], band)
+    for p, weights in zip(values, theta.tolist(), strict=True):
+        pencil = pencil_at(p)
+        if projection is not None:  # in its units; the shapes that one value adds are there for the next
+            projection, pencil = projection.changed(weights), pencil._with(units=middle.units)
+        yield _listed(pencil, None, _with_contacts(pencil, None), None, band, None, None, projection)
+
+
 def _listed(model: Substructure | Pencil, contacts: Contacts, pencil: Pencil, count: int | None,
-            band: tuple[float, float] | None, re: tuple[float, float] | None, evidence: bool | None) -> ComplexModes:
+            band: tuple[float, float] | None, re: tuple[float, float] | None, evidence: bool | None,
+            projection: Projection | None = None) -> ComplexModes:
     """The modes of a model, whose pencil with its contacts is given."""
     estimate = getattr(model, "estimate", None)
     if band is not None and estimate is not None:
@@ -255,7 +281,7 @@ def _listed(model: Substructure | Pencil, contacts: Contacts, pencil: Pencil, co
     if judged is not None:
         judged.check_held(contacts)
     with reused_memory(pencil.size):
-        found = pencil.all_modes() if isinstance(pencil, LossyPencil) else search(pencil, region, evidence)
+        found = pencil.all_modes() if isinstance(pencil, LossyPencil) else search(pencil, region, evidence, projection)
         if judged is not None and not pencil.symmetric[2]:
             found = _still(found, judged.floating(contacts))
         at = region.listed(found.values)

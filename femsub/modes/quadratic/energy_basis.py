@@ -4,8 +4,9 @@ Let A (n, n) be symmetric positive definite, V (n, m) with VᵀAV = I, and
 
     P(s) = A + Σ_i w_i(s) T_i,     w_i(s) = c_0 + c_1 s + c_2 s²,
 
-each T_i symmetric or skew. U is the span of V, and L its complement: VᵀAx = 0. P has the blocks P_U, P_UL, P_LU and P_L. Norms on
-L are those of A and A⁻¹. If for all s in a region and all x in L
+each T_i symmetric or skew. A, V and the images of the T_i do not depend on the weights, so one basis serves all values of a
+parameter on which only weights depend (`EnergyBasis.at`). U is the span of V, and L its complement: VᵀAx = 0. P has the blocks
+P_U, P_UL, P_LU and P_L. Norms on L are those of A and A⁻¹. If for all s in a region and all x in L
 
     Re xᴴP(s)x ≥ c xᴴAx,   c > 0,                                       (`EnergyBasis.coercivity`)
 
@@ -28,8 +29,10 @@ constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import scipy.linalg as la
@@ -57,6 +60,7 @@ class Term:
     sign: float = 1.0  #: Tᵀ = sign T
     range: tuple[float, float] = (-np.inf, np.inf)
     sampled: bool = False  #: whether the range is an estimate
+    spanned: bool = False  #: whether A⁻¹T maps into the basis, as that of few columns that have joined it; its range is 0 then
     rounding: float = 0.0  #: images with smaller lengths, relative to |T||x|, are rounding and set to 0
 
     @cached_property
@@ -174,8 +178,16 @@ class EnergyBasis:
         self.inside = inside
         known = np.zeros((len(self.terms), k), dtype=bool)
         known[:1] = modes
+        known[[term.spanned for term in self.terms]] = True
         self._known = np.hstack([self._known, known])
         return True
+
+    def at(self, weights: Sequence[tuple[float, float, float]]) -> Self:
+        """The same basis for a pencil whose terms have other weights; what is added to either is not in the other."""
+        found = copy(self)
+        found.terms = [term if term.weights == given else replace(term, weights=given)
+                       for term, given in zip(self.terms, weights, strict=True)]
+        return found
 
     @property
     def lost(self) -> Array:
@@ -209,8 +221,8 @@ class EnergyBasis:
                 inside[j, at] = np.einsum("ij,ij->j", known, known)
                 if self.kept and answer.any():
                     unit = float(max(answer.max(), -answer.min()))  # within the range of single precision
-                    self._outside.append((j, at, unit, np.divide(answer, unit, out=np.empty(answer.shape, dtype=np.float32),
-                                                                 casting="same_kind")))
+                    self._outside = [*self._outside, (j, at, unit, np.divide(answer, unit, casting="same_kind", out=np.empty(
+                        answer.shape, dtype=np.float32)))]
                 for i, term in enumerate(self.terms):
                     lost[i, :, j, at] = term.sign * (self.V[term.rows].T @ times(term.acting, answer))
         for i in range(p):

@@ -7,10 +7,10 @@ whether the number of its eigenvalues is right. All factors are real and positiv
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
@@ -18,6 +18,7 @@ import scipy.sparse as sp
 
 from femsub.algebra import (
     QUADRATIC,
+    WIDE,
     Difference,
     Handle,
     SignsBeside,
@@ -34,7 +35,7 @@ from femsub.algebra import (
     solved,
     translations,
 )
-from femsub.checks import Array, Matrix
+from femsub.checks import EPS, Array, Matrix
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.modes.block_lanczos import block_lanczos
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, modes_below
@@ -58,6 +59,14 @@ DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the
 Bounds = tuple[Array, float, float]  # shapes of strong damping, d and g: see `Projection`
 
 
+class Change(NamedTuple):
+    """A term θ s^power T that may join a pencil, |θ| ≤ size."""
+
+    matrix: Matrix
+    power: int
+    size: float
+
+
 class Projection(EnergyBasis):
     """The energy basis of P(s) = s²M + sD + K with A = (K + Kᵀ)/2 + μM, in which all constants are proved.
 
@@ -67,7 +76,8 @@ class Projection(EnergyBasis):
         c = 1 - (b² + μ)/(ω² + μ) - |a|d - |b|g
 
     with the first mode ω that is left out, |xᴴ(D + Dᵀ)x| ≤ 2d and |xᴴ(D - Dᵀ)x| ≤ 2g; Cholesky factors of dA ± (D + Dᵀ)/2 prove
-    both.
+    both. With `changes` θ_q s^q T_q that a parameter makes, `changed` gives the same projection for P(s) + Σ θ_q s^q T_q. Of a
+    T_q with few columns A⁻¹T_q joins V, so that it does not act outside. Others are bounded there as D is.
 
     Raises
     ------
@@ -76,7 +86,7 @@ class Projection(EnergyBasis):
         columns. LAPACK finds all eigenvalues of VᵀPV, so that it is no larger than a model may be of which it finds all.
     """
 
-    def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC) -> None:
+    def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC, changes: Sequence[Change] = ()) -> None:
         if not pencil.symmetric[0]:
             raise SingularMatrixError("M is unsymmetric")
         self.outer, self.most, M = outer, most, pencil.M
@@ -100,17 +110,45 @@ class Projection(EnergyBasis):
                 yield found
 
         modes, lift, (strong, d, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds, most)
-        self.free, rest = _free(modes, [damping, gyroscopic, circulatory])
+        self.free, rest = _free(modes, [damping, gyroscopic, circulatory, *(change.matrix for change in changes)])
         self.momenta = M @ self.free
         beyond = modes.counted[0] ** 2 - lift + self.mu
         given = (Term(M, (-self.mu, 0.0, 1.0), range=(0.0, 1 / beyond)), Term(damping, (0.0, 1.0, 0.0), range=(-d, d)),
                  Term(gyroscopic, (0.0, 1.0, 0.0), -1.0, (-g, g)), Term(circulatory, (1.0, 0.0, 0.0), -1.0))
         terms = [term for term in given if term.matrix is M or term.matrix.nnz]
+        self._weights: list[tuple[int | None, tuple[float, float, float]]] = [(None, term.weights) for term in terms]
+        joining = [rest, strong]
+        for place, (matrix, power, size) in enumerate(changes):
+            weight = size * (1.0, outer.side, max(outer.side, outer.top)**2)[power]
+            for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True):
+                if not half.nnz or not weight:
+                    continue
+                columns = _few_columns(half)
+                if columns is not None:
+                    joining.append(self.factor.solve(columns))
+                    bound = 0.0
+                elif sign > 0:
+                    known = signs(self.A.formed(), half, DAMPED[0] / weight)
+                    shapes, bound = _strong(self.A, half, self.factor.solve, weight, known, sum(x.shape[1] for x in joining),
+                                            most)
+                    joining.append(shapes)
+                else:
+                    bound = _bound_of_skew(self.A, half, self.factor.solve) if power else np.inf  # xᴴTx is imaginary
+                terms.append(Term(half, (0.0, 0.0, 0.0), sign, (-bound, bound), spanned=columns is not None))
+                self._weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=True)
         self.counted: Coupling | None = None  # the last one, if the count was proved
         self.add(rest, modes=True)
-        if strong.shape[1]:
-            self.add(strong)
+        for shapes in joining[1:]:
+            if shapes.shape[1]:
+                self.add(shapes)
+
+    def changed(self, theta: Sequence[float]) -> Projection:
+        """The projection for P(s) + Σ θ_q s^q T_q, with one θ for each of the `changes`."""
+        found = self.at([own if place is None else (theta[place] * own[0], theta[place] * own[1], theta[place] * own[2])
+                         for place, own in self._weights])
+        found.counted, found.why = None, ""
+        return found
 
     def add(self, new: Array, *, modes: bool = False, unit: bool = False) -> bool:
         """Append directions without the free rigid motion."""
@@ -169,6 +207,20 @@ def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
     sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
     still = sizes < STILL
     return Z @ turn[still].T, np.hstack([Z @ turn[~still].T, rest])
+
+
+def _few_columns(T: Matrix, most: int = 40) -> Array | None:
+    """An orthonormal basis (n, k) of the range of a symmetric or skew T, k ≤ `most`, which a port has; None if it has more."""
+    rows = np.flatnonzero(np.diff(T.indptr))
+    if len(rows) > WIDE:
+        return None
+    Q, size, _ = np.linalg.svd(T[rows][:, rows].toarray())
+    rank = int(np.count_nonzero(size > len(rows) * EPS * size[0]))
+    if rank > most:
+        return None
+    found = np.zeros((T.shape[0], rank))
+    found[rows] = Q[:, :rank]
+    return found
 
 
 def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,

@@ -13,7 +13,7 @@ The count in a disc took 22 x³ ns n³ for each column of a contact or dashpot.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from femsub.algebra import FEW, QUADRATIC, SMALL, WIDE, negative_eigenvalues, one_thread, shared
+from femsub.algebra import FEW, QUADRATIC, SMALL, WIDE, negative_eigenvalues, one_thread, scaled, shared
 from femsub.checks import Array, Matrix, Tally
 from femsub.errors import (
     ConditionWarning,
@@ -40,7 +40,7 @@ from femsub.modes.quadratic import damping_split, dense, disc_count
 from femsub.modes.quadratic.bars import mended
 from femsub.modes.quadratic.disc_count import Edge
 from femsub.modes.quadratic.matching import clear_radius, distinct
-from femsub.modes.quadratic.projected_count import Projection, about_radius
+from femsub.modes.quadratic.projected_count import Change, Projection, about_radius
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Box, Contour, Count, listed
 from femsub.modes.quadratic.singular_mass import finite
@@ -97,12 +97,47 @@ class SearchResult(NamedTuple):
     counted: Count | None = None
 
 
-def search(pencil: Pencil, region: Region, evidence: bool | None) -> SearchResult:
+def projection_over(pencil: Pencil, changes: Sequence[Change], band: tuple[float, float]) -> Projection | None:
+    """One projection that counts in a band for all values of a parameter, which makes these changes of a pencil; None if none.
+
+    `search` takes it where it is `Projection.changed` for a value, and `pencil` has the units of that value's pencil.
+    """
+    why = "LAPACK finds all of its eigenvalues" if not pencil.is_sparse or pencil.size <= SMALL else \
+        "it has Lagrange multipliers" if pencil.freed is not None else ""
+    alike = pencil if why else pencil.alike()
+    if alike is not pencil:
+        changes = [change._replace(matrix=scaled(change.matrix, *pencil.units)) for change in changes]
+    try:
+        if not why:
+            return Projection(alike, _around((-band[1], band[1], *band)), _most_shapes(pencil.size), changes)
+    except (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError) as error:
+        why = str(error)
+    log.info("no projection for all values of the parameter, each is solved alone: %s", why)
+    return None
+
+
+def _around(box: Box) -> Contour:
+    """The contour around a rectangle whose edges may move by up to 2 %, from the real axis on."""
+    a, b, _, hi = box
+    return Contour(sides=(a - 0.02 * hi, b + 0.02 * hi, 1.02 * hi))
+
+
+def _most_shapes(size: int) -> int:
+    """Shapes of a projection: two of its eigenproblems, the usual number, cost no more than all eigenvalues by LAPACK."""
+    return int(size * 0.5 ** (1 / 3)) if size <= QUADRATIC else QUADRATIC
+
+
+def search(pencil: Pencil, region: Region, evidence: bool | None, projection: Projection | None = None) -> SearchResult:
     """Search by LAPACK if that is faster, or if most eigenvalues are wanted; else by PEP. Multipliers are projected out first.
 
     A model of up to 2,000 DOF is searched by PEP where that is predicted to be cheaper (`cost`) and gives a count; a dense one
-    where it takes a tenth of LAPACK's time. Else LAPACK finds all eigenvalues, and so certifies them.
+    where it takes a tenth of LAPACK's time. Else LAPACK finds all eigenvalues, and so certifies them. A `projection` that
+    other values of a parameter share counts, if it can.
     """
+    if projection is not None:
+        found = _in_units(pencil, region, evidence, Budget(pencil.size, False, pencil.size <= QUADRATIC), projection)
+        if found is not None:
+            return found
     if (freed := pencil.freed) is not None:
         found = _searched(freed.pencil, region.at_most(2 * freed.pencil.size), evidence, pencil)
         X, Y = freed.shapes(found.values, found.X, found.Y)
@@ -144,10 +179,11 @@ def _searched(pencil: Pencil, region: Region, evidence: bool | None, given: Penc
     return found._replace(values=every, X=right, Y=left, known=every)
 
 
-def _in_units(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget) -> SearchResult | None:
+def _in_units(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget, projection: Projection | None = None
+              ) -> SearchResult | None:
     """By PEP on a sparse pencil, whose DOF it scales to similar size."""
     alike = pencil.alike()
-    found = _by_pep(alike, region, evidence, budget, pencil)
+    found = _by_pep(alike, region, evidence, budget, pencil, projection)
     if found is None or alike is pencil:
         return found
     X, Y = pencil.restored(found.X, found.Y)
@@ -171,7 +207,8 @@ def _by_lapack(pencil: Pencil, given: Pencil) -> SearchResult:
     return SearchResult(values, X, Y, values, Tally(len(values), number))
 
 
-def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget, given: Pencil) -> SearchResult | None:
+def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget, given: Pencil,
+            projection: Projection | None = None) -> SearchResult | None:
     """Search for more and more eigenvalues nearest to 0, until the certificate shows that the region is complete.
 
     None where LAPACK is to find all: the budget does not last, or a model that is small enough has no other count, or PEP fails
@@ -188,7 +225,7 @@ def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budge
             return None  # any other count of a full matrix would cost more than all eigenvalues
         evidence = False
     certificate = _Nearest(pencil, region.count or 0, evidence, given) if region.box is None else \
-        _Enclosed(pencil, region.box, evidence, not budget.is_limited)
+        _Enclosed(pencil, region.box, evidence, not budget.is_limited, projection)
     if proof and not certificate.can_count:
         return None
     # no more than one search is made where nobody can check it, unless it is asked for
@@ -284,9 +321,14 @@ class _Evidence:
         """The count by projection, for any damping; `inside` chooses the contour from the projection's eigenvalues."""
         if not self.wanted or not np.isfinite(outer.size):
             return None
-        n = self.pencil.size  # two of the projection's eigenproblems, the usual number, cost no more than all eigenvalues
+        if self.projection is not None:  # for all values of a parameter
+            found = self.projection.on(inside)
+            if found is not None:
+                return found
+            log.info("no count by the projection for all values of the parameter, so this one is solved alone: %s",
+                     self.projection.why)
         try:
-            self.projection = Projection(self.pencil, outer, int(n * 0.5 ** (1 / 3)) if n <= QUADRATIC else QUADRATIC)
+            self.projection = Projection(self.pencil, outer, _most_shapes(self.pencil.size))
             found = self.projection.on(inside)
         except (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError) as error:
             self.why = str(error)
@@ -463,12 +505,13 @@ class _Enclosed(_Evidence):
     The projection comes first: it gives the eigenpairs as well and is a proof, which the determinant of a disc is not.
     """
 
-    def __init__(self, pencil: Pencil, box: Box, evidence: bool | None, winding: bool = True) -> None:
+    def __init__(self, pencil: Pencil, box: Box, evidence: bool | None, winding: bool = True,
+                 projection: Projection | None = None) -> None:
         super().__init__(pencil, evidence is not False)
+        self.projection = projection
         self.box, self.most = box, float(min(pencil.size, MOST))
         self.wound = winding and bool(evidence)  # whether det P may be sampled
-        a, b, _, hi = box  # from the real axis on; the edges move by up to 2 %
-        self.count = self.projected(Contour(sides=(a - 0.02 * hi, b + 0.02 * hi, 1.02 * hi)), self._clear)
+        self.count = self.projected(_around(box), self._clear)
         self.pairs = self._pairs()
         self.at = self.edge(self._radius) if self.count is None else None
         if self.count is not None:  # only the eigenvalues up to the farthest in the rectangle are needed
