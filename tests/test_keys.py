@@ -89,7 +89,7 @@ def test_the_schema_rejects_the_wrong_scenes_of_the_tests(validator: Any) -> Non
     for text in wrong_texts():
         try:
             table = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError):
+        except (ValueError, RecursionError):  # also of a number with too many digits
             continue
         (taken if validator.is_valid(table) else rejected).append(text)
     assert len(rejected) > 40
@@ -103,7 +103,7 @@ def test_a_scene_s_own_schema_says_what_the_schema_of_all_says(name: str) -> Non
     for text in [*scene_texts().values(), *wrong_texts()]:
         try:
             table = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError):
+        except (ValueError, RecursionError):  # also of a number with too many digits
             continue
         if table.get("scene", "chain") == name:
             assert own.is_valid(table) == every.is_valid(table), text

@@ -321,7 +321,8 @@ class Case:
             apart = np.abs(known[:, None] ** 2 / there[None, :] ** 2 - 1).min(axis=1) if len(known) else known
             strange = np.count_nonzero(~(apart <= AGREE))
             shapes = sum(np.size(column) // self.whole.size for column in self.whole.ports.values())  # static, beside the modes
-            if not small.kinds and (strange > len(apart) / 2 or 0 < strange <= shapes):
+            # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes
+            if not small.kinds and (strange > len(apart) / 2 or 0 < strange <= shapes or (strange and small.V is not None)):
                 return Unknown("the coordinates beside the interface are not stated to be modes, and "
                                f"{strange} of {len(apart)} are none of the full model", state)
             first = _first_missing(own, modes.frequencies)
