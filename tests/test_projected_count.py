@@ -19,7 +19,7 @@ from femsub.algebra import factors_made, fork_pays
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes.quadratic import dense, projected_pairs, sparse
 from femsub.modes.quadratic.energy_basis import Coupling
-from femsub.modes.quadratic.projected_count import Change, Projection
+from femsub.modes.quadratic.projected_count import Projection, Varied
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Contour, Count
 
@@ -96,7 +96,7 @@ def test_one_projection_counts_for_all_values_of_a_parameter(seed: int) -> None:
     anywhere = sp.csr_array((rng.standard_normal(n), (rng.permutation(n), rng.permutation(n))), shape=(n, n))
     every = (contact, 0), (0.02 * anywhere * pencil.K.diagonal().min(), 0), (0.1 / hi * contact, 1), (0.1 * pencil.M, 2), \
         (0.02 / hi * pencil.K, 1)
-    changes = [Change(sp.csr_array(T), power, 1.0) for T, power in every if rng.random() < 0.5]
+    changes = [Varied(sp.csr_array(T), power, 1.0) for T, power in every if rng.random() < 0.5]
     try:
         projection = Projection(pencil, contour, changes=changes)
     except (fs.SingularMatrixError, fs.NotConvergedError, fs.MissedModesError):
@@ -118,7 +118,7 @@ def test_few_columns_that_change_act_inside_the_basis_alone() -> None:
     """A⁻¹T joins V, so that T has no image outside: the margin does not depend on θ T where VᵀPV does not."""
     pencil = random_pencil(6)
     T = sp.csr_array(([5.0, -5.0], ([3, 70], [70, 3])), shape=(pencil.size, pencil.size))
-    projection = Projection(pencil, Contour(0.5), changes=[Change(T, 0, 2.0)])
+    projection = Projection(pencil, Contour(0.5), changes=[Varied(T, 0, 2.0)])
     acting = projection.changed([1.5])
     assert acting.terms[-1].spanned and acting.coercivity(0.5, 0.5) == projection.coercivity(0.5, 0.5)
     x = np.random.default_rng(1).standard_normal((acting.size, 3))

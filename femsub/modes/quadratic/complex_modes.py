@@ -16,7 +16,7 @@ from femsub.model import Pencil, RigidMotion, Substructure, beyond, look_at_the_
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
-from femsub.modes.quadratic.projected_count import Change, Projection
+from femsub.modes.quadratic.projected_count import Projection, Varied
 from femsub.modes.quadratic.region import region_of
 from femsub.modes.quadratic.search import SearchResult, projection_over, search
 
@@ -260,7 +260,7 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
     else:
         theta = np.array([[of(p) - of(m) for *_, of in terms] for p in values]).reshape(len(values), -1)
         sizes = np.abs(theta).max(axis=0).tolist()
-        projection = projection_over(middle, [Change(T, q, size) for (q, T, _), size in zip(terms, sizes, strict=True)], band)
+        projection = projection_over(middle, [Varied(T, q, size) for (q, T, _), size in zip(terms, sizes, strict=True)], band)
     for p, weights in zip(values, theta.tolist(), strict=True):
         pencil = pencil_at(p)
         if projection is not None:  # in its units; the shapes that one value adds are there for the next

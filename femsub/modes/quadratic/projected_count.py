@@ -59,7 +59,7 @@ DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the
 Bounds = tuple[Array, float, float]  # shapes of strong damping, d and g: see `Projection`
 
 
-class Change(NamedTuple):
+class Varied(NamedTuple):
     """A term θ s^power T that may join a pencil, |θ| ≤ size."""
 
     matrix: Matrix
@@ -86,7 +86,7 @@ class Projection(EnergyBasis):
         columns. LAPACK finds all eigenvalues of VᵀPV, so that it is no larger than a model may be of which it finds all.
     """
 
-    def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC, changes: Sequence[Change] = ()) -> None:
+    def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC, changes: Sequence[Varied] = ()) -> None:
         if not pencil.symmetric[0]:
             raise SingularMatrixError("M is unsymmetric")
         self.outer, self.most, M = outer, most, pencil.M

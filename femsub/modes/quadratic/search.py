@@ -40,7 +40,7 @@ from femsub.modes.quadratic import damping_split, dense, disc_count
 from femsub.modes.quadratic.bars import mended
 from femsub.modes.quadratic.disc_count import Edge
 from femsub.modes.quadratic.matching import clear_radius, distinct
-from femsub.modes.quadratic.projected_count import Change, Projection, about_radius
+from femsub.modes.quadratic.projected_count import Projection, Varied, about_radius
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Box, Contour, Count, listed
 from femsub.modes.quadratic.singular_mass import finite
@@ -97,7 +97,7 @@ class SearchResult(NamedTuple):
     counted: Count | None = None
 
 
-def projection_over(pencil: Pencil, changes: Sequence[Change], band: tuple[float, float]) -> Projection | None:
+def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float, float]) -> Projection | None:
     """One projection that counts in a band for all values of a parameter, which makes these changes of a pencil; None if none.
 
     `search` takes it where it is `Projection.changed` for a value, and `pencil` has the units of that value's pencil.
