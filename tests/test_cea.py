@@ -668,7 +668,7 @@ def test_a_sparse_model_is_certified_as_a_dense_one_is(seed: int, monkeypatch: p
 
 def test_the_predicted_cost_is_that_of_the_cheaper_way() -> None:
     """PEP is for few eigenvalues of many; columns to be counted make it dearer; repeated searches add up."""
-    assert search.by_pep(1500, 40) < search.SHARE < search.by_pep(1500, 400)
+    assert search.by_pep(1500, 40) < search.Budget(1500, True).left < search.by_pep(1500, 400)
     assert search.by_pep(1000, 100) < search.by_pep(1000, 100, 14) < search.by_pep(1000, 100, 40)
     budget = search.Budget(1000, True)
     assert budget.covers(100) and [budget.spend(100) for _ in range(4)] == [True, True, False, False]

@@ -24,7 +24,7 @@ from femsub.errors import NotEnoughMemoryError
 BLOCKS = 3 * BLOCK  # columns in work while constraint modes are computed: loads, solutions and products with K
 LIBRARIES = "petsc4py.PETSc"
 MOST_FILL = 60  # nonzeros of a factor and its count for each one of A, rarely reached: where so many fit, none are estimated
-SAFE = 1.2  # times what a factor is foretold to take must be free: a process that takes too much is killed
+HEADROOM = 1.2  # times what a factor is foretold to take must be free: a process that takes too much is killed
 FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it goes to a disk, and while it is used there
 _estimated: dict[tuple[int, int, int], float] = {}  # by pattern, 200 bytes for each
 _beside: ContextVar[float] = ContextVar("femsub_beside_factor", default=0.0)  # bytes that a factor must leave
@@ -146,7 +146,7 @@ def goes_to_disk(A: Matrix, possible: bool, kept: bool = True) -> bool:
         return False
     nonzeros = factor_nonzeros(A)
     need = FACTOR_BYTES * nonzeros if kept else count_bytes(A, nonzeros)
-    whole = SAFE * need + beside
+    whole = HEADROOM * need + beside
     if free is not None and (kept_bytes() or free < whole):
         free, limit = at_hand(2 * need + beside), left_of_limit()
     left = min(np.inf if limit is None else limit - BASE, np.inf if free is None else free)
@@ -220,7 +220,7 @@ def count_bytes(K: Matrix, nonzeros: float, kept: bool = False) -> float:
 
 def room_of_count(K: Matrix, nonzeros: float, kept: bool = False) -> float:
     """Bytes that must be free for a process that makes this count beside the search."""
-    return SAFE * count_bytes(K, nonzeros, kept) + BASE
+    return HEADROOM * count_bytes(K, nonzeros, kept) + BASE
 
 
 def has_room_to_count(K: Matrix, nonzeros: float) -> bool:

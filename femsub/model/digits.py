@@ -15,7 +15,6 @@ MANY = 200_000  # entries of a sparse K from which some are left out at once
 SAMPLE, FEW = 2000, 10  # entries that are looked at; different ones that are needed
 TYPICAL = 0.125  # of the last digit, since many roundings of either sign add up in a mode
 DIGITS = range(5, 15)  # decimal digits of a written K; numbers with fewer may be round by themselves
-MOST = 0.95  # of the entries; springs added later may have more digits
 DUST = 64 * EPS  # of the largest entry: smaller ones are rounding themselves
 BITS = np.finfo(np.float32).nmant + 1  # of a number in single precision
 
@@ -39,16 +38,19 @@ def rounding_of(K: Matrix, t: Array, forces: tuple[Array, Array] | None = None) 
     return max(EPS, written, SLACK * most)
 
 
-def _written(entries: Array) -> float:
-    """u of entries written in single precision, or with 5 to 14 decimal digits; 0 if they hold more."""
+def _written(entries: Array, most: float = 0.95) -> float:
+    """u of entries written in single precision, or with 5 to 14 decimal digits; 0 if they hold more.
+
+    It is that of `most` of the entries, not of all: springs that were added later may have more digits.
+    """
     size = np.abs(entries)
     size = size[size > DUST * size.max(initial=0.0)]
     values = np.unique(size[::max(1, len(size) // SAMPLE)])
     if len(values) < FEW:
         return 0.0
     bits = np.frexp(values)[0] * 2.0**BITS
-    if np.mean(bits == np.rint(bits)) > MOST and np.mean(bits % 8 != 0) > 0.5:
+    if np.mean(bits == np.rint(bits)) > most and np.mean(bits % 8 != 0) > 0.5:
         return TYPICAL * 2.0 ** (1 - BITS)
     digits = np.array([len(repr(value).split("e")[0].replace(".", "").strip("0")) for value in values.tolist()])
-    most = int(np.quantile(digits, MOST))
-    return TYPICAL * 10.0 ** (1 - most) if most in DIGITS and np.mean(digits >= most - 1) > 0.5 else 0.0
+    longest = int(np.quantile(digits, most))
+    return TYPICAL * 10.0 ** (1 - longest) if longest in DIGITS and np.mean(digits >= longest - 1) > 0.5 else 0.0

@@ -20,7 +20,7 @@ from femsub.model import MOTIONS
 from femsub.reduction import METHODS, Method
 
 RIGID = len(MOTIONS)  # rigid motions that a part has at most
-MARGIN = 0.02  # relative distance of the end of the band's default from the modes below and above it
+BESIDE = 0.02  # relative distance of the end of the band's default from the modes below and above it
 SI_DEFAULTS = ("E", "rho")  # of a scene that makes its component; other units need other numbers
 
 
@@ -31,7 +31,7 @@ class ComponentScene(Scene):
     modes: list[int] = key([10, 20], "numbers of modes to compare, for each method", least=0)
     ports: bool = key(True, "whether the static response to the contact joins each basis")
     band: list[float] = key([], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]",
-                            otherwise=f"from 0 to {100 * MARGIN:g} % above the last of so many modes as elastic says, or above "
+                            otherwise=f"from 0 to {100 * BESIDE:g} % above the last of so many modes as elastic says, or above "
                             "the cluster that it belongs to", example=[0.0, 1e4])
     elastic: int = key(8, "elastic modes that are listed beside up to six rigid ones; the default of band holds them, and the "
                        "output joined-interface compares as many frequencies", least=1, most=1000)
@@ -90,9 +90,9 @@ class Work(Run):
             return (self.scene.band[0], self.scene.band[1]), "as given"
         omega = self.normal.frequencies[self.normal.rigid:]
         last = min(self.scene.elastic, len(omega)) - 1
-        while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * MARGIN) * omega[last]:
+        while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * BESIDE) * omega[last]:
             last += 1
-        return (0.0, float((1 + MARGIN) * omega[last])), f"to {100 * MARGIN:g} % above elastic mode {last + 1}"
+        return (0.0, float((1 + BESIDE) * omega[last])), f"to {100 * BESIDE:g} % above elastic mode {last + 1}"
 
     @cached_property
     def reduced(self) -> list[tuple[Method, ReducedSubstructure]]:

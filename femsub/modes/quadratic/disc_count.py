@@ -19,12 +19,9 @@ from femsub.algebra import Difference, counting, factorise, inertia, one_thread,
 from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.modes.quadratic.damping_split import Split
+from femsub.modes.quadratic.matching import HALF
 from femsub.modes.quadratic.region import Contour, Count
 
-SAFE = 0.5  # required margin on the contour; the theorem needs 1
-ROUNDS = 12  # largest number of enrichments until the margin is safe
-SURE = 100.0  # safety factor on the estimated distance of the nearest undamped mode
-CLOSE = 1e8  # inverse relative distance at which a mode counts as on the edge
 Solve = Callable[[Array], Array]
 
 
@@ -57,7 +54,7 @@ def edge(parts: Split, radius: float) -> Edge:
         length = np.sqrt(np.maximum(np.einsum("ij,ij->j", x, parts.M @ x), np.finfo(float).tiny))
     below, near = handle.negative_pivots, 1 + 2 * radius**2 * float(length.max())
     handle.close()
-    if not near < CLOSE:
+    if not near * HALF < 1:  # nearer than half of the digits it counts as on the edge
         raise SingularMatrixError(f"a mode lies at ω = {radius:.6g}, within a relative distance of {1 / near:.1e}")
     return Edge(radius, below, near)
 
@@ -77,7 +74,8 @@ def _turning_below(parts: Split, skew: Matrix, radius: float) -> int:
     return negative // 2
 
 
-def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | None:
+def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array, rounds: int = 12,
+          safe: float = 0.5) -> Count | None:
     """The number of zeros of det P in |s| < R by Rouché's theorem, independent of the eigensolver's result.
 
     det P(s) = det P0(s) · f(s), f(s) = det(I + C(s)H(s)), H = WᵀP0⁻¹W, C = sC_D + C_K (matrix determinant lemma), so that
@@ -93,7 +91,7 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
     with the residuals ρ_i = ‖W e_i - P0 V q_i‖ in the norm of (K0 + μM)⁻¹ and κ = sup |(ω² + μ)/(1 + βs)(ω² + ζ)| over all
     ω² ≥ -μ, known or not. The margin is evaluated at some hundred points. They are dense near poles and zeros of f_V and
     near iR, where κ comes from an estimate of the nearest mode. A mode missing in X makes V worse, but never the count
-    wrong. If the largest margin is above 0.5, the basis grows: by Im X, by residuals, each third time by all of A⁻¹MV.
+    wrong. If the largest margin is not `safe`, the basis grows: by Im X, by residuals, each third time by all of A⁻¹MV.
 
     Parameters
     ----------
@@ -103,6 +101,10 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
     mu : float
         0 ≤ μ < R²/4.
     X : ndarray of complex, shape (n, k)
+    rounds : int
+        Enrichments of the basis at most; few are usual.
+    safe : float
+        The required margin. The theorem needs 1; half of it is left for points of the contour between those that are looked at.
 
     Returns
     -------
@@ -117,13 +119,13 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
         return Count(Contour(R), 2 * at.below, none, 0, 0.0)
     basis = _Basis(parts, solve, mu)
     basis.add(np.hstack([X.real, basis.static]))
-    for turn in range(ROUNDS):
+    for turn in range(rounds):
         small = basis.small(at)
         number = 2 * at.below + small.zeros - small.poles
         s = small.contour()
         margin = small.margin(s)
         worst = float(margin.max())
-        if worst < SAFE:
+        if worst < safe:
             break
         before = basis.size
         if turn == 0:
@@ -131,7 +133,7 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
         elif turn % 3 == 2:
             basis.add(basis.outside)
         if basis.size == before:
-            high = (margin >= SAFE) & (margin >= np.append(margin[1:], 0)) & (margin >= np.append(0, margin[:-1]))
+            high = (margin >= safe) & (margin >= np.append(margin[1:], 0)) & (margin >= np.append(0, margin[:-1]))
             peaks = np.flatnonzero(high)[np.argsort(-margin[high])][:4]
             basis.add(basis.residuals(small, s[peaks]))
         if basis.size == before:
@@ -254,7 +256,7 @@ class _Small:
         zeta = self.parts.squared(s)
         shift = zeta - self.mu
         least = np.where(shift.real >= 0, 1.0, np.abs(shift.imag) / np.maximum(np.abs(shift), np.finfo(float).tiny))
-        bound = SURE * self.near
+        bound = 100 * self.near  # two steps of inverse iteration estimate it; so even two digits less than it are safe
         off = np.abs(zeta + R2) / R2
         close = np.where(off * bound < 0.5, 1 / (2 * bound), 0.0)
         return 1 / np.abs(1 + self.parts.beta * s) / np.maximum(least, close)

@@ -44,7 +44,6 @@ from femsub.modes.quadratic.region import Contour
 
 SAFE = 0.9  # required margin on a contour; the theorem needs 1
 AWAY = 1.3  # σ in units of the largest |λ|: P_U is regular there, as it need not be at 0
-FAR = 0.1  # |s - λ| / |λ - σ| on all of the contour above which an eigenvalue is far from it
 RIGHT = 1e-6  # largest error of the sum over eigenpairs, as the inverse of P_U
 WIDER = 40  # residuals of each kind that enrich the basis at a time
 PIECES = 20_000  # of a contour at most
@@ -381,15 +380,16 @@ class Coupling:
         inverse = np.linalg.inv(np.tensordot([1.0, s, s * s], self.basis.matrices, 1))
         return bool(np.einsum("ij,ji->", inverse.conj().T @ right, inverse @ left).real < limit**2)
 
-    def margin(self, contour: Contour, c: float) -> tuple[float, list[Array]]:
+    def margin(self, contour: Contour, c: float, away: float = 0.1) -> tuple[float, list[Array]]:
         """‖P_LU P_U⁻¹ P_UL‖ / c, bounded on pieces that cover the contour; and directions that lower it if it is not safe.
 
-        Eigenpairs far from the contour count together, by the norms of their images. Each near one counts by its residual.
+        Eigenpairs far from the contour, |s - λ| > away |λ - σ| on all of it, count together, by the norms of their images: there
+        are many, and each has a small share. Each near one counts by its residual.
         """
         s, reach = _discs(contour, *_pieces(BATCH))
         near = (self._apart(s, slice(None)) - reach[:, None] * np.abs(self.nu)).min(axis=0)
-        far, wide = self._far(contour, c, np.flatnonzero(near > FAR), near[near > FAR])
-        at = np.flatnonzero(near <= FAR)
+        far, wide = self._far(contour, c, np.flatnonzero(near > away), near[near > away])
+        at = np.flatnonzero(near <= away)
         products = self._products(self.x[:, at]), self._products(self.z[:, at])
         room, worst, seen = SAFE - min(far, SAFE / 2), 0.0, 0
         most, where = np.zeros(len(at)), np.zeros(len(at), dtype=complex)

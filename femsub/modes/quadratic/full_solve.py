@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import DenseFactor, Difference
+from femsub.algebra import BLOCK, DenseFactor, Difference
 from femsub.checks import Array, Matrix
 from femsub.coupling import System, linked, rows_of_parts, sprung
 from femsub.errors import SingularMatrixError
@@ -23,8 +23,6 @@ log = logging.getLogger(__name__)
 SOFT = 1e-3  # stiffness added to each DOF between the parts, relative to its own: holds what floats. With less, rounding in rigid
 # motion decides the solutions; modes far below this lose digits with more
 STATIC = 1e-9  # ‖K_ii Ψ + K_ib‖, relative to its terms, up to which columns of a basis are constraint modes
-WIDE = 5000  # DOF between the parts up to which the dense matrix of these is factorised
-COLUMNS = 64  # right-hand sides at a time
 
 
 class ByWhole:
@@ -125,8 +123,11 @@ def _apart(full: System) -> dict[str, slice]:
             if len(part.interior) and 0 < len(part.interface) == part.interface_rows.shape[0]}
 
 
-def _against(full: System) -> str:
-    """Why a system cannot be solved by its parts; empty if it can."""
+def _against(full: System, widest: int = 5000) -> str:
+    """Why a system cannot be solved by its parts; empty if it can.
+
+    The dense matrix of up to `widest` DOF between them has 200 MB, and is factorised in some seconds.
+    """
     if full.multipliers:
         return "it is assembled by multipliers"
     own = _apart(full)
@@ -135,8 +136,8 @@ def _against(full: System) -> str:
         if moved[at.start + full.parts[name].interior].any():
             return f"a spring or damper acts on a port inside {name!r}"
     between = full.size - sum(len(full.parts[name].interior) for name in own)
-    if between > WIDE:
-        return f"it has {between} DOF between its parts, more than {WIDE}"
+    if between > widest:
+        return f"it has {between} DOF between its parts, more than {widest}"
     return "" if own else "no part has DOF inside its interface"
 
 
@@ -149,7 +150,7 @@ def _constraint_modes(part: Substructure, rom: Any, handle: ShiftInvert, loads: 
         if np.linalg.norm(forces + loads) <= STATIC * (np.linalg.norm(abs(handle.K) @ abs(static)) + sp.linalg.norm(loads)):
             return static
     static = np.empty(loads.shape, order="F")
-    for start in range(0, loads.shape[1], COLUMNS):
-        block = loads[:, start:start + COLUMNS]
-        static[:, start:start + COLUMNS] = handle.factor.solve(-(block.toarray(order="F") if sp.issparse(block) else block))
+    for start in range(0, loads.shape[1], BLOCK):
+        block = loads[:, start:start + BLOCK]
+        static[:, start:start + BLOCK] = handle.factor.solve(-(block.toarray(order="F") if sp.issparse(block) else block))
     return static

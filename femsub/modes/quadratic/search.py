@@ -53,10 +53,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-HEAVY = 100.0  # d_ii / sqrt(m_ii k_ii) from which on an error beside ‖D‖ is worth Newton steps on a large model
-MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hours and backward errors grow
-SHARE = 0.1  # of LAPACK's cost that a search by PEP may have: if it fails, so much is lost, and LAPACK comes after it
-
 
 def by_pep(size: int, ask: int, columns: int = 0) -> float:
     """The cost of `ask` of the 2n eigenvalues, and of their count where contacts and dashpots have so many `columns`."""
@@ -67,12 +63,13 @@ def by_pep(size: int, ask: int, columns: int = 0) -> float:
 class Budget:
     """What searches by PEP may cost before LAPACK is asked for all eigenvalues; without a limit of a model too large for it.
 
-    A sparse model may take all of LAPACK's cost: its solves cost next to nothing, and its counts are cheap.
+    A sparse model may take all of LAPACK's cost: its solves cost next to nothing, and its counts are cheap. A dense one may take
+    this `share` of it: if the search fails, so much is lost, and LAPACK comes after it.
     """
 
-    def __init__(self, size: int, is_dense: bool, is_limited: bool = True) -> None:
+    def __init__(self, size: int, is_dense: bool, is_limited: bool = True, share: float = 0.1) -> None:
         self.size, self.is_dense, self.is_limited = size, is_dense, is_limited
-        self.left = (SHARE if is_dense else 1.0) if is_limited else float("inf")
+        self.left = (share if is_dense else 1.0) if is_limited else float("inf")
 
     def covers(self, ask: int, columns: int = 0) -> bool:
         """Whether a search for `ask` eigenvalues is within the budget."""
@@ -238,7 +235,7 @@ def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budge
                 return None
             raise InputError(
                 f"the disc around 0 that holds the band has about {certificate.ask} eigenvalues. The solver has to compute "
-                f"all of them, and the limit is {MOST}. Lower the band, narrow re=(a, b), or reduce the model")
+                f"all of them, and the limit is {certificate.most:g}. Lower the band, narrow re=(a, b), or reduce the model")
         if searched.ask != certificate.ask and not budget.spend(certificate.ask, columns):
             return None
         log.debug("quadratic problem of %d DOF: %d eigenvalues by PEP", pencil.size, certificate.ask)
@@ -271,7 +268,8 @@ def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budge
     # may have been counted in place of another one
     at, done, left = certificate.about(values), np.zeros(len(values), dtype=bool), np.zeros(X.shape, dtype=complex)
     mass, damping, stiffness = (np.abs(part.diagonal()) for part in (pencil.M, pencil.D, pencil.K))
-    if pencil.size <= QUADRATIC or (pencil.size <= KEPT and (damping > HEAVY * np.sqrt(mass * stiffness)).any()):
+    # an error beside ‖D‖ takes two digits of λ where d_ii is a hundred times sqrt(m_ii k_ii): then a large model is mended, too
+    if pencil.size <= QUADRATIC or (pencil.size <= KEPT and (damping > 100 * np.sqrt(mass * stiffness)).any()):
         better = mended(pencil, values[at], X[:, at], left[:, at])
         values, X = values.copy(), X.astype(complex)
         values[at], X[:, at], left[:, at], done[at] = better.values, better.X, better.Y, better.done
@@ -502,14 +500,15 @@ class _Nearest(_Evidence):
 class _Enclosed(_Evidence):
     """All eigenvalues in a rectangle, proved by projection, by the count in the disc around it, or by the winding of det P.
 
-    The projection comes first: it gives the eigenpairs as well and is a proof, which the determinant of a disc is not.
+    The projection comes first: it gives the eigenpairs as well and is a proof, which the determinant of a disc is not. TOAR
+    computes `most` eigenvalues: beyond, run times reach hours and backward errors grow.
     """
 
     def __init__(self, pencil: Pencil, box: Box, evidence: bool | None, winding: bool = True,
-                 projection: Projection | None = None) -> None:
+                 projection: Projection | None = None, most: int = 1500) -> None:
         super().__init__(pencil, evidence is not False)
         self.projection = projection
-        self.box, self.most = box, float(min(pencil.size, MOST))
+        self.box, self.most = box, float(min(pencil.size, most))
         self.wound = winding and bool(evidence)  # whether det P may be sampled
         self.count = self.projected(_around(box), self._clear)
         self.pairs = self._pairs()

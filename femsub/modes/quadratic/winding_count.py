@@ -19,11 +19,8 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
     from femsub.modes.quadratic.region import Box
 
-MOST = 600  # largest number of contour points
-NEAR = 1e-7  # share of an edge used for the finite-difference slope of the phase
 
-
-def missed_eigenvalues(pencil: Pencil, box: Box, found: Array, reference: Matrix, undamped: Array) -> int:
+def missed_eigenvalues(pencil: Pencil, box: Box, found: Array, reference: Matrix, undamped: Array, most: int = 600) -> int:
     """The number of eigenvalues of P in a rectangle (re_lo, re_hi, im_lo, im_hi) that are not among those found, Im λ ≥ 0.
 
     Its edges are moved out a little, to keep clear of those.
@@ -35,7 +32,8 @@ def missed_eigenvalues(pencil: Pencil, box: Box, found: Array, reference: Matrix
     for the known λ_j and the frequencies ω_k of a symmetric reference K0 close to K, confirmed by an inertia count. Both sets
     lie in one disc around the rectangle. After division by the known factors the phase hardly turns. So about thirty points
     are enough, while det P alone needs one per eigenvalue. The phases come from sparse LU factors. With im_lo = 0 the
-    rectangle is mirrored at the real axis, and only half of the contour is needed, since g(z̄) is the conjugate of g(z).
+    rectangle is mirrored at the real axis, and only half of the contour is needed, since g(z̄) is the conjugate of g(z). No more
+    than `most` points are taken, twenty times as many as usual, since each takes two factorisations.
 
     Raises
     ------
@@ -51,8 +49,8 @@ def missed_eigenvalues(pencil: Pencil, box: Box, found: Array, reference: Matrix
 
     def phase(z: complex) -> float:
         if z not in phases:
-            if len(phases) >= MOST:
-                raise NotConvergedError(f"the phase of det P could not be traced with {MOST} points. Probably an eigenvalue lies "
+            if len(phases) >= most:
+                raise NotConvergedError(f"the phase of det P could not be traced with {most} points. Probably an eigenvalue lies "
                                         "on the edge of the band. Move the edge a little, or give evidence=False")
             phases[z] = (phase_of(pencil.at(z)) - phase_of(z * z * pencil.M + reference)
                          + float(np.angle(z - poles).sum() - np.angle(z - known).sum()))
@@ -91,18 +89,19 @@ def undamped_reference(pencil: Pencil, radius: float) -> tuple[Matrix, Array] | 
     return None
 
 
-def _turned(phase: Callable[[complex], float], start: complex, end: complex) -> float:
+def _turned(phase: Callable[[complex], float], start: complex, end: complex, beside: float = 1e-7) -> float:
     """The change of the phase from start to end, which may exceed ±π.
 
-    Modes outside the contour turn the phase evenly; with damping, by hundreds of radians. Slopes by finite differences give
-    the number of full turns between two points. Intervals are halved until slopes and phases agree.
+    Modes outside the contour turn the phase evenly; with damping, by hundreds of radians. Slopes give the number of full
+    turns between two points: differences over `beside` of the edge, in which the phase turns by far less than π. Intervals are
+    halved until slopes and phases agree.
     """
     def at(t: float) -> float:
         return phase(start + (end - start) * t)
 
     @cache
     def slope(t: float) -> float:
-        near = t + NEAR if t < 0.5 else t - NEAR
+        near = t + beside if t < 0.5 else t - beside
         return _wrapped(at(near) - at(t)) / (near - t)
 
     def step(a: float, b: float) -> tuple[float, float]:
