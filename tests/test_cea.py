@@ -384,7 +384,7 @@ def test_another_search_takes_the_place_of_one_step(monkeypatch: pytest.MonkeyPa
     ours = [fs.complex_modes(sub, BELT, **ask) for ask in asks]
     asked = []
 
-    def by_scipy(pencil: fs.Pencil, region: Region, evidence: bool | None) -> SearchResult:
+    def by_scipy(pencil: fs.Pencil, region: Region, evidence: bool | None, projection: object) -> SearchResult:
         asked.append(region)
         P, n = pencil.dense(), pencil.size
         companion = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(P.M, P.K), -np.linalg.solve(P.M, P.D)]])
