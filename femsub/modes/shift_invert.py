@@ -127,8 +127,21 @@ class ShiftInvert:
     def _found(self) -> tuple[float, Array, float, float, str, int, float]:
         self.rigid, self.lowest, self.unit, self.note, self.exact = np.zeros((self.K.shape[0], 0)), np.inf, EPS, "", 0
         self.doubt = 0.0
-        if self._given is not None:
-            self._carried(self._given)
+        Z = self._given
+        if Z is not None and Z.shape[1]:  # only the shift and the lowest elastic ω² are looked for
+            R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z)[1]
+            if R.diagonal().all():
+                self.rigid = orthonormal(np.linalg.solve(R.T, Z.T).T, self.M.__matmul__)[0]
+            if self.rigid.shape[1] < Z.shape[1]:
+                raise SingularMatrixError(f"{Z.shape[1] - self.rigid.shape[1]} rigid motions move no mass, so that their "
+                                          "coordinates have neither mass nor stiffness. Hold them, or leave them out")
+            self.exact = self.rigid.shape[1]
+            self._float(self._lowest_given)
+        elif Z is not None:
+            try:
+                self._factorise(0.0)
+            except SingularMatrixError as error:
+                raise SingularMatrixError(f"{NOT_DEFINITE} ({error})") from None
         else:
             self.unit = rounding(self.K)
             if not self._is_held():
@@ -143,23 +156,6 @@ class ShiftInvert:
                             f"of {few} of that of the forces that cancel in them, the rounding of K is {self.unit:.0e}, and no "
                             f"gap shows which are rigid. {IN_PARTS} ({error})") from None
         return self.sigma, self.rigid, self.lowest, self.unit, self.note, self.exact, self.doubt
-
-    def _carried(self, Z: Array) -> None:
-        """With given rigid motions: only the shift and the lowest elastic ω² are looked for."""
-        if not Z.shape[1]:
-            try:
-                self._factorise(0.0)
-            except SingularMatrixError as error:
-                raise SingularMatrixError(f"{NOT_DEFINITE} ({error})") from None
-            return
-        R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z)[1]
-        if R.diagonal().all():
-            self.rigid = orthonormal(np.linalg.solve(R.T, Z.T).T, self.M.__matmul__)[0]
-        if self.rigid.shape[1] < Z.shape[1]:
-            raise SingularMatrixError(f"{Z.shape[1] - self.rigid.shape[1]} rigid motions move no mass, so that their "
-                                      "coordinates have neither mass nor stiffness. Hold them, or leave them out")
-        self.exact = self.rigid.shape[1]
-        self._float(self._lowest_given)
 
     def _lowest_given(self) -> float:
         """ω² of the first elastic mode beside the given rigid motions."""

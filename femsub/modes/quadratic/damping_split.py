@@ -53,13 +53,13 @@ def split(pencil: Pencil) -> Split | None:
     """
     if not pencil.is_sparse or not pencil.symmetric[0]:
         return None
-    return _proportional_but_for_columns(pencil) or _turning(pencil)
-
-
-def _turning(pencil: Pencil) -> Split | None:
-    D, none = pencil.D, np.zeros((0, 0))
+    found, D = _proportional_but_for_columns(pencil), pencil.D
+    if found is not None:
+        return found
+    # a part that turns: D is skew within rounding, K symmetric
     if pencil.contacts or pencil.symmetric[1:] != (False, True) or abs(D + D.T).max() > EXACT * abs(D).max():
         return None
+    none = np.zeros((0, 0))
     return Split(pencil.M, pencil.K, 0.0, 0.0, np.zeros((pencil.size, 0)), none, none, (D - D.T) * 0.5)
 
 
@@ -70,7 +70,12 @@ def _proportional_but_for_columns(pencil: Pencil) -> Split | None:
     if any(_rank_of_some_rows(part[np.unique(part.nonzero()[0])], rng) > RANK for part in circulatory):
         return None  # before the damping is looked at, which takes longer
     own = np.sqrt(np.abs(D.diagonal()))
-    D = _without_contacts(D, pencil, own)
+    if pencil.contacts:  # D - Σ W C Wᵀ, without what is rounding beside d_ii
+        for C, _, W in pencil.contacts:
+            D = D - contact_matrix(W, C)
+        rest = sp.coo_array(D)
+        keep = np.abs(rest.data) > EXACT * FILLED * own[rest.row] * own[rest.col]
+        D = sp.csr_array((rest.data[keep], (rest.row[keep], rest.col[keep])), shape=D.shape)
     alpha, beta = _proportional(M, K0, D, own)
     parts = [_without(D, alpha, M, beta, K0, own), *circulatory]
     rows = np.unique(np.concatenate([np.concatenate(part.nonzero()) for part in parts]))
@@ -90,31 +95,15 @@ def _proportional_but_for_columns(pencil: Pencil) -> Split | None:
     cores = [Q.T @ (part @ Q) for part in small] + [np.zeros((Q.shape[1], Q.shape[1]))]
     W = np.zeros((pencil.size, Q.shape[1]))
     W[rows] = Q
-    return _with_contacts(Split(M, K0, alpha, beta, W, cores[0], cores[1]), pencil)
-
-
-def _without_contacts(D: Matrix, pencil: Pencil, own: Array) -> Matrix:
-    """D - Σ W C Wᵀ over the pencil's contacts, without entries that are rounding compared with `own`, sqrt(d_ii)."""
-    if not pencil.contacts:
-        return D
-    for C, _, W in pencil.contacts:
-        D = D - contact_matrix(W, C)
-    rest = sp.coo_array(D)
-    keep = np.abs(rest.data) > EXACT * FILLED * own[rest.row] * own[rest.col]
-    return sp.csr_array((rest.data[keep], (rest.row[keep], rest.col[keep])), shape=D.shape)
-
-
-def _with_contacts(parts: Split, pencil: Pencil) -> Split | None:
-    """Append the pencil's contacts to W."""
-    columns = [W for *_, W in pencil.contacts]
-    if not columns:
-        return parts
-    if parts.W.shape[1] + sum(W.shape[1] for W in columns) > RANK:
-        return None
-    Q, R = la.qr(np.hstack([parts.W, *columns]), mode="economic")
-    terms = [[C if np.ndim(C) else C * np.eye(W.shape[1]) for C in both] for *both, W in pencil.contacts]
-    C_D, C_K = (la.block_diag(own, *added) for own, *added in zip((parts.C_D, parts.C_K), *terms, strict=True))
-    return Split(parts.M, parts.K0, parts.alpha, parts.beta, Q, R @ C_D @ R.T, R @ C_K @ R.T)
+    C_D, C_K = cores[:2]
+    if pencil.contacts:  # their columns join W
+        W = np.hstack([W, *(one for *_, one in pencil.contacts)])
+        if W.shape[1] > RANK:
+            return None
+        W, R = la.qr(W, mode="economic")
+        terms = [[C if np.ndim(C) else C * np.eye(one.shape[1]) for C in both] for *both, one in pencil.contacts]
+        C_D, C_K = (R @ la.block_diag(core, *added) @ R.T for core, *added in zip((C_D, C_K), *terms, strict=True))
+    return Split(M, K0, alpha, beta, W, C_D, C_K)
 
 
 def _rank_of_some_rows(part: Matrix, rng: np.random.Generator) -> int:

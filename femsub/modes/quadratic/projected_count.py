@@ -110,7 +110,15 @@ class Projection(EnergyBasis):
                 yield found
 
         modes, lift, (strong, d, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds, most)
-        self.free, rest = _free(modes, [damping, gyroscopic, circulatory, *(change.matrix for change in changes)])
+        # rigid motion on which no other part of P acts is free, by rounding in the products; the rest of the modes joins V
+        self.free, rest = modes.shapes[:, :modes.rigid], modes.shapes[:, modes.rigid:]
+        others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
+        scale = [np.linalg.norm(abs(part) @ abs(self.free)) for part in others]  # 0 where there is no rigid motion
+        moved = [(part @ self.free) / size for part, size in zip(others, scale, strict=True) if size]
+        if moved:
+            sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
+            rest = np.hstack([self.free @ turn[sizes >= STILL].T, rest])
+            self.free = self.free @ turn[sizes < STILL].T
         self.momenta = M @ self.free
         beyond = modes.counted[0] ** 2 - lift + self.mu
         given = (Term(M, (-self.mu, 0.0, 1.0), range=(0.0, 1 / beyond)), Term(damping, (0.0, 1.0, 0.0), range=(-d, d)),
@@ -192,21 +200,6 @@ class Projection(EnergyBasis):
             if not new or not self.add(np.hstack(new)):
                 break
         return None
-
-
-def _free(modes: NormalModes, others: list[Matrix]) -> tuple[Array, Array]:
-    """Rigid motion on which no other part of P acts, and the rest of the modes; by rounding in the products."""
-    Z, rest = modes.shapes[:, :modes.rigid], modes.shapes[:, modes.rigid:]
-    acting = [part for part in others if part.nnz]
-    if not Z.shape[1] or not acting:
-        return Z, rest
-    scale = [np.linalg.norm(abs(part) @ abs(Z)) for part in acting]
-    moved = [(part @ Z) / size for part, size in zip(acting, scale, strict=True) if size]
-    if not moved:
-        return Z, rest
-    sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
-    still = sizes < STILL
-    return Z @ turn[still].T, np.hstack([Z @ turn[~still].T, rest])
 
 
 def _few_columns(T: Matrix, most: int = 40) -> Array | None:

@@ -154,7 +154,15 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     chosen, V = _check(full, modes, rom, contacts, which)
     positive_number("tol", tol)
     whole_number("steps", steps, least=1)
-    rows, mirrored = _representatives(modes, chosen)
+    # one row of each conjugate pair is refined, and stands for the other one
+    one_of_each: list[int] = []
+    stands: list[int] = []
+    for row in chosen.tolist():
+        value = modes.eigenvalues[row]
+        free = [i for i in one_of_each if value.imag and stands.count(i) == 1 and modes.eigenvalues[i] == value.conjugate()]
+        one_of_each += [] if free else [row]
+        stands.append(free[0] if free else row)
+    rows, mirrored = np.array(one_of_each, dtype=int), np.array(stands, dtype=int)
     pencil = full.linearised(contacts)
     full.refuse_empty(pencil.D, pencil.K)
     space = _Space(pencil, *_held(full, rom, pencil, contacts))
@@ -290,18 +298,6 @@ def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> 
         if best[i] != at[i] and len(taken) and cost[i, at[i]] > cost[i, best[i]] + 0.5:  # half of a shape, as for `Refined.lost`
             twin[i] = int(taken[0])
     return at, twin
-
-
-def _representatives(modes: ComplexModes, chosen: Array) -> tuple[Array, Array]:
-    """Rows to be refined, one of each conjugate pair, and the representative of each chosen row."""
-    rows: list[int] = []
-    stands: list[int] = []
-    for row in chosen.tolist():
-        value = modes.eigenvalues[row]
-        free = [i for i in rows if value.imag and stands.count(i) == 1 and modes.eigenvalues[i] == value.conjugate()]
-        rows += [] if free else [row]
-        stands.append(free[0] if free else row)
-    return np.array(rows, dtype=int), np.array(stands, dtype=int)
 
 
 def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> tuple[Array, Array]:

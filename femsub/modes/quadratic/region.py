@@ -110,10 +110,18 @@ class Region:
 
     def listed(self, values: Array) -> Array:
         """Indices of the values in the region, in the order of listing."""
-        if self.box is None:
-            return _nearest(values, self.count)
-        inside = np.flatnonzero(in_band(values, self.box[2:], self.box[:2]))
-        return inside[np.argsort(values[inside].imag, kind="stable")]
+        if self.box is not None:
+            inside = np.flatnonzero(in_band(values, self.box[2:], self.box[:2]))
+            return inside[np.argsort(values[inside].imag, kind="stable")]
+        # by |λ|, conjugates side by side with Im λ > 0 first; at least `count`, a pair never split
+        with np.errstate(divide="ignore"):
+            size = np.round(np.log(np.abs(values)), 13)  # equal up to rounding of each |λ|, however large others are
+        turn = np.array([np.count_nonzero(values[:i] == value) for i, value in enumerate(values)])  # among equal ones
+        order = np.lexsort((-values.imag, turn, np.abs(values.imag), values.real, size))
+        if self.count is None or self.count >= len(order):
+            return order
+        split = values[order[self.count]].imag < 0 and values[order[self.count]] == values[order[self.count - 1]].conj()
+        return order[:self.count + split]
 
 
 def region_of(pencil: Pencil, count: Any, band: Any, re: Any) -> Region:
@@ -135,15 +143,3 @@ def region_of(pencil: Pencil, count: Any, band: Any, re: Any) -> Region:
         raise InputError(f"a sparse model of {pencil.size} DOF has {2 * pencil.size} eigenvalues: ask for count=20 or "
                          "band=(lo, hi)")
     return region
-
-
-def _nearest(values: Array, count: int | None) -> Array:
-    """Indices by |λ|, conjugates side by side with Im λ > 0 first; at least `count`, a pair never split."""
-    with np.errstate(divide="ignore"):
-        size = np.round(np.log(np.abs(values)), 13)  # equal up to rounding of each |λ|, however large others are
-    turn = np.array([np.count_nonzero(values[:i] == value) for i, value in enumerate(values)])  # among equal ones
-    order = np.lexsort((-values.imag, turn, np.abs(values.imag), values.real, size))
-    if count is None or count >= len(order):
-        return order
-    split = values[order[count]].imag < 0 and values[order[count]] == values[order[count - 1]].conj()
-    return order[:count + split]
