@@ -90,7 +90,7 @@ def test_a_perturbed_frequency_has_a_residual(path: str, by: float, monkeypatch:
     module, name, size = SOLVERS[path]
     after(monkeypatch, module, name, moved(3, by))
     assert np.allclose(fs.normal_modes(membrane(size), count=8).eigenvalues, membrane_eigenvalues(size)[:8], rtol=1e-11)  # mended
-    monkeypatch.setattr("femsub.modes.normal_modes.refined", lambda K, M, values, shapes, which: (values, shapes))
+    monkeypatch.setattr("femsub.modes.normal_modes.refined", lambda K, M, values, shapes, which, near: (values, shapes))
     with pytest.raises(fs.NotConvergedError, match="mode 4 has a relative residual"):
         fs.normal_modes(membrane(size), count=8)
 
