@@ -256,7 +256,7 @@ class _Small:
         zeta = self.parts.squared(s)
         shift = zeta - self.mu
         least = np.where(shift.real >= 0, 1.0, np.abs(shift.imag) / np.maximum(np.abs(shift), np.finfo(float).tiny))
-        bound = 100 * self.near  # two steps of inverse iteration estimate it; so even two digits less than it are safe
+        bound = 100 * self.near  # two steps of inverse iteration estimate it, and may be off by two digits
         off = np.abs(zeta + R2) / R2
         close = np.where(off * bound < 0.5, 1 / (2 * bound), 0.0)
         return 1 / np.abs(1 + self.parts.beta * s) / np.maximum(least, close)
