@@ -45,8 +45,25 @@ def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note
     """Writes a PNG of what a drawing function makes, in these units, with a note below its title."""
     with _matplotlib().rc_context(STYLE):
         figure = draw()
+        # labels in these units, and an axis in Hz on the other side of each in rad/s
         if units.known:
-            _put_units(figure, units)
+            for text in figure.findobj(_matplotlib().text.Text):
+                text.set_text(units.said(text.get_text()))
+            panels = {axis: axis.get_subplotspec() for axis in figure.axes if axis.get_subplotspec() is not None}
+            for axis, place in panels.items():
+                if "[rad/s]" in axis.get_xlabel():
+                    column = [other for other in panels if panels[other].colspan == place.colspan]
+                    first = min(column, key=lambda other: panels[other].rowspan.start)
+                    first.secondary_xaxis("top", functions=HERTZ).set_xlabel("f  [Hz]")
+                if "[rad/s]" in axis.get_ylabel():
+                    row = sorted((other for other in panels if panels[other].rowspan == place.rowspan),
+                                 key=lambda other: panels[other].colspan.start)
+                    shared = axis.get_shared_y_axes()
+                    for other in row if not shared.joined(axis, row[-1]) else row[-1:]:
+                        hertz = other.secondary_yaxis("right", functions=HERTZ)
+                        hertz.ticklabel_format(axis="y", useOffset=False)
+                        hertz.set_ylabel("f  [Hz]" if other is row[-1] else "")
+        # the title, with the note below it
         if note:
             title = figure._suptitle  # get_suptitle is newer than the oldest matplotlib
             figure.suptitle(f"{title.get_text()}\n{note}" if title else note)
@@ -55,26 +72,6 @@ def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note
             room = int(figure.get_figwidth() * 72 / (0.58 * title.get_fontsize()))  # letters; 0.58 of their height is a wide mean
             title.set_text("\n".join(textwrap.fill(line, room) for line in title.get_text().split("\n")))
         figure.canvas.print_png(file)  # `savefig` draws all of it once more, for the layout alone
-
-
-def _put_units(figure: Any, units: Units) -> None:
-    """Labels in these units, and an axis in Hz on the other side of each in rad/s."""
-    for text in figure.findobj(_matplotlib().text.Text):
-        text.set_text(units.said(text.get_text()))
-    panels = {axis: axis.get_subplotspec() for axis in figure.axes if axis.get_subplotspec() is not None}
-    for axis, place in panels.items():
-        if "[rad/s]" in axis.get_xlabel():
-            column = [other for other in panels if panels[other].colspan == place.colspan]
-            first = min(column, key=lambda other: panels[other].rowspan.start)
-            first.secondary_xaxis("top", functions=HERTZ).set_xlabel("f  [Hz]")
-        if "[rad/s]" in axis.get_ylabel():
-            row = sorted((other for other in panels if panels[other].rowspan == place.rowspan),
-                         key=lambda other: panels[other].colspan.start)
-            shared = axis.get_shared_y_axes()
-            for other in row if not shared.joined(axis, row[-1]) else row[-1:]:
-                hertz = other.secondary_yaxis("right", functions=HERTZ)
-                hertz.ticklabel_format(axis="y", useOffset=False)
-                hertz.set_ylabel("f  [Hz]" if other is row[-1] else "")
 
 
 def new_figure(width: float, height: float) -> Any:
@@ -227,8 +224,13 @@ def _put_labels(axis: Any, labels: Sequence[tuple[float, float, str, str]], pixe
     lines = [(line, line.get_transform().transform(np.column_stack(line.get_data()))) for line in axis.lines]
     marks = [(*mark, (line.get_markersize() + 2) * pixels) for line, found in lines
              if line.get_marker() not in ("None", "none", "", None) for mark in found]
-    crossed = np.concatenate([np.zeros((0, 2)), *(_along(found, 2 * pixels) for line, found in lines
-                                                  if line.get_linestyle() not in ("None", "none", "", None))])
+    # points about 2 pixels apart on the lines that are drawn; none where a line has a gap or leaves the page
+    points = [np.zeros((0, 2))]
+    for line, corners in lines:
+        for one, other in pairwise(corners if line.get_linestyle() not in ("None", "none", "", None) else ()):
+            if np.isfinite([one, other]).all() and (length := float(np.abs(other - one).max())) < 1e5:
+                points.append(one + np.linspace(0.0, 1.0, int(length / (2 * pixels)) + 2)[:, None] * (other - one))
+    crossed = np.concatenate(points)
     taken = [box_at(x, y, size, size) for x, y, size in marks]
     taken += [text.get_window_extent() for text in axis.texts]
     mine = [(axis.transData.transform((x, y)), text, colour) for x, y, text, colour in labels]
@@ -266,15 +268,6 @@ def _put_labels(axis: Any, labels: Sequence[tuple[float, float, str, str]], pixe
 def _gap(box: Any, point: Any) -> float:
     """How far a point lies from a box."""
     return float(np.hypot(*np.maximum(0.0, np.maximum(box.p0 - point, point - box.p1))))
-
-
-def _along(corners: Any, step: float) -> Any:
-    """Points on a line through its corners (n, 2), about `step` apart; none where it has a gap or leaves the page."""
-    found = [np.zeros((0, 2))]
-    for one, other in pairwise(corners):
-        if np.isfinite([one, other]).all() and (length := float(np.abs(other - one).max())) < 1e5:
-            found.append(one + np.linspace(0.0, 1.0, int(length / step) + 2)[:, None] * (other - one))
-    return np.concatenate(found)
 
 
 def _matplotlib() -> Any:

@@ -179,7 +179,15 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
                                        linewidths=width[order]))
     axis.add_collection(LineCollection(list(_outline(mesh.points, faces)), colors="0.25", linewidths=0.6, linestyles=":"))
     axis.plot([], [], color="0.25", lw=0.9, ls=":", label="at rest")
-    _arrows(axis, mesh.points, stretch * u, faces)
+    # arrows from where points are at rest to where they are moved to, if a body slides within its surface: it looks still
+    at_rest, resting, outward = _front(mesh.points, faces)
+    mean = stretch * u[resting].mean(axis=1)
+    if np.sum((mean * outward).sum(axis=1) ** 2) < SIZES.slides**2 * np.sum(mean**2):
+        at = np.unique(resting)
+        at = at[np.linspace(0, len(at) - 1, min(SIZES.arrows, len(at))).astype(int)]
+        axis.quiver(*at_rest[at].T, *seen(stretch * u[at])[0].T, angles="xy", scale_units="xy", scale=1.0, width=0.004,
+                    color="#c44e00", zorder=4)
+    # marks
     for name, at in marks.items():
         colour, marker = MARKS_ON_SOLIDS[name]
         at = at[np.isin(at, faces)] if np.isin(at, faces).any() else at  # corners will do
@@ -215,17 +223,6 @@ def _outline(points: Array, faces: Array) -> Array:
     sharp = (normal[one] * normal[other]).sum(axis=1) < SHARP
     kept = (facing[one] | facing[other]) & (sharp | (facing[one] != facing[other]))
     return np.asarray(plane[edges[kept]])
-
-
-def _arrows(axis: Any, points: Array, u: Array, faces: Array) -> None:
-    """Arrows from where points are at rest to where they are moved to, if a body slides within its surface: it looks still."""
-    plane, front, normal = _front(points, faces)
-    mean = u[front].mean(axis=1)
-    if np.sum((mean * normal).sum(axis=1) ** 2) >= SIZES.slides**2 * np.sum(mean**2):
-        return
-    at = np.unique(front)
-    at = at[np.linspace(0, len(at) - 1, min(SIZES.arrows, len(at))).astype(int)]
-    axis.quiver(*plane[at].T, *seen(u[at])[0].T, angles="xy", scale_units="xy", scale=1.0, width=0.004, color="#c44e00", zorder=4)
 
 
 def _normals(corners: Array) -> Array:

@@ -55,32 +55,23 @@ def moving(mesh: Mesh, u: Array, facts: Mapping[str, Any], most: int = 12_000) -
     points[:, :mesh.points.shape[1]] = mesh.points
     used, inverse = np.unique(cells, return_inverse=True)
     points, u, cells = points[used], u[used], inverse.reshape(cells.shape)
+    # of a larger surface one point for each box of a grid, and the cells that join boxes: Rossignac and Borrel (1993)
     if len(points) > most:
-        box, cells = _clustered(points, cells, most)
-        points, u = _means(points, box), _means(u, box)
+        low, edge = points.min(axis=0), float(np.ptp(points, axis=0).max()) / most
+        while True:  # the boxes are as small as they can be, within a quarter
+            at = ((points - low) / edge).astype(np.int64)
+            boxes, box = np.unique(at @ np.array([1, most + 1, (most + 1) ** 2]), return_inverse=True)
+            if len(boxes) <= most:
+                break
+            edge *= 1.25
+        joined = box[cells]
+        ordered = np.sort(joined, axis=1)
+        whole = np.flatnonzero((np.diff(ordered, axis=1) > 0).all(axis=1))
+        _, first = np.unique(ordered[whole], axis=0, return_index=True)
+        points, u, cells = _means(points, box), _means(u, box), joined[whole[first]]
     length = np.linalg.norm(u, axis=1).max()
     largest = u.ravel()[np.abs(u).argmax()]
     return Moving(dict(facts), points, cells, u * (np.conj(largest) / abs(largest) / length) if length else u)
-
-
-def _clustered(points: Array, cells: Array, most: int) -> tuple[Array, Array]:
-    """The box of a grid that each point is in (n,), and the cells that join boxes: Rossignac and Borrel (1993).
-
-    The boxes are as small as they can be, within a quarter.
-    """
-    low = points.min(axis=0)
-    box = float(np.ptp(points, axis=0).max()) / most
-    while True:
-        at = ((points - low) / box).astype(np.int64)
-        boxes, inside = np.unique(at @ np.array([1, most + 1, (most + 1) ** 2]), return_inverse=True)
-        if len(boxes) <= most:
-            break
-        box *= 1.25
-    joined = inside[cells]
-    ordered = np.sort(joined, axis=1)
-    whole = np.flatnonzero((np.diff(ordered, axis=1) > 0).all(axis=1))
-    _, first = np.unique(ordered[whole], axis=0, return_index=True)
-    return inside, joined[whole[first]]
 
 
 def _means(values: Array, box: Array) -> Array:

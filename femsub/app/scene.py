@@ -351,8 +351,16 @@ def built(table: Mapping[str, Any], folder: Path = Path("."), source: Path | Non
     values = dict(table)
     kind = values.pop("scene", "chain")
     own = str(folder / kind) if isinstance(kind, str) and kind.endswith(OWN) else ""
+    # a Python file that a scene file or a results.json names runs only if it lies beside it, or if its user allows it
     if own and source is not None:
-        _check_trust(Path(own), source, trusted)
+        try:
+            whole = resolved(Path(own))
+            allowed = whole.parent == resolved(source.parent) or whole in map(resolved, trusted)
+        except ValueError:
+            allowed = False
+        if not allowed:
+            raise InputError(f"{source} names the Python file {Path(own)}, which is not beside it and would be executed. Read it "
+                             f"first, then allow it: femsub run {source} --trust {Path(own)}")
     scene_type, run = scene_of(own or kind)
     needed = [name for name, one in keys_of(scene_type).items() if one.key.required]
     if needed and not values:
@@ -369,18 +377,6 @@ def built(table: Mapping[str, Any], folder: Path = Path("."), source: Path | Non
         raise InputError(f"scene key 'name': {shown(name)} cannot be part of a file's name. Take at most {LONGEST_NAME} "
                          "characters without / and \\")
     return scene_type(**{"name": Path(own).stem if own else kind, **values, "own": own, "folder": str(folder)}), run
-
-
-def _check_trust(own: Path, source: Path, trusted: Sequence[str]) -> None:
-    """Refuse to run a Python file that a scene file or a results.json names, unless it lies beside it or its user allows it."""
-    try:
-        whole = resolved(own)
-        if whole.parent == resolved(source.parent) or whole in map(resolved, trusted):
-            return
-    except ValueError:
-        pass
-    raise InputError(f"{source} names the Python file {own}, which is not beside it and would be executed. Read it first, "
-                     f"then allow it: femsub run {source} --trust {own}")
 
 
 def scene_of(name: str) -> tuple[type[Scene], Callable[[Any, Progress], Result]]:
@@ -413,4 +409,3 @@ def _known(name: str, valid: Mapping[str, Any]) -> str:
         return name
     plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
     return SHORT_NAMES.get(plain, plain)
-

@@ -325,7 +325,15 @@ class Case:
             if not small.kinds and (strange > len(apart) / 2 or 0 < strange <= shapes or (strange and small.V is not None)):
                 return Unknown("the coordinates beside the interface are not stated to be modes, and "
                                f"{strange} of {len(apart)} are none of the full model", state)
-            first = _first_missing(own, modes.frequencies)
+            # the lowest frequency of the full model that the reduced one has not got, as often as it stands there
+            true, left, first = modes.frequencies, list(own), np.inf
+            for value in true:
+                near = [at for at, one in enumerate(left)
+                        if abs(one - value) <= SHAPED * max(value, 1e-3 * true.max(initial=0.0))]
+                if not near:
+                    first = float(value)
+                    break
+                left.pop(min((abs(left[at] - value), at) for at in near)[1])
             if np.isfinite(cut):
                 counted = modes_under(handle.K, handle.M, (cut * (1 - AGREE)) ** 2)
                 listed = int(np.count_nonzero(elastic < cut * (1 - AGREE))) + (0 if held else rigid)
@@ -370,14 +378,3 @@ class Case:
             return frequency_bounds(rom, max(1, min(self.few, len(small.elastic_frequencies))))
         except FemsubError as error:
             return Unknown(f"they have no bounds: {error}")
-
-
-def _first_missing(own: Array, true: Array) -> float:
-    """The lowest frequency of the full model that the reduced one has not got, as often as it stands there."""
-    left = list(own)
-    for value in true:
-        near = [at for at, one in enumerate(left) if abs(one - value) <= SHAPED * max(value, 1e-3 * true.max(initial=0.0))]
-        if not near:
-            return float(value)
-        left.pop(min(near, key=lambda at: abs(left[at] - value)))
-    return np.inf

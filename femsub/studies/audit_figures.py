@@ -457,7 +457,17 @@ def unlike_statics(case: Case) -> Sight:
         return Finding("", FAULT, f"the reduced model has {len(small.B)} interface DOF, the full one {n_b}",
                        todo="State both interfaces, in the same order")
     if small.places is None:
-        left = _left_out(case, statics[0] @ small.parted[0])
+        # what V leaves out of the constraint modes, in the energy norm; inertia gives rigid motion an energy too
+        shapes, V, elastic = statics[0] @ small.parted[0], small.given["V"], small.elastic_frequencies
+        square = float(elastic[0]) ** 2 if len(elastic) else float(case.whole.K.diagonal().sum() / case.whole.M.diagonal().sum())
+        A = case.whole.K + case.whole.M * square
+        AC, AV = A @ shapes, A @ V
+        gram = V.T @ AV
+        unit = units(gram)
+        q = unit[:, None] * np.linalg.lstsq(gram * np.outer(unit, unit), unit[:, None] * (V.T @ AC), rcond=1e-14)[0]
+        rest = shapes - V @ q
+        lost = np.sqrt(np.abs(np.einsum("ij,ij->j", rest, A @ rest)) / np.einsum("ij,ij->j", shapes, AC))
+        left = float(lost.max(initial=0.0))
         said = f"V leaves out a share of {left:.1e} of the static response to a motion of the interface, in the energy norm"
         return Finding("", FAULT, said, left, SHAPED, "Add the static shapes of the interface: constraint modes, or residual "
                        "attachment modes") if left > SHAPED else good("", left, SHAPED)
@@ -471,21 +481,6 @@ def unlike_statics(case: Case) -> Sight:
     own, there = X.T @ small.K @ X, U.T @ K @ U
     rounding = np.abs(U).T @ floor @ np.abs(U) + np.abs(X).T @ (abs(small.K) @ np.abs(X)) * ROUNDING
     return unlike_interface(within(own - there, there, rounding), own, there)
-
-
-def _left_out(case: Case, C: Array) -> float:
-    """How much of the constraint modes C (n, k) V leaves out, in the energy norm; inertia gives rigid motion an energy too."""
-    V = case.small.given["V"]
-    elastic = case.small.elastic_frequencies
-    square = float(elastic[0]) ** 2 if len(elastic) else float(case.whole.K.diagonal().sum() / case.whole.M.diagonal().sum())
-    A = case.whole.K + case.whole.M * square
-    AC, AV = A @ C, A @ V
-    gram = V.T @ AV
-    unit = units(gram)
-    q = unit[:, None] * np.linalg.lstsq(gram * np.outer(unit, unit), unit[:, None] * (V.T @ AC), rcond=1e-14)[0]
-    rest = C - V @ q
-    left = np.sqrt(np.abs(np.einsum("ij,ij->j", rest, A @ rest)) / np.einsum("ij,ij->j", C, AC))
-    return float(left.max(initial=0.0))
 
 
 def unlike_inertia(case: Case) -> Sight:

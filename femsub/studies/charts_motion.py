@@ -105,7 +105,15 @@ def bifurcation_chart(branches: Sequence[Mapping[str, Any]], dots: Sequence[Mapp
     shown = [family for family in families if any(item["family"] == family for item in branches)] or list(families[:1])
     reduced = [name for name in dict.fromkeys(item["model"] for item in branches) if name != "full"]
     widths = {"full": 3.2} | {name: WIDTHS[i % len(WIDTHS)] for i, name in enumerate(reduced)}
-    homes = [_home(dot["omega"], shown, branches) for dot in dots]
+    # of each transient, the family whose frequencies its strongest one is nearest to, within 5 %
+    known = [np.concatenate([[family], *(item["branch"].omega for item in branches if item["family"] == family)])
+             for family in shown]
+    homes: list[float | None] = []
+    for dot in dots:
+        gaps = [float(np.abs(omega / dot["omega"] - 1).min()) for omega in known]
+        best = int(np.argmin(gaps)) if gaps and np.isfinite(dot["omega"]) else -1
+        homes.append(shown[best] if best >= 0 and gaps[best] < 0.05 else None)
+    # panels
     across = min(len(shown), 2)  # families side by side, as wide as a page has room for
     panels = []
     for start in range(0, len(shown), across):
@@ -147,13 +155,3 @@ def _branch(model: str, branch: Any, parameter: str, key: str, width: float) -> 
             series.append(Series(point.kind, [point.value], [getattr(point, key)], model, marker=KINDS[point.kind], size=4.5,
                                  hover={"model": [name], parameter: [point.value]}))
     return series
-
-
-def _home(omega: float, families: Sequence[float], branches: Sequence[Mapping[str, Any]]) -> float | None:
-    """The family whose frequencies a transient's strongest one is nearest to, within 5 %."""
-    gaps = []
-    for family in families:
-        known = np.concatenate([[family], *(item["branch"].omega for item in branches if item["family"] == family)])
-        gaps.append(float(np.abs(known / omega - 1).min()))
-    best = int(np.argmin(gaps)) if gaps and np.isfinite(omega) else -1
-    return families[best] if best >= 0 and gaps[best] < 0.05 else None
