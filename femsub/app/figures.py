@@ -177,10 +177,20 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
     around = paint[order] if cut or len(faces) > SIZES.fine else (0, 0, 0, 0.3)
     axis.add_collection(PolyCollection([pieces[at] for at in order], facecolors=paint[order], edgecolors=around,
                                        linewidths=width[order]))
-    axis.add_collection(LineCollection(list(_outline(mesh.points, faces)), colors="0.25", linewidths=0.6, linestyles=":"))
+    # the edges of the surface at rest that are sharp, or where it turns away from the viewer
+    at_rest, outward = seen(mesh.points)[0], _normals(mesh.points[faces])
+    sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    edges, first, which = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_inverse=True)
+    face = np.repeat(np.arange(len(faces)), faces.shape[1])
+    other = np.empty(len(edges), dtype=int)  # each edge has two faces, or one twice
+    other[which.ravel()] = face  # the last one
+    one, towards = face[first], outward @ seen_from() > 0
+    sharp = (outward[one] * outward[other]).sum(axis=1) < SHARP
+    kept = (towards[one] | towards[other]) & (sharp | (towards[one] != towards[other]))
+    axis.add_collection(LineCollection(list(at_rest[edges[kept]]), colors="0.25", linewidths=0.6, linestyles=":"))
     axis.plot([], [], color="0.25", lw=0.9, ls=":", label="at rest")
     # arrows from where points are at rest to where they are moved to, if a body slides within its surface: it looks still
-    at_rest, resting, outward = _front(mesh.points, faces)
+    resting, outward = faces[towards], outward[towards]
     mean = stretch * u[resting].mean(axis=1)
     if np.sum((mean * outward).sum(axis=1) ** 2) < SIZES.slides**2 * np.sum(mean**2):
         at = np.unique(resting)
@@ -209,20 +219,6 @@ def _cut(corners: Array) -> Array:
     weights = np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=-1)
     found = np.einsum("qcn,mn...->mqc...", weights, corners)
     return np.asarray(found.reshape(-1, 4, *corners.shape[2:]))
-
-
-def _outline(points: Array, faces: Array) -> Array:
-    """The edges of a surface at rest that are sharp, or where it turns away from the viewer, as they are seen, (k, 2, 2)."""
-    plane, normal = seen(points)[0], _normals(points[faces])
-    corners = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
-    edges, first, which = np.unique(np.sort(corners.reshape(-1, 2), axis=1), axis=0, return_index=True, return_inverse=True)
-    face = np.repeat(np.arange(len(faces)), faces.shape[1])
-    other = np.empty(len(edges), dtype=int)  # each edge has two faces, or one twice
-    other[which.ravel()] = face  # the last one
-    one, facing = face[first], normal @ seen_from() > 0
-    sharp = (normal[one] * normal[other]).sum(axis=1) < SHARP
-    kept = (facing[one] | facing[other]) & (sharp | (facing[one] != facing[other]))
-    return np.asarray(plane[edges[kept]])
 
 
 def _normals(corners: Array) -> Array:

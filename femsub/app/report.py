@@ -174,20 +174,22 @@ def table_csv(rows: Sequence[dict[str, Any]], file: BinaryIO) -> None:
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     keys = list(dict.fromkeys(key for row in rows for key in row))
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([[csv_cell(key) for key in keys], *([_cell(row.get(key, "")) for key in keys] for row in rows)])
+    writer.writerow([csv_cell(key) for key in keys])
+    for row in rows:
+        cells: list[Any] = []
+        for value in (row.get(key, "") for key in keys):
+            # numbers as Python's own, which have every digit whatever NumPy's print options are (pyyeti changes them)
+            if isinstance(value, np.generic):
+                cells.append(value.item())
+            elif isinstance(value, str):
+                cells.append(csv_cell(value))
+            elif isinstance(value, (list, tuple, np.ndarray)):
+                found = np.ravel(value).tolist()
+                cells.append((csv_cell if any(isinstance(one, str) for one in found) else str)(" ".join(map(str, found))))
+            else:
+                cells.append(value)
+        writer.writerow(cells)
     text.detach()
-
-
-def _cell(value: Any) -> Any:
-    """Numbers as Python's own, which have every digit whatever NumPy's print options are (pyyeti changes them)."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, str):
-        return csv_cell(value)
-    if not isinstance(value, (list, tuple, np.ndarray)):
-        return value
-    found = np.ravel(value).tolist()
-    return (csv_cell if any(isinstance(one, str) for one in found) else str)(" ".join(map(str, found)))
 
 
 def machine() -> dict[str, Any]:

@@ -64,34 +64,35 @@ def schema() -> dict[str, Any]:
 def _table(kind: type, defaults: Mapping[str, Any]) -> dict[str, Any]:
     """The schema of a table of keys."""
     declared = keys_of(kind)
-    made: dict[str, Any] = {
-        "type": "object", "properties": {name: _key(one, kind, defaults[name]) for name, one in declared.items()},
-        "additionalProperties": False, "required": [name for name, one in declared.items() if one.key.required]}
+    properties: dict[str, Any] = {}
     together: dict[str, list[str]] = {}
     for name, one in declared.items():
-        if one.key.required_with:
-            together.setdefault(one.key.required_with, []).append(name)
+        # what the value may be, each way of writing it
+        ways = []
+        for way in kinds(one.type):
+            inner = item_kind(way)
+            if inner is None:
+                ways.append(_value(way, one, kind))
+                continue
+            single = [_value(item, one, kind) for item in kinds(inner)]
+            if one.in_hertz:
+                single.append({"type": "string", "pattern": f"^{HERTZ.pattern}$"})
+            length = one.key.length
+            ways.append({"type": "array", "items": _any(single), "minItems": length or 1}
+                        | ({"maxItems": length} if length else {}) | ({"uniqueItems": True} if one.key.distinct else {}))
+            if length is None and not dataclasses.is_dataclass(inner):
+                ways += [bare for bare in single if bare not in ways]  # one value does for a list of one
+        # its meaning and default
+        key, default = one.key, defaults[name]
+        about = ", ".join(part for part in (key.unit, key.otherwise and f"default: {key.otherwise}") if part)
+        properties[name] = {"description": key.meaning + (f" ({about})" if about else ""), **_any(ways)}
+        if default not in (None, "", []) and not key.otherwise:
+            properties[name]["default"] = default
+        if key.required_with:
+            together.setdefault(key.required_with, []).append(name)
+    made: dict[str, Any] = {"type": "object", "properties": properties, "additionalProperties": False,
+                            "required": [name for name, one in declared.items() if one.key.required]}
     return made | ({"dependencies": together} if together else {})
-
-
-def _key(one: Declared, owner: type, default: Any) -> dict[str, Any]:
-    ways = []
-    for kind in kinds(one.type):
-        inner = item_kind(kind)
-        if inner is None:
-            ways.append(_value(kind, one, owner))
-            continue
-        single = [_value(item, one, owner) for item in kinds(inner)]
-        if one.in_hertz:
-            single.append({"type": "string", "pattern": f"^{HERTZ.pattern}$"})
-        length = one.key.length
-        ways.append({"type": "array", "items": _any(single), "minItems": length or 1} | ({"maxItems": length} if length else {})
-                    | ({"uniqueItems": True} if one.key.distinct else {}))
-        if length is None and not dataclasses.is_dataclass(inner):
-            ways += [way for way in single if way not in ways]  # one value does for a list of one
-    about = ", ".join(part for part in (one.key.unit, one.key.otherwise and f"default: {one.key.otherwise}") if part)
-    made = {"description": one.key.meaning + (f" ({about})" if about else ""), **_any(ways)}
-    return made if default in (None, "", []) or one.key.otherwise else made | {"default": default}
 
 
 def _value(kind: Any, one: Declared, owner: type) -> dict[str, Any]:

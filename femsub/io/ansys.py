@@ -247,7 +247,25 @@ def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[A
     MissingPackageError
         ansys-mapdl-reader is not installed.
     """
-    found = _asked(_checked(path, ".rst"), SETS, seconds, gigabytes)
+    # the arrays that a script in a process of its own finds in the file
+    with scratch(float(_checked(path, ".rst").stat().st_size)) as folder:
+        target = folder / "found.npz"
+        command = [sys.executable, "-c", BEGIN + SETS, str(path.absolute()), str(target), str(gigabytes)]
+        done = completed(command, seconds)
+        if done is None:
+            raise InputError(f"{path} was not read within {seconds:g} s; it may be damaged")
+        if done.returncode or not target.is_file():
+            last = (done.stderr.strip().splitlines() or [""])[-1]
+            if last.startswith("ModuleNotFoundError"):
+                raise MissingPackageError(f"Ansys' {path.suffix} files need PyAnsys' reader and all it needs ({last}): "
+                                          f"{installed_by('ansys-mapdl-reader')}")
+            if last.startswith("OSError") and not shutil.disk_usage(folder).free:
+                raise OSError(last)
+            reason = last if done.returncode > 0 and last else f"its reader stopped with status {done.returncode}"
+            raise InputError(f"{path} cannot be read ({reason:.160}); it may be cut short or damaged, write it again")
+        with parsing(), np.load(target) as arrays:
+            found: dict[str, Array] = dict(arrays)
+    # frequencies, nodes and their places
     at, nodes, numbers = found["at"].astype(float), found["nodes"], found["numbers"].astype(np.int64)
     if found["analysis"] != ANALYSES["modal"] or not len(at):
         raise InputError(f"{path} holds no modes: its analysis is of the type {found['analysis']}, a modal one is "
@@ -264,6 +282,7 @@ def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[A
     listed = found["at0"].tolist()
     if len(set(listed)) < len(listed) or not set(listed) <= place.keys():
         raise InputError(f"{path} gives a solution at nodes that it does not have, or twice; it may be damaged, write it again")
+    # motions of nodes, along the global axes
     rows = np.array([place[number] for number in listed])
     motions = np.zeros((len(listed), 6, len(at)))
     for mode in range(len(at)):
@@ -308,24 +327,3 @@ def _checked(path: Path, ending: str) -> Path:
     if path.stat().st_size < 4 * size:
         raise InputError(f"{path} announces {4 * size} bytes, but has {path.stat().st_size}; it is cut short or damaged")
     return path
-
-
-def _asked(path: Path, script: str, seconds: float, gigabytes: int) -> dict[str, Array]:
-    """The arrays that a script in a process of its own finds in a file of Ansys."""
-    with scratch(float(path.stat().st_size)) as folder:
-        target = folder / "found.npz"
-        command = [sys.executable, "-c", BEGIN + script, str(path.absolute()), str(target), str(gigabytes)]
-        done = completed(command, seconds)
-        if done is None:
-            raise InputError(f"{path} was not read within {seconds:g} s; it may be damaged")
-        if done.returncode or not target.is_file():
-            last = (done.stderr.strip().splitlines() or [""])[-1]
-            if last.startswith("ModuleNotFoundError"):
-                raise MissingPackageError(f"Ansys' {path.suffix} files need PyAnsys' reader and all it needs ({last}): "
-                                          f"{installed_by('ansys-mapdl-reader')}")
-            if last.startswith("OSError") and not shutil.disk_usage(folder).free:
-                raise OSError(last)
-            reason = last if done.returncode > 0 and last else f"its reader stopped with status {done.returncode}"
-            raise InputError(f"{path} cannot be read ({reason:.160}); it may be cut short or damaged, write it again")
-        with parsing(), np.load(target) as found:
-            return dict(found)

@@ -87,8 +87,40 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
     content = path.read_bytes()
     if len(content) < 20 or not any(content[:20]):
         raise InputError(f"{path} is no MATLAB file, or cut short; write it again")
-    if 0 not in content[:4]:  # version 5 to 7
-        content = _matrices_only(path, content)
+    if 0 not in content[:4]:  # version 5 to 7: the parts of each matrix are checked; what is none is left out, and none is packed
+        order = {b"IM": "<", b"MI": ">"}.get(content[126:128], "")
+        if not order or len(content) < 128 or content[125 if order == "<" else 124] != 1:
+            raise InputError(f"{path} cannot be read as a matrix: it is no MATLAB file, or cut short; write it again")
+        kept = [content[:128]]
+        for kind, data in _elements(path, content, order, 128):
+            # a compressed element, complete and with its checksum; only the beginning if it is no matrix of numbers
+            if kind == Mi.COMPRESSED:
+                stream = zlib.decompressobj()
+                try:
+                    head = stream.decompress(data, 24)
+                    (kind, size), data = struct.unpack_from(f"{order}2I", head), head[8:]
+                    if kind == Mi.MATRIX and _flags(path, data, order) is not None:
+                        check_room(path, size)
+                        data += stream.decompress(stream.unconsumed_tail, max(size - 16, 1))
+                        rest = stream.decompress(stream.unconsumed_tail, 64)
+                        if len(data) != size or rest.strip(b"\0") or not stream.eof:
+                            raise InputError(f"{path} is damaged: a packed matrix has another length than it announces; write "
+                                             "it again")
+                except (zlib.error, struct.error) as error:
+                    raise InputError(f"{path} is damaged: a packed matrix cannot be unpacked ({error}); write it again") from None
+            if kind != Mi.MATRIX:
+                raise InputError(f"{path} holds an element of kind {kind} where a matrix should be; it is damaged")
+            flags = _flags(path, data, order)
+            if flags is None:
+                continue
+            # its parts: size, name and numbers
+            parts = [part for part, _ in _elements(path, data, order, 16)]
+            wanted = [_WHOLE, _TEXT, *[_WHOLE] * (2 * (flags & Flags.CLASS == Flags.SPARSE)),
+                      *[_NUMBERS] * (1 + bool(flags & Flags.COMPLEX))]
+            if len(parts) != len(wanted) or any(part not in known for part, known in zip(parts, wanted, strict=True)):
+                raise InputError(f"{path} is damaged: an array has parts of the kinds {parts}, not size, name and numbers")
+            kept += [struct.pack(f"{order}2I", kind, len(data)), data]
+        content = b"".join(kept)
     else:  # version 4, whose heads must lead from one to the next up to the end: NUL before a file of version 5 look like one
         cursor = Cursor(str(path), content)
         while cursor.place < cursor.end:
@@ -128,43 +160,6 @@ def _checked(path: Path, name: str, matrix: Any) -> Matrix:
     if whole.nnz < matrix.nnz or (matrix.format == "csc" and not matrix.has_canonical_format):
         raise InputError(f"{path}: the rows of {name!r} do not ascend in a column, or one is there twice; it is damaged")
     return whole
-
-
-def _matrices_only(path: Path, content: bytes) -> bytes:
-    """A file of version 5 without what is no matrix, and not packed. The parts of each are checked."""
-    order = {b"IM": "<", b"MI": ">"}.get(content[126:128], "")
-    if not order or len(content) < 128 or content[125 if order == "<" else 124] != 1:
-        raise InputError(f"{path} cannot be read as a matrix: it is no MATLAB file, or cut short; write it again")
-    kept = [content[:128]]
-    for kind, data in _elements(path, content, order, 128):
-        # a compressed element, complete and with its checksum; only the beginning if it is no matrix of numbers
-        if kind == Mi.COMPRESSED:
-            stream = zlib.decompressobj()
-            try:
-                head = stream.decompress(data, 24)
-                (kind, size), data = struct.unpack_from(f"{order}2I", head), head[8:]
-                if kind == Mi.MATRIX and _flags(path, data, order) is not None:
-                    check_room(path, size)
-                    data += stream.decompress(stream.unconsumed_tail, max(size - 16, 1))
-                    rest = stream.decompress(stream.unconsumed_tail, 64)
-                    if len(data) != size or rest.strip(b"\0") or not stream.eof:
-                        raise InputError(f"{path} is damaged: a packed matrix has another length than it announces; write it "
-                                         "again")
-            except (zlib.error, struct.error) as error:
-                raise InputError(f"{path} is damaged: a packed matrix cannot be unpacked ({error}); write it again") from None
-        if kind != Mi.MATRIX:
-            raise InputError(f"{path} holds an element of kind {kind} where a matrix should be; it is damaged")
-        flags = _flags(path, data, order)
-        if flags is None:
-            continue
-        # its parts: size, name and numbers
-        parts = [kind for kind, _ in _elements(path, data, order, 16)]
-        wanted = [_WHOLE, _TEXT, *[_WHOLE] * (2 * (flags & Flags.CLASS == Flags.SPARSE)),
-                  *[_NUMBERS] * (1 + bool(flags & Flags.COMPLEX))]
-        if len(parts) != len(wanted) or any(kind not in known for kind, known in zip(parts, wanted, strict=True)):
-            raise InputError(f"{path} is damaged: an array has parts of the kinds {parts}, not size, name and numbers")
-        kept += [struct.pack(f"{order}2I", kind, len(data)), data]
-    return b"".join(kept)
 
 
 def _elements(path: Path, content: bytes, order: str, place: int) -> Iterator[tuple[int, bytes]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -110,21 +110,63 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
         found, notes = _reader(place)(place)
     if not len(found.points) or not any(len(block.data) for block in found.cells):
         raise InputError(f"{place} holds {len(found.points)} nodes and no cells; {'; '.join(notes) or 'is it cut short?'}")
+    # the kind to take; cells of other kinds of its dimension or above are dropped
+    counts: dict[int, Counter[str]] = {}
+    for block in found.cells:
+        dimension = 3 if block.type.startswith("polyhedron") else int(block.dim)
+        if len(block.data):
+            counts.setdefault(dimension, Counter())[block.type] += len(block.data)
+    top, dropped = counts[max(counts)], Counter[str]()
+    if kind is None:
+        usable = [one for one in top if one in CELLS]
+        if len(usable) < len(top):
+            raise InputError(f"{place} has {_several(top)} cells, but femsub knows only {', '.join(CELLS)}: mesh it with one of "
+                             "these" + (f", or read_mesh(..., kind={usable[0]!r}) takes those and drops the others" if usable
+                                        else ""))
+        if len(top) > 1:
+            raise InputError(f"{place} mixes {_several(top)} cells, but a mesh is of one kind: mesh it anew, or read_mesh(..., "
+                             f"kind={top.most_common(1)[0][0]!r}) takes those and drops the others")
+        chosen = usable[0]
+    else:
+        chosen = choice("kind of cell", kind, CELLS)
+        if not any(kind in here for here in counts.values()):
+            raise InputError(f"{place} has no {kind} cells; it has {_several(sum(counts.values(), Counter()))}")
+        for dimension in range(CELLS[kind][0], 4):
+            dropped.update(counts.get(dimension, {}))
+        del dropped[kind]
     # cells of the chosen kind
     blocks = [_Block(block.type, np.asarray(block.data), int(block.dim), i) for i, block in enumerate(found.cells)
               if len(block.data) and not block.type.startswith("polyhedron")]
-    chosen, dropped = _choose(place, found, kind)
     if dropped:
         notes.append(f"{_several(dropped)} cells dropped, as kind={kind!r} asks")
     taken = [block for block in blocks if block.kind == chosen]
     cells = np.concatenate([block.nodes for block in taken])
     if cells.shape[1:] != (CELLS[chosen][1],) or cells.min() < 0 or cells.max() >= len(found.points):
         raise InputError(f"{place}: {chosen} cells name nodes that the file does not give; is it damaged?")
+    # name and, for each block, the rows of the cells in it; a name may come twice
+    nothing, listed = np.zeros(0, dtype=np.intp), list[tuple[str, list[Array]]]()
+    for label, members in found.cell_sets.items():
+        if not label.startswith("gmsh:"):
+            listed.append((label, [nothing if members[block.number] is None else np.asarray(members[block.number], dtype=np.intp)
+                                   for block in blocks]))
+    for key, parts in found.cell_data.items():
+        if key in _TAGS and [len(part) for part in parts] != [len(block.data) for block in found.cells]:
+            raise InputError(f"some cells of the mesh file have a {_TAGS[key][3]} and some have none; give one to each")
+        values = [np.asarray(parts[block.number]).reshape(len(block.nodes), -1)[:, 0] for block in blocks]
+        if key.startswith(_GROUP):
+            listed.append((key.removeprefix(_GROUP), [np.flatnonzero(value) for value in values]))
+        elif key in _TAGS:
+            names = {(int(tag), int(dimension)): label for label, (tag, dimension) in found.field_data.items()}
+            for dimension in range(4):
+                here = [value if block.dimension == dimension else nothing for block, value in zip(blocks, values, strict=True)]
+                for tag in filter(None, np.unique(np.concatenate(here))):  # 0 is no group
+                    label = names.get((int(tag), dimension), f"{_TAGS[key][dimension]}-{tag}")
+                    listed.append((label, [np.flatnonzero(value == tag) for value in here]))
     # sets of nodes, groups of the chosen cells, and cells of lower dimension that are in no set
     nodes_in, cells_in = dict[str, list[Array]](), dict[str, list[Array]]()
     named = [np.zeros(len(block.nodes), dtype=bool) for block in blocks]
     offsets = np.cumsum([0, *(len(block.nodes) * (block.kind == chosen) for block in blocks)])
-    for label, members in _cell_sets(found, blocks):
+    for label, members in listed:
         for block, rows, inside, offset in zip(blocks, members, named, offsets[:-1], strict=True):
             nodes_in.setdefault(label, []).append(np.unique(block.nodes[rows]))
             inside[rows] = True
@@ -186,54 +228,6 @@ def _reader(path: Path) -> Callable[[Path], tuple[Any, list[str]]]:
 
 def _several(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
-
-
-def _choose(path: Path, found: Any, kind: str | None) -> tuple[str, dict[str, int]]:
-    """The kind to take, and the numbers of cells of other kinds of its dimension or above, which are dropped."""
-    counts: dict[int, Counter[str]] = {}
-    for block in found.cells:
-        dimension = 3 if block.type.startswith("polyhedron") else int(block.dim)
-        if len(block.data):
-            counts.setdefault(dimension, Counter())[block.type] += len(block.data)
-    top = counts[max(counts)]
-    if kind is not None:
-        choice("kind of cell", kind, CELLS)
-        if not any(kind in here for here in counts.values()):
-            raise InputError(f"{path} has no {kind} cells; it has {_several(sum(counts.values(), Counter()))}")
-        left = Counter[str]()
-        for dimension in range(CELLS[kind][0], 4):
-            left.update(counts.get(dimension, {}))
-        return kind, {other: count for other, count in left.items() if other != kind}
-    usable = [one for one in top if one in CELLS]
-    if len(usable) < len(top):
-        raise InputError(f"{path} has {_several(top)} cells, but femsub knows only {', '.join(CELLS)}: mesh it with one of these"
-                         + (f", or read_mesh(..., kind={usable[0]!r}) takes those and drops the others" if usable else ""))
-    if len(top) > 1:
-        raise InputError(f"{path} mixes {_several(top)} cells, but a mesh is of one kind: mesh it anew, or read_mesh(..., "
-                         f"kind={top.most_common(1)[0][0]!r}) takes those and drops the others")
-    return usable[0], {}
-
-
-def _cell_sets(found: Any, blocks: list[_Block]) -> Iterator[tuple[str, list[Array]]]:
-    """Name and, for each block, the rows of the cells in it; a name may come twice."""
-    nothing = np.zeros(0, dtype=np.intp)
-    for name, members in found.cell_sets.items():
-        if not name.startswith("gmsh:"):
-            yield name, [nothing if members[block.number] is None else np.asarray(members[block.number], dtype=np.intp)
-                         for block in blocks]
-    for key, parts in found.cell_data.items():
-        if key in _TAGS and [len(part) for part in parts] != [len(block.data) for block in found.cells]:
-            raise InputError(f"some cells of the mesh file have a {_TAGS[key][3]} and some have none; give one to each")
-        values = [np.asarray(parts[block.number]).reshape(len(block.nodes), -1)[:, 0] for block in blocks]
-        if key.startswith(_GROUP):
-            yield key.removeprefix(_GROUP), [np.flatnonzero(value) for value in values]
-        elif key in _TAGS:
-            names = {(int(tag), int(dimension)): name for name, (tag, dimension) in found.field_data.items()}
-            for dimension in range(4):
-                here = [value if block.dimension == dimension else nothing for block, value in zip(blocks, values, strict=True)]
-                for tag in filter(None, np.unique(np.concatenate(here))):  # 0 is no group
-                    name = names.get((int(tag), dimension), f"{_TAGS[key][dimension]}-{tag}")
-                    yield name, [np.flatnonzero(value == tag) for value in here]
 
 
 def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str = ".vtu") -> bytes:

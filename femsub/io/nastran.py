@@ -115,9 +115,27 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
             for number, of, *rest in _values(path, name, cards[name], float).tolist() if name.startswith("CORD2") else ():
                 by_points[int(number)] = name[-1], int(of), np.reshape(rest, (3, 3))
         points = Systems(path, numbers, system, points, by_nodes=by_nodes, by_points=by_points).points()
-    # cells
+    # kind, numbers, properties and nodes of the cells of a card, for each number of nodes it may have
     order = once(path, "nodes", numbers)
-    blocks = [block for name in _CELLS if cards[name] for block in _cells(path, name, cards[name])]
+    blocks = []
+    for name in (one for one in _CELLS if cards[one]):
+        values = _values(path, name, cards[name])
+        filled = values[:, 2:] != 0
+        count = np.where(filled.all(axis=1), filled.shape[1], filled.argmin(axis=1))
+        whole_numbers(f"{path}: the numbers of {name}", values[:, 0])
+        if name in ("CBUSH", "CBUSH1D", "CGAP"):  # to the ground
+            values, filled, count = (part[count == 2] for part in (values, filled, count))
+        wrong = np.flatnonzero(~np.isin(count, list(_CELLS[name])) | (filled.sum(axis=1) != count))
+        if len(wrong):
+            some = int(filled[wrong[0]].sum())
+            raise InputError(f"{path}: {name} {values[wrong[0], 0]} has {some} node{'s' * (some != 1)}, not "
+                             f"{' or '.join(map(str, _CELLS[name]))}; cells with some of their midside nodes left out are not "
+                             "read")
+        for size, kind in _CELLS[name].items():
+            taken = values[count == size]
+            if len(taken):
+                blocks.append((kind, taken[:, 0], taken[:, 1], taken[:, 2:][:, _ORDER.get((name, size), range(size))]))
+    # cells
     once(path, "elements", np.concatenate([np.zeros(0, dtype=np.int64), *(block[1] for block in blocks)]))
     given = any(block[2].any() for block in blocks)
     properties = [np.where(block[2] == 0, block[1], block[2]) for block in blocks] if given else []
@@ -308,24 +326,3 @@ def _values(path: Path, name: str, cards: list[str], kind: type = np.int64) -> A
     if len(found) != len(cards) * width:
         raise InputError(f"{what} are not all numbers: one has a blank in it, or the columns cut it in two")
     return found.reshape(len(cards), width)
-
-
-def _cells(path: Path, name: str, cards: list[str]) -> list[tuple[str, Array, Array, Array]]:
-    """Kind, numbers, properties and nodes of the cells of a card, for each number of nodes it may have."""
-    values = _values(path, name, cards)
-    given = values[:, 2:] != 0
-    count = np.where(given.all(axis=1), given.shape[1], given.argmin(axis=1))
-    whole_numbers(f"{path}: the numbers of {name}", values[:, 0])
-    if name in ("CBUSH", "CBUSH1D", "CGAP"):  # to the ground
-        values, given, count = (part[count == 2] for part in (values, given, count))
-    wrong = np.flatnonzero(~np.isin(count, list(_CELLS[name])) | (given.sum(axis=1) != count))
-    if len(wrong):
-        some = int(given[wrong[0]].sum())
-        raise InputError(f"{path}: {name} {values[wrong[0], 0]} has {some} node{'s' * (some != 1)}, not "
-                         f"{' or '.join(map(str, _CELLS[name]))}; cells with some of their midside nodes left out are not read")
-    blocks = []
-    for size, kind in _CELLS[name].items():
-        taken = values[count == size]
-        if len(taken):
-            blocks.append((kind, taken[:, 0], taken[:, 1], taken[:, 2:][:, _ORDER.get((name, size), range(size))]))
-    return blocks

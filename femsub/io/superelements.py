@@ -60,8 +60,19 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     deck, ending = _Deck(path), path.suffix.lower()
     files = {other.suffix.lower(): other for other in sorted(path.parent.iterdir())
              if other.stem == path.stem and other.suffix.lower() in ENDINGS and other.is_file()} | {ending: path}
+    # a Craig-Bampton model of Sierra/SD: its nodes as grids, its modes as scalar points behind the last of them
     if ending in NETCDF:
-        return _assembled(deck, _from_cbr(deck), path.stem if name is None else name, cutoff)
+        model, deck.program = read_cbr(path), "Sierra/SD"
+        modes = model.rows[:, 0] == 0
+        numbers = np.where(modes, max(model.points) + np.cumsum(modes), model.rows[:, 0])
+        deck.cards += [("GRID", [str(node), "", *(f"{one:.17e}" for one in where)]) for node, where in model.points.items()]
+        deck.cards.append(("SPOINT", [str(number) for number in numbers[modes]]))
+        dofs = list(zip(numbers.tolist(), np.where(modes, 0, model.rows[:, 1]).tolist(), strict=True))
+        if any(not 0 <= direction <= 6 for _, direction in dofs) or min(model.points) < 1:
+            raise InputError(f"{path} is damaged: cbmap has a direction beyond 6, or a node below 1")
+        K, M, D = (_dense(path, A) for A in (model.K, model.M, model.D))
+        raw = _Raw(M, K, D if D.any() else None, None, dofs, np.zeros((0, len(K))), [])
+        return _assembled(deck, raw, path.stem if name is None else name, cutoff)
     # cards
     op2 = read_op2(path) if ending == ".op2" else None
     deck.cards += op2.cards if op2 else []
@@ -319,22 +330,6 @@ def _from_dmig(deck: _Deck) -> _Raw:
         names = [(grid, direction) for grid, direction, _ in listed]
     D, H = (spread(item) if item is not None and item.square else None for item in (B, K4))
     return _Raw(spread(M), spread(K), D, H, rows, recovery, names, written=True)
-
-
-def _from_cbr(deck: _Deck) -> _Raw:
-    """A Craig-Bampton model of Sierra/SD: its nodes as grids, its modes as scalar points behind the last of them."""
-    found = read_cbr(deck.path)
-    deck.program = "Sierra/SD"
-    modes = found.rows[:, 0] == 0
-    numbers = np.where(modes, max(found.points) + np.cumsum(modes), found.rows[:, 0])
-    deck.cards += [("GRID", [str(node), "", *(f"{one:.17e}" for one in place)]) for node, place in found.points.items()]
-    deck.cards.append(("SPOINT", [str(number) for number in numbers[modes]]))
-    directions = np.where(modes, 0, found.rows[:, 1])
-    rows = [(int(number), int(direction)) for number, direction in zip(numbers, directions, strict=True)]
-    if any(not 0 <= direction <= 6 for _, direction in rows) or min(found.points) < 1:
-        raise InputError(f"{deck.path} is damaged: cbmap has a direction beyond 6, or a node below 1")
-    K, M, D = (_dense(deck.path, A) for A in (found.K, found.M, found.D))
-    return _Raw(M, K, D if D.any() else None, None, rows, np.zeros((0, len(K))), [])
 
 
 def _dense(path: Path, matrix: Matrix) -> Array:

@@ -90,16 +90,36 @@ def nested(at: int) -> float:
     return max(7.5 - 2 * at, 3.0)
 
 
-def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str) -> Chart:
+def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str, clump: float = 0.4, piled: float = 0.03,
+                     decades: int = 5) -> Chart:
     """Eigenvalues in the complex plane (the paper's Fig. 4); hollow above the reduced model's cut-off.
 
-    Where those of the reduced models would lie in one clump, a second row of the figure shows them enlarged.
+    Where those of the reduced models would lie in one clump, in less than this part of the full model's range of Im λ, a second
+    row of the figure shows them enlarged: what fills more is seen well enough. Where half of |Re λ| are below `piled` of the
+    largest, they would pile up at 0: the axis is logarithmic, with at most so many `decades` on each side of 0.
     """
     places = {name: [model for model in models if model["panel"] == name] for name in dict.fromkeys(
         model["panel"] for model in models)}
-    frames = {name: frame for name, several in places.items() if (frame := _clump(several)) is not None}
+    # the frames around the reduced models' eigenvalues below their cut-off
+    frames: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
+    for name, several in places.items():
+        every = np.concatenate([np.asarray(model["eigenvalues"]) for model in several])
+        values = np.concatenate([np.zeros(0), *(np.asarray(model["eigenvalues"])[~np.asarray(model["above_cutoff"])]
+                                                for model in several if model["model"] != "full")])
+        values = values[values.imag >= 0]
+        if len(values) and values.imag.max() < clump * every.imag.max():
+            low, high = -0.05 * values.imag.max(), 1.15 * values.imag.max()
+            seen = every[(every.imag >= low) & (every.imag <= high)]
+            room = 0.08 * (np.ptp(seen.real) or high)
+            frames[name] = (float(seen.real.min() - room), float(seen.real.max() + room)), (float(low), float(high))
+    # the decade from which on the axis of Re λ is logarithmic
+    growth = np.abs(np.concatenate([np.asarray(model["eigenvalues"]).real for model in models]))
+    growth = growth[np.isfinite(growth)]
+    growth, linear = growth[growth > ROUNDING * growth.max(initial=0.0)], dict[str, float]()
+    if len(growth) and np.median(growth) <= piled * growth.max():
+        linear["x"] = float(10.0 ** max(np.floor(np.log10(np.quantile(growth, 0.2))), np.ceil(np.log10(growth.max())) - decades))
+    # panels
     line = [Level(0.0, line="solid", colour="#808080")]
-    linear = _linear(np.concatenate([np.asarray(model["eigenvalues"]).real for model in models]))
     sizes = {name: " and ".join(dict.fromkeys(str(model["size"]) for model in several if model["model"] != "full"))
              for name, several in places.items()}  # '5', or '9 and 10' where the methods differ
     panels = [Panel(_spectra(several), *PLANE, f"{name} ({sizes[name]} DOF)" if len(several) > 1 else name, levels=line,
@@ -112,18 +132,6 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str) -> Chart:
                             where="figure"))
     return Chart("eigenvalues", f"Eigenvalues: {title}", panels, len(places), note=HOLLOW, width=1.0 if len(places) > 1 else 0.7,
                  height=3.6, columns=3)
-
-
-def _linear(growth: Any, piled: float = 0.03, decades: int = 5) -> dict[str, float]:
-    """Where most of Re λ would pile up at 0, the decade from which on its axis is logarithmic.
-
-    They pile up if half of them are below `piled` of the largest |Re λ|. Each side of 0 has at most so many `decades`.
-    """
-    sizes = np.abs(growth[np.isfinite(growth)])
-    sizes = sizes[sizes > ROUNDING * sizes.max(initial=0.0)]
-    if not len(sizes) or np.median(sizes) > piled * sizes.max():
-        return {}
-    return {"x": float(10.0 ** max(np.floor(np.log10(np.quantile(sizes, 0.2))), np.ceil(np.log10(sizes.max())) - decades))}
 
 
 def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False, crowd: int = 60) -> list[Series]:
@@ -141,24 +149,6 @@ def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False, crowd:
                         "damping ratio": [-z.real / abs(z) if z.imag else None for z in own]}
                 series.append(Series(word, own.real, own.imag, model["model"], size=size, hollow=hollow, hover=hover))
     return series
-
-
-def _clump(models: Sequence[Mapping[str, Any]], part: float = 0.4) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """The frame around the reduced models' eigenvalues below their cut-off, if they lie in a small part of the full model's.
-
-    `part` is that of the range of Im λ: what fills more is seen well enough.
-    """
-    reduced = [model for model in models if model["model"] != "full"]
-    inside = [np.asarray(model["eigenvalues"])[~np.asarray(model["above_cutoff"])] for model in reduced]
-    all_values = np.concatenate([np.asarray(model["eigenvalues"]) for model in models])
-    values = np.concatenate([*inside, np.zeros(0)])
-    values = values[values.imag >= 0]
-    if not len(values) or values.imag.max() >= part * all_values.imag.max():
-        return None
-    low, high = -0.05 * values.imag.max(), 1.15 * values.imag.max()
-    seen = all_values[(all_values.imag >= low) & (all_values.imag <= high)]
-    room = 0.08 * (np.ptp(seen.real) or high)
-    return (float(seen.real.min() - room), float(seen.real.max() + room)), (float(low), float(high))
 
 
 def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8) -> Chart:

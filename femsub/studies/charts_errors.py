@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from typing import TYPE_CHECKING, Any
 
@@ -85,8 +85,25 @@ def _panels(found: Study, rows: Sequence[Row], kinds: Mapping[str, str], drawn: 
 def _panel(rows: Sequence[Row], kind: str, title: str, full: Level, y: str, place: str = "errors", where: str = "",
            ring: bool = False) -> Panel:
     known = [row for row in rows if np.isfinite(getattr(row, kind))]
-    series = [one for method in dict.fromkeys(row.method for row in known)
-              for one in _method(method, [row for row in known if row.method == method], kind)]
+    series = []
+    for method in dict.fromkeys(row.method for row in known):
+        own, label = [row for row in known if row.method == method], look(method).label
+        height = floored(getattr(row, kind) for row in own)
+        solve, whole = (np.array([astuple(getattr(row, key)) for row in own]) for key in ("solution", "whole"))
+        hover: dict[str, list[Any]] = {word: [getattr(row, key) for row in own] for word, key in (
+            ("DOF", "size"), ("modes", "modes"), ("error", kind))}
+        hover |= {"s to solve": list(solve[:, 0]), "s to reduce": list(whole[:, 0] - solve[:, 0])}
+        hover |= {word: [getattr(row, word) for row in own] for word in ("missing", "extra", "missed", "invented")}
+        # dotted bars between the marks of a model, and others from the least to the most seconds
+        bars = [(solve[:, 0], whole[:, 0], "dot", 0.8),
+                *((one[:, 1], one[:, 2], "solid", 1.6) for one in (solve, whole) if (one[:, 1] < one[:, 2]).any())]
+        for low, high, line, width in bars:
+            x = [value for pair in zip(low, high, strict=True) for value in (*pair, np.nan)]
+            series.append(Series(label, x, np.repeat(height, 3), method, line, "", width=width, legend=False))
+        # filled and hollow marks
+        series += [
+            Series(label, solve[:, 0], height, method, "solid", width=0.6, labels=list(map(str, hover["DOF"])), hover=hover),
+            Series(label, whole[:, 0], height, method, "solid", width=0.6, hollow=True, legend=False, hover=hover)]
     front = [row for row in known if row.pareto and ring]
     misses = [row for row in known if row.missed and kind in FRICTION]
     for which, mark, size, word in ((front, "o", 10.0, "no other is both as fast and as accurate"),
@@ -98,23 +115,3 @@ def _panel(rows: Sequence[Row], kind: str, title: str, full: Level, y: str, plac
     limits = {"x": (min(times) / 1.7, max(times) * 1.7)} if min(times) > 0 else {}
     return Panel(series, "run time  [s]", y, title, logs="xy", levels=[full], limits=limits, rounding=True, share={"x": "time"},
                  among=place, where=where)
-
-
-def _method(method: str, rows: Sequence[Row], kind: str) -> list[Series]:
-    """The models of one method: filled and hollow marks, dotted between them, and bars from the least to the most seconds."""
-    height = floored(getattr(row, kind) for row in rows)
-    solve, whole = (np.array([astuple(getattr(row, key)) for row in rows]) for key in ("solution", "whole"))
-    hover: dict[str, list[Any]] = {word: [getattr(row, key) for row in rows] for word, key in (
-        ("DOF", "size"), ("modes", "modes"), ("error", kind))}
-    hover |= {"s to solve": list(solve[:, 0]), "s to reduce": list(whole[:, 0] - solve[:, 0])}
-    hover |= {word: [getattr(row, word) for row in rows] for word in ("missing", "extra", "missed", "invented")}
-    label = look(method).label
-
-    def bars(low: Iterable[float], high: Iterable[float], line: str, width: float) -> Series:
-        x = [value for pair in zip(low, high, strict=True) for value in (*pair, np.nan)]
-        return Series(label, x, np.repeat(height, 3), method, line, "", width=width, legend=False)
-
-    return [bars(solve[:, 0], whole[:, 0], "dot", 0.8),
-            *(bars(one[:, 1], one[:, 2], "solid", 1.6) for one in (solve, whole) if (one[:, 1] < one[:, 2]).any()),
-            Series(label, solve[:, 0], height, method, "solid", width=0.6, labels=list(map(str, hover["DOF"])), hover=hover),
-            Series(label, whole[:, 0], height, method, "solid", width=0.6, hollow=True, legend=False, hover=hover)]

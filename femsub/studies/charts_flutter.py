@@ -54,29 +54,66 @@ def passages(item: Tracked, branch: int, known: Sequence[Crossing] = (), near: f
 
 
 def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[str, Sequence[Crossing]], label: str, title: str,
-                  points: Mapping[str, Points] | None = None) -> Chart:
+                  points: Mapping[str, Points] | None = None, marks: int = 31) -> Chart:
     """Im λ above, Re λ below. The first model has a line for each branch, wide and red where it grows.
 
-    The others have marks, filled where a mode grows. Triangles stand at the losses and regains of each branch of the first, a
-    narrow diamond where two of them meet, a vertical line at each of `critical`. `tracks` and `critical` have the models by their
-    names, reduced ones by the keys of their methods. `points` are models that were solved at some values only; they have circles.
-    More branches than there are colours are grey. Re λ is then drawn about the axis, and the panel says what it leaves out.
+    The others have at most so many `marks` on each branch, filled where a mode grows. Triangles stand at the losses and regains
+    of each branch of the first, a narrow diamond where two of them meet, a vertical line at each of `critical`. `tracks` and
+    `critical` have the models by their names, reduced ones by the keys of their methods. `points` are models that were solved at
+    some values only; they have circles. More branches than there are colours are grey. Re λ is then drawn about the axis, and the
+    panel says what it leaves out.
     """
-    first, *others = tracks.items()
-    many = first[1].eigenvalues.shape[1] > len(COLOURS)
-    pairs = [_branches(*first, many, critical.get(first[0], ()))]
-    levels = _levels(look(first[0]).label, critical.get(first[0], ()), "dash", "black")
+    (model, item), *others = tracks.items()
+    # the first model: each branch in a colour of its own, or grey if there are many; wide and red where it grows
+    called, count, known = look(model).label, item.eigenvalues.shape[1], critical.get(model, ())
+    many = count > len(COLOURS)
+    thin: list[dict[str, list[Series]]] = []
+    wide: list[dict[str, list[Series]]] = []
+    crossed: list[Passage] = []
+    for j in range(count):
+        passed = passages(item, j, known)
+        crossed += passed
+        after = [one.after + 1 for one in passed]
+        places = np.insert(item.values, after, [one.value for one in passed])
+        branch = np.insert(item.eigenvalues[:, j], after, [one.eigenvalue for one in passed])
+        grow = np.insert(item.growing[:, j], after, True)
+        hover = {"branch": [float(j)] * len(branch), "error bar": np.insert(item.error_bar[:, j], after, np.nan)}
+        thin.append(_pair(branch, places, called if many or count == 1 else f"{called}, mode {j + 1}", hover,
+                          line="solid", marker="", colour=STABLE if many else COLOURS[j], width=0.8 if many else 1.2,
+                          legend=not many or j == 0))
+        if grow.any():
+            wide.append(_pair(np.where(grow, branch, complex(np.nan, np.nan)), places, "a mode grows", hover, line="solid",
+                              marker="", colour=UNSTABLE, width=1.8 if many else 3.6, legend=not wide))
+    pairs = thin + wide if many else wide + thin
+    # its losses and regains, and a diamond where two branches meet
+    pairs += [_pair(np.array([one.eigenvalue for one in these]), [one.value for one in these], word, marker=marker, size=5.0)
+              for word, marker, these in (("begins to grow", "^", [one for one in crossed if one.lost]),
+                                          ("ceases to grow", "v", [one for one in crossed if not one.lost])) if these]
+    if met := [one for one in item.meetings if one.kind in ("coalescence", "splitting")]:
+        pairs.append(_pair(np.array([one.eigenvalue for one in met]), [one.value for one in met], "coalescence or splitting",
+                           {"kind": [one.kind for one in met]}, marker=MEETS, size=10.0, hollow=True))
+    levels = _levels(called, known, "dash", "black")
+    # the other models: marks at the values that were asked for
     for at, (model, item) in enumerate(others):
         style = look(model)
         colour, marker = (style.colour, style.marker) if style.label != model else OTHERS[at % len(OTHERS)]
-        pairs.append(_marks(style.label, item, colour, marker))
+        asked = np.flatnonzero(item.asked)
+        taken: Array = asked[np.unique(np.linspace(0, len(asked) - 1, min(marks, len(asked))).astype(int))]
+        values, grow = item.eigenvalues[taken], item.growing[taken]
+        places = np.broadcast_to(item.values[taken, None], values.shape)
+        drawn: dict[str, Any] = {"colour": colour, "marker": marker, "size": 4.0}
+        pairs.append(_pair(values.ravel(), places.ravel(), style.label, hollow=True, **drawn))
+        if grow.any():
+            pairs.append(_pair(values[grow], places[grow], f"{style.label}, a mode grows", **drawn))
         levels += _levels(style.label, critical.get(model, ()), "dot", colour)
+    # models that were solved at some values only
     for model, solved in (points or {}).items():
         where = np.concatenate([np.full(len(values), place) for place, values in solved])
         found = np.concatenate([values for _, values in solved])
         pairs += [_pair(found[chosen], where[chosen], f"{model}, {word}", colour=colour, size=6.0, hollow=True)
                   for chosen, colour, word in ((found.real <= 0, STABLE, "stable"), (found.real > 0, UNSTABLE, "unstable"))
                   if chosen.any()]
+    # frequencies and growth rates
     every = np.concatenate([item.eigenvalues.ravel() for item in tracks.values()])
     every = every if every.size else np.zeros(1)  # no mode in the band
     top = float(np.nanmax(every.real))
@@ -112,47 +149,3 @@ def _pair(values: Array, places: Any, name: str, hover: Mapping[str, Any] | None
     """Im λ and Re λ over the parameter; each name stands in the legend once."""
     known = {"Im λ [rad/time]": values.imag, "Re λ": values.real, **(hover or {})}
     return {part: [Series(name, places, getattr(values, part), hover=known, **style)] for part in ("imag", "real")}
-
-
-def _joined(*pairs: dict[str, list[Series]]) -> dict[str, list[Series]]:
-    return {part: [one for pair in pairs for one in pair[part]] for part in ("imag", "real")}
-
-
-def _branches(model: str, item: Tracked, many: bool, known: Sequence[Crossing]) -> dict[str, list[Series]]:
-    """Each branch in a colour of its own, or grey if there are many; wide and red where it grows; a diamond where two meet."""
-    lines: list[dict[str, list[Series]]] = []
-    wide: list[dict[str, list[Series]]] = []
-    crossed: list[Passage] = []
-    name, count = look(model).label, item.eigenvalues.shape[1]
-    for j in range(count):
-        passed = passages(item, j, known)
-        crossed += passed
-        at = [one.after + 1 for one in passed]
-        places = np.insert(item.values, at, [one.value for one in passed])
-        branch = np.insert(item.eigenvalues[:, j], at, [one.eigenvalue for one in passed])
-        grow = np.insert(item.growing[:, j], at, True)
-        hover = {"branch": [float(j)] * len(branch), "error bar": np.insert(item.error_bar[:, j], at, np.nan)}
-        lines.append(_pair(branch, places, name if many or count == 1 else f"{name}, mode {j + 1}", hover, line="solid",
-                           marker="", colour=STABLE if many else COLOURS[j], width=0.8 if many else 1.2,
-                           legend=not many or j == 0))
-        if grow.any():
-            wide.append(_pair(np.where(grow, branch, complex(np.nan, np.nan)), places, "a mode grows", hover, line="solid",
-                              marker="", colour=UNSTABLE, width=1.8 if many else 3.6, legend=not wide))
-    ends = [_pair(np.array([one.eigenvalue for one in these]), [one.value for one in these], word, marker=marker, size=5.0)
-            for word, marker, these in (("begins to grow", "^", [one for one in crossed if one.lost]),
-                                        ("ceases to grow", "v", [one for one in crossed if not one.lost])) if these]
-    if met := [one for one in item.meetings if one.kind in ("coalescence", "splitting")]:
-        ends.append(_pair(np.array([one.eigenvalue for one in met]), [one.value for one in met], "coalescence or splitting",
-                          {"kind": [one.kind for one in met]}, marker=MEETS, size=10.0, hollow=True))
-    return _joined(*(lines + wide if many else wide + lines), *ends)
-
-
-def _marks(name: str, item: Tracked, colour: str, marker: str, most: int = 31) -> dict[str, list[Series]]:
-    """Marks at the values that were asked for, at `most` so many; filled where a mode grows."""
-    asked = np.flatnonzero(item.asked)
-    taken: Array = asked[np.unique(np.linspace(0, len(asked) - 1, min(most, len(asked))).astype(int))]
-    grow, values = item.growing[taken], item.eigenvalues[taken]
-    places = np.broadcast_to(item.values[taken, None], values.shape)
-    style: dict[str, Any] = {"colour": colour, "marker": marker, "size": 4.0}
-    pairs = [_pair(values.ravel(), places.ravel(), name, hollow=True, **style)]
-    return _joined(*pairs, *[_pair(values[grow], places[grow], f"{name}, a mode grows", **style)] * bool(grow.any()))

@@ -122,11 +122,11 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     band = usable_band(instance("model", model, Substructure), band)
     asked_for: list[tuple[Step, ...]] = []
     for method in items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]"):
-        several = isinstance(method, (list, tuple))
-        asked_for.append(tuple(items("each of methods", method, "steps of a reduction") if several else [method]))
+        chained = isinstance(method, (list, tuple))
+        asked_for.append(tuple(items("each of methods", method, "steps of a reduction") if chained else [method]))
         for step in asked_for[-1]:
-            for one in step.values() if isinstance(step, Mapping) else [step]:
-                instance("each of methods", one, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
+            for single in step.values() if isinstance(step, Mapping) else [step]:
+                instance("each of methods", single, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
     if not asked_for:
         raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)
@@ -147,7 +147,44 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         raise InputError(f"critical must be {len(asked_for) + 1}, of the full model and of each method, not {len(known)}")
     say = listener("progress", progress)
     asked = Comparison(model, given, band, parameter, values, between)
-    full, small, left_out = _measured(asked, asked_for, ports, repeats, say, shared)
+    # the full and the reduced models, solved several times in turn, and why other methods are left out
+    full, small = Tried(model, phases=[{}]), [Tried(model, steps) for steps in asked_for]
+    refused: list[tuple[tuple[Step, ...], FemsubError]] = []
+    if model.size <= QUADRATIC:
+        say(f"{model.name}: complex modes of the full model")
+        full.spectra = [complex_modes(model, load, band=band) for load in asked.loads]
+    same: dict[str, dict[str, None]] = {}
+    for turn in range(repeats):
+        bases = Bases(asked_for) if shared else None
+        for one in list(small):
+            say(f"{model.name}: run {turn + 1} of {repeats}, {in_words(one.steps)}")
+            try:
+                with warnings.catch_warnings(), timed() as spent:
+                    warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
+                    one.model, seconds = _clocked(_reduced, model, one.steps, asked, ports, bases)
+                one.phases.append(spent | {"basis": seconds - sum(spent.values()) + (bases.lent if bases else 0.0)})
+            except FemsubError as error:
+                refused.append((one.steps, error))
+                small.remove(one)
+        # without an interface several methods keep the same shapes: models that others are already are left out
+        for i in reversed(range(len(small))) if not turn and not len(model.interface) else ():
+            if twin := next((one for one in small[:i] if _key(one.steps) != _key(small[i].steps)
+                             and twins(one.model, small[i].model)), None):
+                same.setdefault(_name(twin.steps), {})[_name(small[i].steps)] = None
+                del small[i]
+        if not small:
+            raise refused[0][1] if len(refused) == 1 else InputError(
+                f"no method can reduce {model.name!r}: {'; '.join(_left_out(refused, small))}")
+        say(f"{model.name}: run {turn + 1} of {repeats}, full model")
+        found = _solved(full, asked.loads, band)
+        full.spectra = full.spectra or found
+        for one in small:  # for a small dense model the whole spectrum costs no more than the band
+            for _ in range(3 if len(asked.loads) == 1 else 1):  # as `study` says; waking BLAS threads may cost as much as one
+                one.spectra = _solved(one, asked.loads, None if one.model.size <= WIDE else band)
+    several = {name: [name, *reversed(others)] for name, others in same.items()}
+    alike = [SAME.format(f"{', '.join(those[:-1])} and {those[-1]}", name) for name, those in several.items()]
+    left_out = (*alike, *_left_out(refused, small))
+    # errors against the full model
     say(f"{model.name}: undamped frequencies")
     own = asked.at_rest(model)
     modes = normal_modes(own, band=band) if model.size > SMALL else _all_modes(own)
@@ -268,47 +305,6 @@ class Comparison:
         errors = [row.error_eigenvalue for row in rows[1:]]
         best = small[int(np.argmin(np.where(np.isnan(errors), np.inf, errors)))]
         return [look(models[0], near=best.value), *small]
-
-
-def _measured(asked: Comparison, methods: Sequence[tuple[Step, ...]], ports: bool, repeats: int, say: Progress, shared: bool
-              ) -> tuple[Tried, list[Tried], tuple[str, ...]]:
-    """The full and the reduced models, solved several times in turn, and why other methods are left out."""
-    model, full, small = asked.model, Tried(asked.model, phases=[{}]), [Tried(asked.model, steps) for steps in methods]
-    refused: list[tuple[tuple[Step, ...], FemsubError]] = []
-    if model.size <= QUADRATIC:
-        say(f"{model.name}: complex modes of the full model")
-        full.spectra = [complex_modes(model, load, band=asked.band) for load in asked.loads]
-    same: dict[str, dict[str, None]] = {}
-    for turn in range(repeats):
-        bases = Bases(methods) if shared else None
-        for one in list(small):
-            say(f"{model.name}: run {turn + 1} of {repeats}, {in_words(one.steps)}")
-            try:
-                with warnings.catch_warnings(), timed() as spent:
-                    warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
-                    one.model, seconds = _clocked(_reduced, model, one.steps, asked, ports, bases)
-                one.phases.append(spent | {"basis": seconds - sum(spent.values()) + (bases.lent if bases else 0.0)})
-            except FemsubError as error:
-                refused.append((one.steps, error))
-                small.remove(one)
-        # without an interface several methods keep the same shapes: models that others are already are left out
-        for i in reversed(range(len(small))) if not turn and not len(model.interface) else ():
-            if twin := next((one for one in small[:i] if _key(one.steps) != _key(small[i].steps)
-                             and twins(one.model, small[i].model)), None):
-                same.setdefault(_name(twin.steps), {})[_name(small[i].steps)] = None
-                del small[i]
-        if not small:
-            raise refused[0][1] if len(refused) == 1 else InputError(
-                f"no method can reduce {model.name!r}: {'; '.join(_left_out(refused, small))}")
-        say(f"{model.name}: run {turn + 1} of {repeats}, full model")
-        found = _solved(full, asked.loads, asked.band)
-        full.spectra = full.spectra or found
-        for one in small:  # for a small dense model the whole spectrum costs no more than the band
-            for _ in range(3 if len(asked.loads) == 1 else 1):  # as `study` says; waking BLAS threads may cost as much as one
-                one.spectra = _solved(one, asked.loads, None if one.model.size <= WIDE else asked.band)
-    several = {name: [name, *reversed(others)] for name, others in same.items()}
-    alike = [SAME.format(f"{', '.join(those[:-1])} and {those[-1]}", name) for name, those in several.items()]
-    return full, small, (*alike, *_left_out(refused, small))
 
 
 def twins(one: Substructure, other: Substructure, tol: float = 1e-6) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from femsub.checks import NOT_CHECKED
-from femsub.studies.results import STABLE, Row, Study, seconds
+from femsub.studies.results import STABLE, Study, seconds
 from femsub.studies.tables import label, span
 
 #: what no run can decide, for every scene that compares models
@@ -114,7 +114,24 @@ def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Advice:
         choice = replace(choice, unchecked=[f"The full model was solved at {found.symbol} = {at} alone."])
     if row is None:
         return choice
-    choice = replace(choice, model=row.named, size=row.size, row=row.flat(), condition=_conditions(found, row, tol))
+    # for what the recommendation holds, and what it is worth with the interface held at rest
+    free = "the interface is free, as in this run."
+    off = "Held at rest, this model " + ("lacks a mode of the band" if math.isinf(row.error_held) else
+                                         f"has frequencies that are off by {row.error_held:.1e}")
+    if found.between:
+        holds = f"{found.symbol} lies between {found.between[0]:g} and {found.between[1]:g}."
+    elif not found.interface:
+        holds = "the model has no interface. Nothing is known of it joined to others."
+    elif math.isnan(row.error_held):
+        holds = f"{free} A held interface was not compared."
+    elif row.error_held <= tol:
+        holds = f"the interface is free, as in this run, or held at rest. {off}."
+    else:
+        other = found.recommended(tol, held=True)
+        then = "no model of this run will do" if other is None else f"take {other.named}, which is off by {other.error_held:.1e}"
+        holds = f"{free} {off}; there {then}."
+    choice = replace(choice, model=row.named, size=row.size, row=row.flat(), condition=[holds])
+    # what makes it fit
     if found.between:
         invented = f", but {row.invented} invented" if row.invented else " and none is invented"
         return replace(choice, decides=[
@@ -147,24 +164,6 @@ def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Advice:
             f"the reduction pays from {count} solutions on"
         said.append(f"It takes {reducing} to reduce and {small} to solve. The full model takes {large}: {pays}.")
     return replace(choice, decides=said)
-
-
-def _conditions(found: Study, row: Row, tol: float) -> list[str]:
-    """For what a recommendation holds, and what it is worth with the interface held at rest."""
-    if found.between:
-        return [f"{found.symbol} lies between {found.between[0]:g} and {found.between[1]:g}."]
-    if not found.interface:
-        return ["the model has no interface. Nothing is known of it joined to others."]
-    free = "the interface is free, as in this run."
-    if math.isnan(row.error_held):
-        return [f"{free} A held interface was not compared."]
-    off = "Held at rest, this model " + ("lacks a mode of the band" if math.isinf(row.error_held) else
-                                         f"has frequencies that are off by {row.error_held:.1e}")
-    if row.error_held <= tol:
-        return [f"the interface is free, as in this run, or held at rest. {off}."]
-    other = found.recommended(tol, held=True)
-    then = "no model of this run will do" if other is None else f"take {other.named}, which is off by {other.error_held:.1e}"
-    return [f"{free} {off}; there {then}."]
 
 
 def stability_remark(models: Sequence[Mapping[str, Any]]) -> Remark:
