@@ -153,6 +153,19 @@ def test_one_projection_counts_at_all_values(monkeypatch: pytest.MonkeyPatch, ca
 
 
 @pytest.mark.slow
+def test_pairs_of_a_projection_that_nearly_coalesce_need_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two modes 7e-4 from each other are corrected together: apart, each step from one moves the other."""
+    n = 4000
+    K = sp.csr_array(1e4 * sp.diags_array([2.002, -1.0, -1.0], offsets=[0, 1, -1], shape=(n, n)))
+    M, pair = sp.csr_array(sp.eye_array(n)), sp.csr_array(([400.0, -400.0], ([700, 1900], [1900, 700])), shape=(n, n))
+    family = fs.Affine(M, [(1.0, 1e-3 * M + 1e-6 * K)], [(1.0, K), ("p", pair)])
+    monkeypatch.setattr(search, "Shifted", lambda *_, **__: pytest.fail("a search was begun"))
+    found = fs.critical_value(family, None, "p", between=(0.0, 3.0), band=(4.4, 5.2))
+    assert found.value == pytest.approx(0.0674718157, rel=1e-9) and found.evidence == "confirmed"
+    assert len(found.losses) == 12 and len(found.regains) == 5
+
+
+@pytest.mark.slow
 def test_a_pencil_of_2000_dof_is_followed_within_30_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
     """As many modes in the band as a model of 4,096 DOF has up to 0.38, and as many solutions."""
     family, _ = brake_like(48)
