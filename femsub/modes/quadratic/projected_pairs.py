@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
     from femsub.modes.quadratic.energy_basis import Coupling
 
-#: Relative distance below which eigenvalues are corrected together: apart, a pair 7e-4 from another one moved away from it in each
-#: sweep, and converged from 1e-3 on.
+#: Relative distance below which eigenvalues are corrected together. Corrected apart, two that were 7e-4 from each other diverged,
+#: by a factor of 1 to 3 in each sweep; none did above 1e-3.
 TOGETHER = 1e-3
 
 Acting = tuple[tuple[float, float, float], Any, float, Array, Array]  # see `_acting`
