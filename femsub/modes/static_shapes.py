@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from femsub.algebra import BLOCK, ROUNDING
+from femsub.algebra import BLOCK
 from femsub.checks import EPS, Array
 from femsub.modes.shift_invert import ShiftInvert
+
+REMAINDER = 1e-13  # of a static response, its energy or motion: what is left of it beside the modes, and no more, is rounding
 
 
 def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
@@ -50,7 +52,7 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     inertia, change = inertia[order], change @ rotation[:, order]
     shapes = rest @ change
     top = np.append(inertia, 1 / values[-1:][values[-1:] > 0]).max(initial=0.0)  # including the highest mode
-    least = np.maximum(lightest(handle) * top, (ROUNDING * (abs(change).T @ motion)) ** 2)
+    least = np.maximum(lightest(handle) * top, (REMAINDER * (abs(change).T @ motion)) ** 2)
 
     # at most as many columns have mass as there are finite modes not kept
     count = int(np.count_nonzero((inertia > least)[:max(handle.finite - kept.shape[1], 0)]))
@@ -81,12 +83,11 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
 def energy_directions(energy: Array, whole: Array, most: int | None = None) -> tuple[Array, Array]:
     """C (s, k) with CᵀEC = I for shapes with the energy E (s, s), and each direction's share of the energy of `whole` (s,).
 
-    Directions with a share of at most ROUNDING are rounding beside the modes, and left out. At
-    most `most` are kept, the largest first.
+    Directions with a share of at most REMAINDER are left out. At most `most` are kept, the largest first.
     """
     scale = np.where(whole > 0, whole, 1.0) ** -0.5
     share, vectors = np.linalg.eigh(energy * np.outer(scale, scale))
-    keep = np.flatnonzero(share > ROUNDING)[::-1][:most]
+    keep = np.flatnonzero(share > REMAINDER)[::-1][:most]
     return scale[:, None] * vectors[:, keep] / np.sqrt(share[keep]), share[keep]
 
 
