@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 import femsub as fs
 from benchmarks.attacks import critical_values as attack, solvers
 from femsub.modes.quadratic import complex_modes, search
-from femsub.stability import edges, followed
+from femsub.stability import discs, edges, followed
 from femsub.stability.critical_value import first_value
 
 
@@ -160,7 +160,11 @@ def test_pairs_of_a_projection_that_nearly_coalesce_need_no_search(monkeypatch: 
     M, pair = sp.csr_array(sp.eye_array(n)), sp.csr_array(([400.0, -400.0], ([700, 1900], [1900, 700])), shape=(n, n))
     family = fs.Affine(M, [(1.0, 1e-3 * M + 1e-6 * K)], [(1.0, K), ("p", pair)])
     monkeypatch.setattr(search, "Shifted", lambda *_, **__: pytest.fail("a search was begun"))
+    small: list[bool] = []
+    one_thread = discs.one_thread
+    monkeypatch.setattr(discs, "one_thread", lambda given: small.append(given) or one_thread(given))
     found = fs.critical_value(family, None, "p", between=(0.0, 3.0), band=(4.4, 5.2))
+    assert small and all(small)  # threads would take most of the time of models of some 50 DOF
     assert found.value == pytest.approx(0.0674718157, rel=1e-9) and found.evidence == "confirmed"
     assert len(found.losses) == 12 and len(found.regains) == 5
 

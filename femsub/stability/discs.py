@@ -41,7 +41,8 @@ class Discs:
         return "" if np.isfinite(question.between[1]) else "discs take a finite range"
 
     def solve(self, question: LossQuestion) -> CriticalValue:
-        with one_thread(question.size <= FEW):
+        small = question.over(question.between[0])  # of a model that is followed, the size is that of its projection
+        with one_thread(small.size <= FEW):
             family = Family(question.over, question.between)
             if question.floats or family.floating:
                 raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports "
