@@ -64,7 +64,7 @@ def recovered(basis: Basis, statics: Statics, clear: float = 1e-2) -> Basis:
     inverse = np.linalg.inv(B)
     inverse = _clean(inverse, np.abs(inverse) @ np.abs(B) @ np.abs(inverse))
     # of a massless shape, which would get the mass of a rounding; the energy knows the square of the motion
-    faint = (np.abs(motion) < np.sqrt(EQUAL)) & (basis.M.diagonal() == 0)
+    faint = (np.abs(motion) < np.sqrt(EPS)) & (basis.M.diagonal() == 0)
     T = np.zeros(basis.M.shape)
     T[solved, :len(b)], T[rest, len(b) + np.arange(len(rest))] = inverse, 1.0
     others = np.where(faint, 0.0, moved)[:, rest]
