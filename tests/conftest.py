@@ -104,18 +104,6 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 @pytest.fixture
-def counted_by(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
-    """counted_by("projection"), "disc" or "winding": complex modes are counted so, even where another way would do."""
-    def set_to(way: str) -> None:
-        if way != "disc":
-            monkeypatch.setattr("femsub.modes.quadratic.damping_split.split", lambda pencil: None)
-        if way != "projection":
-            monkeypatch.setattr("femsub.modes.quadratic.projected_count.LIFTS", ())
-
-    return set_to
-
-
-@pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20261120)
 

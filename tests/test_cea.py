@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -17,7 +16,7 @@ from benchmarks.lattices import lattice, membrane
 from femsub.algebra.petsc import has_cholmod
 from femsub.checks import EQUAL, Tally
 from femsub.modes import match
-from femsub.modes.quadratic import correction, dense, search
+from femsub.modes.quadratic import correction, dense
 from femsub.modes.quadratic.bars import mended
 from femsub.modes.quadratic.complex_modes import with_bars
 from femsub.modes.quadratic.region import Region
@@ -144,16 +143,8 @@ def test_overdamped_modes_are_among_the_wanted_ones() -> None:
     assert (modes.damping_ratios[modes.eigenvalues.imag == 0] == 1).all()
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize(("way", "by"), [
-    ("disc", "54 eigenvalues were found in .*λ. < .* count gives 56"),
-    ("projection", "36 eigenvalues were found in .*Re λ < .* count gives 38"),
-    ("winding", "2 eigenvalues in .* missing, by the winding number")])
-def test_a_missed_eigenvalue_is_noticed(way: str, by: str, counted_by: Callable[[str], None],
-                                        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missed_eigenvalue_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     from femsub.modes.quadratic import search, sparse
-
-    counted_by(way)
 
     def forgetful(module: ModuleType, name: str) -> None:
         original = getattr(module, name)
@@ -169,19 +160,18 @@ def test_a_missed_eigenvalue_is_noticed(way: str, by: str, counted_by: Callable[
         patch.setattr("femsub.modes.quadratic.search.QUADRATIC", 200)
 
     sub = fs.chain(300, belt=2)
+    exact = fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
+    forgetful(search, "right_pairs")
     with monkeypatch.context() as patch:
-        if way == "winding":  # only of a model that is too large for LAPACK, where it is asked for
-            not_for_lapack(patch)
-        exact = fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
-        assert exact.evidence == ("certified" if way == "projection" else "confirmed")
-        forgetful(search, "right_pairs")
+        not_for_lapack(patch)
         searched = fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
-    assert searched.evidence == exact.evidence and np.allclose(searched.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
+    assert searched.evidence == exact.evidence == "certified"
+    assert np.allclose(searched.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
     forgetful(sparse, "quadratic_modes")
     whole = fs.complex_modes(sub, BELT, band=(0.0, 0.2))  # by LAPACK, which can do a model as small as this
     assert whole.evidence == "certified" and np.allclose(whole.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
     not_for_lapack(monkeypatch)
-    with pytest.raises(fs.MissedModesError, match=by):
+    with pytest.raises(fs.MissedModesError, match=r"36 eigenvalues were found in .*Re λ < .* count gives 38"):
         fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
 
 
@@ -341,14 +331,14 @@ def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch:
     found = fs.complex_modes(rom, belt, **ask)
     near = every[(every.imag >= 0) & (every.imag <= 0.05) & (np.abs(every.real) <= 0.05)] if "band" in ask else \
         every[np.argsort(np.abs(every))][:16]
-    assert found.evidence == ("certified" if "band" in ask else "confirmed") and len(found) == len(near)
+    assert found.evidence == "certified" and len(found) == len(near)
     distance = np.abs(found.eigenvalues[:, None] - near).min(axis=1)
     assert (distance <= found.error_bar + 1e-12).all()
 
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("ask", [{"band": (0.0, 0.5)}, {"count": 12}])
-def test_belts_on_many_dof_are_counted_whatever_rounding_they_leave_in_d(ask: dict, counted_by: Callable[[str], None]) -> None:
+def test_belts_on_many_dof_are_counted_whatever_rounding_they_leave_in_d(ask: dict) -> None:
     """Each belt is of rank one, but D = αM + βK + Σ cwwᵀ less αM + βK is rounding on each of its DOF."""
     plain = lattice(40, 5, held=True)
     rows, rng = np.arange(plain.size - 120, plain.size), np.random.default_rng(2)
@@ -357,11 +347,13 @@ def test_belts_on_many_dof_are_counted_whatever_rounding_they_leave_in_d(ask: di
         w[rows] = rng.uniform(0.005, 0.02, len(rows))
     sub = fs.damped(fs.Substructure(plain.M, plain.K, ports=ports), rayleigh=(1e-3, 1e-2))
     belts = [fs.Belt("one", slope=-1e-5), fs.Belt("two", slope=-2e-5), fs.Belt("one", slope=0.0)]
-    counted_by("disc")
     found = fs.complex_modes(sub, belts, **ask)
-    assert found.evidence == "confirmed" and found.counted
+    assert found.evidence == "certified"
     every = dense.solve(sub.linearised(belts).dense())[0]
-    assert np.count_nonzero(np.abs(every) < found.counted[0]) == found.counted[1]
+    if "count" in ask:
+        assert found.counted and np.count_nonzero(np.abs(every) < found.counted[0]) == found.counted[1]
+    else:
+        assert len(found) == np.count_nonzero((every.imag >= 0) & (every.imag <= 0.5) & (np.abs(every.real) <= 0.5))
 
 
 @pytest.mark.slow
@@ -397,7 +389,7 @@ def test_another_search_takes_the_place_of_one_step(monkeypatch: pytest.MonkeyPa
         assert len(found) == len(own) > 0 and found.searched == own.searched
         at, to = match(own.eigenvalues, found.eigenvalues)
         assert (np.abs(found.eigenvalues[to] - own.eigenvalues[at]) <= found.error_bar[to] + own.error_bar[at]).all()
-        assert own.evidence == ("confirmed" if "count" in ask else "certified") and found.evidence == "not checked"
+        assert own.evidence == "certified" and found.evidence == "not checked"
     assert [region.count for region in asked] == [9, None, None] and asked[2].box == (-1e-3, 1e-3, 0.1, 0.3)
 
 
@@ -465,17 +457,17 @@ def test_error_bars_hold_where_matrices_are_many_orders_apart(kind: str, seeds: 
     assert not [found for seed in seeds if (found := attacked(kind, seed)).startswith("wrong")]
 
 
-@pytest.mark.filterwarnings("ignore:a complex mode has a backward error")
+@pytest.mark.filterwarnings("ignore:a complex mode has a backward error", "ignore:.* have an elastic energy within the rounding")
 @pytest.mark.parametrize("digits", [9, 12])
 def test_rigid_motion_of_a_k_with_few_digits_is_not_called_unstable(digits: int) -> None:
-    """Rounding makes K indefinite: a real λ > 0 of a free body that nothing drives."""
+    """Rounding makes K indefinite, of a free body that nothing drives: its rigid motion is at 0, or known to no digit."""
     full = fs.solid(fs.block((1.0, 0.1, 0.1), (8, 3, 2), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0))
     K = full.K.copy()
     K.data = np.array([float(f"{value:.{digits - 1}e}") for value in K.data])
     pencil = fs.Pencil(full.M, 1e-6 * K, K)
-    with pytest.warns(fs.ConditionWarning, match=r"\d+ eigenvalues, up to .* rounding of K's entries, which are known to about"):
+    with pytest.warns(fs.ConditionWarning, match="6 modes are taken as rigid-body motion, although K gives them"):
         modes = fs.complex_modes(pencil, count=14)
-    assert modes.is_stable is None and not len(modes.unstable)
+    assert modes.is_stable is not False and not len(modes.unstable)
     elastic = np.abs(modes.eigenvalues) > 1000
     assert elastic.sum() == 2 and all(vote is True for vote in np.array(modes.stable, dtype=object)[elastic])
 
@@ -516,7 +508,7 @@ def test_heavy_dashpots_leave_small_bars_that_hold(ask: dict) -> None:
     assert (np.abs(found.eigenvalues - exact) <= found.error_bar + 1e-10 * np.abs(exact)).all()
     assert (found.error_bar <= 1e-8 * np.abs(exact)).all() and found.backward_error.max() < 1e-12
     assert len(np.unique(np.round(exact * 1e9))) == len(exact)
-    assert found.evidence == ("confirmed" if "count" in ask else "certified")
+    assert found.evidence == "certified"
 
 
 def test_heavy_dashpots_and_an_unsymmetric_stiffness() -> None:
@@ -621,7 +613,7 @@ def test_a_pair_converges_beside_others_that_are_known() -> None:
 # dense models in a band: LAPACK, where PEP would not be much faster ------------------------------------------------------
 
 def damped_everywhere(n: int) -> fs.Pencil:
-    """A dense model with a full M and K, and dashpots on half of its DOF: no count in a disc."""
+    """A dense model with a full M and K, and dashpots on half of its DOF."""
     rng = np.random.default_rng(3)
     turn = np.linalg.qr(rng.standard_normal((n, n)))[0]
     D = np.diag(np.where(np.arange(n) % 2, 1e-3 * rng.uniform(0.5, 2.0, n), 0.0))
@@ -630,7 +622,7 @@ def damped_everywhere(n: int) -> fs.Pencil:
 
 
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
-def test_a_dense_model_in_a_band_takes_one_decomposition(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dense_model_in_a_band_takes_one_decomposition_at_most(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
     pencil, asked = damped_everywhere(320), []
 
     def solved(pencil: fs.Pencil) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -643,38 +635,22 @@ def test_a_dense_model_in_a_band_takes_one_decomposition(share: float, monkeypat
     every = dense.solve
     monkeypatch.setattr("femsub.modes.quadratic.dense.solve", solved)
     monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", by_pep)
-    monkeypatch.setattr("femsub.modes.quadratic.winding_count.phase_of", by_pep)
     found = fs.complex_modes(pencil, band=(0.0, 5.0 * share))
-    assert asked == [320] and found.evidence == "certified"
+    assert asked == ([] if share < 0.1 else [320]) and found.evidence == "certified"  # few modes are for a projection
     assert abs(len(found) - 320 * (5 * share - 0.1) / 4.9) <= 1
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_a_sparse_model_is_certified_as_a_dense_one_is(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A few dashpots far stronger than all else: det P is not sampled, which took 50 times as long as LAPACK."""
+def test_a_sparse_model_is_certified_as_a_dense_one_is(seed: int) -> None:
+    """A few dashpots far stronger than all else."""
     rng, base = np.random.default_rng(seed), membrane(12)
     strong = np.where(rng.random(base.size) < 0.05, 10 ** rng.uniform(4, 6, base.size), 0.0)
     pencil = fs.Pencil(base.M, sp.csr_array(sp.diags_array(strong)), base.K)
 
-    def sampled(*_: object) -> None:
-        raise AssertionError("det P was sampled")
-
-    monkeypatch.setattr("femsub.modes.quadratic.winding_count.phase_of", sampled)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.FemsubWarning)  # backward errors beside such a D
         found, dense_one = (fs.complex_modes(each, band=(0.0, 1.0)) for each in (pencil, pencil.dense()))
     assert found.evidence == dense_one.evidence == "certified" and len(found) == len(dense_one)
-
-
-def test_the_predicted_cost_is_that_of_the_cheaper_way() -> None:
-    """PEP is for few eigenvalues of many; columns to be counted make it dearer; repeated searches add up."""
-    assert search.by_pep(1500, 40) < search.Budget(1500, True).left < search.by_pep(1500, 400)
-    assert search.by_pep(1000, 100) < search.by_pep(1000, 100, 14) < search.by_pep(1000, 100, 40)
-    budget = search.Budget(1000, True)
-    assert budget.covers(100) and [budget.spend(100) for _ in range(4)] == [True, True, False, False]
-    assert search.Budget(3000, False, False).spend(3000, 40)
-    sparse_one = search.Budget(1000, False)  # all of LAPACK's cost, whose turn it is then
-    assert sparse_one.covers(400) and not budget.covers(400) and not sparse_one.covers(1000)
 
 
 @pytest.mark.slow

@@ -172,7 +172,7 @@ def test_an_unsymmetric_floating_pencil_has_all_of_its_zeros(seed: int, count: i
     squares = la.eigvals(pencil.K.toarray(), pencil.M.toarray())
     exact = np.sort(np.abs(np.sqrt(np.append(squares, squares).astype(complex))))[:len(modes)]
     assert np.sort(np.abs(modes.eigenvalues))[4:] == pytest.approx(exact[4:], rel=1e-6)
-    assert modes.evidence == ("certified" if count == 40 else "confirmed")  # by LAPACK; by a disc
+    assert modes.evidence == "certified"
 
 
 def test_a_breakdown_is_met_with_another_start_and_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,6 +185,7 @@ def test_a_breakdown_is_met_with_another_start_and_more_room(monkeypatch: pytest
         return original(*arguments, **options)
 
     exact = fs.complex_modes(fs.chain(2500, belt=2), count=10)
+    monkeypatch.setattr("femsub.modes.quadratic.search.right_pairs", lambda *_: None)
     monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", breaking)
     again = fs.complex_modes(fs.chain(2500, belt=2), count=10)
     assert len(tried) == 3 and tried[2][0] > tried[0][0] and tried[2][1] != tried[0][1]

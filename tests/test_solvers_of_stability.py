@@ -138,9 +138,9 @@ def test_one_projection_counts_at_all_values(monkeypatch: pytest.MonkeyPatch, ca
     made: list[int] = []
     real = search.Projection
 
-    def projection(*arguments: object) -> object:
+    def projection(*arguments: object, **options: object) -> object:
         made.append(1)
-        return real(*arguments)  # type: ignore[arg-type]
+        return real(*arguments, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(search, "Projection", projection)
     found = fs.critical_value(family, None, "p", between=(0.0, 0.2), band=(0.2, 0.3))

@@ -39,7 +39,6 @@ from .quadratic.matching import (
 )
 from .quadratic.port_function import PortFunction as PortFunction
 from .quadratic.region import Region as Region, region_of as region_of
-from .quadratic.search import Budget as Budget
 from .quadratic.singular_mass import REGULAR as REGULAR
 from .receptance import (
     FrequencyResponse as FrequencyResponse,

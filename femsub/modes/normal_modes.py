@@ -483,10 +483,12 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     return modes
 
 
-def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None, most: float = np.inf) -> NormalModes:
+def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None, most: float = np.inf,
+                known: NormalModes | None = None) -> NormalModes:
     """All modes with ω < limit. The inertia of K - limit² M gives their number before the search, and proves completeness.
 
-    If a mode lies at the limit, within rounding, the limit is raised slightly. More than `most` are a NotConvergedError.
+    If a mode lies at the limit, within rounding, the limit is raised slightly. More than `most` are a NotConvergedError. `known`
+    are the lowest modes, if some have been found by the same handle's factor.
     """
     handle = handle or ShiftInvert(K, M)
     for beyond in BEYOND:
@@ -504,7 +506,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
             last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the model has only "
                                     f"{handle.elastic + handle.rigid.shape[1]}. K or M is indefinite, or has few correct digits")
             continue
-        modes = lowest_modes(handle, max(0, count), evidence=False)
+        modes = lowest_modes(handle, max(0, count), known=known, evidence=False)
         if count > 0 and modes.frequencies[-1] > reach:  # one was missed, or lies on the edge: a second count decides
             modes = lowest_modes(handle, count, known=modes)
         highest = float(modes.frequencies.max(initial=0.0))

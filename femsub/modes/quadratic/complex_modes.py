@@ -62,8 +62,7 @@ class ComplexModes:
         The eigenvalues found beside their independent number (`femsub.checks`).
     evidence : str
         The evidence that none is missing. 'certified': all eigenvalues were computed, or inertia gives their number, alone or
-        with the bound of a projection. 'confirmed': a determinant sampled on a contour agrees with their number (the winding
-        number around the rectangle, or the count in a disc, see `counted`). 'not checked' otherwise.
+        with the bound of a projection. 'not checked' otherwise.
     counted : (radius, number) or None
         The independent count in a disc: `number` eigenvalues lie in |λ| < radius, conjugates included,
         and all have been found. The disc contains the searched rectangle, or its unstable part.
@@ -161,10 +160,10 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
                   re: tuple[float, float] | None = None, evidence: bool | None = None) -> ComplexModes:
     """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
 
-    SLEPc's PEP (TOAR, shift-invert) solves sparse models. Where a projection on undamped modes counts them (see `evidence`),
-    its eigenpairs are corrected with its own factor instead, until their residual is rounding. LAPACK finds all eigenvalues of
-    dense models. For a narrow band or a small count PEP solves a dense model above 300 DOF as well, where that is predicted to
-    take a tenth of the time.
+    A projection on undamped modes counts those of sparse models, and of dense ones above 300 DOF (see `evidence`). Its eigenpairs
+    are corrected with its own factor until their residual is rounding. Where no projection can count, or most eigenvalues are
+    wanted, LAPACK finds all of models of up to 2,000 DOF and of dense ones, and SLEPc's PEP (TOAR, shift-invert) those nearest
+    to 0 of larger ones.
 
     A model with structural damping H has K + iH in place of K where Im λ > 0, K - iH where Im λ < 0, and K where λ is real. All
     solutions are listed. LAPACK finds them, up to 2,000 DOF. On the imaginary axis, where stability is lost, H is exact. The
@@ -190,13 +189,13 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     evidence : bool, optional
         Whether to count the eigenvalues independently. In a band, for any D and K, the undamped modes up to 2.5 times the band
         are found and counted, and a bound of what they leave out proves the number (`projected_count`): a few real
-        factorisations, and about as many solves as for 300 modes. A `count`, if D is proportional except for at most 40 columns
-        (belts, dashpots), is made in a disc around 0. It costs one factorisation of K - R²M and some solves (`disc_count`). If D
-        is skew and K positive definite, as for a part that turns without damping, it costs one of twice the size. Each of the
-        two takes the place of the other where that fails. This is the default for a band, and for a `count` up to 200,000 DOF.
-        Where damping or gyroscopic forces are too strong for that, LAPACK lists all up to 2,000 DOF: 2n, or as many as the ranks
-        of M and D leave. Above, ``evidence=True`` checks a band by the winding number of det P, which costs about fifty complex
-        factorisations.
+        factorisations, and about as many solves as for 300 modes. Two factorisations are enough if D is proportional except for
+        at most 40 columns (belts, dashpots). A `count` is made in a disc around 0. This is the default for a band, and for a
+        `count` up to 200,000 DOF; up to 2,000 DOF it is always made. Where damping or gyroscopic forces are too strong for it,
+        LAPACK lists all up to 2,000 DOF: 2n, or as many as the ranks of M and D leave. Above, inertia alone counts where D is
+        proportional, or skew as of a part that turns. Nothing else counts there, whatever `evidence` asks for: a search lists
+        what it finds, 'not checked', and a warning gives the reason with the number needed. With ``evidence=True`` the search is
+        repeated from other starts where eigenvalues meet.
 
     Returns
     -------

@@ -59,6 +59,7 @@ class Term:
     sign: float = 1.0  #: Tᵀ = sign T
     range: tuple[float, float] = (-np.inf, np.inf)
     sampled: bool = False  #: whether the range is an estimate
+    modal: bool = False  #: whether A⁻¹T maps the modes of `EnergyBasis.add` into the basis, as a proportional damping does
     spanned: bool = False  #: whether A⁻¹T maps into the basis, as that of few columns that have joined it; its range is 0 then
     rounding: float = 0.0  #: images with smaller lengths, relative to |T||x|, are rounding and set to 0
 
@@ -177,6 +178,7 @@ class EnergyBasis:
         self.inside = inside
         known = np.zeros((len(self.terms), k), dtype=bool)
         known[:1] = modes
+        known[[term.modal for term in self.terms]] = modes
         known[[term.spanned for term in self.terms]] = True
         self._known = np.hstack([self._known, known])
         return True

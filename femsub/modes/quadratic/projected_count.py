@@ -18,6 +18,8 @@ import scipy.sparse as sp
 
 from femsub.algebra import (
     QUADRATIC,
+    ROUNDING,
+    SINGULAR,
     WIDE,
     Difference,
     Handle,
@@ -37,8 +39,8 @@ from femsub.algebra import (
 )
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
-from femsub.modes.block_lanczos import block_lanczos
-from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, modes_below
+from femsub.model import contact_matrix
+from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
 from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term
 from femsub.modes.quadratic.region import Contour, Count
 from femsub.modes.shift_invert import ShiftInvert
@@ -86,7 +88,8 @@ class Projection(EnergyBasis):
         columns. LAPACK finds all eigenvalues of VᵀPV, so that it is no larger than a model may be of which it finds all.
     """
 
-    def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC, changes: Sequence[Varied] = ()) -> None:
+    def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC, changes: Sequence[Varied] = (),
+                 lowest: tuple[ShiftInvert, NormalModes] | None = None) -> None:
         if not pencil.symmetric[0]:
             raise SingularMatrixError("M is unsymmetric")
         self.outer, self.most, M = outer, most, pencil.M
@@ -96,23 +99,30 @@ class Projection(EnergyBasis):
         stiffness, circulatory = (pencil.K, none) if pencil.symmetric[2] else (
             pencil.halves if pencil.K0 is pencil.K else halves(pencil.K))
 
+        simple, turned = proportional(pencil, damping), _few_columns(gyroscopic)
+
         @contextmanager
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[int], Bounds]]:
-            self.factor, self.mu = handle.factor, lift - handle.sigma
+            self.factor, self.mu, self.unsure = handle.factor, lift - handle.sigma, bool(handle.note)
             solve = self.factor.solve
             self.A = Difference(stiffness, M, -self.mu)
 
             def found(modes: int) -> Bounds:
-                none = looked()
-                return *_strong(self.A, damping, solve, outer.side, none, modes, most), _bound_of_skew(self.A, gyroscopic, solve)
+                first = looked()
+                damped = none if simple is not None else damping
+                return (*_strong(self.A, damped, solve, outer.side, first, modes, most),
+                        _bound_of_skew(self.A, gyroscopic if turned is None else none, solve))
 
-            with _none_strong(self.A, damping, outer.side, handle.factor) as looked:
+            with _none_strong(self.A, damping if simple is None else none, outer.side, handle.factor) as looked:
                 yield found
 
-        modes, lift, (strong, d, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds, most)
+        modes, lift, (strong, d, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds, most,
+                                               lowest)
         # rigid motion on which no other part of P acts is free, by rounding in the products; the rest of the modes joins V
         self.free, rest = modes.shapes[:, :modes.rigid], modes.shapes[:, modes.rigid:]
         others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
+        if others and self.unsure:
+            raise SingularMatrixError("K shows rigid motion only within the rounding of its entries, as damping may")
         scale = [np.linalg.norm(abs(part) @ abs(self.free)) for part in others]  # 0 where there is no rigid motion
         moved = [(part @ self.free) / size for part, size in zip(others, scale, strict=True) if size]
         if moved:
@@ -121,11 +131,23 @@ class Projection(EnergyBasis):
             self.free = self.free @ turn[sizes < STILL].T
         self.momenta = M @ self.free
         beyond = modes.counted[0] ** 2 - lift + self.mu
-        given = (Term(M, (-self.mu, 0.0, 1.0), range=(0.0, 1 / beyond)), Term(damping, (0.0, 1.0, 0.0), range=(-d, d)),
-                 Term(gyroscopic, (0.0, 1.0, 0.0), -1.0, (-g, g)), Term(circulatory, (1.0, 0.0, 0.0), -1.0))
+        if simple is not None:  # outside V, D is αM + βK = (α - βμ)M + βA
+            alpha, beta = simple[:2]
+            d = max(abs(beta), abs(beta + (alpha - beta * self.mu) / beyond))
+        given = (Term(M, (-self.mu, 0.0, 1.0), range=(0.0, 1 / beyond)),
+                 Term(damping, (0.0, 1.0, 0.0), range=(-d, d), modal=simple is not None,
+                      spanned=simple is not None and not d),
+                 Term(gyroscopic, (0.0, 1.0, 0.0), -1.0, (-g, g), spanned=turned is not None),
+                 Term(circulatory, (1.0, 0.0, 0.0), -1.0))
         terms = [term for term in given if term.matrix is M or term.matrix.nnz]
         self._weights: list[tuple[int | None, tuple[float, float, float]]] = [(None, term.weights) for term in terms]
         joining = [rest, strong]
+        few = [W for W in (None if simple is None else simple[2], turned) if W is not None and W.shape[1]]
+        if few:  # A⁻¹ of them joins V, without rigid motion, which is there: A is nearly singular in it
+            Q, size, _ = la.svd(np.hstack([W / np.linalg.norm(W, axis=0) for W in few]), full_matrices=False)
+            Q = Q[:, size > SINGULAR * size[0]]
+            rigid = modes.shapes[:, :modes.rigid]
+            joining.append(self.factor.solve(Q - (M @ rigid) @ (rigid.T @ Q)))
         for place, (matrix, power, size) in enumerate(changes):
             weight = size * (1.0, outer.side, max(outer.side, outer.top)**2)[power]
             for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True):
@@ -205,8 +227,8 @@ class Projection(EnergyBasis):
 def _few_columns(T: Matrix, most: int = 40) -> Array | None:
     """An orthonormal basis (n, k) of the range of a symmetric or skew T, k ≤ `most`, which a port has; None if it has more."""
     rows = np.flatnonzero(np.diff(T.indptr))
-    if len(rows) > WIDE:
-        return None
+    if not len(rows) or len(rows) > WIDE:
+        return None if len(rows) else np.zeros((T.shape[0], 0))
     Q, size, _ = np.linalg.svd(T[rows][:, rows].toarray())
     rank = int(np.count_nonzero(size > len(rows) * EPS * size[0]))
     if rank > most:
@@ -216,9 +238,45 @@ def _few_columns(T: Matrix, most: int = 40) -> Array | None:
     return found
 
 
+def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float, float, Array] | None:
+    """α, β and W (n, k), k ≤ `most`, such that the symmetric damping is αM + βK on all x with Wᵀx = 0; None without.
+
+    W are the columns of contacts, and of the dashpots beside them. α and β come from diagonals and sums of rows, without the half
+    of them that fits least, as those of dashpots.
+    """
+    M, K, W = pencil.M, pencil.symmetric_stiffness, [one for *_, one in pencil.contacts]
+    rest = damping
+    for C, _, one in pencil.contacts:
+        rest = rest - contact_matrix(one, C if isinstance(C, float) else (C + C.T) / 2)
+    size = abs(damping) + abs(rest)
+    alpha = beta = 0.0
+    columns = _few_columns(_cleared(rest, size), most)
+    if columns is None:
+        mass, stiffness, d = (np.append(A.diagonal(), A @ np.ones(len(A.indptr) - 1)) for A in (M, K, rest))
+        scale = np.array([mass.max(), stiffness.max()])
+        unit = np.column_stack([mass, stiffness]) / scale
+        off = np.zeros(len(d))
+        for _ in range(3):
+            keep = off <= np.median(off)
+            fit = np.linalg.lstsq(unit[keep], d[keep], rcond=None)[0]
+            fit[np.abs(fit) <= SINGULAR * np.abs(fit).max()] = 0.0  # of one kind alone
+            off = np.abs(d - unit @ fit)
+        alpha, beta = (fit / scale).tolist()
+        columns = _few_columns(_cleared(rest - alpha * M - beta * K, size + abs(alpha) * abs(M) + abs(beta) * abs(K)), most)
+    W = [*W, columns] if columns is not None else W
+    return (alpha, beta, np.hstack(W)) if columns is not None and sum(one.shape[1] for one in W) <= most else None
+
+
+def _cleared(A: Matrix, size: Matrix) -> Matrix:
+    """A without entries that are rounding beside those of `size`."""
+    found, beside = sp.csr_array(A), sp.csr_array(size)
+    found = found.multiply(abs(found) > ROUNDING * beside)
+    return sp.csr_array(found)
+
+
 def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
-              bounds: Callable[[ShiftInvert, float], AbstractContextManager[Callable[[int], Bounds]]], most: int
-              ) -> tuple[NormalModes, float, Bounds]:
+              bounds: Callable[[ShiftInvert, float], AbstractContextManager[Callable[[int], Bounds]]], most: int,
+              lowest: tuple[ShiftInvert, NormalModes] | None)  -> tuple[NormalModes, float, Bounds]:
     """The modes of K + lift M, positive semidefinite, all up to the reach; the lift; and `bounds` by its factor.
 
     The pencil's own K needs no lift, and its factor is there. The symmetric part of an unsymmetric K is often indefinite. The
@@ -235,12 +293,12 @@ def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
             with one_thread(beside is not None):
                 if lift:
                     shared_factor(held, "definite")  # or an error, before rigid motion is looked for
-                handle = ShiftInvert(held, M, carried=None if lift else carried)
+                handle = lowest[0] if lowest and not lift else ShiftInvert(held, M, carried=None if lift else carried)
             handle.beside = beside
             with ExitStack() as stack:
                 with counted_beside(handle, limit):
                     found = stack.enter_context(bounds(handle, lift))
-                modes = modes_below(held, M, limit, handle, most)
+                modes = modes_below(held, M, limit, handle, most, lowest[1] if lowest and not lift else None)
             if len(modes.eigenvalues) == modes.counted[1]:
                 return modes, lift, found(len(modes.eigenvalues))
             last = MissedModesError("an undamped mode is missing")
@@ -249,11 +307,12 @@ def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
     raise last
 
 
-def about_radius(pencil: Pencil, number: int) -> float:
-    """About the radius of a disc around 0 with so many eigenvalues: that of the undamped modes of K + lift M, roughly found.
+def about_radius(pencil: Pencil, number: int) -> tuple[float, tuple[ShiftInvert, NormalModes] | None]:
+    """About the radius of a disc around 0 with so many eigenvalues, that of the undamped modes of K, or of K + lift M.
 
-    The lift is the lowest Rayleigh quotient of a uniform motion or a smooth shape that is not rounding. It has the size of the
-    lowest ω², so that K + lift M is usually definite in spite of friction, and few steps of block Lanczos are enough.
+    K's factor and modes are returned, since they serve the projection as well. Where friction or prestress makes K indefinite,
+    the lift is the lowest Rayleigh quotient of a uniform motion or a smooth shape that is not rounding, of the size of the lowest
+    ω².
 
     Raises
     ------
@@ -261,16 +320,20 @@ def about_radius(pencil: Pencil, number: int) -> float:
         K is far from definite, or no such shape is low enough.
     """
     K, M = pencil.symmetric_stiffness, pencil.M
-    shapes = np.column_stack([translations(pencil.size), smooth_shape(K)])
-    energy, mass = (np.abs(np.einsum("ij,ij->j", shapes, A @ shapes)) for A in (K, M))
-    quotients = energy[mass > 0] / mass[mass > 0]
-    lift = float(quotients[quotients > MOTION * quotients.max(initial=0.0)].min(initial=np.inf))
-    if not np.isfinite(lift):
-        raise SingularMatrixError("no motion has both stiffness and mass")
-    factor = shared_factor(sp.csr_array(K + lift * M), "definite")
-    # some modes more than half of the eigenvalues, and four digits of the last, are enough for a radius that may grow
-    values = block_lanczos(factor, M, 0.0, number // 2 + 4, tol=1e-4, restarts=4)[0]
-    return float(np.sqrt(max(values[-1] - lift, lift / 16)))
+    lift = 0.0
+    try:
+        handle = ShiftInvert(K, M, carried=pencil.rigid_motion)
+    except SingularMatrixError:
+        shapes = np.column_stack([translations(pencil.size), smooth_shape(K)])
+        energy, mass = (np.abs(np.einsum("ij,ij->j", shapes, A @ shapes)) for A in (K, M))
+        quotients = energy[mass > 0] / mass[mass > 0]
+        lift = float(quotients[quotients > MOTION * quotients.max(initial=0.0)].min(initial=np.inf))
+        if not np.isfinite(lift):
+            raise SingularMatrixError("no motion has both stiffness and mass") from None
+        handle = ShiftInvert(sp.csr_array(K + lift * M), M)
+    # some modes more than half of the eigenvalues, for a radius that may grow
+    modes = lowest_modes(handle, min(number // 2 + 4, handle.elastic), evidence=False)
+    return float(np.sqrt(max(modes.eigenvalues[-1] - lift, lift / 16))), None if lift else (handle, modes)
 
 
 @contextmanager

@@ -124,6 +124,27 @@ class Region:
         return order[:self.count + split]
 
 
+    def upper(self, values: Array) -> Array:
+        """Indices of those values, Im λ ≥ 0, that are in the region or whose conjugates are, ascending."""
+        pairs = np.flatnonzero(values.imag > 0)
+        every = np.append(values, values[pairs].conj())
+        return np.unique(np.append(np.arange(len(values)), pairs)[self.listed(every)])
+
+    def beside(self, values: Array) -> Array:
+        """The same with some that may be in it once they are known better: four by number, or a hundredth beside the box."""
+        if self.box is None:
+            return replace(self, count=(self.count or len(values)) + 4).upper(values)
+        a, b, lo, hi = self.box
+        more = 0.01 * max(abs(a), abs(b), hi)
+        return replace(self, box=(a - more, b + more, max(lo - more, 0.0), hi + more)).upper(values)
+
+    @property
+    def radius(self) -> float:
+        """Of the disc around 0 that holds the box, whose edges may move out by 2 %."""
+        a, b, _, hi = self.box or (0.0, 0.0, 0.0, np.inf)
+        return 1.03 * float(np.hypot(max(abs(a), abs(b)), hi))
+
+
 def region_of(pencil: Pencil, count: Any, band: Any, re: Any) -> Region:
     """The region from the checked arguments of `complex_modes`."""
     if count is not None and band is not None:

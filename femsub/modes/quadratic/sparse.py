@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 
-from femsub.algebra import Handle, SparseFactor, Transposed, quadratic_modes, shared_factor
+from femsub.algebra import Handle, SparseFactor, Transposed, inertia, quadratic_modes, shared_factor
 from femsub.checks import EQUAL, Array
-from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
-from femsub.model import DOUBLE, costs
-from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.quadratic.matching import SPLIT, clusters, distinct, joined, match
+from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.model import DOUBLE, beyond, costs
+from femsub.modes.normal_modes import lowest_modes, modes_under
+from femsub.modes.quadratic.matching import SPLIT, clear_radius, clusters, distinct, joined, match
+from femsub.modes.quadratic.projected_count import proportional
+from femsub.modes.quadratic.region import Contour, Count, Region, listed
 from femsub.modes.shift_invert import ShiftInvert, motion_of
 
 if TYPE_CHECKING:
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
 # optimistic, by five digits at 1e-12 if K is singular. If it fails while reordering a Schur form with equal eigenvalues,
 # another start and a larger space usually succeed.
 ATTEMPTS = ((1e-14, 0, 0.0), (1e-12, 0, 0.0), (1e-12, 100, 0.15), (1e-12, 200, 0.3))
-KEPT = 200_000  # DOF up to which the count, and the memory of its second factor, is the default
 
 
 class Shifted:
@@ -33,8 +34,8 @@ class Shifted:
     def __init__(self, pencil: Pencil) -> None:
         self.pencil = pencil
         self.shift = 0.0
+        self.searches = 1  # from different starts, so far
         self.rigid: Array = np.zeros((pencil.size, 0))
-        self.handle: ShiftInvert | None = None  # for a floating model: K - σM, positive definite
         symmetric = pencil.symmetric[0] and pencil.symmetric[2]
         self.motion = motion_of(pencil.rigid_motion)
         try:
@@ -55,13 +56,6 @@ class Shifted:
         found = found or shared_factor(matrix, "symmetric" if symmetric else "general")
         assert isinstance(found, SparseFactor)
         return found
-
-    @property
-    def definite(self) -> tuple[Callable[[Array], Array], float] | None:
-        """The solver of K + μM, positive definite, and μ, where its factor is there; else None."""
-        if self.shift == 0:
-            return (self.factor.solve, 0.0) if self.factor.kind == "definite" else None
-        return None if self.handle is None else (self.handle.factor.solve, -self.handle.sigma)
 
     def _scale(self) -> float:
         """The size of the smallest eigenvalues, min(‖K⁻¹M‖^-½, ‖K⁻¹D‖^-1), by a few power steps."""
@@ -84,8 +78,6 @@ class Shifted:
             if self.motion is None:
                 self.motion = handle.motion(self.pencil.D)
                 self.rigid = self.motion.shapes
-            if self.pencil.size <= KEPT:
-                self.handle = handle
             return 0.5 * float(lowest_modes(handle, 1).frequencies[-1])
         stiffness, mass = np.abs(self.pencil.K.diagonal()), self.pencil.M.diagonal()
         loaded = (stiffness > 0) & (mass > 0)
@@ -130,18 +122,74 @@ class Shifted:
                 values, X = np.append(values, values[both]), np.hstack([X, X[:, both].conj()])
         return values, X / np.linalg.norm(X, axis=0)
 
-    def left(self, values: Array, X: Array, ask: int, searches: int) -> Array:
-        """Left vectors y, yᴴP(λ) = 0: x̄ for a symmetric pencil, else from the transposed one, matched by λ.
+    def search(self, region: Region, count: Count | None, thorough: bool, searches: int = 4) -> tuple[Array, Array, Count | None]:
+        """λ (k,), Im λ ≥ 0, and X (n, k) of all in a region, until they add up to the count; and the count.
 
-        `ask` and `searches` are those of the search for the right vectors. If no counterpart is found, the column is zero,
-        which makes its error bar infinite.
+        Without one that by inertia is taken, where there is one. Other starts find other directions of an eigenspace: four
+        were always enough. A `thorough` search that nothing counts ends when another start finds nothing new in clusters.
+
+        Raises
+        ------
+        InputError
+            The disc around 0 that holds the box holds too many: beyond 1,500 run times reach hours, and backward errors grow.
+        MissedModesError
+            The count is another one.
         """
-        if all(self.pencil.symmetric):
-            return X.conj()
+        pencil, most = self.pencil, 2 * self.pencil.size
+        # how many to begin with, and how far they must reach
+        if region.box is None:
+            ask, reach = (region.count or 0) + (12 if self.shift else 0) + 2, 0.0  # those nearest to a shift are not those to 0
+        elif count is not None:
+            reach = 1.001 * float(np.abs(count.values[count.contour.encloses(count.values)]).max(initial=0.0)) + self.shift
+            ask = int(np.count_nonzero(np.abs(count.values) <= reach)) + 8
+        else:
+            reach, below, most = region.radius + self.shift, 10, min(pencil.size, 1500)
+            if pencil.symmetric[0]:
+                with suppress(SingularMatrixError):
+                    below = modes_under(pencil.symmetric_stiffness, pencil.M, region.radius**2)
+            ask = 2 * below + 12
+        values, X, known = np.zeros(0), np.zeros((pencil.size, 0)), 0
+        for self.searches in range(1, searches + 1):
+            while True:
+                if ask > most and region.box is not None:
+                    raise InputError(f"the disc around 0 that holds the band has about {ask} eigenvalues. The solver has to "
+                                     f"compute all of them, and the limit is {most}. Lower the band, narrow re=(a, b), or reduce "
+                                     "the model")
+                found, shapes = self.nearest(min(ask, most), self.searches)
+                far = float(np.abs(found - self.shift).max(initial=0.0))
+                near = ~beyond(np.abs(found), far - self.shift)  # others may be nearer to 0 than the rest
+                enough = listed(found[near]) >= (region.count or 0) if region.box is None else far >= reach
+                if enough or listed(found) >= 2 * pencil.size:
+                    break
+                ask *= 2
+            if region.box is None:
+                found, shapes = found[near], shapes[:, near]
+            values, X = joined(values, X, found, shapes) if self.searches > 1 else (found, shapes)
+            if count is None:
+                last = len(region.upper(values))
+                count = by_inertia(pencil, clear_radius(np.sort(np.abs(values)), last) if region.box is None else region.radius)
+            if count is not None:
+                missed = count.number - count.tally(values).listed
+                if missed <= 0:
+                    break
+                ask += 2 * missed + 10
+            elif not thorough or len(values) == known or not clusters(values[values != 0], DOUBLE):
+                break
+            known = len(values)
+        if count is not None and (number := count.tally(values).listed) != count.number:
+            raise MissedModesError(f"{number} eigenvalues were found in {count.contour.where}, but an independent count gives "
+                                   f"{count.number}. Ask for more or fewer, or for another band")
+        return values, X, count
+
+    def left(self, values: Array, X: Array, ask: int) -> Array:
+        """Left vectors y, yᴴP(λ) = 0, from the transposed pencil, matched by λ.
+
+        If no counterpart is found among `ask` of them, the column is zero, which makes its error bar infinite.
+        """
         other = copy(self)
         other.pencil, other.factor = self.pencil.transposed(), self.factor.transposed
         found, vectors = other.nearest(ask)
-        for seed in range(2, searches + 1):  # each from another start
+        for seed in range(2, self.searches + 1):  # each from another start
             found, vectors = joined(found, vectors, *other.nearest(ask, seed))
         Y = np.zeros_like(X)
         at, to = match(values, found, far=2 * SPLIT)
@@ -150,48 +198,23 @@ class Shifted:
         return Y
 
 
-class Search:
-    """Eigenvalues nearest to a shift, by several searches from different starts; their results are merged.
+def by_inertia(pencil: Pencil, radius: float) -> Count | None:
+    """The number of eigenvalues in |λ| < R of a part with D = αM + βK, twice that of K - R²M < 0; or of one that turns.
 
-    Parameters
-    ----------
-    nearest : callable (number, seed) → λ (k,), X (n, k)
-        Makes one search.
-    size : int
-        n.
-    most : int
-        Searches at most. Each other start finds one more direction of an eigenspace by itself; four were always enough.
-
-    `searches` is the number so far, `ask` the last number asked.
+    That has a skew D and K positive definite. All are imaginary, λ = iω. The quadratic form of the Hermitian P(iω) is
+    k + ωg - ω²m with k > 0, so it changes its sign once as ω grows, and the number of negative eigenvalues of P(iR) is the number
+    of ω below R (P. Lancaster, Lambda-Matrices and Vibrating Systems, 1966). It is half of that of the real [[A, -RD], [RD, A]],
+    A = K - R²M. Proportional damping must be so weak that none of the modes below R is overdamped. None of other parts.
     """
-
-    def __init__(self, nearest: Callable[[int, int], tuple[Array, Array]], size: int, most: int = 4) -> None:
-        self.nearest, self.size, self.most, self.searches, self.ask = nearest, size, most, 1, 0
-        self.pool: tuple[Array, Array] = np.zeros(0), np.zeros((size, 0))
-
-    @property
-    def exhausted(self) -> bool:
-        return self.searches >= self.most
-
-    def found(self, ask: int) -> tuple[Array, Array]:
-        """λ and X of a search for `ask` eigenvalues."""
-        if ask != self.ask:
-            new = self.nearest(ask, self.searches)
-            self.pool = joined(*self.pool, *new) if self.searches > 1 else new
-            self.ask = ask
-        return self.pool
-
-    def more(self, ask: int, missed: int) -> int:
-        """The number to ask for in a new search if `missed` eigenvalues are missing."""
-        self.searches, self.ask = self.searches + 1, 0
-        return min(ask + 2 * missed + 10, 2 * self.size)
-
-    def settled(self) -> bool:
-        """Whether all clusters are complete: there is none, or another search finds the same eigenvalues."""
-        values, X = self.pool
-        if self.exhausted or not clusters(values[values != 0], DOUBLE):
-            return True
-        self.searches += 1
-        with suppress(NotConvergedError):
-            self.pool = joined(values, X, *self.nearest(self.ask, self.searches))
-        return len(self.pool[0]) == len(values)
+    simple = proportional(pencil, pencil.D) if all(pencil.symmetric) else None
+    plain = simple is not None and not simple[2].shape[1] and abs(simple[0]) < radius / 2 and abs(simple[1]) * radius < 0.5
+    if not plain and (pencil.symmetric != (True, False, True) or abs(pencil.D + pencil.D.T).max() > EQUAL * abs(pencil.D).max()):
+        return None
+    for near in (radius, radius * (1 + 1e-5), radius * (1 + 1e-3)):  # an eigenvalue may lie there
+        A, B = pencil.K - near**2 * pencil.M, near / 2 * (pencil.D - pencil.D.T)
+        with suppress(SingularMatrixError):
+            if plain:
+                return Count(Contour(near), 2 * inertia(sp.csr_array(A)), np.zeros(0), 0, 0.0)
+            shared_factor(pencil.K, "definite")
+            return Count(Contour(near), inertia(sp.block_array([[A, -B], [B, A]], format="csr")), np.zeros(0), 0, 0.0)
+    return None
