@@ -47,8 +47,7 @@ EQUAL = 1e-9  # two results that exact arithmetic makes equal: some hundred roun
 #: Evidence that nothing is missing: the result lists as many as an independent count without sampling gives. Such counts are the
 #: inertia of K - ω²M, the number of all eigenvalues that a pencil has, and the discs of `femsub.stability.exclusion`.
 CERTIFIED = "certified"
-#: The same, but the count comes from samples or an estimate: a winding number of det P, a margin known at points of a contour,
-#: a pencil sampled over a range of its parameter.
+#: The same, but the count comes from samples or an estimate: a pencil sampled over a range of its parameter.
 CONFIRMED = "confirmed"
 #: Nothing was counted, or not all of it, or the count differs from what is listed.
 NOT_CHECKED = "not checked"

@@ -72,7 +72,7 @@ def listed(values: Array) -> int:
 class Count:
     """`number` eigenvalues lie inside the contour, conjugates included, by an independent count.
 
-    `values` are nearly all of them, where they are known. A `sampled` count is one from points of the contour.
+    `values` are nearly all of them, where they are known.
     """
 
     contour: Contour
@@ -80,8 +80,6 @@ class Count:
     values: Array = field(repr=False)
     size: int  #: of the small problem
     margin: float  #: 1 is the limit of the theorem
-    sampled: bool = False
-    solves: int = 0  #: right-hand sides that were solved for
 
     @property
     def disc(self) -> tuple[float, int] | None:
@@ -90,7 +88,7 @@ class Count:
 
     def tally(self, values: Array) -> Tally:
         """What a search has found inside, by λ with Im λ ≥ 0, against the number."""
-        return Tally(listed(values[self.contour.encloses(values)]), self.number, sampled=self.sampled)
+        return Tally(listed(values[self.contour.encloses(values)]), self.number)
 
 
 @dataclass(frozen=True)
