@@ -24,7 +24,7 @@ assumes that disturbances grow or decay like the motion itself. On a limit cycle
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,10 +32,8 @@ import scipy.sparse as sp
 from femsub.algebra import Handle, factorise
 from femsub.checks import EPS, EQUAL, Array, Matrix
 from femsub.errors import NotConvergedError, SingularMatrixError
+from femsub.motion.first_order import Balance
 from femsub.motion.nonlinear_model import SMALL_CHANGE, Change, Sliding, State, mass_solve, massless
-
-if TYPE_CHECKING:
-    from femsub.motion.first_order import Balance
 
 RADIUS = 0.9  # amplification at infinite frequency
 STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: where in a step the equation holds

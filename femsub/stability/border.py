@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
@@ -16,12 +15,9 @@ import scipy.linalg as la
 from femsub.algebra import FEW, is_symmetric, one_thread
 from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import NotConvergedError
-from femsub.model import REAL_ROOT, in_band
+from femsub.model import REAL_ROOT, Pencil, in_band
 from femsub.modes import PortFunction, definite_form
 from femsub.stability.crossings import ASIDE
-
-if TYPE_CHECKING:
-    from femsub.model import Pencil
 
 FELT = 2**20 * EPS  # a shape moves the contact if |Wᵀq| exceeds this share of ‖W‖‖q‖
 NO_RATIO = 1024 * EPS  # twice a damping ratio of the size of rounding

@@ -15,18 +15,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import FemsubError
-from femsub.model import ReducedSubstructure
+from femsub.model import Pencil, ReducedSubstructure, Substructure
 from femsub.stability.border import Band, Border, ModalContact
 from femsub.stability.discs import LARGEST
-
-if TYPE_CHECKING:
-    from femsub.model import Pencil, Substructure
 
 log = logging.getLogger(__name__)
 

@@ -8,22 +8,28 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.checks import choice, finite_number, instance, items, positive_number, shown
 from femsub.coupling import Belt
 from femsub.errors import InputError, InputTypeError, UnstableModelError
-from femsub.model import LinearContact, Substructure, contacts_at, contacts_of, small_matrices, usable_band
+from femsub.model import (
+    Affine,
+    Contact,
+    Contacts,
+    LinearContact,
+    Substructure,
+    contacts_at,
+    contacts_of,
+    small_matrices,
+    usable_band,
+)
 from femsub.stability.discs import Discs
 from femsub.stability.followed import Followed
 from femsub.stability.parameter import pencil_over
 from femsub.stability.port_root import PortRoot
 from femsub.stability.question import CriticalValue, LossQuestion, Solver
-
-if TYPE_CHECKING:
-    from femsub.model import Affine, Contact, Contacts
 
 log = logging.getLogger(__name__)
 

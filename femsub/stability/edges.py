@@ -16,17 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from femsub.algebra import ComplexFactor
 from femsub.checks import EPS, Array
 from femsub.errors import SingularMatrixError
-
-if TYPE_CHECKING:
-    from femsub.model import Pencil
-    from femsub.stability.parameter import PencilOver
+from femsub.model import Pencil
+from femsub.stability.parameter import PencilOver
 
 
 def factor_at(pencil: Pencil, value: complex) -> ComplexFactor | None:

@@ -16,25 +16,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from femsub.algebra import ComplexFactor
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, warn
 from femsub.model import in_band
-from femsub.modes import corrected, modes_over, slope
+from femsub.modes import ComplexModes, corrected, modes_over, slope
 from femsub.stability.border import OUTSIDE
 from femsub.stability.crossings import ASIDE, STEP, Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
 from femsub.stability.edges import factor_at, modes_at
 from femsub.stability.exclusion import RESOLUTION, is_mirrored, union
+from femsub.stability.parameter import PencilOver
 from femsub.stability.question import CriticalValue, LossQuestion, fastest
-
-if TYPE_CHECKING:
-    from femsub.algebra import ComplexFactor
-    from femsub.modes import ComplexModes
-    from femsub.stability.parameter import PencilOver
 
 #: Of the range: where the full pencil is solved. A loss may well be at a simple fraction, and would be hard to count there.
 SAMPLES = (0.0, 0.234, 0.486, 0.771, 1.0)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,6 +22,7 @@ from femsub.errors import InputError, unknown_name
 from femsub.model import (
     Affine,
     Contacts,
+    Pencil,
     Substructure,
     affine_fields,
     columns_of,
@@ -31,9 +32,6 @@ from femsub.model import (
     projected,
     small_matrices,
 )
-
-if TYPE_CHECKING:
-    from femsub.model import Pencil
 
 log = logging.getLogger(__name__)
 

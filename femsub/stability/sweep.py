@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.algebra import QUADRATIC, check_workers, factorise, side_by_side
 from femsub.checks import EPS, Array, real_array, until
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
-from femsub.model import in_band
+from femsub.model import Affine, Contacts, Pencil, Substructure, in_band
 from femsub.modes import eigenvalues, modal_form
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.stability.critical_value import question_of
 from femsub.stability.port_root import is_narrow, port_fed
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from femsub.model import Affine, Contacts, Pencil, Substructure
 
 FAR = EPS**-0.5  # times the end of a band: an upper bound of Re λ
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,16 +21,13 @@ import scipy.sparse as sp
 from femsub.algebra import QUADRATIC, WIDE
 from femsub.checks import EPS, EQUAL, Array, real_array, until, whole_number
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.model import DOUBLE, in_band, upper
+from femsub.model import DOUBLE, Affine, Contacts, Pencil, Substructure, in_band, upper
 from femsub.modes import Region, assigned, clusters, with_bars
 from femsub.modes.quadratic.search import search
 from femsub.stability.critical_value import question_of
 from femsub.stability.crossings import ASIDE
 from femsub.stability.meetings import Meeting, meetings_of
-
-if TYPE_CHECKING:
-    from femsub.model import Affine, Contacts, Pencil, Substructure
-    from femsub.stability.question import LossQuestion
+from femsub.stability.question import LossQuestion
 
 log = logging.getLogger(__name__)
 

@@ -14,23 +14,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from femsub.checks import Array, choice, finite_number, listener, positive_number, truth, whole_number
 from femsub.coupling import Belt
 from femsub.errors import InputError, NotConvergedError
-from femsub.model import fields_of
+from femsub.model import Contact, Substructure, fields_of
 from femsub.motion.cycles.balance import Orbit, in_phase
 from femsub.motion.cycles.continuation import Path, Place, with_parameter
 from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of, within
 from femsub.motion.cycles.limit_cycle import LimitCycle, flexibility_of
 from femsub.motion.nonlinear_model import sliding
-
-if TYPE_CHECKING:
-    from femsub.model import Contact, Substructure
-
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ requested frequencies, and the solutions serve as a basis for frequencies nearby
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,31 +18,12 @@ import scipy.linalg as la
 
 from femsub.algebra import QUADRATIC, Handle, is_symmetric, orthonormal, shared_factor
 from femsub.checks import EPS, Array, Matrix
-from femsub.model import Pencil
+from femsub.model import Pencil, Substructure
 from femsub.modes import ModalForm, ShiftInvert, lowest_modes, modal_form, port_responses
-
-if TYPE_CHECKING:
-    from femsub.model import Substructure
-    from femsub.motion.nonlinear_model import Sliding
+from femsub.motion.nonlinear_model import Sliding
 
 NEGLECTED = 1e-7  # relative error of a speed that harmonic balance neglects: of partial fractions, of a basis, by aliasing
 CACHED_ENTRIES = 200_000  # of a temporary array: 3 MB, which a cache holds
-
-
-class Compliance(ABC):
-    """Y(s) (m, p, p) and dY/ds at m frequencies; responses x = P(s)⁻¹W f (n, m) to forces f (m, p)."""
-
-    solves = 0  #: linear systems of the size of the model that were solved for it
-
-    @abstractmethod
-    def mobility(self, s: Array) -> tuple[Array, Array]: ...
-
-    @abstractmethod
-    def response(self, s: Array, force: Array) -> Array: ...
-
-    def estimate(self, s: Array) -> Array:
-        """Y(s) without a new solve, shape (m, p, p)."""
-        return self.mobility(s)[0]
 
 
 class Spectral(NamedTuple):
@@ -86,18 +66,16 @@ def compliance(contact: Sliding) -> Compliance:
     A model is decomposed once. One with structural damping is solved at each frequency.
     """
     model = contact.model
-    if model.H is not None:
-        return Lossy(model.pencil, contact.W, model.H)
-    if model.pencil.is_sparse and model.size > QUADRATIC:
-        return Solved(model.pencil, contact.W)
-    if model not in _KNOWN:
-        _KNOWN[model] = spectral(model.pencil.dense())
-    found = _KNOWN[model]
-    fractions = None if found is None else Fractions(found, contact.W)
-    return fractions if fractions is not None and fractions.error <= NEGLECTED else Solved(model.pencil, contact.W)
+    if model.H is None and (not model.pencil.is_sparse or model.size <= QUADRATIC):
+        if model not in _KNOWN:
+            _KNOWN[model] = spectral(model.pencil.dense())
+        found = _KNOWN[model]
+        if found is not None and (fractions := Fractions(found, contact.W)).error <= NEGLECTED:
+            return fractions
+    return Solved(model.pencil, contact.W, model.H)
 
 
-class Fractions(Compliance):
+class Fractions:
     """Y(s) = Σ_j R_j / (s - λ_j), R = c_j b_jᵀ with c = Wᵀ X, b = Wᵀ Y of the eigenvectors, m = 2n of them."""
 
     def __init__(self, found: Spectral, W: Array) -> None:
@@ -136,27 +114,31 @@ class Fractions(Compliance):
         self._last = s.copy(), Y.reshape(-1, p, p), slope.reshape(-1, p, p)
         return self._last[1:]
 
+    def estimate(self, s: Array) -> Array:
+        """Y(s), shape (m, p, p)."""
+        return self.mobility(s)[0]
+
     def response(self, s: Array, force: Array) -> Array:
         """x (n, m) with P(s_k) x_k = W f_k, s ≠ 0."""
         state = (force @ self.into.T).T / (s[None, :] - self.found.values[:, None])
         return self.found.form.shapes @ ((self.found.right[self.found.lower] @ state) / s)
 
 
-class Solved(Compliance):
+class Solved:
     """Y(s) by one solve for each frequency that the responses found so far do not represent.
 
     The real and imaginary parts of the responses span V. V q with VᵀP(s)V q = VᵀW replaces the model if the error of h,
     estimated from the residual, is below NEGLECTED. Newton's method changes ω only a little in each step, and neighbouring
-    harmonics share modes. So fewer systems are solved than there are harmonics. The basis of a sparse model begins with
-    so many of its lowest `modes`.
+    harmonics share modes. So fewer systems are solved than there are harmonics: `solves`. The basis of a sparse model begins with
+    so many of its lowest `modes`. With structural damping H, P(s) + iH is solved for each s = iω, ω > 0.
     """
 
-    def __init__(self, pencil: Pencil, W: Array, modes: int = 40) -> None:
-        self.pencil, self.W = pencil, W
+    def __init__(self, pencil: Pencil, W: Array, H: Matrix | None = None, modes: int = 40) -> None:
+        self.pencil, self.W, self.H, self.solves = pencil, W, H, 0
         self.symmetric = all(pencil.symmetric)
         self.V = np.zeros((pencil.size, 0))
         self.quick: Fractions | None = None
-        if pencil.is_sparse and pencil.size > QUADRATIC:
+        if H is None and pencil.is_sparse and pencil.size > QUADRATIC:
             # the lowest modes, which nearby responses cannot distinguish, and the first moments of h about 0
             lowest = lowest_modes(ShiftInvert(pencil.K, pencil.M, carried=pencil.rigid_motion), modes, evidence=False)
             moments = [self.static.solve(W)]
@@ -195,7 +177,7 @@ class Solved(Compliance):
 
     def _exact(self, s: complex) -> tuple[Array, Array]:
         self.solves += 1
-        return port_responses(self.pencil, s, self.W)
+        return port_responses(self.pencil, s, self.W, self.H)
 
     def _responses(self, s: Array) -> tuple[Array, dict[int, Array]]:
         """P(s)⁻¹W, shape (m, n, p), and P(s)⁻ᵀW at those frequencies where a system was solved."""
@@ -208,11 +190,12 @@ class Solved(Compliance):
             chosen = bad[np.unique(np.linspace(0, len(bad) - 1, min(len(bad), 8)).astype(int))]
             new, other = zip(*(self._exact(s[i]) for i in chosen), strict=True)
             left.update(zip(chosen, other, strict=True))
-            self._grow(np.hstack(new))
             exact[chosen] = True
-            again, wrong = self._galerkin(s)
-            found[~exact] = again[~exact]
             found[chosen] = new
+            if self.H is None:
+                self._grow(np.hstack(new))
+                again, wrong = self._galerkin(s)
+                found[~exact] = again[~exact]
             wrong[exact] = 0.0
         return found, left
 
@@ -245,25 +228,6 @@ class Solved(Compliance):
         return np.einsum("mnp,mp->nm", self._responses(np.asarray(s, dtype=complex))[0], force)
 
 
-class Lossy(Compliance):
-    """Y(s) of a model with structural damping H, by one solve with s²M + sD + K + iH for each s = iω, ω > 0."""
-
-    def __init__(self, pencil: Pencil, W: Array, H: Matrix) -> None:
-        self.pencil, self.W, self.H = pencil, W, H
-
-    def mobility(self, s: Array) -> tuple[Array, Array]:
-        """Y(s) and dY/ds = h - s yᵀ(2sM + D)x, shape (m, p, p) each."""
-        Y, slope = (np.empty((len(s), self.W.shape[1], self.W.shape[1]), dtype=complex) for _ in range(2))
-        for k, value in enumerate(np.asarray(s, dtype=complex)):
-            x, y = self._solved(value)
-            h = self.W.T @ x
-            Y[k], slope[k] = value * h, h - value * (y.T @ (2 * value * (self.pencil.M @ x) + self.pencil.D @ x))
-        return Y, slope
-
-    def response(self, s: Array, force: Array) -> Array:
-        """x (n, m) with (P(s_k) + iH) x_k = W f_k."""
-        return np.column_stack([self._solved(value)[0] @ f for value, f in zip(s, force, strict=True)])
-
-    def _solved(self, s: complex) -> tuple[Array, Array]:
-        self.solves += 1
-        return port_responses(self.pencil, s, self.W, self.H)
+#: Y(s) (m, p, p) and dY/ds at m frequencies by `mobility`, or Y without a new solve by `estimate`; and by `response`
+#: x = P(s)⁻¹W f (n, m) to forces f (m, p)
+Compliance: TypeAlias = Fractions | Solved

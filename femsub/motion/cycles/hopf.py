@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,11 +18,8 @@ from femsub.motion.cycles.compliance import Compliance, Fractions
 from femsub.motion.cycles.continuation import Path, Place
 from femsub.motion.cycles.initial_guess import crossings
 from femsub.motion.nonlinear_model import Sliding
-from femsub.stability import critical_slope
+from femsub.stability import Crossing, critical_slope
 from femsub.stability.critical_value import critical_value
-
-if TYPE_CHECKING:
-    from femsub.stability import Crossing
 
 
 @dataclass(frozen=True)
