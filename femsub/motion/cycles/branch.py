@@ -20,11 +20,11 @@ import numpy as np
 
 from femsub.checks import Array, choice, finite_number, listener, positive_number, truth, whole_number
 from femsub.coupling import Belt
-from femsub.errors import InputError, NotConvergedError
+from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.model import Contact, Substructure, fields_of
 from femsub.motion.cycles.balance import Orbit, in_phase
 from femsub.motion.cycles.continuation import Path, Place, with_parameter
-from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of, within
+from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of
 from femsub.motion.cycles.limit_cycle import LimitCycle, flexibility_of
 from femsub.motion.nonlinear_model import sliding
 
@@ -205,7 +205,11 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
             raise InputError("with several contacts, or one that is no belt, a branch must begin at a known cycle. Give start=, "
                              "a cycle from fs.harmonic_balance")
         hopf, shape = hopf_point(contact, flexibility, parameter, between, near)
-        limits = within(limits_of(between, parameter, hopf.value, one), parameter, hopf)
+        limits = limits_of(between, parameter, hopf.value, one)
+        if not limits[0] <= hopf.value <= limits[1]:
+            raise NoCycleError(f"the Hopf point at {parameter} = {hopf.value:.6g} (ω = {hopf.omega:.5g}), where the branch begins"
+                               f", is not within between=({limits[0]:g}, {limits[1]:g}). Widen between=, or start from a cycle "
+                               "there (start=cycle)")
         orbit = Orbit(shape[None, :], hopf.omega)
     speed = float(contact.speeds[contact.blocks[at]].max()) or orbit.norm
     path = Path(contact, flexibility, parameter, at, (speed, orbit.omega, limits[1] - limits[0]), tol, harmonics)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,8 +17,7 @@ from femsub.motion.cycles.compliance import Compliance, Fractions
 from femsub.motion.cycles.continuation import Path, Place
 from femsub.motion.cycles.initial_guess import crossings
 from femsub.motion.nonlinear_model import Sliding
-from femsub.stability import Crossing, critical_slope
-from femsub.stability.critical_value import critical_value
+from femsub.stability import critical_slope
 
 
 @dataclass(frozen=True)
@@ -50,32 +48,25 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
         raise InputError(f"a branch that begins at a Hopf point needs at most 2,000 DOF, not {model.size}, and with start= as a "
                          f"frequency a contact of one column, not {contact.columns}. Start from a cycle: start=cycle, found from "
                          "that of a reduced model")
-    found: tuple[Crossing, ...] = ()
     if near is None:
-        found = critical_slope(model, belt.port).first
-    else:
-        # the loss at the crossing nearest to that frequency, or the regain if a pair ceases to grow there
+        first = critical_slope(model, belt.port).first
+        c, heights = (first[0].value if first else np.nan), np.array([one.omega for one in first])
+        speeds = contact.W.T @ first[0].shape if first else np.ones(1)
+    else:  # the crossings that coincide with the one nearest to that frequency, where a pair begins or ceases to grow
         heights, slopes = crossings(flexibility, 0.0, np.inf)
-        if len(heights):
-            at = int(np.argmin(np.abs(heights - near)))
-            together = np.abs(slopes - slopes[at]) <= 1e-6 * abs(slopes[at])  # the crossings coincide
-            if together.sum() > 1:
-                raise _several(slopes[at], heights[together])
-            band = heights[at] * (1 - 1e-3), heights[at] * (1 + 1e-3)  # of this crossing alone
-            ends = slopes[at] / 2, 2 * slopes[at]
-            found = critical_slope(model, belt.port, band=band).first or \
-                critical_value(model, Belt(belt.port, slope=0.0), "slope", between=ends, band=band).regains
-    if not found:
+        c = slopes[np.argmin(np.abs(heights - near))] if len(heights) else np.nan
+        heights, speeds = heights[np.abs(slopes - c) <= 1e-6 * abs(c)], np.ones(1)
+    if not len(heights):
         raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding is stable at every slope. Damping prevails at "
                            "this place of the belt; move the belt or reduce the damping")
-    c, omega, shape = found[0].value, found[0].omega, found[0].shape
     if c == 0:
         raise NoCycleError(f"{model.name!r} has undamped modes under the belt. All of them cross at slope 0, and no single "
                            "branch begins there. Add damping")
-    if len(found) > 1:
-        raise _several(c, [one.omega for one in found])
-    speeds = contact.W.T @ shape
-    speeds = speeds / speeds[np.argmax(np.abs(speeds))]
+    if len(heights) > 1:
+        places = ", ".join(f"{value:.5g}" for value in heights)
+        raise NoCycleError(f"{len(heights)} pairs cross together at F μ' = {c:.6g} (ω = {places}), so several branches begin at "
+                           "this point. Move the belt away from the damper, or start from a cycle (start=cycle)")
+    c, omega, speeds = float(c), float(heights[0]), speeds / speeds[np.argmax(np.abs(speeds))]
     # where F μ'(v0) = c; of several belt speeds at the largest
     if parameter == "slope":
         return HopfPoint(c / belt.force, omega, c), speeds
@@ -99,12 +90,6 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
     return HopfPoint(float(value), omega, c), speeds
 
 
-def _several(c: float, omega: Iterable[float]) -> NoCycleError:
-    places = [f"{value:.5g}" for value in omega]
-    return NoCycleError(f"{len(places)} pairs cross together at F μ' = {c:.6g} (ω = {', '.join(places)}), so several branches "
-                        "begin at this point. Move the belt away from the damper, or start from a cycle (start=cycle)")
-
-
 def limits_of(between: tuple[float, float] | None, parameter: str, value: float, belt: Belt) -> tuple[float, float]:
     if between is None:
         now = float(belt.speed or 0.0) if parameter == "speed" else value
@@ -117,15 +102,6 @@ def limits_of(between: tuple[float, float] | None, parameter: str, value: float,
         raise InputError(f"between=({lo:g}, {hi:g}) holds the {parameter} 0, where no branch goes on: {why}. Give a range on one "
                          f"side of 0, such as ({min(0.2 * value, 5 * value):.4g}, {max(0.2 * value, 5 * value):.4g})")
     return lo, hi
-
-
-def within(limits: tuple[float, float], parameter: str, hopf: HopfPoint) -> tuple[float, float]:
-    """The limits, if the branch begins between them."""
-    if not limits[0] <= hopf.value <= limits[1]:
-        raise NoCycleError(f"the Hopf point at {parameter} = {hopf.value:.6g} (ω = {hopf.omega:.5g}), where the branch begins, "
-                           f"is not within between=({limits[0]:g}, {limits[1]:g}). Widen between=, or start from a cycle there "
-                           "(start=cycle)")
-    return limits
 
 
 def begun(path: Path, hopf: HopfPoint, shape: Array, small: float = 1e-3) -> tuple[HopfPoint, Place]:
