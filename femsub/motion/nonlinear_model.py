@@ -120,19 +120,11 @@ class Sliding:
         none = np.zeros(self.columns)
         return all(one.tangents(none[rows], none[rows])[0] is None for rows, one in zip(self.blocks, self.moving, strict=True))
 
-    @cached_property
-    def _asked(self) -> tuple[tuple[int | slice, Any, bool], ...]:
-        """Where the columns of each contact are, what exerts, and whether at all times at once; a number is faster than one in an
-        array.
-        """
-        return tuple((rows.start if at_once and rows.stop == rows.start + 1 else rows, one, at_once)
-                     for rows, one in zip(self.blocks, self.moving, strict=True) for at_once in [columnwise(one)])
-
     def exerted(self, u: Array, v: Array) -> Array:
         """f of all contacts at displacements u and speeds v of the columns, in their shape, (p,) or (p, m) at m times."""
         found = np.empty(v.shape)
-        for at, one, asked in self._asked:
-            found[at] = one.exerted(u[at], v[at]) if asked or v.ndim == 1 else \
+        for at, one in zip(self.blocks, self.moving, strict=True):
+            found[at] = one.exerted(u[at], v[at]) if v.ndim == 1 or columnwise(one) else \
                 np.array([one.exerted(*pair) for pair in zip(u[at].T, v[at].T, strict=True)]).T
         return found
 

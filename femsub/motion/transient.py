@@ -311,16 +311,11 @@ def _stretches(t0: float, t1: float, grid: Array, longest: float) -> Iterator[tu
     The ends are points of the grid, once there is one. They depend on the grid and the model only, so a run can be repeated
     exactly.
     """
-    lead = np.linspace(t0, grid[0], int(np.ceil((grid[0] - t0) / longest)) + 1)
-    for begin, end in pairwise(lead):
-        yield np.array([begin, end]), np.array([False, False])
+    for pair in pairwise(np.linspace(t0, grid[0], int(np.ceil((grid[0] - t0) / longest)) + 1)):
+        yield np.array(pair), np.zeros(2, dtype=bool)
     apart = float(grid[1] - grid[0]) if len(grid) > 1 else longest
     count = max(1, int(longest / apart))
-    first = True
+    rest = [t1] if t1 - grid[-1] > EPS**0.5 * apart else []
     for at in range(0, max(1, len(grid) - 1), count):
-        times = grid[at:at + count + 1]
-        wanted = np.ones(len(times), dtype=bool)
-        wanted[0], first = first, False
-        if at + count >= len(grid) - 1 and t1 - times[-1] > EPS**0.5 * apart:
-            times, wanted = np.append(times, t1), np.append(wanted, False)
-        yield times, wanted
+        times = np.append(grid[at:at + count + 1], rest if at + count >= len(grid) - 1 else [])
+        yield times, (times <= grid[-1]) & ((times > times[0]) | (at == 0))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from femsub.errors import InputError, NotConvergedError
 from femsub.model import Contact, Substructure
 from femsub.modes import all_modes
 from femsub.motion.cycles.limit_cycle import LimitCycle
-from femsub.motion.nonlinear_model import Sliding, State, sliding
+from femsub.motion.first_order import Flow
+from femsub.motion.nonlinear_model import State, sliding
 from femsub.motion.transient import TIGHTEST
 
 FEW_DOF = 60  # of a model: the variational equation has (2n)² unknowns
@@ -147,16 +149,19 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
     if (turns > OSCILLATIONS).any():
         raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most "
                          f"{OSCILLATIONS} are allowed. Give the period in the model's unit of time")
-    y = np.concatenate([start.displacement, start.velocity])
-    flow = _Flow(contact, tol)
+    flow = Flow(contact, start, 0.0, tol, "dop853", contact.W)
+    y, atol = flow.y[:-2], flow.tolerances()[:-2]
+    size, eye = len(y), np.eye(len(y))
     for turn in range(1, rounds + 1):  # noqa: B007 - a field of the result
-        end, Phi = flow.run(y, period)
-        slope = flow.rate(y)
+        whole = _integrated(partial(_varied, flow), np.concatenate([y, eye.ravel()]), period, tol,
+                            np.concatenate([atol, np.full(eye.size, 1e-3 * tol)]))[:, -1].reshape(-1, size)
+        end, Phi = whole[0], whole[1:].T
+        slope = _rate(flow, y)
         scale = float(np.linalg.norm(slope)) / (2 * np.pi / period)
         gap = end - y
         if np.linalg.norm(gap) <= CLOSED * scale:
             break
-        J = np.block([[Phi - np.eye(len(y)), flow.rate(end)[:, None]], [slope[None, :], np.zeros((1, 1))]])
+        J = np.block([[Phi - eye, _rate(flow, end)[:, None]], [slope[None, :], np.zeros((1, 1))]])
         step = np.linalg.solve(J, np.append(-gap, 0.0))
         y, period = y + step[:-1], period + float(step[-1])
         if not 0 < period < np.inf:
@@ -165,47 +170,30 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
         raise NotConvergedError(f"shooting did not close the orbit in {rounds} steps: the gap is "
                                 f"{np.linalg.norm(gap) / scale:.1e} of the motion, above {CLOSED:.0e}. Start nearer to the cycle")
     values = np.linalg.eigvals(Phi)
-    n = model.size
-    return ShotCycle(State(y[:n], y[n:]), float(period), values[np.argsort(-np.abs(values))],
-                     float(np.linalg.norm(gap)) / scale, flow.speeds(y, period), turn)
+    times = np.linspace(0, period, 4096, endpoint=False)
+    speeds = contact.W.T @ flow.T @ _integrated(partial(_rate, flow), y, period, tol, atol, times)[size // 2:]
+    flow.y = np.append(y, [0.0, 0.0])
+    return ShotCycle(flow.state, float(period), values[np.argsort(-np.abs(values))], float(np.linalg.norm(gap)) / scale, speeds,
+                     turn)
 
 
-class _Flow:
-    """ẏ and the variational equation of one contact, dense."""
+def _rate(flow: Flow, y: Array) -> Array:
+    """ẏ (2n,)."""
+    return flow.rate(0.0, np.append(y, [0.0, 0.0]))[:-2].copy()
 
-    def __init__(self, contact: Sliding, tol: float) -> None:
-        pencil, n = contact.model.pencil.dense(), contact.model.size
-        inverse = np.linalg.inv(pencil.M)
-        self.contact, self.tol = contact, tol
-        self.A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ pencil.K, -inverse @ pencil.D]])
-        self.B = np.vstack([np.zeros_like(contact.W), inverse @ contact.W])
-        none = np.zeros_like(contact.W)
-        self.U, self.C = np.vstack([contact.W, none]).T, np.vstack([none, contact.W]).T
 
-    def rate(self, y: Array) -> Array:
-        """ẏ (2n,)."""
-        return self.A @ y + self.B @ self.contact.exerted(self.U @ y, self.C @ y)
+def _varied(flow: Flow, whole: Array) -> Array:
+    """ẏ and Φ̇ᵀ of [y, Φᵀ] (2n (2n + 1),)."""
+    y, Phi = np.vsplit(whole.reshape(-1, 2 * len(flow.T)), [1])
+    slope = flow.jacobian(0.0, np.append(y, [0.0, 0.0]))[:-2, :-2]  # transposed
+    return np.vstack([_rate(flow, y[0]), Phi @ slope]).ravel()
 
-    def both(self, x: Array) -> Array:
-        """ẏ and Φ̇ of [y, Φ] (2n (2n + 1),)."""
-        whole = x.reshape(-1, self.A.shape[0])
-        of_u, of_v = self.contact.tangents(self.U @ whole[0], self.C @ whole[0])
-        change = whole[1:] @ (self.A + self.B @ (of_u @ self.U + of_v @ self.C)).T
-        return np.concatenate([self.rate(whole[0]), change.ravel()])
 
-    def run(self, y: Array, period: float) -> tuple[Array, Array]:
-        """y(T) and Φ(T)."""
-        last = self._integrated(self.both, np.concatenate([y, np.eye(len(y)).ravel()]), period)[:, -1].reshape(-1, len(y))
-        return last[0], last[1:].T
+def _integrated(rate: Callable[[Array], Array], y: Array, period: float, tol: float, atol: Array,
+                times: Array | None = None) -> Array:
+    from scipy.integrate import solve_ivp
 
-    def speeds(self, y: Array, period: float) -> Array:
-        """v at equidistant times, (p, m)."""
-        return self.C @ self._integrated(self.rate, y, period, np.linspace(0, period, 4096, endpoint=False))
-
-    def _integrated(self, rate: Callable[[Array], Array], y: Array, period: float, times: Array | None = None) -> Array:
-        from scipy.integrate import solve_ivp
-
-        found = solve_ivp(lambda _, x: rate(x), (0, period), y, "DOP853", times, rtol=self.tol, atol=1e-3 * self.tol)
-        if not found.success:
-            raise NotConvergedError(f"the time integration over one period failed: {found.message}. Start nearer to the cycle")
-        return found.y
+    found = solve_ivp(lambda _, x: rate(x), (0, period), y, "DOP853", times, rtol=tol, atol=atol)
+    if not found.success:
+        raise NotConvergedError(f"the time integration over one period failed: {found.message}. Start nearer to the cycle")
+    return found.y
