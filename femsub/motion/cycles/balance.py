@@ -218,11 +218,12 @@ class Balance:
         one, two = (part[1:] + np.einsum("kab,bjc->kajc", mean[1:], part[0]) for part in (one, two))
         return one, two, fed[1:] + np.einsum("kab,b->ka", mean[1:], fed[0])
 
-    def unresolved(self, orbit: Orbit, target: float = 0.0, disturbed: float = 0.0) -> tuple[float, float, int]:
+    def unresolved(self, orbit: Orbit, target: float = 0.0, *, kept: bool = False) -> tuple[float, float, int]:
         """Errors relative to v: truncation ‖Y_k f_k‖ over k > H, and aliasing of k ≤ H; and a sufficient number of harmonics.
 
-        `disturbed` is added to the truncation. With that number, and the f_k of this orbit, the truncation is at most `target`
-        if both parts fall alike; by default a tenth of its value now.
+        With `kept`, the truncation has as well by how much the neglected harmonics change those that are kept, and ω. With that
+        number, and the f_k of this orbit, the truncation is at most `target` if both parts fall alike; by default a tenth of its
+        value now.
         """
         H = orbit.harmonics
         used = self.samples(orbit)
@@ -231,27 +232,24 @@ class Balance:
         f = coefficients(self.force(orbit, count), top)[1:]
         coarse = coefficients(self.force(orbit, used), H)[1:]
         Y = self.flexibility.estimate(1j * orbit.omega * np.arange(1, top + 1))
-        rest = np.linalg.norm(np.einsum("kij,kj->ki", Y, f), axis=1)
+        answer = np.einsum("kij,kj->ki", Y, f)
+        rest = np.linalg.norm(answer, axis=1)
         size = float(np.linalg.norm(orbit.v)) or 1.0
         beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # ‖.‖ over all harmonics from k on
         tail = float(beyond[H]) if top > H else 0.0
-        truncation = tail + disturbed
+        truncation = tail + (self._disturbed(orbit, used, answer[H:]) if kept else 0.0)
         enough = np.flatnonzero(beyond * truncation <= (target or 0.1 * truncation) * tail)
         alias = float(np.linalg.norm(np.einsum("kij,kj->ki", Y[:H], coarse - f[:H]))) / size
         return truncation, alias, int(enough[0]) if len(enough) else top
 
-    def disturbed(self, orbit: Orbit) -> float:
-        """By how much the neglected harmonics change those that are kept, relative to v, and ω.
+    def _disturbed(self, orbit: Orbit, count: int, neglected: Array) -> float:
+        """By how much the `neglected` harmonics (m, p) change those that are kept, relative to v, and ω.
 
-        That is the Newton step with Y_k f_k in their place; infinite at a singular Jacobian.
+        That is the Newton step with them in the friction; infinite at a singular Jacobian.
         """
-        H, used = orbit.harmonics, self.samples(orbit)
-        top = min(2 * self.most, 4 * used) // 4
-        whole = orbit.with_harmonics(max(top, H))
-        f = coefficients(self.force(orbit, 4 * top), whole.harmonics)[1 + H:]
-        whole.v[H:] = np.einsum("kij,kj->ki", self.flexibility.estimate(whole.s[H:]), f)
-        terms = self.residual(orbit, used)
-        changed = coefficients(self.force(whole, 4 * top), H)[1:]
+        terms = self.residual(orbit, count)
+        whole = replace(orbit, v=np.vstack([orbit.v, neglected]))
+        changed = coefficients(self.force(whole, 4 * whole.harmonics), orbit.harmonics)[1:]
         R, J = self.system(orbit, terms)
         R[:-1] = parts_of(orbit.v - np.einsum("kij,kj->ki", terms.Y, changed))
         try:

@@ -22,7 +22,6 @@ empirical, not bounds.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -95,9 +94,9 @@ def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps
     a pass has `most` of them: a pass costs O(steps n²).
     """
     waves = _Waves(contact, flexibility, orbit)
-    coarse, before, last = _passage(contact, flexibility, waves.course(steps)), None, np.inf
+    coarse, before, last = _passage(contact, flexibility, waves.course(steps))[0], None, np.inf
     while True:
-        fine = _passage(contact, flexibility, waves.course(2 * steps))
+        fine = _passage(contact, flexibility, waves.course(2 * steps))[0]
         rough, best = fine, fine + (fine - coarse) / 3
         if before is not None:
             rough, best = best, best + (best - before) / 15
@@ -114,7 +113,7 @@ def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps
             break
         steps, coarse = 2 * steps, fine
     corrected = _corrected(contact, flexibility, waves, best, steps)
-    Phi = best if corrected is None else best + _passage(contact, flexibility, corrected) - coarse
+    Phi = best if corrected is None else best + _passage(contact, flexibility, corrected)[0] - coarse
     values = _sorted(np.linalg.eigvals(Phi[:, :-1]))
     at = int(np.argmin(np.abs(values - 1)))
     to = match(values, found)[1]
@@ -181,30 +180,28 @@ class _Waves:
         return (force * self.s / (self.s - values)).sum(axis=1) + (other * self.s / (self.s + values)).sum(axis=1)
 
 
-def _passage(contact: Sliding, flexibility: Fractions, course: _Course) -> Array:
-    """Φ and, as its last column, z(T) of z(0) = 0, (m, m + 1), in the eigenvectors of A."""
-    first, steps = _steps(contact, flexibility, course)
-    U, V, m = flexibility.into, flexibility.out, len(first)
-    Z, kick = np.zeros((2, m, m + 1), dtype=complex)
-    np.fill_diagonal(Z, first)
-    times = np.multiply if len(V) == 1 else np.matmul  # the same for one column, but faster
-    for decay, E, gap in steps:
-        S = V @ Z
-        S[:, -1] += gap
-        times(U, times(E, S), out=kick)
-        Z += kick
-        Z *= decay[:, None]
-    return Z
+def _passage(contact: Sliding, flexibility: Fractions, course: _Course, Z: Array | None = None) -> tuple[Array, Array]:
+    """Z(T) (m, k) in the eigenvectors of A, and in the middle of each step Bᵀz + ρ (p, N) of the last column, which ρ drives.
 
-
-def _steps(contact: Sliding, flexibility: Fractions, course: _Course) -> tuple[Array, Iterator[tuple[Array, Array, Array]]]:
-    """exp(A h₀/2) (m,); and for each step exp(A (h + h')/2) (m,) with the next h', the impulse E (p, p), and ρ (p,)."""
-    h, values = course.h * course.period, flexibility.found.values
-    E = _impulses(contact.tangents(course.v, course.v)[1] * h, flexibility.w.T @ flexibility.w)
+    By default of Φ, with z(T) of z(0) = 0 as its last column, (m, m + 1).
+    """
+    h, values, W = course.h * course.period, flexibility.found.values, flexibility.w
+    E = _impulses(contact.tangents(course.v, course.v)[1] * h, W.T @ W)
     after = 0.5 * np.append(h[:-1] + h[1:], h[-1])  # half of this step and half of the next
     at_once = max(1, CACHED_ENTRIES // len(values))
     blocks = (np.exp(after[i:i + at_once, None] * values) for i in range(0, len(h), at_once))
-    return np.exp(0.5 * h[0] * values), zip((row for block in blocks for row in block), E, course.gap.T, strict=True)
+    U, V, m = flexibility.into, flexibility.out, len(values)
+    Z = np.exp(0.5 * h[0] * values)[:, None] * (np.eye(m, m + 1) if Z is None else Z)
+    kick, speeds = np.empty_like(Z), np.empty((len(h), len(V)), dtype=complex)
+    times = np.multiply if len(V) == 1 else np.matmul  # the same for one column, but faster
+    for i, decay in enumerate(row for block in blocks for row in block):
+        S = V @ Z
+        S[:, -1] += course.gap[:, i]
+        speeds[i] = S[:, -1]
+        times(U, times(E[i], S), out=kick)
+        Z += kick
+        Z *= decay[:, None]
+    return Z, (speeds + np.einsum("ab,ibc,ic->ia", W.T @ W, E, speeds) / 2).T  # half of the kick
 
 
 def _corrected(contact: Sliding, flexibility: Fractions, waves: _Waves, whole: Array, steps: int) -> _Course | None:
@@ -217,14 +214,7 @@ def _corrected(contact: Sliding, flexibility: Fractions, waves: _Waves, whole: A
     except la.LinAlgError:
         return None
     z, longer = found[:-1], float(found[-1].real)
-    first, passed = _steps(contact, flexibility, course)
-    U, V, z = flexibility.into, flexibility.out, z * first
-    change = np.empty_like(course.v)
-    for i, (decay, E, gap) in enumerate(passed):
-        s = V @ z + gap
-        kick = U @ (E @ s)
-        change[:, i] = (s + V @ kick / 2).real  # in the middle of the kick
-        z = (z + kick) * decay
+    change = _passage(contact, flexibility, course, z[:, None])[1].real
     change += course.tau * (longer / course.period) * waves.v(course.tau, 1)
     far = np.sqrt((np.square(change) @ course.h).sum() / (np.square(course.v) @ course.h).sum())
     if not far + abs(longer) / course.period <= 0.05:  # farther away the linear correction decides nothing

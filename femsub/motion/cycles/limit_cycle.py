@@ -230,7 +230,7 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
                     orbit, residual, turns = _converged(balance, [one], harmonics or one.harmonics, most, tol)
                     continue
                 target = 0.0 if harmonics else 0.5 * tol
-                truncation, aliasing, enough = balance.unresolved(orbit, target, balance.disturbed(orbit))
+                truncation, aliasing, enough = balance.unresolved(orbit, target, kept=True)
                 if truncation <= tol or orbit.harmonics >= most:
                     break
                 count = min(most, 2 * orbit.harmonics, max(enough, orbit.harmonics + 1))
