@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -29,10 +30,12 @@ from femsub.stability.discs import Discs
 from femsub.stability.followed import Followed
 from femsub.stability.parameter import pencil_over
 from femsub.stability.port_root import PortRoot
-from femsub.stability.question import CriticalValue, LossQuestion, Solver
+from femsub.stability.question import CriticalValue, LossQuestion
 
 log = logging.getLogger(__name__)
 
+#: `unfit` gives why a solver cannot answer a question, empty if it can, and `solve` the answer.
+Solver: TypeAlias = Discs | Followed | PortRoot
 #: In the order in which they are tried: the first that can answer a question does.
 SOLVERS: Mapping[str, Solver] = {"discs": Discs(), "followed": Followed(), "root": PortRoot()}
 

@@ -34,8 +34,8 @@ class Discs:
     narrow: float = 1e3
 
     def unfit(self, question: LossQuestion) -> str:
-        if question.size > LARGEST:
-            return f"discs take models of up to {LARGEST} DOF, but this one has {question.size}"
+        if question.model.size > LARGEST:
+            return f"discs take models of up to {LARGEST} DOF, but this one has {question.model.size}"
         if question.floats and question.band[0] > 0:
             return "discs take no model that floats. Hold it, or leave the solver open: then it is followed over the range"
         return "" if np.isfinite(question.between[1]) else "discs take a finite range"

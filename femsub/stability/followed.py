@@ -59,7 +59,7 @@ class Followed:
         if not np.isfinite(question.between[1]):
             return "a model can be followed over a finite range"
         if not np.isfinite(question.band[1]):
-            return f"a model of {question.size} DOF needs a band: give band=(lo, hi) in rad per unit of time"
+            return f"a model of {question.model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time"
         return ""
 
     def solve(self, question: LossQuestion) -> CriticalValue:
@@ -87,7 +87,7 @@ class Followed:
         ends, gap = over.straight(list(samples)), float(np.diff(list(samples)).max())
         passing = [modes_at(over, ends, gap, 1j * edge, LARGEST) for edge in band]
         shapes = np.hstack([np.zeros((over(lo).size, 0)), *(one[1] for one in passing if one is not None)])
-        found = [_refined(question, piece, self.steps) for piece in _pieces(band, wide, samples, shapes, self.columns)]
+        found = [_refined(question, *piece, self.steps) for piece in _pieces(band, wide, samples, shapes, self.columns)]
         losses, regains, unclear = ([one for part in found for one in getattr(part, name)] for name in
                                     ("losses", "regains", "open"))
         losses, regains = (sorted(several, key=lambda one: (one.value, one.omega)) for several in (losses, regains))
@@ -141,17 +141,12 @@ def _passages(question: LossQuestion, ends: list[float], growing: Array, steps: 
     return passed
 
 
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """A part of the band with few enough modes, and a basis (n, r) of those in it and beside it."""
-
-    band: tuple[float, float]
-    V: Array
-
-
 def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[float, ComplexModes], passing: Array,
-            columns: int) -> list[_Piece]:
-    """The band in parts whose small models `discs` can take, each with the shapes `passing` (n, k) as well."""
+            columns: int) -> list[tuple[tuple[float, float], Array]]:
+    """The band in parts whose small models `discs` can take, each with a basis (n, r) of the modes in it and beside it.
+
+    The basis holds the shapes `passing` (n, k) as well.
+    """
     shapes = [modes.shapes[:, in_band(modes.eigenvalues, wide) & (modes.eigenvalues.imag >= 0)] for modes in samples.values()]
     X = np.hstack([*shapes, passing])
     # an orthonormal basis of their real and imaginary parts, each shape turned to be as real as it can
@@ -164,24 +159,24 @@ def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[
     if not V.shape[1]:
         return []
     if V.shape[1] <= columns:
-        return [_Piece(band, V)]
+        return [(band, V)]
     heights = np.sort(np.concatenate([modes.eigenvalues.imag for modes in samples.values()]))
     heights = heights[(heights > band[0]) & (heights < band[1])]
     half = float(np.median(heights)) if len(heights) else sum(band) / 2
     if not band[0] < half < band[1] or min(half - band[0], band[1] - half) < 1e-3 * band[1]:
-        return [_Piece(band, V[:, :LARGEST - 20])]  # what it lacks shows in the counts
+        return [(band, V[:, :LARGEST - 20])]  # what it lacks shows in the counts
     beside = OUTSIDE * (band[1] - band[0])
     return [*_pieces((band[0], half), (wide[0], half + beside), samples, passing, columns),
             *_pieces((float(np.nextafter(half, np.inf)), band[1]), (half - beside, wide[1]), samples, passing, columns)]
 
 
-def _refined(question: LossQuestion, piece: _Piece, steps: int) -> CriticalValue:
+def _refined(question: LossQuestion, band: tuple[float, float], V: Array, steps: int) -> CriticalValue:
     """The crossings in a part of the band, of the full pencil; `open` shows where a candidate could not be verified."""
-    over, (lo, hi), V = question.over, question.between, piece.V
-    unit = np.array([hi - lo, piece.band[1]])
+    over, (lo, hi) = question.over, question.between
+    unit = np.array([hi - lo, band[1]])
     before = np.zeros((0, 2))
     for turn in range(steps):
-        small = replace(question, over=over.projected(V, (lo, hi)), band=piece.band, falls=False, floats=False)
+        small = replace(question, over=over.projected(V, (lo, hi)), band=band, falls=False, floats=False)
         found = Discs().solve(small)
         crossings = [*found.losses, *found.regains]
         now = np.array([(one.value, one.omega) for one in crossings]).reshape(-1, 2) / unit
@@ -270,15 +265,15 @@ def _verified(over: PencilOver, between: tuple[float, float], one: Crossing, x: 
 
     Where two modes coalesce the small pencil has the shape beside the crossing only; a solution mends it.
     """
-    factor = factor_at(over(one.value), 1j * one.omega)
+    at = _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0)
+    factor = factor_at(over(one.value), at.lam)
     if factor is not None and error_of(over, one, x) > EPS**0.5:
         x = factor.solve(factor.solve(x.conj(), transposed=True).conj())  # (PᴴP)⁻¹x: yᴴP'x = 0 at an exceptional point
     if factor is None or error_of(over, one, x) > EPS**0.5:
         return None
-    at = _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0)
-    met = _step(over, between, at, factor, x / np.linalg.norm(x), x.conj())
-    far = 2 * met.off
-    return replace(one, shape=x / np.linalg.norm(x), width=max(one.width, far)) if np.isfinite(far) else None
+    x = x / np.linalg.norm(x)
+    off = _step(over, between, at, factor, x, x.conj()).off
+    return replace(one, shape=x, width=max(one.width, 2 * off)) if np.isfinite(off) else None
 
 
 def error_of(over: PencilOver, one: Crossing, x: Array) -> float:

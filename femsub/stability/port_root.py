@@ -52,7 +52,7 @@ class PortRoot:
         if model.pencil.is_sparse and not question.limited and model.size > QUADRATIC:
             raise InputError(f"a sparse model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time, the "
                              "frequencies that may lose their stability")
-        found = self._border(question, fed)
+        found = self._border(question)
         # what may be inaccurate of a reduced model
         stable, sure = not len(found.unstable), SHARE * model.cutoff
         ports = [name for contact in contacts_of(question.contacts) if hasattr(contact, question.parameter)
@@ -63,11 +63,8 @@ class PortRoot:
             warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
                  "reduced model may be inaccurate. Keep more modes", CutoffWarning)
         elif stable and len(ports) == 1:
-            def again(wide: Substructure) -> Border:
-                other = question.of(wide)
-                return self._border(other, port_fed(other))
-
-            if finding := doubt(model, fed.pencil, ports[0], question.band, found, again):
+            finding = doubt(model, fed.pencil, ports[0], question.band, found, lambda wide: self._border(question.of(wide)))
+            if finding:
                 warn(finding, CutoffWarning)
         begin, end = question.between
         value = begin + found.c / fed.s
@@ -80,7 +77,8 @@ class PortRoot:
         return CriticalValue.of(question, losses, (), tally, growing=weight(found.unstable.imag), fastest=fastest(found.unstable),
                                 method=found.method)
 
-    def _border(self, question: LossQuestion, fed: Fed | None) -> Border:
+    def _border(self, question: LossQuestion) -> Border:
+        fed = port_fed(question)
         assert fed is not None
         # a sparse model is treated as dense up to half the DOF of a dense one: its factor costs little
         if question.limited and (fed.pencil.size > WIDE / 2 if fed.pencil.is_sparse else is_narrow(fed.pencil, question.band[1])):

@@ -1,10 +1,10 @@
-"""The question where stability is lost, its answer, and what a solver is: the one form that all solvers share."""
+"""The question where stability is lost, and its answer: the one form that all solvers share."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
@@ -33,10 +33,6 @@ class LossQuestion:
     floats: bool = False
 
     @property
-    def size(self) -> int:
-        return self.model.size
-
-    @property
     def cutoff(self) -> float:
         """That of the model, where it ends the band or is not known (NaN); inf where a band was asked for."""
         return np.inf if self.limited and not np.isnan(self.model.cutoff) else self.model.cutoff
@@ -44,16 +40,6 @@ class LossQuestion:
     def of(self, model: Substructure) -> LossQuestion:
         """The same question of another model."""
         return replace(self, model=model, over=replace(pencil_over(model, self.contacts, self.parameter), sign=self.over.sign))
-
-
-class Solver(Protocol):
-    """What answers a question."""
-
-    def unfit(self, question: LossQuestion) -> str:
-        """Why this solver cannot answer it; empty if it can."""
-
-    def solve(self, question: LossQuestion) -> CriticalValue:
-        """The answer."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -197,7 +183,5 @@ class CriticalValue:
 
 def fastest(values: Array) -> complex:
     """Of growing eigenvalues the one of largest growth, with Im λ ≥ 0; NaN if there is none."""
-    if not len(values):
-        return complex(np.nan, np.nan)
-    top = complex(values[np.argmax(values.real)])
+    top = max(values.tolist(), key=lambda value: value.real, default=complex(np.nan, np.nan))
     return complex(top.real, abs(top.imag))

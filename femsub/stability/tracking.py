@@ -158,18 +158,44 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     question = question_of(model, contacts, parameter, (points[0], points[-1]), band)
     if model.size > WIDE and not (question.limited and np.isfinite(question.band[1])):
         raise InputError(f"a model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
-    chain = _Chain(question, whole_number("halvings", halvings, least=0))
-    chain.follow(np.union1d(points, question.over.kinks(question.between)))
-    if chain.spent >= halvings:
-        warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Allow more "
+    whole_number("halvings", halvings, least=0)
+    # all steps from left to right, each halved as often as it must be
+    lo, hi = question.between
+    finest = (EQUAL if model.size <= WIDE else ASIDE) * (hi - lo)
+    nodes, spent = _Nodes(question), 0
+    steps = np.union1d(points, question.over.kinks((lo, hi))).tolist()
+    last, still = nodes.at(steps[-1]), nodes.still  # both ends first: they show what passes 0 at the other one
+    here = nodes.at(steps[0])
+    label = np.arange(len(here.values))  # the number of each mode's branch; what has no predecessor is a new one
+    count = len(label)
+    rows = [(here.p, label, here.values, here.bar, here.condition, here.inside)]
+    for end in steps[1:]:
+        ahead = [last if end == steps[-1] and nodes.still == still else nodes.at(end)]
+        while ahead:
+            there = ahead[-1]
+            to, clear = _successors(here, there)
+            half = (here.p + there.p) / 2
+            if not clear and there.p - here.p > finest and here.p < half < there.p and spent < halvings:
+                spent += 1
+                ahead.append(nodes.at(half))
+                continue
+            before, label = label, count + np.arange(len(there.values))
+            label[to[to >= 0]] = before[to >= 0]
+            count += len(label)
+            here = _turned(here, ahead.pop(), to)
+            rows.append((here.p, label, here.values, here.bar, here.condition, here.inside))
+    if spent >= halvings:
+        warn(f"{spent} steps were halved, which is the limit: branches may have changed places. Allow more "
              "(halvings=), or track over a shorter range or in a narrower band", FemsubWarning)
     # without branches that are the conjugate of another all along, or never in the band
-    p = np.array([row[0] for row in chain.rows])
-    found = np.full((len(p), chain.branches), np.nan + 0j)
+    p = np.array([row[0] for row in rows])
+    branches = np.unique(np.concatenate([row[1] for row in rows]))
+    found = np.full((len(p), len(branches)), np.nan + 0j)
     bar, condition = (np.full(found.shape, np.nan) for _ in range(2))
     inside = np.zeros(found.shape, dtype=bool)
-    for i, (_, label, *figures) in enumerate(chain.rows):
-        found[i, label], bar[i, label], condition[i, label], inside[i, label] = figures
+    for i, (_, label, *figures) in enumerate(rows):
+        at = np.searchsorted(branches, label)
+        found[i, at], bar[i, at], condition[i, at], inside[i, at] = figures
     kept: list[int] = []
     for j in np.lexsort((np.nanmin(np.abs(found.imag), axis=0), -np.nanmax(found.imag, axis=0))):  # upper halves first
         same = [k for k in kept if np.allclose(found[:, k], found[:, j].conj(), rtol=EQUAL, atol=0.0, equal_nan=True)
@@ -181,7 +207,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     kept = [kept[i] for i in np.lexsort((begins.real, begins.imag, first))]
     found, bar, condition, inside = found[:, kept], bar[:, kept], condition[:, kept], inside[:, kept]
     result = Tracked(parameter, p, np.isin(p, points), found, bar, condition,
-                     meetings_of(p, found, bar, condition, inside, chain.modes), chain.band, question.cutoff)
+                     meetings_of(p, found, bar, condition, inside, nodes.modes), question.band, question.cutoff)
     log.info("%r", result)
     return result
 
@@ -201,56 +227,24 @@ class _Node(NamedTuple):
     rates: Array  # y_jᴴP'(λ_k)x_k, (k, k), with -λ' on the diagonal: how modes act on each other as p changes
 
 
-class _Chain:
-    """The nodes in ascending order of p, each with the numbers of the branches of its modes; `most` steps are halved.
+class _Nodes:
+    """The modes at values of the parameter; `still` is the least number of eigenvalues 0 so far: rigid motion over the range.
 
     Modes are followed beyond the ends of the band by a share `beyond` of its width, so that none is lost at an edge.
     """
 
-    def __init__(self, question: LossQuestion, most: int, beyond: float = 0.1) -> None:
-        self.most = most
-        self.pencil_at, self.band, self.between, self.spent, self.branches = question.over, question.band, question.between, 0, 0
-        self.finest = (EQUAL if question.size <= WIDE else ASIDE) * (self.between[1] - self.between[0])
+    def __init__(self, question: LossQuestion, beyond: float = 0.1) -> None:
+        self.pencil_at, self.band, self.between = question.over, question.band, question.between
         margin = beyond * (self.band[1] - self.band[0])
         self.wide = max(self.band[0] - margin, 0.0), self.band[1] + margin
-        self.still = 2 * question.size  # the least number of eigenvalues 0 at a value so far: rigid motion over the whole range
-        self.rows: list[tuple[float, Array, Array, Array, Array, Array]] = []  # p, branch, λ, bar, condition, inside
-
-    def follow(self, points: Array) -> None:
-        """All steps from left to right, each halved as often as it must be."""
-        last, still = self._node(float(points[-1])), self.still  # both ends first: they show what passes 0 at the other one
-        here = self._node(float(points[0]))
-        label = self._new(len(here.values))
-        self._keep(here, label)
-        for end in points[1:]:
-            ahead = [last if end == points[-1] and self.still == still else self._node(float(end))]
-            while ahead:
-                there = ahead[-1]
-                to, clear = _successors(here, there)
-                half = (here.p + there.p) / 2
-                if not clear and there.p - here.p > self.finest and here.p < half < there.p and self.spent < self.most:
-                    self.spent += 1
-                    ahead.append(self._node(half))
-                    continue
-                found = np.full(len(there.values), -1)
-                found[to[to >= 0]] = label[to >= 0]
-                found[found < 0] = self._new(int((found < 0).sum()))
-                here, label = _turned(here, ahead.pop(), to), found
-                self._keep(here, label)
+        self.still = 2 * question.model.size
 
     def modes(self, p: float) -> tuple[Array, Array]:
         """λ and their rates at one value."""
-        node = self._node(p)
+        node = self.at(p)
         return node.values, node.rates
 
-    def _new(self, count: int) -> Array:
-        self.branches += count
-        return np.arange(self.branches - count, self.branches)
-
-    def _keep(self, node: _Node, label: Array) -> None:
-        self.rows.append((node.p, label, node.values, node.bar, node.condition, node.inside))
-
-    def _node(self, p: float) -> _Node:
+    def at(self, p: float) -> _Node:
         pencil = self.pencil_at(p)
         if pencil.size <= WIDE or (not np.isfinite(self.band[1]) and pencil.size <= QUADRATIC):
             pencil, region = pencil.dense(), Region()

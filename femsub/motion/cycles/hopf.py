@@ -63,8 +63,8 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
         raise NoCycleError(f"{model.name!r} has undamped modes under the belt. All of them cross at slope 0, and no single "
                            "branch begins there. Add damping")
     if len(heights) > 1:
-        places = ", ".join(f"{value:.5g}" for value in heights)
-        raise NoCycleError(f"{len(heights)} pairs cross together at F μ' = {c:.6g} (ω = {places}), so several branches begin at "
+        listed = ", ".join(f"{value:.5g}" for value in heights)
+        raise NoCycleError(f"{len(heights)} pairs cross together at F μ' = {c:.6g} (ω = {listed}), so several branches begin at "
                            "this point. Move the belt away from the damper, or start from a cycle (start=cycle)")
     c, omega, speeds = float(c), float(heights[0]), speeds / speeds[np.argmax(np.abs(speeds))]
     # where F μ'(v0) = c; of several belt speeds at the largest
