@@ -222,9 +222,7 @@ class AlphaFlow:
             except SingularMatrixError:  # D supplies energy, so S may be indefinite
                 self.kind = "general"
                 handle = factorise(S, self.kind)
-            fill = getattr(handle, "fill", np.nan)
-            size = 8 * len(self.weight) * (fill if np.isfinite(fill) else 500)  # bytes; as of a bulky solid where it is not known
-            self.kept = int(np.clip(self.memory / size, 2, self.most))
+            self.kept = int(np.clip(self.memory / handle.bytes, 2, self.most))
             Z = handle.solve(self.contact.W)
             self.factors[key] = handle, Z, s * (self.contact.W.T @ Z)
         self.factors[key] = self.factors.pop(key)  # most recently used last

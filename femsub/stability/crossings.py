@@ -56,9 +56,13 @@ class Crossing:
     kind: str
     growth: tuple[float, float]
 
+    @property
+    def place(self) -> str:
+        """Its kind, and ω in words."""
+        return self.kind + ("" if self.kind == "divergence" else f" at ω = {self.omega:.6g} rad/time")
+
     def __repr__(self) -> str:
-        where = "" if self.kind == "divergence" else f" at ω = {self.omega:.6g} rad/time"
-        return (f"Crossing: {shown_value(self.value, self.width)} ({self.kind}{where}), Re λ from {self.growth[0]:.3g} to "
+        return (f"Crossing: {shown_value(self.value, self.width)} ({self.place}), Re λ from {self.growth[0]:.3g} to "
                 f"{self.growth[1]:.3g}")
 
 
@@ -97,15 +101,12 @@ def _matched(left: Decomposition, right: Decomposition) -> _Match:
     """Two neighbouring spectra by distance."""
     cost = np.abs(left.z[:, None] - right.z)
     to = assigned(cost)[1]
-    moved = np.maximum(cost[np.arange(len(to)), to], np.maximum(_bars(left), _bars(right)[to]))
+    bars = [np.minimum(np.abs(found.noise.diagonal()), np.abs(found.z)) for found in (left, right)]
+    moved = np.maximum(cost[np.arange(len(to)), to], np.maximum(bars[0], bars[1][to]))
     after = right.z[to]
     # two that lie within the sum of their movements may have changed places
     apart = np.minimum(np.abs(left.z[:, None] - left.z), np.abs(after[:, None] - after))
     return _Match(to, connected_components(apart <= 2 * np.maximum.outer(moved, moved), directed=False)[1])
-
-
-def _bars(found: Decomposition) -> Array:
-    return np.minimum(np.abs(found.noise.diagonal()), np.abs(found.z))
 
 
 class _Change(NamedTuple):

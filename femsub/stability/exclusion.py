@@ -115,20 +115,20 @@ class Family:
 
     def _matrix(self, p: float) -> Array:
         """A(p), shape (2n, 2n)."""
-        pencil, n = self.pencil_at(p), len(self.omega)
+        pencil = self.pencil_at(p)
         M, D, K = (self.shapes.T @ (part @ self.shapes) for part in (pencil.M, pencil.D, pencil.K))
-        A, forces = np.zeros((2 * n, 2 * n)), np.hstack([K / self.omega, D])
-        A[:n, n:] = np.diag(self.omega)
-        A[n:] = -forces if _is_eye(M) else -la.solve(M, forces, check_finite=False)
-        return A
+        forces = np.hstack([K / self.omega, D])
+        return self._state(-forces if _is_eye(M) else -la.solve(M, forces, check_finite=False))
+
+    def _state(self, accelerations: Array) -> Array:
+        return np.vstack([np.hstack([np.zeros_like(self.shapes), np.diag(self.omega)]), accelerations])
 
     def _magnitude(self, pencil: Pencil) -> Array:
         """A with the moduli of all that is added up in its entries: EPS times this is their rounding."""
-        n, size = len(self.omega), np.abs(self.shapes)
+        size = np.abs(self.shapes)
         K, D = (size.T @ (np.abs(part) @ size) for part in (pencil.K, pencil.D))
         M, forces = self.shapes.T @ pencil.M @ self.shapes, np.hstack([K / self.omega, D])
-        forces = forces if _is_eye(M) else np.abs(np.linalg.inv(M)) @ forces
-        return np.vstack([np.hstack([np.zeros((n, n)), np.diag(self.omega)]), forces])
+        return self._state(forces if _is_eye(M) else np.abs(np.linalg.inv(M)) @ forces)
 
     def at(self, p: float) -> Array:
         """A(p); of an affine family without the pencil."""

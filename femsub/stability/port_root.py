@@ -1,23 +1,38 @@
 """Loss of stability of a model of any size under a contact that feeds one port: D + c W Wᵀ, c falling from 0 without end.
 
 On the border a pair λ = iω fulfils 1 + c·iω·wᵀ(-ω²M + iωD + K)⁻¹w = 0. Every root found is verified on the pencil.
+
+The border of a reduced model depends on what its basis lacks, above all where two frequencies are close. Two modes of nearly
+one frequency mix: a small error of the model turns their shapes, and with them the damping of each. A dashpot that the basis
+has no shape for does the same. So the border may be far off although all frequencies are accurate. It is computed again on a
+wider model, which has the responses to the residuals of the modes in its basis as well (`femsub.reduction.wider`).
+
+For a large component this takes time. There only modes are looked at that are closer to each other than they are accurate. The
+error of a frequency is that of the model's estimate. Or it is bounded from the modes left out. With S = M_cc - M_co M_oo⁻¹ M_oc,
+the mass of the constraint modes that the kept modes do not have, and q_b, the coordinates of the former, ω² falls by at most
+
+    ω⁴ q_bᵀ S q_b / (θ - ω²),   θ = ω_cut².
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import logging
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from femsub.algebra import QUADRATIC, WIDE, negative_eigenvalues
 from femsub.checks import EQUAL, Array, Tally
-from femsub.errors import CutoffWarning, InputError, warn
-from femsub.model import SHARE, Pencil, Substructure, contacts_of
-from femsub.stability.border import Border, dense_border
-from femsub.stability.border_doubt import doubt
+from femsub.errors import CutoffWarning, FemsubError, InputError, warn
+from femsub.model import SHARE, Pencil, ReducedSubstructure, Substructure, contacts_of
+from femsub.stability.border import Band, Border, ModalContact, dense_border
 from femsub.stability.crossings import Crossing, change, weight
+from femsub.stability.discs import LARGEST
 from femsub.stability.growing_border import ACTING, sparse_border
 from femsub.stability.question import CriticalValue, LossQuestion, fastest
+
+log = logging.getLogger(__name__)
 
 
 class Fed(NamedTuple):
@@ -107,3 +122,103 @@ def is_narrow(pencil: Pencil, top: float) -> bool:
         return True  # only a basis of modes can do without massless motions
     below = negative_eigenvalues(pencil.K - (ACTING * top) ** 2 * pencil.M)
     return bool(12 * below <= pencil.size)
+
+
+def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Border,
+          border: Callable[[Substructure], Border], close: float = 0.1, moved: float = 0.03, largest: int = 1000,
+          small: int = 5000, most: int = 12) -> str:
+    """In words, how much the border moves on a wider model; nothing if it hardly does, or if no full component is left.
+
+    `pencil` is that of the model under contacts at the begin, and `border` gives the border of a model with them. Two frequencies
+    are neighbours if they differ by less than a share `close`, and one of them may be outside the band. A relative change is
+    reported from `moved` on. A model above `largest` coordinates is not looked at, and of a component above `small` DOF at `most`
+    so many modes: each takes two solves with its factor, and two coordinates of another border.
+    """
+    if not np.isfinite(model.cutoff) or found.c == 0:
+        return ""
+    if model.size > largest:
+        log.info("the border of %r is not compared with that of a wider model: it has %d coordinates, and %d is the limit",
+                 model.name, model.size, largest)
+        return ""
+    form = ModalContact(pencil.dense(), model.port(port).reshape(model.size, -1)).form
+    omega, X = form.omega[form.rigid:], form.shapes[:, form.rigid:]
+    order = np.argsort(omega)
+    wide = band[0] / (1 + close), min(band[1] * (1 + close), 0.99 * model.cutoff)
+    order = order[(omega[order] >= wide[0]) & (omega[order] <= wide[1])]
+    omega, X = omega[order], X[:, order]
+    # the modes i of which the next one is nearer than both are accurate, the nearest first
+    error = omega * _errors(model, omega, X)
+    gap, least = np.diff(omega), error[1:] + error[:-1]
+    near = np.flatnonzero((gap <= least) & (gap <= close * omega[1:]))
+    near = near[np.argsort(gap[near] / least[near], kind="stable")]
+    chosen = np.arange(len(omega))
+    if _full_size(model) > small or model.size + 2 * len(omega) > LARGEST:
+        chosen = np.unique(np.concatenate([near[:most // 2], near[:most // 2] + 1]))
+    try:
+        larger = _wider(model, omega[chosen], X[:, chosen], port) if len(chosen) else None
+        other = found if larger is None else border(larger)
+    except FemsubError:  # of a border that is not found nothing is known
+        return ""
+    if larger is None and np.isfinite(found.omega):
+        mine = np.abs(omega - found.omega).argmin() if len(omega) else -1
+        near = near[(near == mine) | (near + 1 == mine)]
+        return _advice(f"the border of {model.name!r} at ω = {found.omega:.5g} may be inaccurate, and it cannot be checked "
+                       "without the full component", omega, near) if len(near) else ""
+    if other.c == found.c or abs(other.c - found.c) <= moved * abs(other.c):
+        return ""
+    change = "appears" if np.isinf(found.c) else "vanishes" if np.isinf(other.c) else \
+        f"moves by {abs(other.c / found.c - 1):.1%} (to ω = {other.omega:.5g})"
+    return _advice(f"the border of {model.name!r} {change} if the responses to the residuals of its modes join the basis",
+                   omega, near)
+
+
+def _advice(finding: str, omega: Array, near: Array) -> str:
+    if len(near):
+        finding += (f". Frequencies are closer to each other than they are accurate ({omega[near[0]]:.7g} and "
+                 f"{omega[near[0] + 1]:.7g}), so modes may be mixed wrongly")
+    return finding + ". Keep more modes, or put the DOF of dashpots and belts into the interface"
+
+
+def _full_size(model: Any) -> int:
+    """The number of DOF of the full component, or of those of all parts."""
+    if hasattr(model, "parts"):
+        return sum(map(_full_size, model.parts.values()))
+    return len(model.V) if isinstance(model, ReducedSubstructure) else int(model.size)
+
+
+def _shares(system: Any, q: Array) -> Iterator[tuple[str, Substructure, Array]]:
+    """Each part by its name, with its share of the shapes q (r, k)."""
+    at = 0
+    for name, part in system.parts.items():
+        yield name, part, system.L[at:at + part.size] @ q
+        at += part.size
+
+
+def _errors(model: Any, omega: Array, q: Array, joined: bool = False) -> Array:
+    """What the modes left out may change of each ω, relative, (k,), for shapes q (r, k)."""
+    if (estimate := getattr(model, "estimate", None)) is not None and len(estimate.frequencies) and not joined:
+        at = np.abs(omega[:, None] - estimate.frequencies).argmin(axis=1)
+        return np.where(omega <= estimate.band[1], estimate.frequency_error[at], 0.0)
+    if hasattr(model, "parts"):
+        return np.sum([_errors(part, omega, own, True) for _, part, own in _shares(model, q)], axis=0)
+    if not np.isfinite(model.cutoff):
+        return np.zeros(len(omega))
+    constraint = np.array([kind == "constraint" for kind in getattr(model, "kinds", ())], dtype=bool)
+    if constraint.any():
+        kept, cross = model.M[np.ix_(~constraint, ~constraint)], model.M[np.ix_(~constraint, constraint)]
+        missed = model.M[np.ix_(constraint, constraint)] - cross.T @ np.linalg.lstsq(kept, cross, rcond=None)[0]
+        energy = np.einsum("ij,ij->j", q[constraint], missed @ q[constraint])
+    else:
+        energy = np.einsum("ij,ij->j", q, model.M @ q) * joined  # the modes of a single part with free interface are exact
+    return np.asarray(omega**2 * np.maximum(energy, 0.0) / (2 * np.maximum(model.cutoff**2 - omega**2, 1e-3 * omega**2)))
+
+
+def _wider(model: Any, omega: Array, q: Array, port: str) -> Substructure | None:
+    """The model with the residuals of these modes in its basis; None if no full component can be reached."""
+    if hasattr(model, "parts"):
+        found = {name: _wider(part, omega, own, port.removeprefix(f"{name}.") if port.startswith(f"{name}.") else "")
+                 for name, part, own in _shares(model, q)}
+        wide = {name: part for name, part in found.items() if part is not None}
+        return model.with_parts(wide) if wide and not model.own_damping else None
+    widened = getattr(model, "wider", None)
+    return None if widened is None else widened(model, omega, q, port)

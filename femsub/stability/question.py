@@ -168,17 +168,16 @@ class CriticalValue:
         where = f"{' and '.join(counts)} from {self.searched[0]:g} to {self.searched[1]:g}{until(self.cutoff)}; {self.evidence}"
         where += f", {len(self.open)} intervals open" if self.open else ""
         if self.growing:
-            return f"CriticalValue: {self.parameter}: {self.growing} eigenvalues grow from the begin on; {where}"
-        if not np.isfinite(self.value):
-            return f"CriticalValue: {self.parameter}: stability is never lost; {where}"
-        if not self.first and not self.open:
-            return f"CriticalValue: {self.parameter}: a growing mode comes into the band at {self.value:.9g}; {where}"
-        if not self.first:
-            return f"CriticalValue: {self.parameter}: lost beyond {self.value:.9g}, at a place not known; {where}"
-        one = self.first[0]
-        shown = [one.kind + ("" if one.kind == "divergence" else f" at ω = {one.omega:.6g} rad/time"),
-                *([f"{len(self.first) - 1} more cross with it"] if len(self.first) > 1 else [])]
-        return f"CriticalValue: {self.parameter} = {shown_value(one.value, one.width)} ({', '.join(shown)}) of {where}"
+            what = f": {self.growing} eigenvalues grow from the begin on;"
+        elif not np.isfinite(self.value):
+            what = ": stability is never lost;"
+        elif not self.first:
+            what = f": lost beyond {self.value:.9g}, at a place not known;" if self.open else \
+                f": a growing mode comes into the band at {self.value:.9g};"
+        else:
+            one, more = self.first[0], len(self.first) - 1
+            what = f" = {shown_value(one.value, one.width)} ({one.place}{f', {more} more cross with it' if more else ''}) of"
+        return f"CriticalValue: {self.parameter}{what} {where}"
 
 
 def fastest(values: Array) -> complex:
