@@ -61,7 +61,7 @@ def test_the_first_loss_alone_is_that_of_all_with_fewer_solutions(monkeypatch: p
     chain, belt = fs.chain(10, belt=2), fs.Belt(slope=0.0)
     made, limits = counted(monkeypatch), ("slope", (0.0, -0.1), (0.0, 2.1))
     every = fs.critical_value(chain, belt, "slope", between=limits[1], band=limits[2], solver="followed")
-    assert made["_listed"] == 5 and made["ComplexFactor"] <= 4 * len(every.losses + every.regains)
+    assert made["_listed"] == 5 and made["solver_near"] <= 4 * len(every.losses + every.regains)
     for near, solved, end in ((np.nan, 3, -0.0486), (-0.0255, 2, -0.0305), (-0.01, 4, -0.0486), (-np.inf, 3, -0.0486)):
         made["_listed"] = 0
         found = first_value(chain, belt, *limits, near)
@@ -98,7 +98,7 @@ def brake_like(n: int) -> tuple[fs.Affine, tuple[float, float]]:
 
 def counted(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     """How many bands are searched and how many complex factors made."""
-    homes = {"_listed": complex_modes, "ComplexFactor": edges}
+    homes = {"_listed": complex_modes, "solver_near": edges}
     made = dict.fromkeys(homes, 0)
     for name, home in homes.items():
         def call(*arguments: object, name: str = name, real: object = getattr(home, name), **options: object) -> object:
@@ -116,7 +116,7 @@ def test_a_sparse_unsymmetric_pencil_is_followed_with_few_solutions(monkeypatch:
     made = counted(monkeypatch)
     found = fs.critical_value(family, None, "mu", between=(0.0, 0.01), band=band)
     assert found.method == "followed" and len(found.losses) >= 2 and found.evidence == "confirmed"
-    assert made["_listed"] == 5 and made["ComplexFactor"] <= 8 * (len(found.losses) + len(found.regains))
+    assert made["_listed"] == 5 and made["solver_near"] <= 8 * (len(found.losses) + len(found.regains))
 
     def growing(p: float) -> int:
         z = fs.complex_modes(family.at(mu=p).dense()).eigenvalues
@@ -175,7 +175,7 @@ def test_a_pencil_of_2000_dof_is_followed_within_30_solutions(monkeypatch: pytes
     family, _ = brake_like(48)
     made = counted(monkeypatch)
     found = fs.critical_value(family, None, "mu", between=(0.0, 0.005), band=(0.0, 0.42))
-    assert found.losses and found.method == "followed" and made["_listed"] + made["ComplexFactor"] <= 30
+    assert found.losses and found.method == "followed" and made["_listed"] + made["solver_near"] <= 30
     for one in found.losses:
         growth = [fs.complex_modes(family.at(mu=one.value + step), band=(0.999 * one.omega, 1.001 * one.omega)).growth
                   for step in (-1e-4, 1e-4)]

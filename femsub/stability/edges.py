@@ -20,21 +20,15 @@ from typing import Any
 
 import numpy as np
 
-from femsub.algebra import ComplexFactor
 from femsub.checks import EPS, Array
-from femsub.errors import SingularMatrixError
 from femsub.model import Pencil
+from femsub.modes.quadratic.correction import Inverse, solver_near
 from femsub.stability.parameter import PencilOver
 
 
-def factor_at(pencil: Pencil, value: complex) -> ComplexFactor | None:
-    """P(λ) factorised, or beside λ if it is singular there; None if it is singular there, too."""
-    for beside in (0.0, 2**22 * EPS):  # beside the eigenvalue, by more than its rounding
-        try:
-            return ComplexFactor(pencil.sparse().at(value + beside * (abs(value) or 1.0)))
-        except SingularMatrixError:
-            continue
-    return None
+def factor_at(pencil: Pencil, value: complex) -> Inverse | None:
+    """P(λ) factorised, or beside λ if it is singular there, also where λ = 0; None if it is singular there, too."""
+    return solver_near(pencil.sparse(), value) or (None if value else solver_near(pencil.sparse(), 2**22 * EPS))
 
 
 def modes_at(over: PencilOver, ends: Sequence[float], gap: float, lam: complex, most: int) -> tuple[Array, Array] | None:
@@ -57,7 +51,7 @@ def modes_at(over: PencilOver, ends: Sequence[float], gap: float, lam: complex, 
     return np.concatenate(places), np.hstack(shapes)
 
 
-def _dominant(factor: ComplexFactor, change: Any, least: float, most: int) -> tuple[Array, Array] | None:
+def _dominant(factor: Inverse, change: Any, least: float, most: int) -> tuple[Array, Array] | None:
     """t and unit vectors x of (P + tC)x = 0 with |1/t| ≥ `least`; None if a basis of `most` vectors is not enough.
 
     They count as complete if they and the next one have converged, since those of largest |1/t| converge first.

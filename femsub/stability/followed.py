@@ -20,11 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from femsub.algebra import ComplexFactor
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, warn
 from femsub.model import in_band
 from femsub.modes import ComplexModes, corrected, modes_over, slope
+from femsub.modes.quadratic.correction import Inverse
 from femsub.stability.border import OUTSIDE
 from femsub.stability.crossings import ASIDE, STEP, Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs
@@ -334,7 +334,7 @@ def _placed(over: PencilOver, between: tuple[float, float], at: _At, x: Array, s
     return met if off <= EQUAL * (between[1] - between[0]) else at
 
 
-def _step(over: PencilOver, between: tuple[float, float], at: _At, factor: ComplexFactor, x: Array, y: Array) -> _Met:
+def _step(over: PencilOver, between: tuple[float, float], at: _At, factor: Inverse, x: Array, y: Array) -> _Met:
     """Better vectors x and y of the full pencil, and Newton's step with them, which ends within the range."""
     pencil, lam = over(at.value), at.lam
     for _ in range(2):  # the first left vector is a guess
