@@ -32,13 +32,12 @@ def levels(contact: Sliding, wide: float = 0.1, sharper: float = 0.72) -> list[S
 
     The first, smoothest one has ε = `wide` v0 at least, and `sharper` is the factor of ε from one level to the next.
     """
-    widths = [width_of(belt.law) if is_dataclass(belt.law) else np.nan for belt in contact.belts]
-    speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
-    most = max([1.0, *(wide * speed / width for width, speed in zip(widths, speeds, strict=True) if width > 0)])
+    known = [(belt, width_of(belt.law) if is_dataclass(belt.law) else np.nan, abs(belt.speed or 0.0)) for belt in contact.belts]
+    most = max([1.0, *(wide * speed / width for _, width, speed in known if width > 0)])
     steps = int(np.ceil(np.log(most) / -np.log(sharper)))
     return [contact.changed([belt if np.isnan(width) or factor == 1 else
                              replace(belt, law=replace(belt.law, eps=max(width, min(width * factor, wide * speed))))  # type: ignore[type-var]
-                             for belt, width, speed in zip(contact.belts, widths, speeds, strict=True)])
+                             for belt, width, speed in known])
             for factor in np.geomspace(most, 1.0, steps + 1).tolist()]
 
 

@@ -115,17 +115,12 @@ class LimitCycle:
         found = np.moveaxis(2 * (np.exp(np.multiply.outer(times, self.orbit.s)) @ self.orbit.v).real, -1, 0)
         return found[0] if self.contact.columns == 1 else found
 
-    @cached_property
-    def _motion(self) -> tuple[Array, Array, Array]:
-        """K⁻¹W f_0 (n,), ikω (H,) and q_k (n, H)."""
-        f = coefficients(Balance(self.contact, self.flexibility).force(self.orbit, self._wave.shape[1]), self.orbit.harmonics)
-        return self.contact.static[0] @ f[0].real, self.orbit.s, self.flexibility.response(self.orbit.s, f[1:])
-
     def state(self, t: float = 0.0) -> State:
         """q and q̇ on the cycle at time t in the model's own coordinates: q_k = P(ikω)⁻¹ W f_k, K q_0 = W f_0."""
-        rest, s, q = self._motion
-        q = q * np.exp(s * float(t))
-        return State(rest + 2 * q.real.sum(axis=1), 2 * (q * s).real.sum(axis=1))
+        f = coefficients(Balance(self.contact, self.flexibility).force(self.orbit, self._wave.shape[1]), self.orbit.harmonics)
+        s = self.orbit.s
+        q = self.flexibility.response(s, f[1:]) * np.exp(s * float(t))
+        return State(self.contact.static[0] @ f[0].real + 2 * q.real.sum(axis=1), 2 * (q * s).real.sum(axis=1))
 
     @cached_property
     def floquet(self) -> Multipliers | None:
