@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 import femsub as fs
 from benchmarks.attacks import critical_values as attack, solvers
 from femsub.modes.quadratic import complex_modes, search
-from femsub.stability import discs, edges, followed
+from femsub.stability import discs, followed
 from femsub.stability.critical_value import first_value
 
 
@@ -98,7 +98,7 @@ def brake_like(n: int) -> tuple[fs.Affine, tuple[float, float]]:
 
 def counted(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     """How many bands are searched and how many complex factors made."""
-    homes = {"_listed": complex_modes, "solver_near": edges}
+    homes = {"_listed": complex_modes, "solver_near": followed}
     made = dict.fromkeys(homes, 0)
     for name, home in homes.items():
         def call(*arguments: object, name: str = name, real: object = getattr(home, name), **options: object) -> object:

@@ -118,18 +118,6 @@ class PencilOver:
                   for power, name in enumerate("KD")]
         return [(power, slope, lambda p: p) for power, slope in slopes if abs(slope).max()]
 
-    def port_damping(self, p: float, beside: float) -> tuple[Matrix, float] | None:
-        """W (n, k) and s if all that depends on the parameter is a term s p W Wᵀ in D, compared at two values; else None."""
-        share = self.shares[0]
-        if len(self.shares) > 1 or share.terms is None or not share.affine:
-            return None
-        (W, D, K), (_, other, stiff) = share.terms(self.sign * p), share.terms(self.sign * beside)
-        if sp.issparse(W) or any(sp.issparse(C) for C in (D, K, other, stiff)) or np.any(np.asarray(stiff) - K):
-            return None
-        slope = (np.asarray(other) - D) / (beside - p)
-        s = float(slope.flat[0])
-        return (W, s) if s and (slope.ndim == 0 or np.array_equal(slope, s * np.eye(len(slope)))) else None
-
     def affine(self, between: tuple[float, float]) -> bool:
         """Whether M is constant, and D and K are affine, as all declare on whom they depend.
 

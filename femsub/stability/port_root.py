@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, WIDE, negative_eigenvalues
 from femsub.checks import EQUAL, Array, Tally
@@ -102,16 +103,25 @@ class PortRoot:
 
 
 def port_fed(question: LossQuestion) -> Fed | None:
-    """How the parameter feeds a port; None if it does anything else, or if its contact refuses the begin or a value beyond."""
-    begin, end = question.between
+    """How the parameter feeds a port by a term s p W Wᵀ in D, compared at two values.
+
+    None if it does anything else, or if its contact refuses the begin or a value beyond.
+    """
+    model, over, (begin, end) = question.model, question.over, question.between
+    share, beside = over.shares[0], min(begin + 1.0, end)
+    if not isinstance(model, Substructure) or len(over.shares) > 1 or share.terms is None or not share.affine:
+        return None
     try:
-        found = question.over.port_damping(begin, min(begin + 1.0, end))
+        (W, D, K), (_, other, stiff) = share.terms(over.sign * begin), share.terms(over.sign * beside)
     except InputError:
         return None
-    if found is None or not isinstance(question.model, Substructure):
+    if any(sp.issparse(C) for C in (W, D, K, other, stiff)) or np.any(np.asarray(stiff) - K):
         return None
-    pencil = question.over(begin)
-    return Fed(pencil, *found) if pencil.K is question.model.pencil.K else None
+    slope, pencil = (np.asarray(other) - D) / (beside - begin), over(begin)
+    s = float(slope.flat[0])
+    if not s or not (slope.ndim == 0 or np.array_equal(slope, s * np.eye(len(slope)))) or pencil.K is not model.pencil.K:
+        return None
+    return Fed(pencil, np.asarray(W), s)
 
 
 def is_narrow(pencil: Pencil, top: float) -> bool:

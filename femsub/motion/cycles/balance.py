@@ -221,9 +221,9 @@ class Balance:
     def unresolved(self, orbit: Orbit, target: float = 0.0, *, kept: bool = False) -> tuple[float, float, int]:
         """Errors relative to v: truncation ‖Y_k f_k‖ over k > H, and aliasing of k ≤ H; and a sufficient number of harmonics.
 
-        With `kept`, the truncation has as well by how much the neglected harmonics change those that are kept, and ω. With that
-        number, and the f_k of this orbit, the truncation is at most `target` if both parts fall alike; by default a tenth of its
-        value now.
+        With `kept`, the truncation has as well by how much the neglected harmonics change those that are kept, and ω; it is
+        infinite at a singular Jacobian. With that number, and the f_k of this orbit, the truncation is at most `target` if both
+        parts fall alike; by default a tenth of its value now.
         """
         H = orbit.harmonics
         used = self.samples(orbit)
@@ -237,26 +237,20 @@ class Balance:
         size = float(np.linalg.norm(orbit.v)) or 1.0
         beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # ‖.‖ over all harmonics from k on
         tail = float(beyond[H]) if top > H else 0.0
-        truncation = tail + (self._disturbed(orbit, used, answer[H:]) if kept else 0.0)
+        truncation = tail
+        if kept:  # the Newton step with the neglected harmonics in the friction
+            terms, whole = self.residual(orbit, used), replace(orbit, v=np.vstack([orbit.v, answer[H:]]))
+            R, J = self.system(orbit, terms)
+            changed = coefficients(self.force(whole, 4 * whole.harmonics), H)[1:]
+            R[:-1] = parts_of(orbit.v - np.einsum("kij,kj->ki", terms.Y, changed))
+            try:
+                step = la.solve(J, R, check_finite=False)
+                truncation += float(np.linalg.norm(step[:-1]) / np.linalg.norm(parts_of(orbit.v)) + abs(step[-1]) / orbit.omega)
+            except (la.LinAlgError, ValueError):
+                truncation = np.inf
         enough = np.flatnonzero(beyond * truncation <= (target or 0.1 * truncation) * tail)
         alias = float(np.linalg.norm(np.einsum("kij,kj->ki", Y[:H], coarse - f[:H]))) / size
         return truncation, alias, int(enough[0]) if len(enough) else top
-
-    def _disturbed(self, orbit: Orbit, count: int, neglected: Array) -> float:
-        """By how much the `neglected` harmonics (m, p) change those that are kept, relative to v, and ω.
-
-        That is the Newton step with them in the friction; infinite at a singular Jacobian.
-        """
-        terms = self.residual(orbit, count)
-        whole = replace(orbit, v=np.vstack([orbit.v, neglected]))
-        changed = coefficients(self.force(whole, 4 * whole.harmonics), orbit.harmonics)[1:]
-        R, J = self.system(orbit, terms)
-        R[:-1] = parts_of(orbit.v - np.einsum("kij,kj->ki", terms.Y, changed))
-        try:
-            step = la.solve(J, R, check_finite=False)
-        except (la.LinAlgError, ValueError):
-            return np.inf
-        return float(np.linalg.norm(step[:-1]) / np.linalg.norm(parts_of(orbit.v)) + abs(step[-1]) / orbit.omega)
 
     def solve(self, orbit: Orbit, *, rounds: int = 40, tol: float = 1e-9) -> tuple[Orbit, float, int]:
         """Newton's method with a line search on `system` up to a relative step `tol`; returns ‖R‖/‖v‖ and the steps, too.
