@@ -15,7 +15,7 @@ from .quadratic.complex_modes import (
     modes_over as modes_over,
     with_bars as with_bars,
 )
-from .quadratic.correction import corrected as corrected, slope as slope
+from .quadratic.correction import Inverse as Inverse, corrected as corrected, slope as slope, solver_near as solver_near
 from .quadratic.dense import (
     ModalForm as ModalForm,
     definite_form as definite_form,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,12 +27,14 @@ from femsub.checks import (
     whole_number,
     word,
 )
-from femsub.coupling import Belt
 from femsub.errors import InputError, unknown_name
-from femsub.model import Contact, Substructure
 from femsub.motion.first_order import METHODS, Flow
 from femsub.motion.generalised_alpha import AlphaFlow
 from femsub.motion.nonlinear_model import Sliding, State, sliding
+
+if TYPE_CHECKING:
+    from femsub.coupling import Belt
+    from femsub.model import Contact, Substructure
 
 log = logging.getLogger(__name__)
 

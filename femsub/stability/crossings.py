@@ -12,16 +12,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
 from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import EPS, Array
-from femsub.model import Pencil
 from femsub.modes import assigned
 from femsub.stability.exclusion import Decomposition, Family
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
 
 ASIDE = 1e-3  # of a value or of the range: how far beside a crossing its growth is given, and which values are near it
 STEP = EPS ** (1 / 3)  # of the range: half the step of a difference, whose rounding EPS/STEP is then about its error STEP²

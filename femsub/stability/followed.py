@@ -35,8 +35,7 @@ import numpy as np
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, warn
 from femsub.model import Pencil, in_band
-from femsub.modes import ComplexModes, corrected, modes_over, slope
-from femsub.modes.quadratic.correction import Inverse, solver_near
+from femsub.modes import ComplexModes, Inverse, corrected, modes_over, slope, solver_near
 from femsub.stability.border import OUTSIDE
 from femsub.stability.crossings import ASIDE, STEP, Crossing, Found, change, weight
 from femsub.stability.discs import LARGEST, Discs

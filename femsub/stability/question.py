@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from femsub.checks import NOT_CHECKED, Array, Tally, until
-from femsub.model import Affine, Contacts, Substructure
 from femsub.stability.crossings import Crossing, shown_value
 from femsub.stability.parameter import PencilOver, pencil_over
+
+if TYPE_CHECKING:
+    from femsub.model import Affine, Contacts, Substructure
 
 
 @dataclass(frozen=True, eq=False)
