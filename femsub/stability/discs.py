@@ -100,7 +100,9 @@ class Discs:
         found: Found = ([], [])
         begin, reach = part.begin, self.narrow**2 * family.least  # rounding may hide beside a place which modes grow
         while before != after:
-            a, b = family.narrowed(begin, part.end, before)
+            a, b = begin, part.end
+            while b - a > family.least and a < (m := (a + b) / 2) < b:
+                a, b = (m, b) if int(family.grown(m)[0].sum()) == before else (a, m)
             near = max(room[0], a - reach), min(room[1], b + reach)
             crossed = settled(family, (a, b), near, (None, None)) or extrapolated(family, (a, b), near)
             if not crossed or not change(*crossed) or b <= begin or a < begin:

@@ -225,12 +225,6 @@ class Family:
         touching, on_axis = _touching(discs, self.mirrored)
         return (found.z.real > 0) & ~on_axis & ~touching, bool(touching.any())
 
-    def narrowed(self, begin: float, end: float, before: int) -> tuple[float, float]:
-        """A place in an interval where the number of those that certainly grow is no longer `before`, by bisection."""
-        while end - begin > self.least and begin < (m := (begin + end) / 2) < end:
-            begin, end = (m, end) if int(self.grown(m)[0].sum()) == before else (begin, m)
-        return begin, end
-
     def parts(self, most: int) -> list[Interval]:
         """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
         (lo, hi), least = self.between, self.least

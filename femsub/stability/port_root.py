@@ -71,8 +71,7 @@ class PortRoot:
         found = self._border(question)
         # what may be inaccurate of a reduced model
         stable, sure = not len(found.unstable), SHARE * model.cutoff
-        ports = [name for contact in contacts_of(question.contacts) if hasattr(contact, question.parameter)
-                 for name in contact.ports]
+        ports = [name for one in contacts_of(question.contacts) if hasattr(one, question.parameter) for name in one.ports]
         if stable and (found.omega > sure or (np.isinf(found.c) and question.band[1] > sure)):
             what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
                 f"no border was found, but the band, which ends at {question.band[1]:.5g}, reaches"
@@ -84,12 +83,10 @@ class PortRoot:
                 warn(finding, CutoffWarning)
         begin, end = question.between
         value = begin + found.c / fed.s
-        losses = [] if not value <= end else [
-            Crossing(value, 2 * EQUAL * abs(value - begin), float(omega), shape, "hopf" if omega else "divergence",
-                     found.growth)
-            for omega, shape in zip(found.crossing, found.shapes.T, strict=True)]
-        beyond = found.beyond if losses else None
-        tally = Tally(change(losses, ()), beyond, sampled=True)
+        losses = [Crossing(value, 2 * EQUAL * abs(value - begin), float(omega), shape, "hopf" if omega else "divergence",
+                           found.growth)
+                  for omega, shape in zip(found.crossing, found.shapes.T, strict=True) if value <= end]
+        tally = Tally(change(losses, ()), found.beyond if losses else None, sampled=True)
         return CriticalValue.of(question, losses, (), tally, growing=weight(found.unstable.imag), fastest=fastest(found.unstable),
                                 method=found.method)
 
