@@ -23,7 +23,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
@@ -31,9 +31,11 @@ import scipy.linalg as la
 from femsub.algebra import equilibration, scaled
 from femsub.checks import EPS, Array
 from femsub.errors import InputError
-from femsub.model import Pencil
 from femsub.modes import REGULAR, definite_form
 from femsub.stability.parameter import SAMPLES, PencilOver
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
 
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
 SHARES = 0.5 ** (np.arange(1, 7) / 2)  # of an interval that is not excluded: shorter ones around its middle

@@ -17,7 +17,8 @@ from femsub.motion.cycles.compliance import Compliance, Fractions
 from femsub.motion.cycles.continuation import Path, Place
 from femsub.motion.cycles.initial_guess import crossings
 from femsub.motion.nonlinear_model import Sliding
-from femsub.stability import critical_slope
+from femsub.stability import Crossing, critical_slope
+from femsub.stability.critical_value import critical_value
 
 
 @dataclass(frozen=True)
@@ -48,25 +49,31 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
         raise InputError(f"a branch that begins at a Hopf point needs at most 2,000 DOF, not {model.size}, and with start= as a "
                          f"frequency a contact of one column, not {contact.columns}. Start from a cycle: start=cycle, found from "
                          "that of a reduced model")
+    found: tuple[Crossing, ...] = ()
     if near is None:
-        first = critical_slope(model, belt.port).first
-        c, heights = (first[0].value if first else np.nan), np.array([one.omega for one in first])
-        speeds = contact.W.T @ first[0].shape if first else np.ones(1)
-    else:  # the crossings that coincide with the one nearest to that frequency, where a pair begins or ceases to grow
+        found = critical_slope(model, belt.port).first
+        slopes, heights = (np.array([getattr(one, name) for one in found]) for name in ("value", "omega"))
+    else:  # the crossings that coincide with the one nearest to that frequency
         heights, slopes = crossings(flexibility, 0.0, np.inf)
-        c = slopes[np.argmin(np.abs(heights - near))] if len(heights) else np.nan
-        heights, speeds = heights[np.abs(slopes - c) <= 1e-6 * abs(c)], np.ones(1)
-    if not len(heights):
-        raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding is stable at every slope. Damping prevails at "
-                           "this place of the belt; move the belt or reduce the damping")
-    if c == 0:
+        nearest = slopes[np.argmin(np.abs(heights - near))] if len(heights) else np.nan
+        together = np.abs(slopes - nearest) <= 1e-6 * abs(nearest)
+        heights, slopes = heights[together], slopes[together]
+        if len(heights) == 1:  # the loss there, or the regain if a pair ceases to grow, in a band of this crossing alone
+            band = heights[0] * (1 - 1e-3), heights[0] * (1 + 1e-3)
+            found = critical_slope(model, belt.port, band=band).first or critical_value(
+                model, Belt(belt.port, slope=0.0), "slope", between=(slopes[0] / 2, 2 * slopes[0]), band=band).regains
+    if len(slopes) and slopes[0] == 0:
         raise NoCycleError(f"{model.name!r} has undamped modes under the belt. All of them cross at slope 0, and no single "
                            "branch begins there. Add damping")
     if len(heights) > 1:
         listed = ", ".join(f"{value:.5g}" for value in heights)
-        raise NoCycleError(f"{len(heights)} pairs cross together at F μ' = {c:.6g} (ω = {listed}), so several branches begin at "
-                           "this point. Move the belt away from the damper, or start from a cycle (start=cycle)")
-    c, omega, speeds = float(c), float(heights[0]), speeds / speeds[np.argmax(np.abs(speeds))]
+        raise NoCycleError(f"{len(heights)} pairs cross together at F μ' = {slopes[0]:.6g} (ω = {listed}), so several branches "
+                           "begin at this point. Move the belt away from the damper, or start from a cycle (start=cycle)")
+    if not found:
+        raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding is stable at every slope. Damping prevails at "
+                           "this place of the belt; move the belt or reduce the damping")
+    c, omega, speeds = found[0].value, found[0].omega, contact.W.T @ found[0].shape
+    speeds = speeds / speeds[np.argmax(np.abs(speeds))]
     # where F μ'(v0) = c; of several belt speeds at the largest
     if parameter == "slope":
         return HopfPoint(c / belt.force, omega, c), speeds
