@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import femsub as fs
 from femsub.checks import Array
-from femsub.coupling.contacts.friction_in_motion import FrictionInMotion
+from femsub.coupling.contacts.friction_contact import FrictionInMotion
 from femsub.model.contact import small_matrices
 from femsub.motion.cycles.balance import Balance, Orbit
 from femsub.motion.cycles.compliance import compliance
