@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -49,10 +49,7 @@ from femsub.coupling.joined import (
 )
 from femsub.coupling.joints import End, Joint, Link, spatial
 from femsub.errors import InputError
-from femsub.model import Carried, DofMap, Joined, ReducedSubstructure, Substructure, checked_sets, size_of_products
-
-if TYPE_CHECKING:
-    from femsub.model import Estimate
+from femsub.model import Carried, DofMap, Estimate, Joined, ReducedSubstructure, Substructure, checked_sets, size_of_products
 
 
 @dataclass(frozen=True, eq=False, repr=False)

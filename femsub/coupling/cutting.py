@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,10 +17,7 @@ from femsub.components import Mesh, corners_of, edges_of, places_of
 from femsub.components.chain import chain
 from femsub.coupling.joints import Rigid
 from femsub.errors import InputError, InputTypeError
-from femsub.model import Substructure
-
-if TYPE_CHECKING:
-    from femsub.model import DofMap
+from femsub.model import DofMap, Substructure
 
 PLACES = ("supports", "interface", "ports")  # arguments of `plate` and `solid` that name sets of nodes
 

@@ -13,11 +13,10 @@ import scipy.sparse as sp
 from femsub.algebra import BLOCK, phase, shared_zeros, times
 from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
-from femsub.modes import ShiftInvert, count_deferred, independent
+from femsub.modes import NormalModes, ShiftInvert, count_deferred, independent
 
 if TYPE_CHECKING:
     from femsub.model import Estimate, Substructure
-    from femsub.modes import NormalModes
 
 
 @dataclass(frozen=True, eq=False)

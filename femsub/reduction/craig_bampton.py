@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,21 +12,10 @@ import scipy.sparse as sp
 from femsub.algebra import FEW, ROUNDING, SUMS, divided, fork_pays, one_thread, without
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, InputError, warn
-from femsub.model import (
-    annihilates_a_translation,
-    bare,
-    costs,
-    loose_by_places,
-    rounding,
-    soft_springs,
-    units,
-)
+from femsub.model import Substructure, annihilates_a_translation, bare, costs, loose_by_places, rounding, soft_springs, units
 from femsub.modes import IN_PARTS, ShiftInvert, motion_of
 from femsub.reduction.basis import Partition, Statics, zeros
 from femsub.reduction.method import DIGITS, Method
-
-if TYPE_CHECKING:
-    from femsub.model import Substructure
 
 
 @dataclass(frozen=True)

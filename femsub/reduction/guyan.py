@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
 
 from femsub.errors import NotConvergedError
-from femsub.model import Substructure
-from femsub.modes import lowest_modes
+from femsub.model import Pencil, Substructure
+from femsub.modes import ShiftInvert, lowest_modes
 from femsub.reduction.basis import Kept, Partition, Statics
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.method import lowest
-
-if TYPE_CHECKING:
-    from femsub.model import Pencil
-    from femsub.modes import ShiftInvert
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,12 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -30,9 +31,6 @@ from femsub.reduction.basis import Partition
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.frequency_bounds import FrequencyBounds, frequency_bounds
 from femsub.reduction.method import reduced
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
 
 log = logging.getLogger(__name__)
 

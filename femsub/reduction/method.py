@@ -18,6 +18,7 @@ from femsub.errors import ConditionWarning, InputError, InputTypeError, PortWarn
 from femsub.model import (
     SHARE,
     Affine,
+    Contacts,
     Origin,
     Pencil,
     ReducedSubstructure,
@@ -28,7 +29,7 @@ from femsub.model import (
     size_of_products,
     units,
 )
-from femsub.modes import IN_PARTS, lowest_modes, modes_below, motion_of
+from femsub.modes import IN_PARTS, ShiftInvert, lowest_modes, modes_below, motion_of
 from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, projected, square, structural
 from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.estimates.search import Goal, Space, chosen_in
@@ -37,8 +38,6 @@ from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
     from femsub.coupling import Belt
-    from femsub.model import Contacts
-    from femsub.modes import ShiftInvert
 
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 

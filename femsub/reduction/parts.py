@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 import weakref
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import scipy.sparse as sp
 
 from femsub.algebra import LARGE, WORK, check_workers, kept_free, one_thread, reduction_bytes, same, side_by_side
 from femsub.checks import DENSE, choice, instance, shown
-from femsub.coupling import System
+from femsub.coupling import Belt, System
 from femsub.errors import InputError, InputTypeError, WorkerError
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.reduction.basis import assembled
@@ -22,11 +22,6 @@ from femsub.reduction.estimates.search import Goal, chosen
 from femsub.reduction.interface_modes import with_common_shapes
 from femsub.reduction.method import FIRST, Method, checked, finished, reduced, whole_basis
 from femsub.reduction.wider import Wider
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from femsub.coupling import Belt
 
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, overload
 
 from femsub.algebra import reused_memory
@@ -21,8 +22,6 @@ from femsub.reduction.parts import part_by_part
 from femsub.reduction.rubin import Rubin
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from femsub.coupling import Belt, System
     from femsub.model import ReducedSubstructure, Substructure
 

@@ -14,11 +14,10 @@ from femsub.errors import InputError
 from femsub.modes import lightest
 from femsub.reduction.basis import Basis, assembled, in_blocks, labelled, port_errors, projected
 from femsub.reduction.estimates.nested import Nested
-from femsub.reduction.method import checked, finished, reduced
+from femsub.reduction.method import Method, checked, finished, reduced
 
 if TYPE_CHECKING:
     from femsub.model import ReducedSubstructure, Substructure
-    from femsub.reduction.method import Method
 
 
 class Reductor:

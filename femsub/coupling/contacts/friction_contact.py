@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,10 +19,7 @@ from femsub.components import Mesh, reference, side_quadrature
 from femsub.coupling.joints import GROUND, Joint, Link
 from femsub.coupling.ties import Side, Surface, common_points, motion_of_nodes, reach
 from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
-from femsub.model import TRANSLATIONS
-
-if TYPE_CHECKING:
-    from femsub.model import DofMap, Substructure
+from femsub.model import TRANSLATIONS, DofMap, Substructure
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,25 +25,12 @@ from femsub.algebra import ROUNDING, check_columns, orthonormal, unresisted
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import DOUBLE, Estimate, Pencil, beyond, distance_outside, units, upper, within
-from femsub.modes import (
-    ACCEPTED,
-    Coupling,
-    EnergyBasis,
-    Term,
-    energy_directions,
-    independent,
-    lowest_modes,
-    solve,
-    terms_of,
-)
+from femsub.modes import ACCEPTED, Coupling, EnergyBasis, Term, energy_directions, independent, lowest_modes, solve, terms_of
 from femsub.modes.quadratic.bars import bars
-from femsub.reduction.basis import Kept
+from femsub.reduction.basis import Kept, Statics
 from femsub.reduction.estimates.found_modes import FoundModes, compressed
 from femsub.reduction.estimates.nested import MARGIN, compared
 from femsub.reduction.estimates.search import Best, Goal, Space
-
-if TYPE_CHECKING:
-    from femsub.reduction.basis import Statics
 
 BEYOND = 1.2  # c holds up to so many times the band: the circles about eigenvalues do not reach farther
 ROOM = (1 + 3 * BEYOND) / 4  # the eigenvalues are counted in a rectangle that ends at so many times the band at most

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,7 +17,7 @@ from femsub.algebra import QUADRATIC
 from femsub.checks import DENSE, EPS, Array, instance
 from femsub.coupling import System, couple, linked, rows_of_parts, sprung
 from femsub.errors import InputError
-from femsub.model import Contacts, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper
+from femsub.model import Contacts, Estimate, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper
 from femsub.modes import all_modes, motion_of
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.reduction.basis import Statics
@@ -26,9 +25,6 @@ from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.estimates.found_modes import FoundModes, Span
 from femsub.reduction.estimates.nested import JOINED_RESIDUAL, Nested
 from femsub.reduction.estimates.search import Goal, ReferenceModel, Space
-
-if TYPE_CHECKING:
-    from femsub.model import Estimate
 
 ENOUGH = 0.3  # of an error that is judged, or of the tolerance: the largest model, the standard of comparison, may have as much
 

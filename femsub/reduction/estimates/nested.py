@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg as la
@@ -20,12 +20,9 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from femsub.algebra import ROUNDING, WIDE, negative_eigenvalues, without
 from femsub.checks import EPS, EQUAL, Array, Matrix
-from femsub.model import SHARE, Estimate, Pencil, RigidMotion, beyond, in_band, moving, units, upper, within
+from femsub.model import SHARE, Estimate, Pencil, RigidMotion, Substructure, beyond, in_band, moving, units, upper, within
 from femsub.modes import all_modes, energy_directions, match, motion_of, region_of, solve
 from femsub.modes.quadratic.search import search
-
-if TYPE_CHECKING:
-    from femsub.model import Substructure
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each

@@ -14,20 +14,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from femsub.checks import Array, check_band, finite_number
 from femsub.errors import InputError, NotConvergedError
-from femsub.model import SHARE, Estimate, beyond
+from femsub.model import SHARE, Estimate, Pencil, beyond
 from femsub.reduction.basis import Kept, Statics
 from femsub.reduction.estimates.found_modes import FoundModes, Span
 from femsub.reduction.estimates.leaving_out import LeavingOut
 from femsub.reduction.estimates.nested import Nested
-
-if TYPE_CHECKING:
-    from femsub.model import Pencil
 
 Best: TypeAlias = tuple[Array, Estimate]  # numbers of modes, one for each part, and the estimate of the model they make
 
