@@ -76,18 +76,11 @@ def units_of_energy(parts: Mapping[str, Substructure]) -> Array:
 
 def on_all_parts(tables: Sequence[Mapping[str, Matrix]], widths: Mapping[str, int]) -> Matrix:
     """The matrices of joints on some parts each, below each other for the coordinates of all parts: sparse, (m, Σ widths)."""
-    starts = dict(zip(widths, np.cumsum([0, *widths.values()])[:-1].tolist(), strict=True))
-    rows, columns, entries = ([np.zeros(0, dtype=kind)] for kind in (np.intp, np.intp, float))
-    count = 0
-    for table in tables:
-        for name, matrix in table.items():
-            block = sp.coo_array(matrix)
-            rows.append(block.row + count)
-            columns.append(block.col + starts[name])
-            entries.append(block.data)
-        count += _count(table)
-    places = np.concatenate(rows), np.concatenate(columns)
-    return sp.csr_array((np.concatenate(entries), places), shape=(count, sum(widths.values())))
+    ends = np.cumsum([0, *widths.values()])
+    whole = sp.eye_array(ends[-1], format="csr")
+    picked = {name: whole[a:b] for name, (a, b) in zip(widths, pairwise(ends), strict=True)}
+    blocks = [sum(sp.csr_array(matrix) @ picked[name] for name, matrix in table.items()) for table in tables]
+    return sp.csr_array(sp.vstack([sp.csr_array((0, ends[-1])), *blocks]))
 
 
 def conditions(parts: Mapping[str, Substructure], links: Sequence[Link]) -> tuple[Matrix, Array]:

@@ -152,16 +152,8 @@ class Span:
 
     def projected(self, D: Matrix) -> Array:
         """UᵀDU, shape (R, R), a block of columns at a time."""
-        blocks = [np.zeros((self.rest.stop, 0))]
-        for group in (self.statics.constraint, self.modes, self.static):
-            for start in range(0, group.shape[1], BLOCK):
-                block = group[:, start:start + BLOCK]
-                if group is not self.statics.constraint and len(group) < self.statics.part.sub.size:
-                    full = np.zeros((self.statics.part.sub.size, block.shape[1]), order="F")
-                    full[self.statics.part.rows] = block
-                    block = full
-                blocks.append(self.dot(D @ block))
-        return np.hstack(blocks)
+        one = np.eye(self.rest.stop)
+        return np.hstack([self.dot(D @ self.times(one[:, start:start + BLOCK])) for start in range(0, max(len(one), 1), BLOCK)])
 
 
 def compressed(columns: Array, stiffness: Array) -> Array:
