@@ -15,7 +15,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub.coupling.joined import conditions, linked
+from femsub.coupling.assembly import conditions, linked
 from femsub.coupling.joints import Joint, Link, site, stacked
 from femsub.model import bare
 

@@ -14,8 +14,8 @@ from test_coupling import HOW, agree, beams, crosses, cut, elastic, quarter
 import femsub as fs
 from femsub.algebra.elimination import Equations, independent
 from femsub.coupling import assembly
+from femsub.coupling.assembly import forces_on_parts, units_of_energy
 from femsub.coupling.dual import Multiplied, finite_span
-from femsub.coupling.joined import forces_on_parts, units_of_energy
 
 
 def by_forces(part: fs.Substructure, modes: int | None = None) -> fs.ReducedSubstructure:

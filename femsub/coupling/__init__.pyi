@@ -1,4 +1,11 @@
-from .assembly import System as System, couple as couple
+from .assembly import (
+    System as System,
+    couple as couple,
+    linked as linked,
+    rows_of_parts as rows_of_parts,
+    sprung as sprung,
+    units_of_energy as units_of_energy,
+)
 from .contacts.belt import (
     LAWS as LAWS,
     STICKING as STICKING,
@@ -11,5 +18,4 @@ from .contacts.belt import (
 from .contacts.brake import brake_meshes as brake_meshes, opposite as opposite
 from .cutting import PLACES as PLACES, cut_chain as cut_chain, cut_mesh as cut_mesh
 from .dual import FORCE as FORCE
-from .joined import linked as linked, rows_of_parts as rows_of_parts, sprung as sprung, units_of_energy as units_of_energy
 from .joints import Rigid as Rigid, spatial as spatial

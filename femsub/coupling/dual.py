@@ -11,8 +11,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import DEPENDENT, ROUNDING, SINGULAR, Equations, congruent, eliminate, independent, product, units
-from femsub.checks import DENSE, EPS, Array, Matrix
-from femsub.errors import InputError, MissedModesError
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import MissedModesError
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -136,13 +136,6 @@ def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: A
     return Multiplied(S, G, A, np.append(unit, np.ones(turn.shape[1])), owner)
 
 
-def check_span(size: int, name: str) -> None:
-    """An InputError where a system is too large for `finite_span`, before anything is made dense for it."""
-    if size > DENSE:
-        raise InputError(f"{name!r} has {size} coordinates. Dual Craig-Bampton parts take a decomposition of all of them, up to "
-                         f"{DENSE}: reduce the other parts too, or reduce those by CraigChang, which spans the same space")
-
-
 def finite_span(M: Array, D: Array, K: Array, multipliers: int,
                 B: Matrix) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
     """X = [X₁ X₀] (n, k): the eigenvectors X₁ with finite ω² ≥ 0 of K x = ω² M x, X₁ᵀMX₁ = I, and how many others there are.
@@ -191,8 +184,18 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int,
         raise MissedModesError(f"{len(good)} finite modes were found in a system of Dual Craig-Bampton parts, but by the rank of "
                                f"M it has {expected}. Its joints are too stiff, or its parts too unlike, for weak joints: reduce "
                                "the parts by CraigChang, which spans the same space")
-    known = np.abs(bare) > ROUNDING  # else its sign may be rounding, and with it the number of finite modes
-    still = _responses(turn[:, ~kept] @ null[:, known], bare[known], B @ sp.diags_array(unit))
+    # N diag(k)⁻¹NᵀBᵀ with NᵀKN = diag(k). Of a k within rounding the sign is not known, and with it the number of finite modes
+    known = np.abs(bare) > ROUNDING
+    scaled = B @ sp.diags_array(unit)
+    at = (scaled @ turn[:, ~kept] @ null[:, known]).T
+    shapes = turn[:, ~kept] @ null[:, known] @ (at / bare[known, None])
+    flexibility = at.T @ (at / bare[known, None])
+    size, whole = flexibility.diagonal(), scaled.multiply(scaled).sum(axis=1)
+    soft = size > DEPENDENT * whole
+    scale = np.where(soft, np.where(soft, size, 1.0) ** -0.5, 0.0)
+    values, mixed = np.linalg.eigh(flexibility * np.outer(scale, scale))
+    clear = values > DEPENDENT
+    still = shapes @ (scale[:, None] * mixed[:, clear] / np.sqrt(values[clear]))
     X = unit[:, None] * np.hstack([(back @ V[:, good]) / theta[good], still])
     rigid = np.flatnonzero(omega2[good] < EPS**0.5 * shift)
     matrices = congruent(M, X), congruent(D, X), congruent(K, X)
@@ -200,15 +203,3 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int,
     matrices[0][len(good):], matrices[0][:, len(good):] = 0.0, 0.0
     far = np.append((np.maximum(omega2[good], 0.0) + typical) ** -0.5, np.ones(still.shape[1]))
     return sp.csr_array(X), far, matrices, len(M) - X.shape[1]
-
-
-def _responses(N: Array, stiffness: Array, B: Matrix) -> Array:
-    """The span of N diag(k)⁻¹NᵀBᵀ, (n, s), with XᵀKX = I; k (m,) is not 0, and NᵀKN = diag(k)."""
-    at = (B @ N).T
-    flexibility = at.T @ (at / stiffness[:, None])
-    size, whole = flexibility.diagonal(), B.multiply(B).sum(axis=1)
-    soft = size > DEPENDENT * whole
-    scale = np.where(soft, np.where(soft, size, 1.0) ** -0.5, 0.0)
-    values, turn = np.linalg.eigh(flexibility * np.outer(scale, scale))
-    clear = values > DEPENDENT
-    return N @ (at / stiffness[:, None]) @ (scale[:, None] * turn[:, clear] / np.sqrt(values[clear]))
