@@ -44,7 +44,7 @@ class Nested:
     Of joined parts, `parts` are the numbers of elastic modes and of columns of Ξ of each part, in whose order Φ and Ξ stand.
     A `count` of modes is then one number for each part. ω and |λ| above `limit` are not looked for, where that saves time.
     `motion` is the rigid motion, in C and the rigid-body modes, where the component knows it. A band is to end below the `share`
-    of the cut-off. `known` is the result of `damped` for all modes, where it need not be computed.
+    of the cut-off.
     """
 
     M: Array
@@ -61,7 +61,6 @@ class Nested:
     limit: float = np.inf
     motion: RigidMotion | None = None
     share: float = SHARE
-    known: Solution | None = None
 
     @classmethod
     def whole(cls, sub: Substructure, pencil: Pencil | None) -> Nested:
@@ -355,18 +354,10 @@ class Nested:
         """λ (k,), rounding (k,), right and left shapes in U (R, k) and |yᴴP'(λ)x| of the reduced model, Im λ ≥ 0."""
         return self._of_all_modes if np.array_equal(np.atleast_1d(count), self.most) else self._solved(self.basis(count))
 
-    def knowing(self, other: Nested) -> Nested:
-        """The same with `damped` of the largest model, if `other` differs in Ξ alone and that model has no static shapes."""
-        if self.loads.shape[1] or self.limit != other.limit:
-            return self
-        values, bar, X, Y, slope = other._of_all_modes
-        X, Y = (np.pad(part, ((0, len(self.M) - len(part)), (0, 0))) for part in (X, Y))
-        return replace(self, known=(values, bar, X, Y, slope))
-
     @cached_property
     def _of_all_modes(self) -> Solution:
         """`damped` of the largest model, which is asked for more than once."""
-        return self.known or self._solved(self.basis(self.most))
+        return self._solved(self.basis(self.most))
 
     def _solved(self, T: Array | None) -> Solution:
         """All of TᵀP(λ)T with Im λ ≥ 0 that are not rigid, in ascending |λ|, up to the limit; None stands for the identity."""

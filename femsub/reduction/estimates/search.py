@@ -115,7 +115,7 @@ class Space:
         for name, part in self.parts.items():
             span, turn = given.own[name][1], given.turns[name]
             own[name] = part.nested(part.residuals(span, [(value, turn @ x, left) for value, x, left in sides]))
-        return self.assembled(own).nested.knowing(given.nested)
+        return self.assembled(own).nested
 
     def further(self, reference: Nested, best: Estimate) -> None:
         """More modes of each part, since the best model does not meet the tolerance.
