@@ -13,7 +13,7 @@ that leave the interface at rest, up to the cut-off. So these may be scaled and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -153,30 +153,8 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     return FrequencyBounds(omega[:count], lower, modes.rigid, tally, full)
 
 
-@dataclass(frozen=True, eq=False)
-class LeftOut:
-    """What all reductions of a model have left out.
-
-    Attributes
-    ----------
-    most : float
-        σ: none of it has a larger 1/ω².
-    coupling : ndarray, shape (k, k)
-        G, at least the RᵀR of k motions.
-    dofs : int
-        DOF of the full model.
-    premises : tuple of str
-        What must hold of parts whose origin is not known.
-    """
-
-    most: float
-    coupling: Array
-    dofs: int
-    premises: tuple[str, ...] = ()
-
-
-def left_out(model: Substructure, q: Array) -> LeftOut:
-    """What the reductions of a model have left out, and its coupling with the motions q (r, k).
+def left_out(model: Substructure, q: Array) -> Origin:
+    """What all reductions of a model have left out, with its coupling G (k, k) to the motions q (r, k), as of a step after them.
 
     Raises
     ------
@@ -185,14 +163,21 @@ def left_out(model: Substructure, q: Array) -> LeftOut:
     """
     none = np.zeros((q.shape[1],) * 2)
     if not model.is_reduced:
-        return LeftOut(0.0, none, model.size)
+        return Origin(len(none), model.size, np.inf, coupling=none)
     if isinstance(model, System):
-        _check_springs(model)
+        for joint in model.joints:  # springs inside a reduced part would couple its shapes with the modes left out
+            for name, motion in joint.link(model.parts).motions.items():
+                inside = [at for at, kind in enumerate(getattr(model.parts[name], "kinds", ()))
+                          if kind not in ("constraint", "rigid")]
+                if len(inside) and abs(motion)[:, inside].sum():
+                    raise InputError(f"{joint!r} acts on the inside of the reduced part {name!r}, for which no bound is known. "
+                                     "Put the DOF that it acts on into the part's interface")
         parts = [left_out(part, model.L[rows] @ q if part.is_reduced else q)
                  for part, rows in zip(model.parts.values(), rows_of_parts(model.parts), strict=True)]
         joined = model.L.shape[0] - model.L.shape[1]
-        return LeftOut(max(part.most for part in parts), sum((part.coupling for part in parts), none),
-                       sum(part.dofs for part in parts) - joined, tuple(one for part in parts for one in part.premises))
+        return Origin(len(none), sum(part.dofs for part in parts) - joined, np.inf, max(part.left_out for part in parts),
+                      sum((part.coupling for part in parts if part.coupling is not None), none),
+                      premises=tuple(one for part in parts for one in part.premises))
     assert isinstance(model, ReducedSubstructure)
     origin, cutoff = model.origin, model.cutoff
     if origin is None:
@@ -200,19 +185,19 @@ def left_out(model: Substructure, q: Array) -> LeftOut:
         origin = Origin(model.size, len(model.V), cutoff, premises=(f"{model.name!r} {limit}, in one step",))
     if origin.unbounded:
         raise InputError(f"{model.name!r} was reduced in several steps, and of the first no bound is known: {origin.unbounded}")
-    G = _coupling(model, q, origin.cutoff if origin.left_out else cutoff)
-    return LeftOut((origin.cutoff if origin.left_out else cutoff) ** -2.0 + origin.left_out,
-                   G if origin.coupling is None else G + q.T @ origin.coupling @ q, origin.dofs, origin.premises)
+    last = origin.cutoff if origin.left_out else cutoff
+    G = _coupling(model, q, last)
+    return Origin(len(none), origin.dofs, np.inf, last**-2.0 + origin.left_out,
+                  G if origin.coupling is None else G + q.T @ origin.coupling @ q, premises=origin.premises)
 
 
 def origin_of(sub: Substructure, V: Array, cutoff: float) -> Origin:
     """The origin of a model with the basis V (n, r) of a component, which may be reduced itself. `cutoff` is this step's."""
-    size = V.shape[1]
     try:
         before = left_out(sub, V)
     except InputError as error:
-        return Origin(size, len(V), cutoff, unbounded=str(error))
-    return Origin(size, before.dofs, cutoff, before.most, before.coupling if before.most else None, premises=before.premises)
+        return Origin(V.shape[1], len(V), cutoff, unbounded=str(error))
+    return replace(before, cutoff=cutoff, coupling=before.coupling if before.left_out else None)
 
 
 def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
@@ -262,15 +247,16 @@ def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
     return np.asarray((G + G.T) / 2)
 
 
-def _worst(theta: Array, found: LeftOut, count: int, complete: bool) -> Array:
+def _worst(theta: Array, found: Origin, count: int, complete: bool) -> Array:
     """At least the `count` largest 1/ω² of the full model; `theta` are those of the reduced one, all of them or the first.
 
     A mode that is softer by eight digits would take them from the bounds of the others. It is left out for these: the i-th
     largest eigenvalue of a matrix is at most the (i - 1)-th of a part with one row less.
     """
-    used, above = len(theta), found.most
+    assert found.coupling is not None
+    used, above = len(theta), found.left_out
     if not complete:
-        used, above = used - 1, float(theta[-1]) + found.most  # the last one stands for all that follow
+        used, above = used - 1, float(theta[-1]) + found.left_out  # the last one stands for all that follow
     worst = np.full(count, above)
     start = 0
     while start < min(used, count):
@@ -284,16 +270,5 @@ def _worst(theta: Array, found: LeftOut, count: int, complete: bool) -> Array:
         some = slice(start, min(end, count))
         worst[some] = np.maximum(largest[:some.stop - start], above)
         start = end
-    least = np.append(theta, np.full(count, 0.0 if complete else theta[-1]))[:count] + found.most
+    least = np.append(theta, np.full(count, 0.0 if complete else theta[-1]))[:count] + found.left_out
     return np.asarray(np.minimum(worst, least))
-
-
-def _check_springs(system: System) -> None:
-    """Springs may act on interfaces: inside a reduced part they would couple its shapes with the modes left out."""
-    for joint in system.joints:
-        for name, motion in joint.link(system.parts).motions.items():
-            part = system.parts[name]
-            inside = [at for at, kind in enumerate(getattr(part, "kinds", ())) if kind not in ("constraint", "rigid")]
-            if len(inside) and abs(motion)[:, inside].sum():
-                raise InputError(f"{joint!r} acts on the inside of the reduced part {name!r}, for which no bound is known. Put "
-                                 "the DOF that it acts on into the part's interface")

@@ -158,9 +158,7 @@ class InterfaceModes(Method):
                 raise NotConvergedError(f"the interface of {sub.name!r} cannot be reduced to a relative error of {known.tol:g}, "
                                         f"by rounding alone: {known!r}. Reduce the stiffness contrast of its parts, raise tol, "
                                         "or give a number of modes")
-            wider = model.wider
-            model = replace(model, estimate=known)
-            model._set(wider=wider)
+            model = model._with(estimate=known, wider=model.wider)
         if not isinstance(sub, ReducedSubstructure):
             return model
         return replace(model, V=sub.V @ model.V, full_interface=sub.full_interface, full_dofs=sub.full_dofs,

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.algebra import BLOCK, check_columns
 from femsub.checks import DENSE, EPS, Array, Matrix
+from femsub.model import Pencil, RigidMotion, units
 from femsub.modes import NormalModes, independent, lightest, lowest_modes
 from femsub.reduction.basis import Kept, Statics, in_blocks
-from femsub.reduction.estimates.nested import Nested, free_first
-
-if TYPE_CHECKING:
-    from femsub.model import Pencil
+from femsub.reduction.estimates.nested import Nested
 
 TINY = float(np.finfo(float).tiny)
 
@@ -99,7 +96,7 @@ class FoundModes:
         forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
         q = statics.rigid_in(found.rigid, len(M))
         D = None if self.pencil is None else self.pencil.D
-        motion = None if q is None else free_first(q, span.times(q), statics.part.sub.M, D)
+        motion = None if q is None else RigidMotion.of(span.times(q), D, units(statics.part.sub.M), q)
         plain = Nested(M, K, None, len(statics.condensed), found.rigid, found.eigenvalues[found.rigid:], forces, statics.rounding,
                        lightest=lightest(statics.handle), motion=motion)
         if self.pencil is None:

@@ -73,11 +73,6 @@ class Nested:
     def modes(self) -> int:
         return len(self.values)
 
-    @property
-    def is_large(self) -> bool:
-        """Whether ω and λ are found for the band alone, where it has a limit."""
-        return len(self.M) > WIDE
-
     @cached_property
     def most(self) -> Array:
         """All modes: how many each part has."""
@@ -231,7 +226,7 @@ class Nested:
         kept = self._first + self.modes
         found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], JOINED_RESIDUAL)
         Z, D = found.shapes[:, :found.rigid], np.zeros((kept, kept)) if self.D is None else self.D[:kept, :kept]
-        return free_first(Z, Z, self.M[:kept, :kept], D)
+        return RigidMotion.of(Z, D, units(self.M[:kept, :kept]), Z)
 
     @cached_property
     def largest(self) -> tuple[Array, Array]:
@@ -482,8 +477,3 @@ def _product(A: Array, X: Array, Y: Array) -> Array:
     """sqrt(xᴴAx · yᴴAy) for a positive semidefinite A, column by column."""
     x, y = (np.einsum("ij,ij->j", part.conj(), A @ part).real for part in (X, Y))
     return np.sqrt(np.maximum(x, 0.0) * np.maximum(y, 0.0))
-
-
-def free_first(q: Array, motion: Array, M: Matrix, D: Matrix | None) -> RigidMotion:
-    """Coordinates q (r, k) of a rigid motion (n, k), with those first that D does not damp; no D damps none."""
-    return RigidMotion.of(motion, D, units(M), q)

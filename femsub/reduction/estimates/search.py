@@ -18,6 +18,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from femsub.algebra import WIDE
 from femsub.checks import Array, check_band, finite_number
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import SHARE, Estimate, Pencil, beyond
@@ -106,7 +107,7 @@ class Space:
     def assembled(self, own: Mapping[str, tuple[Nested, Span]]) -> ReferenceModel:
         """The reference made of those of the parts."""
         ((name, (nested, _)),) = own.items()
-        found = replace(nested, limit=self.limit if nested.is_large else np.inf)
+        found = replace(nested, limit=self.limit if len(nested.M) > WIDE else np.inf)
         return ReferenceModel(found, own, {name: np.eye(len(nested.M))})
 
     def extended(self, given: ReferenceModel, band: tuple[float, float]) -> Nested:
