@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -93,17 +93,13 @@ class System(Substructure):
     rigid_motion: Carried = None
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def __init__(self, M: Any, K: Any, D: Any, interface: Any, ports: Mapping[str, Any], name: str, *,
-                 parts: Mapping[str, Substructure], joints: Iterable[Joint], L: Matrix, open: Mapping[str, Array],
-                 sets: Mapping[str, Array] | None = None, redundant: int = 0,
-                 multipliers: Mapping[str, Matrix] | None = None, spurious: int = 0, assembly: str = "primal",
-                 rigid_motion: Carried = None, noise: Array | None = None, H: Any = None) -> None:
-        super().__init__(M, K, D, interface, ports, name, H=H)
-        self._set(parts=dict(parts), joints=tuple(joints), L=L, open=dict(open), redundant=redundant,
-                  multipliers=multipliers or {}, spurious=spurious, assembly=assembly,
-                  sets=checked_sets(sets, sum(map(len, open.values()))), cutoff=min(part.cutoff for part in parts.values()))
-        self._carry(rigid_motion.belonging(self.D, self.K) if isinstance(rigid_motion, Joined) else None,
-                    self.noise if noise is None or len(noise) != self.size else noise)
+    def __post_init__(self) -> None:
+        sets, motion, noise = checked_sets(self.sets, sum(map(len, self.open.values()))), self.rigid_motion, self.noise
+        super().__init__(self.M, self.K, self.D, self.interface, self.ports, self.name, H=self.H)
+        self._set(parts=self.parts, joints=tuple(self.joints), L=self.L, open=self.open, multipliers=self.multipliers, sets=sets,
+                  cutoff=min(part.cutoff for part in self.parts.values()))
+        self._carry(motion.belonging(self.D, self.K) if isinstance(motion, Joined) else None,
+                    noise if len(noise) == self.size else self.noise)
 
     def __repr__(self) -> str:
         kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
@@ -406,7 +402,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     motion = Joined(tuple(parts.values()), joined.S, units_of_energy(parts), equations.A,
                     *(tuple(sp.csr_array(C) @ R for R, link in springs if np.any(C := getattr(link, key)))
                       for key in ("stiffness", "damping")))
-    return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=sets,
+    return System(M, K, D, columns, ports, name, parts=parts, joints=tuple(joints), L=L, open=open_, sets=sets,
                   redundant=redundant, multipliers=multipliers, spurious=spurious, assembly=assembly, rigid_motion=motion,
                   noise=np.hstack(noise), H=None if H is None else (H + H.T) / 2)
 
