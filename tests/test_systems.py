@@ -12,7 +12,7 @@ from test_coupling import cut, elastic
 
 import femsub as fs
 from femsub.modes.normal_modes import NormalModes, all_modes
-from femsub.reduction import parts as part_by_part
+from femsub.reduction import reduce as part_by_part
 from femsub.reduction.reduce import METHODS
 from femsub.studies import error_vs_time, joint_forces
 
