@@ -532,13 +532,9 @@ def conditions(parts: Mapping[str, Substructure], links: Sequence[Link]) -> tupl
     """C (m, Σ n_b) with C u_b = 0 of all joints below each other, for the interfaces of all parts; and the joint of each row."""
     widths = {name: len(part.interface_numbers) for name, part in parts.items()}
     found = {number: link.equations for number, link in enumerate(links) if link.equations}
-    owner = np.repeat(np.array([*found], dtype=int), np.array([_count(table) for table in found.values()], dtype=int))
+    counts = [next(iter(table.values())).shape[0] for table in found.values()]  # equations of each joint
+    owner = np.repeat(np.array([*found], dtype=int), np.array(counts, dtype=int))
     return on_all_parts([*found.values()], widths), owner
-
-
-def _count(table: Mapping[str, Matrix]) -> int:
-    """How many equations or motions a joint has."""
-    return int(next(iter(table.values())).shape[0])
 
 
 def with_interfaces(parts: Mapping[str, Substructure], C: Matrix, given: Equations) -> tuple[Matrix, Equations]:

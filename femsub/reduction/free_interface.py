@@ -57,7 +57,24 @@ def recovered(basis: Basis, statics: Statics, clear: float = 1e-2) -> Basis:
     if not len(b):
         return basis
     motion = motion_by(basis)
-    solved = _solved_for(basis, statics, motion, clear)
+    # as many columns as there are interface DOF, which they move independently: residual shapes first, by pivots
+    residual = np.array([kind == statics.kind for kind in basis.kinds])
+    solved = np.zeros(0, dtype=np.intp)
+    for candidates, least in ((np.flatnonzero(residual), clear), (np.arange(len(residual)), EQUAL)):
+        candidates = np.setdiff1d(candidates, solved)
+        if len(solved) == len(b) or not len(candidates):
+            continue
+        new = motion[:, candidates]
+        if len(solved):
+            Q = np.linalg.qr(motion[:, solved])[0]
+            new = new - Q @ (Q.T @ new)
+        R, order = la.qr(new, mode="r", pivoting=True)
+        count = int(np.count_nonzero(np.abs(R.diagonal()) > least))
+        solved = np.append(solved, candidates[order[:min(count, len(b) - len(solved))]])
+    if len(solved) < len(b):
+        raise InputError(f"{statics.part.sub.name!r}: its {len(b)} interface DOF move in {len(solved)} independent ways only, so "
+                         "that not all of them can be coordinates; leave DOF out of the interface that others move rigidly, or "
+                         "use CraigChang")
     rest = np.setdiff1d(np.arange(len(basis.M)), solved)
     moved = np.where(np.abs(motion) < DUST, 0.0, basis.interface)  # a massless shape that shares in a mode by rounding gets mass
     B = moved[:, solved]
@@ -90,25 +107,3 @@ def motion_by(basis: Basis) -> Array:
     B = basis.interface / np.sqrt(stiffness + lowest * mass)
     size = np.linalg.norm(B, axis=1)
     return np.asarray(B / np.where(size > 0, size, 1.0)[:, None])
-
-
-def _solved_for(basis: Basis, statics: Statics, B: Array, clear: float) -> Array:
-    """As many columns as there are interface DOF, which they move independently: residual shapes first, by pivots."""
-    sub = statics.part.sub
-    residual = np.array([kind == statics.kind for kind in basis.kinds])
-    chosen = np.zeros(0, dtype=np.intp)
-    for candidates, least in ((np.flatnonzero(residual), clear), (np.arange(len(residual)), EQUAL)):
-        candidates = np.setdiff1d(candidates, chosen)
-        if len(chosen) == len(B) or not len(candidates):
-            continue
-        new = B[:, candidates]
-        if len(chosen):
-            Q = np.linalg.qr(B[:, chosen])[0]
-            new = new - Q @ (Q.T @ new)
-        R, order = la.qr(new, mode="r", pivoting=True)
-        count = int(np.count_nonzero(np.abs(R.diagonal()) > least))
-        chosen = np.append(chosen, candidates[order[:min(count, len(B) - len(chosen))]])
-    if len(chosen) < len(B):
-        raise InputError(f"{sub.name!r}: its {len(B)} interface DOF move in {len(chosen)} independent ways only, so that not all "
-                         "of them can be coordinates; leave DOF out of the interface that others move rigidly, or use CraigChang")
-    return chosen

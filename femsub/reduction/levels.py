@@ -263,32 +263,30 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
     with only_one(target):
         for left in target.glob(f"*{UNFINISHED}"):
             _cleared(left)
-        return _levels(dict(parts), method, target, partial(_done, target, workers=workers, executor=executor))
-
-
-def _levels(parts: dict[str, Recipe], method: CraigBampton, folder: Path, done: Callable[..., dict[str, Task]]) -> Levels:
-    tasks: dict[str, Task] = done(_reduced_part, {name: (_key(recipe, method), recipe, method) for name, recipe in parts.items()},
-                                  what="part")
-    there, level = list(tasks.values()), 0
-    while len(there) > 2:
-        level += 1
-        jobs = {}
-        for pair in _pairs(there):
-            closing = _closing(pair, there)
-            # a task that is made anew may have other signs of its modes
-            content = [repr((task.name, task.key, sorted(task.files.items()))) for task in pair]
-            jobs["~".join((pair[0].parts[0], pair[1].parts[0], str(level)))] = (
-                _key(*content, closing, level, method), pair, closing, level, method)
-        made = done(_reduced_pair, jobs, what="pair")
-        tasks |= made
-        joined = {name for task in made.values() for name in task.below}
-        there = [*made.values(), *(task for task in there if task.name not in joined)]
-    _pairs(there)
-    start = time.perf_counter()
-    system = _joined(folder, "model", there, _closing(there, there))
-    last = Task(system.name, level + 1, tuple(task.name for task in there), tuple(name for task in there for name in task.parts),
-                _lengths(system), system.size, system.size, 0, system.cutoff, time.perf_counter() - start, most_memory())
-    return Levels(system, tasks | {system.name: last}, parts, folder)
+        done = partial(_done, target, workers=workers, executor=executor)
+        first = {name: (_key(recipe, method), recipe, method) for name, recipe in parts.items()}
+        tasks = done(_reduced_part, first, what="part")
+        there, level = list(tasks.values()), 0
+        while len(there) > 2:
+            level += 1
+            jobs = {}
+            for pair in _pairs(there):
+                closing = _closing(pair, there)
+                # a task that is made anew may have other signs of its modes
+                content = [repr((task.name, task.key, sorted(task.files.items()))) for task in pair]
+                jobs["~".join((pair[0].parts[0], pair[1].parts[0], str(level)))] = (
+                    _key(*content, closing, level, method), pair, closing, level, method)
+            made = done(_reduced_pair, jobs, what="pair")
+            tasks |= made
+            joined = {name for task in made.values() for name in task.below}
+            there = [*made.values(), *(task for task in there if task.name not in joined)]
+        _pairs(there)
+        start = time.perf_counter()
+        system = _joined(target, "model", there, _closing(there, there))
+        last = Task(system.name, level + 1, tuple(task.name for task in there),
+                    tuple(name for task in there for name in task.parts), _lengths(system), system.size, system.size, 0,
+                    system.cutoff, time.perf_counter() - start, most_memory())
+        return Levels(system, tasks | {system.name: last}, dict(parts), target)
 
 
 def _key(*what: object) -> str:

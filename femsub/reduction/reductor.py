@@ -12,7 +12,7 @@ from femsub.algebra import WORK, kept_free, one_thread
 from femsub.checks import Array, whole_number
 from femsub.errors import InputError
 from femsub.modes import lightest
-from femsub.reduction.basis import Basis, assembled, in_blocks, labelled, port_errors, projected
+from femsub.reduction.basis import assembled, in_blocks, labelled, port_errors, projected
 from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.method import Method, checked, finished, reduced
 
@@ -75,27 +75,25 @@ class Reductor:
         if not self._known:
             return reduced(self.task.sub, method, self._ports)
         with one_thread(self.task.work < WORK):
-            basis = self.largest if modes >= self.kept.elastic else self._smaller(modes)
+            basis = self.largest
+            if modes < self.kept.elastic:  # [C Φ Ξ] with fewer modes, in the coordinates of the largest one, V (R, r)
+                largest, statics, found, own = self.largest, self.statics, self.kept.found, self.kept.forces
+                kept = replace(self.kept, elastic=modes)
+                first, k = statics.constraint.shape[1], len(kept.values)
+                forces = np.arange(self.nested.loads.shape[1])
+                if own is not None:  # one force for each mode, before the others
+                    forces = np.delete(forces, slice(found.rigid + modes, own.shape[1]))
+                shapes, stiffness, inertia = replace(self.nested, loads=self.nested.loads[:, forces]).static(k - kept.rigid)
+                T = np.hstack([np.eye(len(largest.M), first + k), shapes])
+                matrices = in_blocks(statics.condensed, kept.values, stiffness, inertia, T.T @ largest.M[:, :first])
+                basis = labelled(statics, kept, T, matrices, len(forces) - shapes.shape[1], largest.interface @ T,
+                                 self.task.method.mode_kind)
+                left = np.hstack([T[:, :0], *self.ports.values()])[first + k:first + len(self.kept.values)]
+                energies = largest.energies + np.outer([0, 1], (left**2 / self.kept.values[k:, None]).sum(axis=0))
+                basis = replace(basis, port_error=port_errors(self.ports, basis, kept, energies), motion=largest.motion,
+                                D=None if largest.D is None else T.T @ largest.D @ T)
             basis = method.coordinates(basis, self.statics)
             return finished(replace(self.task, method=method), self.part, replace(basis, V=times(self.U, basis.V)))
-
-    def _smaller(self, modes: int) -> Basis:
-        """[C Φ Ξ] with fewer modes, in the coordinates of the largest one, V (R, r)."""
-        largest, statics, found, own = self.largest, self.statics, self.kept.found, self.kept.forces
-        kept = replace(self.kept, elastic=modes)
-        first, k = statics.constraint.shape[1], len(kept.values)
-        forces = np.arange(self.nested.loads.shape[1])
-        if own is not None:  # one force for each mode, before the others
-            forces = np.delete(forces, slice(found.rigid + modes, own.shape[1]))
-        shapes, stiffness, inertia = replace(self.nested, loads=self.nested.loads[:, forces]).static(k - kept.rigid)
-        T = np.hstack([np.eye(len(largest.M), first + k), shapes])
-        matrices = in_blocks(statics.condensed, kept.values, stiffness, inertia, T.T @ largest.M[:, :first])
-        basis = labelled(statics, kept, T, matrices, len(forces) - shapes.shape[1], largest.interface @ T,
-                         self.task.method.mode_kind)
-        left = np.hstack([T[:, :0], *self.ports.values()])[first + k:first + len(self.kept.values)]
-        energies = largest.energies + np.outer([0, 1], (left**2 / self.kept.values[k:, None]).sum(axis=0))
-        return replace(basis, port_error=port_errors(self.ports, basis, kept, energies), motion=largest.motion,
-                       D=None if largest.D is None else T.T @ largest.D @ T)
 
 
 def times(U: Array, T: Array) -> Array:

@@ -76,7 +76,11 @@ class Larger:
             acting.append(np.where(np.linalg.norm(force, axis=0) > ROUNDING * np.linalg.norm(size, axis=0), force, 0.0))
         forces = np.hstack(acting)
         self.loads = shapes.T @ np.hstack([forces, search.loads])
-        rest = self._without_rounding(np.hstack([handle.elastic_solve(forces, shapes), search.rest]))
+        # the responses, 0 where the modes have left nothing but rounding; of small ones most may be rigid motion
+        rest = handle.deflate(np.hstack([handle.elastic_solve(forces, shapes), search.rest]))
+        held, energy = self.loads[self.rigid:], np.einsum("ij,ij->j", rest, self.product(rest))
+        whole = energy + np.einsum("ij,ij->j", held, held / self.found.eigenvalues[self.rigid:, None])
+        rest = np.where(energy > ROUNDING * whole, rest, 0.0)
         sigma = handle.sigma
         terms = [Term(pencil.M, (sigma, 0.0, 1.0), 1.0, (0.0, 1 / (self.top**2 - sigma)), rounding=ROUNDING),
                  *terms_of(pencil.D, (0.0, 1.0, 0.0), sampled=True, rounding=ROUNDING),
@@ -106,13 +110,6 @@ class Larger:
             return handle.K @ x
         force = handle.K @ handle.deflate(x)
         return force - handle.M @ (handle.rigid @ (handle.rigid.T @ force)) - handle.sigma * (handle.M @ x)
-
-    def _without_rounding(self, rest: Array) -> Array:
-        """The responses, 0 where the modes have left nothing but rounding; of small ones most may be rigid motion."""
-        rest = self.handle.deflate(rest)
-        held, energy = self.loads[self.rigid:], np.einsum("ij,ij->j", rest, self.product(rest))
-        whole = energy + np.einsum("ij,ij->j", held, held / self.found.eigenvalues[self.rigid:, None])
-        return np.where(energy > ROUNDING * whole, rest, 0.0)
 
     def _answers(self, values: Array, X: Array, Y: Array) -> Array:
         """A⁻¹ times the residuals of right and left eigenvectors, real and imaginary parts."""
@@ -211,17 +208,12 @@ class Larger:
             first = right[k] * left[k] / limit
             start = float(max(first if np.isfinite(first) else np.inf, ACCEPTED * abs(value), 4 * rounding))
             for thorough in (False, True):
-                if found[k] > DOUBLE * abs(value):  # else no other eigenvalue is meant
-                    found[k] = min(found[k], self._circle(value, start, thorough))
+                radius = start
+                while found[k] > DOUBLE * abs(value) and radius < min(abs(value), (BEYOND - ROOM) * self.hi, found[k]):
+                    if all(self.coupling.excludes(value + radius * turn, limit, thorough) for turn in CIRCLE):
+                        found[k] = radius
+                    radius *= 2
         return found
-
-    def _circle(self, value: complex, radius: float, thorough: bool) -> float:
-        """A radius with g < c on the circle, at least the one given; inf if it would reach too far."""
-        while radius < min(abs(value), (BEYOND - ROOM) * self.hi):
-            if all(self.coupling.excludes(value + radius * turn, SURE * self.coercivity, thorough) for turn in CIRCLE):
-                return radius
-            radius *= 2
-        return float(np.inf)
 
     @property
     def most(self) -> int:
