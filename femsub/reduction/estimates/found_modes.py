@@ -149,8 +149,13 @@ class Span:
 
     def projected(self, D: Matrix) -> Array:
         """UᵀDU, shape (R, R), a block of columns at a time."""
-        one = np.eye(self.rest.stop)
-        return np.hstack([self.dot(D @ self.times(one[:, start:start + BLOCK])) for start in range(0, max(len(one), 1), BLOCK)])
+        blocks, rows = [np.zeros((self.rest.stop, 0))], self.statics.part.rows
+        for group, own in ((self.statics.constraint, slice(None)), (self.modes, rows), (self.static, rows)):
+            for start in range(0, group.shape[1], BLOCK):
+                full = np.zeros((self.statics.part.sub.size, min(BLOCK, group.shape[1] - start)), order="F")
+                full[own] = group[:, start:start + BLOCK]
+                blocks.append(self.dot(D @ full))
+        return np.hstack(blocks)
 
 
 def compressed(columns: Array, stiffness: Array) -> Array:

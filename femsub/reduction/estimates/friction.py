@@ -208,7 +208,7 @@ class Larger:
             first = right[k] * left[k] / limit
             start = float(max(first if np.isfinite(first) else np.inf, ACCEPTED * abs(value), 4 * rounding))
             for thorough in (False, True):
-                radius = start
+                radius = start  # one within DOUBLE |λ| needs no other; none may hold 0, or reach to where c is not known
                 while found[k] > DOUBLE * abs(value) and radius < min(abs(value), (BEYOND - ROOM) * self.hi, found[k]):
                     if all(self.coupling.excludes(value + radius * turn, limit, thorough) for turn in CIRCLE):
                         found[k] = radius
