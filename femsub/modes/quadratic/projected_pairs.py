@@ -6,8 +6,7 @@ has it. The error falls in each sweep by about the share of P that A leaves out.
 
 from __future__ import annotations
 
-from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,14 +17,14 @@ from femsub.modes.quadratic.matching import HALF, clusters, match
 from femsub.modes.quadratic.projected_count import Projection
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from femsub.model import Pencil
     from femsub.modes.quadratic.energy_basis import Coupling
 
 #: Relative distance below which eigenvalues are corrected together. Corrected apart, two that were 7e-4 from each other diverged,
 #: by a factor of 1 to 3 in each sweep; none did above 1e-3.
 TOGETHER = 1e-3
-
-Acting = tuple[tuple[float, float, float], Any, float, Array, Array]  # see `_acting`
 
 
 def right_pairs(small: Coupling, pencil: Pencil, together: int = 16) -> tuple[Array, Array] | None:
@@ -70,10 +69,9 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
 
     Those that are not near each other do not depend on each other, so a fork corrects half of them where that pays.
     """
-    factor, acting = _factor(small), _acting(small, left > 0)
-    rough = small.basis.V.astype(np.float32)  # of a change some digits are enough
+    factor = _factor(small)
     if not fork_pays(factor, 10 * len(at)):  # each takes five sweeps or more, with two real columns
-        return _together(small, matrices, norms, at, left, rough, acting)
+        return _together(small, matrices, norms, at, left)
     label = np.arange(len(at))
     for group in clusters(small.each[at], TOGETHER):
         label[group] = group[0]
@@ -84,7 +82,7 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
 
     def some(part: slice) -> None:
         these = order[first[part.start]:first[part.stop]]
-        found = _together(small, matrices, norms, at[these], left, rough, acting)
+        found = _together(small, matrices, norms, at[these], left)
         values[these], X[:, these] = (np.nan, 0.0) if found is None else found
 
     number = len(first) - 1
@@ -93,8 +91,8 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
     return (values, X) if np.isfinite(values).all() else None
 
 
-def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, error_of_left: float,
-              rough: Array, acting: list[Acting]) -> tuple[Array, Array] | None:
+def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, error_of_left: float
+              ) -> tuple[Array, Array] | None:
     """As `_corrected`, all at once. None where the corrections do not converge.
 
     X changes by V VᵀR - A⁻¹R outside V, R = P(λ)X, which would solve the problem if P were A there. The change inside V follows
@@ -103,7 +101,6 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     corrected as one, with a matrix S instead of λ: MXS² + DXS + KX = 0.
     """
     V, factor, left = small.basis.V, _factor(small), error_of_left > 0
-    M, D, K = matrices
     finite = np.flatnonzero(small.nu)
     x, z = (part[:, finite] for part in ((small.z, small.x) if left else (small.x, small.z)))
     each = small.each[finite].conj() if left else small.each[finite]
@@ -119,49 +116,38 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
         label[group] = group[0]
     here, Xh, found = np.arange(len(at)), X, np.empty_like(X)
     errors = _Errors(len(at))
-    for sweep in count():  # until all are solved, or one is stuck
-        groups = [np.flatnonzero(label[here] == group[0]) for group in among]
-        T = S[np.ix_(here, here)]
-        if sweep:
-            R = _times(_complex(times(M, _real(Xh))), T, groups)
-            R += _complex(times(D, _real(Xh)))
-            R = _times(R, T, groups)
-            R += _complex(times(K, _real(Xh)))
-            size = np.abs(T.diagonal())
-            error = _lengths(R) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * _lengths(Xh))
-            falls = errors.add(here, error)
-            if errors.stuck:
-                return None
-            stay = np.isin(label[here], label[here[~errors.done[here]]])
-            if not stay.all():
-                found[:, here[~stay]] = Xh[:, ~stay]
-                here, T, error, falls = here[stay], T[np.ix_(stay, stay)], error[stay], falls[stay]
-                R, Xh = R[:, stay], Xh[:, stay]
-                groups = [np.flatnonzero(label[here] == group[0]) for group in among]
-            if not len(here):
-                break
-            R /= (unit := float(np.abs(R).max()))  # within the range of single precision
-            step, rho = factor.solve(_real(R)), _complex(rough.T @ _single(R))
-            del R
-        else:  # VᵀR is 0, and P - A acts alone outside V
-            step, unit = small.basis.residuals(values.conj() if left else values, x[:, at], left), 1.0
-            rho = np.zeros((V.shape[1], len(at)), dtype=complex)
-            error = falls = np.ones(len(at))
-        inside = z.conj().T @ _left_inside(acting, rho, step, T, groups)
-        change, of_S = _change_inside(inside, T, each, at[here], groups)
-        S[np.ix_(here, here)] += unit * of_S
-        moved = _complex(rough @ _single(rho + x @ change) - step) * unit
+    inner = [part.T if left else part for part in small.basis.matrices[::-1]]  # VᵀMV, VᵀDV and VᵀKV
+    # VᵀR is 0 at first, and the basis has what lies outside V
+    step, rho = _complex(small.basis.residuals(values.conj() if left else values, x[:, at], left)), 0j * x[:, at]
+    error, falls = np.ones((2, len(at)))
+    while True:  # until all are solved, or one is stuck
+        T, groups = S[np.ix_(here, here)], [np.flatnonzero(label[here] == group[0]) for group in among]
+        after = rho + _applied(inner, rho, T, groups) - _complex(V.T @ _real(_applied(matrices, step, T, groups)))
+        change, of_S = _change_inside(z.conj().T @ after, T, each, at[here], groups)
+        S[np.ix_(here, here)] += of_S
+        moved = _complex(V @ _real(rho + x @ change)) - step
+        Xh = Xh + moved
         more = error * falls > SUMS
         if left:
             more &= falls * _lengths(moved) > error_of_left * _lengths(Xh)
-        Xh = Xh + moved
         S[:, real], Xh[:, real[here]] = S[:, real].real, Xh[:, real[here]].real
         stay = np.isin(label[here], label[here[more]])
-        if not stay.all():  # this was the last correction of the others
-            found[:, here[~stay]] = Xh[:, ~stay]
-            here, Xh = here[stay], Xh[:, stay]
+        found[:, here[~stay]] = Xh[:, ~stay]  # this was the last correction of these
+        here, Xh = here[stay], Xh[:, stay]
         if not len(here):
             break
+        T, groups = S[np.ix_(here, here)], [np.flatnonzero(label[here] == group[0]) for group in among]
+        R, size = _applied(matrices, Xh, T, groups), np.abs(T.diagonal())
+        error = _lengths(R) / ((size**2 * norms[0] + size * norms[1] + norms[2]) * _lengths(Xh))
+        falls = errors.add(here, error)
+        if errors.stuck:
+            return None
+        stay = np.isin(label[here], label[here[~errors.done[here]]])
+        found[:, here[~stay]] = Xh[:, ~stay]
+        here, R, Xh, error, falls = here[stay], R[:, stay], Xh[:, stay], error[stay], falls[stay]
+        if not len(here):
+            break
+        step, rho = _complex(factor.solve(_real(R))), _complex(V.T @ _real(R))
     X = found
     values = S.diagonal().copy()
     for group in among:
@@ -200,20 +186,14 @@ class _Errors:
         return (self._last <= SUMS) | (lowest & (self._last < ROUNDING))
 
 
-def _left_inside(acting: list[Acting], rho: Array, step: Array, T: Array, groups: list[Array]) -> Array:
-    """VᵀR (m, k) after X has changed by Vρ - step; `rho` is VᵀR before. VᵀA times this change is 0: the other parts of P act."""
-    short, left = step.astype(np.float32), rho.copy()
-    for (constant, linear, square), rows, sign, image, inner in acting:
-        changed = _complex(inner @ _real(rho) - sign * (image.T @ short[rows]))
-        share = changed * square
-        for weight in (linear, constant):
-            share = (_times(share, T, groups) if share.any() else share) + weight * changed
-        left += share
-    return left
+def _applied(matrices: Sequence[Matrix], X: Array, T: Array, groups: list[Array]) -> Array:
+    """MXT² + DXT + KX (n, k)."""
+    M, D, K = (times(part, X) for part in matrices)
+    return _times(_times(M, T, groups) + D, T, groups) + K
 
 
 def _change_inside(inside: Array, T: Array, each: Array, own: Array, groups: list[Array]) -> tuple[Array, Array]:
-    """The change of X in the eigenvectors of VᵀPV, shape (len(each), k), and that of S (k, k); `inside` is zᴴ `_left_inside`.
+    """The change of X in the eigenvectors of VᵀPV, shape (len(each), k), and that of S (k, k); `inside` is zᴴVᵀP(λ)X.
 
     Column k belongs to the eigenvalue each[own[k]], a column of a group to all of the group's. Components along a column's own
     eigenvectors change S. Those along all others change X.
@@ -230,13 +210,6 @@ def _change_inside(inside: Array, T: Array, each: Array, own: Array, groups: lis
         change[np.ix_(others, columns)] = -np.linalg.solve(apart, inside[np.ix_(others, columns)][:, :, None])[:, :, 0]
         more[np.ix_(columns, columns)] = inside[here]
     return change, more
-
-
-def _acting(small: Coupling, left: bool) -> list[Acting]:
-    """Of each term T of P its weights, its rows, a sign, these rows of TV, and ±TᵀV; ±Tᵀ is Vᵀ times it, transposed if `left`."""
-    basis = small.basis
-    return [(term.weights, term.rows, sign := 1.0 if left else term.sign, term.image(basis.V).astype(np.float32), sign * inner.T)
-            for term, inner in zip(basis.terms, basis.inside, strict=True)]
 
 
 def _factor(small: Coupling) -> Handle:
@@ -260,10 +233,6 @@ def _times(A: Array, T: Array, groups: list[Array]) -> Array:
 def _real(A: Array) -> Array:
     """Real and imaginary parts of complex columns side by side, shape (n, 2k)."""
     return np.ascontiguousarray(A).view(float)
-
-
-def _single(A: Array) -> Array:
-    return _real(A).astype(np.float32)
 
 
 def _complex(A: Array) -> Array:
