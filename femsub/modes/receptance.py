@@ -1,21 +1,17 @@
 """`frequency_response`: the answer of a model to harmonic forces, h(iω) = Cᵀ(-ω²M + iωD + K + iH)⁻¹F, directly or by modes.
 
-The modal way works on V = [Φ Ψ]. Φ are all modes below a limit Ω, counted by inertia. Ψ are the static responses that the modes
-leave out, to the loads F, to unit forces C at the responses, on the ports of contacts, and on all rows and columns of D where it
-acts on few DOF. K' = K + MΦ(Ω² - Λ)ΦᵀM lifts the modes to Ω, so that K' ≥ Ω²M, however soft the mounts are. With Z for all
-other motions, K'-orthogonal to V and ZᵀK'Z = I, the equations are
+The modal way is the projection of `energy_basis` on V = [Φ Ψ]. Φ are all modes below a limit Ω, counted by inertia. Ψ are the
+static responses that the modes leave out, to the loads F, to unit forces C at the responses, on the ports of contacts, and on
+all rows and columns of D where it acts on few DOF. A = K' = K + MΦ(Ω² - Λ)ΦᵀM lifts the modes to Ω, so that K' ≥ Ω²M, however
+soft the mounts are. P_U = VᵀP(iω)V, P_UL and P_LU are as there. With F_L and C_L for F and C outside V, in the norm of A⁻¹, the
+modal response h' = CᵀV P_U⁻¹ VᵀF is off by at most
 
-    [A   B_lᵀ] [v]   [VᵀF]          A = VᵀP(iω)V,
-    [B_r E    ] [z] = [ZᵀF],         B_r = ZᵀP(iω)V,   B_l = ZᵀP(iω)ᵀV,   E = ZᵀP(iω)Z.
+    |h - h'| ≤ ‖C_L - P_ULᵀ P_U⁻ᵀ VᵀC‖ ‖F_L - P_LU P_U⁻¹ VᵀF‖ / (c - ‖P_LU P_U⁻¹ P_UL‖).
 
-What Ψ holds of the loads is absent from ZᵀF, ZᵀC and B, whether forces act in the direction of motion or not. What solutions,
-dependent columns and rounding leave of them is computed. With ω < Ω the real part of E is at least γ = 1 - ω²/Ω², less what is
-left of contacts. The modal response h' = CᵀV A⁻¹ VᵀF is therefore off by at most
-
-    |h - h'| ≤ ‖ZᵀC - B_l A⁻ᵀVᵀC‖ ‖ZᵀF - B_r A⁻¹VᵀF‖ / (γ - ‖B_r A⁻¹B_lᵀ‖).
-
-Norms over Z follow from small matrices. Where B is large, the static responses to it join Ψ. The bound also has the residual of
-the small equations, and rounding in the entries of the matrices.
+What Ψ holds of the loads is absent from F_L, C_L, P_LU and P_UL, whether forces act in the direction of motion or not. What
+solutions, dependent columns and rounding leave of them is computed. With ω < Ω, c = 1 - ω²/Ω², less what is left of contacts.
+Where P_LU is large, the static responses to it join Ψ. The bound also has the residual of the small equations, and rounding in
+the entries of the matrices.
 """
 
 from __future__ import annotations
@@ -24,13 +20,13 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import BLOCK, ROUNDING, SMALL, WIDE, ComplexFactor, Frozen, shared_factor
+from femsub.algebra import BLOCK, SMALL, WIDE, ComplexFactor, Frozen, halves, shared_factor
 from femsub.checks import (
     EPS,
     Array,
@@ -50,11 +46,8 @@ from femsub.errors import FemsubError, InputError, InputTypeError, SingularMatri
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, beyond, contacts_of, small_matrices
 from femsub.modes.noise import Noise
 from femsub.modes.normal_modes import modes_below, modes_under
+from femsub.modes.quadratic.energy_basis import EnergyBasis, Term
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.modes.static_shapes import energy_directions
-
-if TYPE_CHECKING:
-    from femsub.modes.normal_modes import NormalModes
 
 log = logging.getLogger(__name__)
 
@@ -571,21 +564,31 @@ def _singular(omega: float) -> SingularMatrixError:
 
 # ---- by modes
 
+@dataclass(frozen=True)
+class _Columns:
+    """W C Wᵀ (n, n) of a few columns W (n, p), which may be dense."""
+
+    W: Array
+    C: Array
+
+    def __matmul__(self, x: Array) -> Array:
+        return self.W @ (self.C @ (self.W.T @ x))
+
+
 @dataclass(frozen=True, eq=False)
 class Modal:
-    """A model in V = [Φ Ψ], small matrices all; see the module's text.
+    """A model in V = [Φ Ψ]; see the module's text.
 
     Attributes
     ----------
-    M, D, K, H : ndarray, shape (r, r)
-        With contacts.
+    basis : EnergyBasis
+    matrices : ndarray, shape (3, r, r)
+        K + iH, D and M with contacts.
     F, C : ndarray, shapes (r, nl) and (r, nr)
-    lost, lost_left : tuple of ndarray, shapes (q, r) each
-        L_M, L_D, L_K and L_H with ‖Zᵀ P(iω)V v‖ = ‖(-ω²L_M + iωL_D + L_K + iL_H)v‖; the same of Pᵀ.
-    lost_F, lost_C : ndarray, shapes (q, nl) and (q, nr)
-        ZᵀF and ZᵀC in the same norm.
-    spoilt : (float, float, float)
-        c_M, c_D and c_K: Re xᴴE(iω)x ≥ 1 - ω²c_M - ωc_D - c_K for all |x| = 1.
+    lost_F, lost_C : ndarray, shapes (nl,) and (nr,)
+        ‖F_L‖ and ‖C_L‖ of each column.
+    spoilt : (float, float)
+        d and k: contacts and dashpots lower c by ωd + k.
     noise : ndarray, shape (r, r)
         What rounding in each entry of the matrices, and the errors of the modes, may change in those of A.
     noise_F, noise_C : ndarray, shapes (r, nl) and (r, nr)
@@ -594,17 +597,13 @@ class Modal:
         Rigid-body modes included.
     """
 
-    M: Array
-    D: Array
-    K: Array
-    H: Array
+    basis: EnergyBasis
+    matrices: Array
     F: Array
     C: Array
-    lost: tuple[Array, ...]
-    lost_left: tuple[Array, ...]
     lost_F: Array
     lost_C: Array
-    spoilt: tuple[float, float, float]
+    spoilt: tuple[float, float]
     noise: Array
     noise_F: Array
     noise_C: Array
@@ -623,18 +622,18 @@ class Modal:
         InputError
             The bound of the module's text does not hold for the model, or the modes are too many.
         """
-        terms = [small_matrices(model, contact) for contact in contacts_of(contacts)]
-        if any(map(sp.issparse, (part for term in terms for part in term))):
+        acting = [small_matrices(model, contact) for contact in contacts_of(contacts)]
+        if any(map(sp.issparse, (part for term in acting for part in term))):
             raise InputError("contacts of surfaces act on too many DOF for the modal way. Take method='direct'")
         braked = np.unique(np.concatenate(model.D.nonzero()))  # its rows and its columns
         few = len(braked) <= BLOCK  # one solve gives each its static response
         if few:  # D acts as a contact does
             one_by_one = np.zeros((model.size, len(braked)))
             one_by_one[braked, np.arange(len(braked))] = 1.0
-            terms.append((one_by_one, one_by_one.T @ (model.D @ one_by_one), 0.0))
+            acting.append((one_by_one, one_by_one.T @ (model.D @ one_by_one), 0.0))
         elif not model.pencil.symmetric[1]:
             raise InputError("an unsymmetric D on many DOF has no bound for the modal way. Take method='direct'")
-        forces = np.hstack([F, C, *(W for W, *_ in terms)] if C is not F else [F, *(W for W, *_ in terms)])
+        forces = np.hstack([F, C, *(W for W, *_ in acting)])
         if forces.shape[1] > WIDE:
             raise InputError(f"{forces.shape[1]} columns of loads, responses, contacts and dashpots are too many for the modal "
                              f"way (at most {WIDE}). Take method='direct', or ask for fewer at a time")
@@ -644,136 +643,91 @@ class Modal:
         if most < model.size and (count := modes_under(model.K, model.M, limit**2)) > most:
             raise InputError(f"{count} modes lie below {limit:.5g} rad/time, more than {most}. Take method='direct'")
         found = modes_below(model.K, model.M, limit, handle)
-        spread = (None if few else model.D, model.H)
-        basis = _ModalBasis.of(handle, found, forces, spread, highest or limit, sweeps)
-        V, M, K = basis.V, basis.M, basis.K
-        D, H = (np.zeros(K.shape) if A is None else V.T @ (A @ V) for A in spread)
-        size, rounding = np.abs(V), _terms(model.pencil) * EPS
+
+        # K' with its solutions, corrected once by what the errors of the modes and of the factor leave
+        Phi, values, top = found.shapes, found.eigenvalues, found.counted[0] ** 2
+        momenta, lift = model.M @ Phi, np.diag(values - top)
+
+        def product(x: Array) -> Array:
+            return np.asarray(model.K @ x - momenta @ (lift @ (momenta.T @ x)))
+
+        def solve(B: Array) -> Array:
+            x = np.zeros(B.shape)
+            for _ in range(2):
+                rest = B - product(x)
+                x += handle.elastic_solve(rest, Phi) + Phi @ (Phi.T @ rest) / top
+            return x
+
+        # the terms, and their ranges for imaginary s; the static responses of those on few columns lie in V, but for `spoilt`
+        constant, rate, none = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0)
+        terms = [Term(model.M, (0.0, 0.0, 1.0), range=(0.0, 1 / top)), Term(_Columns(momenta, lift), constant, range=none)]
+        terms += [] if few else [Term(model.D, rate, range=none)]
+        terms += [] if model.H is None else [Term(model.H, (1j, 0.0, 0.0), range=none)]
+        rounding, sizes = _terms(model.pencil) * EPS, []
+        for W, *factors in acting:
+            full = [np.array(part if np.ndim(part) else part * np.eye(W.shape[1])) for part in factors]
+            sizes.append((np.abs(W), highest * np.abs(full[0]) + np.abs(full[1]), [float(np.linalg.norm(part)) for part in full]))
+            for part, weights in zip(full, (rate, constant), strict=True):
+                terms += [Term(_Columns(W, half), weights, sign, none)
+                          for half, sign in zip(halves(part), (1.0, -1.0), strict=True) if half.any()]
+
+        # V: the modes, static responses, and those to what these leave out
+        basis = EnergyBasis(product, solve, terms, model.size)
+        basis.add(Phi / np.sqrt(top), unit=True)
+        static = solve(forces)
+        basis.add(static)
+        for _ in range(sweeps):
+            loads = []
+            for i, term in enumerate(terms):
+                size, turn = np.linalg.eigh(basis.lost[i, :, i])
+                joining = abs(term.weight(np.array(1j * highest))) ** 2 * size > TOL**2
+                loads.append(basis.image(i, turn[:, joining][:, -BLOCK:]))
+            if not basis.add(solve(np.hstack(loads))):
+                break
+        V, size, m = basis.V, np.abs(basis.V), len(values)
+
+        # what V leaves of the forces, and what rounding and the errors of the modes may change
+        change = solve(forces - product(static))  # the error of the solutions, to first order
+        lost = sum(np.einsum("ij,ij->j", x, product(x)).clip(0.0) for x in (static + change - V @ (V.T @ forces), change))
+        of_F, of_C, *of_acting = np.split(lost, np.cumsum([F.shape[1], C.shape[1], *(W.shape[1] for W, *_ in acting)])[:-1])
+        spoilt = [sum(float(own.sum()) * norms[at] for own, (*_, norms) in zip(of_acting, sizes, strict=True)) for at in (0, 1)]
         each = abs(model.K) @ size + highest**2 * (abs(model.M) @ size)
-        for A, rate in zip(spread, (highest, 1.0), strict=True):
-            each = each if A is None else each + rate * (abs(A) @ size)
+        each = each if few else each + highest * (abs(model.D) @ size)
+        each = each if model.H is None else each + abs(model.H) @ size
         noise = rounding * (size.T @ each)
-        noise += np.abs(V.T @ (model.K @ V) - K) + highest**2 * np.abs(V.T @ (model.M @ V) - M)  # the modes' own errors
-        own, other = slice(F.shape[1]), slice(0 if C is F else F.shape[1], F.shape[1] if C is F else F.shape[1] + C.shape[1])
-        right, left, spoilt, start = [*basis.lost], [*basis.lost], [*basis.spoilt], other.stop
-        for W, *factors in terms:
-            w, L, start = V.T @ W, basis.loads[:, start:start + W.shape[1]], start + W.shape[1]
-            C_D, C_K = (np.array(part if np.ndim(part) else part * np.eye(W.shape[1])) for part in factors)
-            touched, weak = size.T @ np.abs(W), float(np.linalg.norm(L, 2)) ** 2 if L.size else 0.0
-            noise += rounding * (touched @ (highest * np.abs(C_D) + np.abs(C_K)) @ touched.T)
-            D, K = D + w @ C_D @ w.T, K + w @ C_K @ w.T
-            for at, part in ((1, C_D), (2, C_K)):
-                right[at], left[at] = right[at] + L @ part @ w.T, left[at] + L @ part.T @ w.T
-                spoilt[at] += weak * float(np.linalg.norm(part))
-        return cls(M, D, K, H, V.T @ F, V.T @ C, (*right,), (*left,), basis.loads[:, own], basis.loads[:, other],
-                   (spoilt[0], spoilt[1], spoilt[2]), noise, rounding * (size.T @ np.abs(F)), rounding * (size.T @ np.abs(C)),
-                   len(found.eigenvalues))
+        for columns_, both, _ in sizes:
+            touched = size.T @ columns_
+            noise += rounding * (touched @ both @ touched.T)
+        matrices = basis.matrices  # ΦᵀKΦ and ΦᵀMΦ are known better
+        for at, given, own in ((0, basis.energy + basis.inside[1], values / top), (2, basis.inside[0], np.full(m, 1 / top))):
+            change = -given
+            change[m:, m:] = 0.0
+            change[np.arange(m), np.arange(m)] += own
+            matrices[at] += change
+            noise += (highest**2 if at else 1.0) * np.abs(change)
+        return cls(basis, matrices, V.T @ F, V.T @ C, np.sqrt(of_F), np.sqrt(of_C), (spoilt[0], spoilt[1]), noise,
+                   rounding * (size.T @ np.abs(F)), rounding * (size.T @ np.abs(C)), m)
 
     def response(self, omega: float) -> tuple[Array, Array, float]:
         """h (nr, nl), its bound, and the largest ‖F - Px‖ / ‖x‖ in the norms of energy."""
-        A = self.K - omega**2 * self.M + 1j * (omega * self.D + self.H)
-        right, left = (L[2] - omega**2 * L[0] + 1j * (omega * L[1] + L[3]) for L in (self.lost, self.lost_left))
+        A = np.tensordot([1.0, 1j * omega, -omega**2], self.matrices, 1)
+        right, left = self.basis.products(1j * omega)
         try:
             inverse = np.linalg.inv(A)
         except np.linalg.LinAlgError:
             raise _singular(omega) from None
         v, w = inverse @ self.F, inverse.T @ self.C
-        into, out = (np.linalg.norm(own - B @ part, axis=0) for own, B, part in ((self.lost_F, right, v), (self.lost_C, left, w)))
+        into, out = (own + np.sqrt(np.einsum("ij,ij->j", x.conj(), gram @ x).real.clip(0.0))
+                     for own, gram, x in ((self.lost_F, right, v), (self.lost_C, left, w.conj())))
         changed = np.abs(inverse) @ self.noise  # by rounding: what a vector A⁻¹b may change, relative to its entries
         sure = 1 - float(np.linalg.norm(changed))
-        margin = 1 - omega**2 * self.spoilt[0] - omega * self.spoilt[1] - self.spoilt[2]
-        margin -= float(np.linalg.norm(right @ inverse @ left.T)) / max(sure, EPS)
+        margin = self.basis.coercivity(0.0, omega) - omega * self.spoilt[0] - self.spoilt[1]
+        margin -= np.sqrt(max(np.einsum("ij,ji->", inverse.conj().T @ right, inverse @ left).real, 0.0)) / max(sure, EPS)
         bound = np.full((len(out), len(into)), np.inf)
         if margin > 0 and sure > 0:
             size = np.linalg.solve(np.eye(len(A)) - changed, np.abs(v))
             rest = np.abs(self.F - A @ v) + self.noise @ size + self.noise_F
             bound = np.outer(out, into) / (margin * sure**2) + np.abs(w).T @ rest + self.noise_C.T @ size
-        energy = np.sqrt(np.abs(self.K.diagonal()) @ np.abs(v) ** 2)
+        energy = np.linalg.norm(v, axis=0)
         wrong = np.divide(into, energy, out=np.zeros_like(into), where=energy > 0)
         return self.C.T @ v, bound, float(wrong.max(initial=0.0))
-
-
-@dataclass(frozen=True, eq=False)
-class _ModalBasis:
-    """V = [Φ Ψ] (n, r), each column of about unit energy, and what it leaves out; see the module's text.
-
-    Attributes
-    ----------
-    M, K : ndarray, shape (r, r)
-    lost : tuple of ndarray, shapes (q, r) each
-        `Modal.lost` without contacts, and of D and H over many DOF alone.
-    loads : ndarray, shape (q, p)
-        Zᵀ times the forces in the same norm.
-    spoilt : (float, float, float)
-        `Modal.spoilt` without contacts.
-    """
-
-    V: Array
-    M: Array
-    K: Array
-    lost: tuple[Array, Array, Array, Array]
-    loads: Array
-    spoilt: tuple[float, float, float]
-
-    @classmethod
-    def of(cls, handle: ShiftInvert, modes: NormalModes, forces: Array, spread: tuple[Matrix | None, Matrix | None],
-           highest: float, sweeps: int) -> _ModalBasis:
-        """For forces, and a `spread` of D and H over many DOF.
-
-        What the basis leaves out of -ω²MV, iωDV and iHV is itself a load. Its static responses join the basis, those of the
-        most energy first.
-        """
-        Phi, values, top = modes.shapes, modes.eigenvalues, modes.counted[0] ** 2
-        unit = np.maximum(values, highest**2) ** -0.5  # makes motions of energy 1
-        given = handle.elastic_solve(forces, Phi)
-        energy, through = _energy(handle, given), ((Phi.T @ forces) ** 2).sum(axis=0) / top
-        static = given[:, energy > ROUNDING**2 * through]  # the rest is rounding
-        for sweep in range(sweeps + 1):
-            Psi = static  # made K-orthonormal, and M-orthogonal to Φ; in two passes, since nearly dependent columns lose digits
-            for _ in range(2):
-                Psi = handle.deflate(Psi, Phi)
-                gram = Psi.T @ (handle.K @ Psi)
-                Psi = Psi @ energy_directions((gram + gram.T) / 2, gram.diagonal(), len(Psi) - Phi.shape[1])[0]
-            V = np.hstack([Phi * unit, Psi])
-            acting = [(handle.M, Psi, highest**2), *zip(spread, (V, V), (highest, 1.0), strict=True)]
-            beside = np.hstack([rate * (A @ x) for A, x, rate in acting if A is not None])
-            response = handle.elastic_solve(beside, Phi)
-            size, turn = np.linalg.eigh(_gram(handle, response, Psi))
-            joining = np.flatnonzero(size > TOL**2)[-BLOCK:]
-            if sweep == sweeps or not len(joining):
-                break
-            static = np.hstack([static, response @ turn[:, joining]])
-        seen = np.sqrt(energy + through)
-        seen[seen == 0] = 1.0
-        errors = (handle.K @ Phi - (handle.M @ Phi) * values) * unit
-        every = np.hstack([forces / seen, errors, beside])
-        response = np.hstack([given / seen, handle.elastic_solve(errors, Phi), response])
-        change = handle.elastic_solve(every - handle.K @ response, Phi)  # the error of the solutions, to first order
-        gram = _gram(handle, response + change, Psi) + np.diag(_energy(handle, change))
-        size, turn = np.linalg.eigh(gram)
-        root = np.sqrt(np.maximum(size, EPS * size.max(initial=0.0)))[:, None] * turn.T
-        m, p = Phi.shape[1], forces.shape[1]
-        loads, wrong, left = root[:, :p] * seen, root[:, p:p + m], root[:, p + m:]
-        parts = [np.zeros((len(root), V.shape[1])) for _ in range(4)]
-        for at, (A, x, rate) in zip((0, 1, 3), acting, strict=True):
-            if A is not None:
-                parts[at][:, V.shape[1] - x.shape[1]:] = left[:, :x.shape[1]] / rate
-                left = left[:, x.shape[1]:]
-        parts[0][:, :m], parts[2][:, :m] = -wrong / top, wrong * (1 - values / top)
-        spoilt = 4 * float(((wrong / unit) ** 2).sum(axis=0) @ (1 / (top - values)))
-        mass = Psi.T @ (handle.M @ Psi)
-        M = np.diag(np.append(unit**2, np.zeros(len(mass))))
-        M[m:, m:] = (mass + mass.T) / 2
-        K = np.diag(np.append(values * unit**2, np.ones(len(mass))))
-        return cls(V, M, K, (parts[0], parts[1], parts[2], parts[3]), loads, ((1 + spoilt) / top, 0.0, spoilt))
-
-
-def _energy(handle: ShiftInvert, x: Array) -> Array:
-    return np.einsum("ij,ij->j", x, handle.K @ x).clip(0.0)
-
-
-def _gram(handle: ShiftInvert, x: Array, Psi: Array) -> Array:
-    """The energies of what is left of x beside Ψ."""
-    left = x - Psi @ (Psi.T @ (handle.K @ x))
-    gram = left.T @ (handle.K @ left)
-    return (gram + gram.T) / 2

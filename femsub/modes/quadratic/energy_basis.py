@@ -49,13 +49,15 @@ WIDER = 40  # residuals of each kind that enrich the basis at a time
 PIECES = 20_000  # of a contour at most
 BATCH = 512  # of these are looked at together
 
+Weights = tuple[complex, float, float]  #: c_0, c_1, c_2 of c_0 + c_1 s + c_2 s²; c_0 of a symmetric T alone may be complex
+
 
 @dataclass(frozen=True)
 class Term:
     """T with its weight in P(s), and the range of xᴴTx / xᴴAx outside the basis; of a skew T that of its imaginary part."""
 
     matrix: Matrix
-    weights: tuple[float, float, float]  #: c_0, c_1, c_2 of c_0 + c_1 s + c_2 s²
+    weights: Weights
     sign: float = 1.0  #: Tᵀ = sign T
     range: tuple[float, float] = (-np.inf, np.inf)
     sampled: bool = False  #: whether the range is an estimate
@@ -98,7 +100,7 @@ class Term:
 
     def least(self, side: float, top: float) -> float:
         """A lower bound of Re w(s) xᴴTx / xᴴAx outside the basis, for |Re s| ≤ side and |Im s| ≤ top."""
-        constant, linear, square = self.weights
+        constant, linear, square = self.weights[0].real, *self.weights[1:]
         if self.sign > 0:
             real = (constant - abs(linear) * side - max(square * top**2, -square * side**2),
                     constant + abs(linear) * side + max(square * side**2, -square * top**2))
@@ -107,7 +109,7 @@ class Term:
         return min(w * share if w else 0.0 for w in real for share in self.range)
 
 
-def terms_of(matrix: Matrix, weights: tuple[float, float, float], *, sampled: bool = False, rounding: float = 0.0) -> list[Term]:
+def terms_of(matrix: Matrix, weights: Weights, *, sampled: bool = False, rounding: float = 0.0) -> list[Term]:
     """The symmetric and the skew half of a matrix, as far as they are not 0."""
     return [Term(half, weights, sign, sampled=sampled, rounding=rounding)
             for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True) if abs(half).max()]
@@ -183,7 +185,7 @@ class EnergyBasis:
         self._known = np.hstack([self._known, known])
         return True
 
-    def at(self, weights: Sequence[tuple[float, float, float]]) -> Self:
+    def at(self, weights: Sequence[Weights]) -> Self:
         """The same basis for a pencil whose terms have other weights; what is added to either is not in the other."""
         found = copy(self)
         found.terms = [term if term.weights == given else replace(term, weights=given)
@@ -240,8 +242,12 @@ class EnergyBasis:
 
     @property
     def noise(self) -> Array:
-        """What rounding, or the residuals of modes, may add to the squares on the diagonal of `lost`, (p, m); `lost` first."""
-        return np.where(self._known, ACCEPTED**2, 16 * EPS) * self._whole
+        """What rounding, or the residuals of modes, may add to the squares on the diagonal of `lost`, (p, m); `lost` first.
+
+        Where V is orthonormal to fewer digits, squares of images in V are known to no more.
+        """
+        off = float(np.linalg.norm(self.energy - np.eye(self.size)))
+        return np.where(self._known, ACCEPTED**2, max(16 * EPS, off)) * self._whole
 
     def coercivity(self, side: float, top: float) -> float:
         """c with Re xᴴP(s)x ≥ c xᴴAx for all x outside V, |Re s| ≤ side and |Im s| ≤ top."""
@@ -258,6 +264,14 @@ class EnergyBasis:
         found = np.einsum("ik,iab->kab", np.reshape([term.weights for term in self.terms], (-1, 3)), self.inside)
         found[0] += self.energy
         return found
+
+    def products(self, s: complex) -> tuple[Array, Array]:
+        """XᴴX for X = P_LU and for X = P_ULᴴ at s, in the norm on L, (m, m) each."""
+        weights = np.array([complex(term.weight(np.array(s))) for term in self.terms])
+        lost, signs = self.lost, [term.sign for term in self.terms]
+        right, left = (np.einsum("a,aibj,b->ij", own.conj(), lost, own, optimize=True)
+                       + np.diag((np.abs(own) ** 2) @ self.noise) for own in (weights, weights.conj() * signs))
+        return right, left
 
     def image(self, i: int, x: Array) -> Array:
         """T_iVx, (n, k)."""
@@ -374,11 +388,7 @@ class Coupling:
             return True
         if not thorough:
             return False
-        lost, terms = self.lost, self.basis.terms
-        w = np.array([complex(term.weight(np.array([s]))[0]) for term in terms])
-        back = w.conj() * [term.sign for term in terms]
-        right, left = (np.einsum("a,aibj,b->ij", own.conj(), lost, own, optimize=True)
-                       + np.diag((np.abs(own) ** 2) @ self.noise) for own in (w, back))
+        right, left = self.basis.products(s)
         inverse = np.linalg.inv(np.tensordot([1.0, s, s * s], self.basis.matrices, 1))
         return bool(np.einsum("ij,ji->", inverse.conj().T @ right, inverse @ left).real < limit**2)
 

@@ -41,7 +41,7 @@ from femsub.checks import EPS, Array, Matrix
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.model import contact_matrix
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
-from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term
+from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights
 from femsub.modes.quadratic.region import Contour, Count
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -140,7 +140,7 @@ class Projection(EnergyBasis):
                  Term(gyroscopic, (0.0, 1.0, 0.0), -1.0, (-g, g), spanned=turned is not None),
                  Term(circulatory, (1.0, 0.0, 0.0), -1.0))
         terms = [term for term in given if term.matrix is M or term.matrix.nnz]
-        self._weights: list[tuple[int | None, tuple[float, float, float]]] = [(None, term.weights) for term in terms]
+        self._weights: list[tuple[int | None, Weights]] = [(None, term.weights) for term in terms]
         joining = [rest, strong]
         few = [W for W in (None if simple is None else simple[2], turned) if W is not None and W.shape[1]]
         if few:  # A⁻¹ of them joins V, without rigid motion, which is there: A is nearly singular in it
