@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Tally, instance, items, mapping, naming, positive_number, real_array, shown, word
+from femsub.checks import EPS, Array, instance, items, mapping, naming, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, SingularMatrixError, unknown_name, warn
-from femsub.modes.receptance import TOL, FrequencyResponse, loose
+from femsub.modes.receptance import TOL, FrequencyResponse, within
 
 MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # of a virtual point
 End = tuple[str, str]
@@ -128,9 +128,8 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
              f"and covariance are too small there (unknown from 1 on). Measure more often, or leave these frequencies out")
     bound = joined.bounded(bound)
     whole = all(part.tally.counted is not None for part in given.values())
-    known = int(np.count_nonzero(~loose(joined.Y, bound, tol))) if whole else None
     return FrequencyResponse(omega, joined.Y, bound, second, tuple(responses), tuple(loads),
-                             np.zeros(len(omega), dtype=bool), tally=Tally(len(omega), known), noise=noise,
+                             np.zeros(len(omega), dtype=bool), tally=within(joined.Y, bound, tol, whole), noise=noise,
                              cutoff=min(part.cutoff for part in given.values()))
 
 
@@ -285,8 +284,8 @@ def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str,
     rounding = EPS * (4 + np.sqrt(sum(response.receptance.shape[1:]))) * (unclear + blurred)  # of products, and of T and T_f
     own = response.bound + rounding * np.abs(response.receptance)
     h, bound = left @ response.receptance @ right.T, np.abs(left) @ own @ np.abs(right.T)
-    known = None if response.tally.counted is None else int(np.count_nonzero(~loose(h, bound, tol)))
-    return replace(response, receptance=h, residual=share, responses=rows, loads=columns, bound=bound, tally=Tally(len(h), known),
+    tally = within(h, bound, tol, response.tally.counted is not None)
+    return replace(response, receptance=h, residual=share, responses=rows, loads=columns, bound=bound, tally=tally,
                    noise=tuple(one.through(left, right.T) for one in response.noise))
 
 

@@ -11,15 +11,12 @@ import numpy as np
 from femsub.algebra import Frozen
 from femsub.checks import Array, instance, items, positive_number, rows, shown
 from femsub.errors import InputError
-from femsub.model import DofMap, ReducedSubstructure, Substructure
+from femsub.model import MOTIONS, DofMap, ReducedSubstructure, Substructure
 from femsub.modes.quadratic.matching import CLUSTER, NEAR, match
 
 if TYPE_CHECKING:
     from femsub.modes.normal_modes import NormalModes
     from femsub.modes.quadratic.complex_modes import ComplexModes
-
-MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
-ROTATIONS = MOTIONS[3:]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,7 +165,7 @@ class ModeSet(Frozen):
         labels, theirs = ([one.labels[kind] for kind in one.components] for one in (self.dofs, dofs))
         place = {key: at for at, key in enumerate(zip(dofs.nodes.tolist(), theirs, strict=True))}
         both = [(at, place[key]) for at, key in enumerate(zip(nodes.tolist(), labels, strict=True)) if key in place]
-        both = [pair for pair in both if labels[pair[0]] not in ROTATIONS] or both
+        both = [pair for pair in both if labels[pair[0]] not in MOTIONS[3:]] or both
         if not both:
             raise InputError(f"the modes and the model have no DOF in common: {self.dofs} here, {dofs} there. Where the "
                              "numbers of the nodes differ, tol= finds them by their places")

@@ -23,10 +23,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import BLOCK, SMALL, WIDE, ComplexFactor, Frozen, halves, shared_factor
+from femsub.algebra import BLOCK, SMALL, WIDE, Frozen, halves, shared_factor
 from femsub.checks import (
     EPS,
     Array,
@@ -46,6 +45,7 @@ from femsub.errors import FemsubError, InputError, InputTypeError, SingularMatri
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, beyond, contacts_of, small_matrices
 from femsub.modes.noise import Noise
 from femsub.modes.normal_modes import modes_below, modes_under
+from femsub.modes.quadratic.correction import inverse_at
 from femsub.modes.quadratic.energy_basis import EnergyBasis, Term
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -404,7 +404,7 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
         for k in np.flatnonzero(direct):
             h[k], bound[k], residual[k] = whole.response(float(omega[k]))
     found = FrequencyResponse(omega, h, bound, residual, outputs, names, direct, 0 if basis is None else basis.modes,
-                              Tally(len(omega), int(np.count_nonzero(~loose(h, bound, tol)))), cutoff=model.cutoff)
+                              within(h, bound, tol), cutoff=model.cutoff)
     log.info("%r", found)
     return found
 
@@ -417,6 +417,11 @@ def loose(h: Array, bound: Array, tol: float, faint: float = 1e-3) -> Array:
     size = np.abs(h)
     size = np.maximum(size, faint * np.maximum(size.max(axis=1, keepdims=True), np.median(size, axis=0)))
     return ~(bound <= tol * size).all(axis=(1, 2))
+
+
+def within(h: Array, bound: Array, tol: float, computed: bool = True) -> Tally:
+    """The frequencies, and how many of them have all bounds within the tolerance; unknown where h is not wholly `computed`."""
+    return Tally(len(h), int(np.count_nonzero(~loose(h, bound, tol))) if computed else None)
 
 
 def columns(model: Substructure, given: Any, what: str) -> tuple[tuple[str, ...], Array]:
@@ -491,13 +496,7 @@ def _solver(pencil: Pencil, s: complex, H: Matrix | None) -> Any:
     if pencil.is_sparse and s == 0 and H is None and pencil.symmetric[2]:
         real = shared_factor(pencil.K, "symmetric")
         return lambda B, transposed: real.solve(B)
-    P = pencil.at(s) if H is None else pencil.at(s) + 1j * H
-    if pencil.is_sparse:
-        return ComplexFactor(P).solve
-    lu, pivots, info = la.lapack.zgetrf(P)
-    if info:
-        raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g}")
-    return lambda B, transposed: la.lapack.zgetrs(lu, pivots, B, trans=int(transposed))[0]
+    return inverse_at(pencil, s, H).solve
 
 
 @dataclass(frozen=True, eq=False)

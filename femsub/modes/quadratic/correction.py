@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import SUMS, ComplexFactor, equilibration, scaled
-from femsub.checks import EPS, EQUAL, Array
+from femsub.checks import EPS, EQUAL, Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.modes.quadratic.matching import SPLIT
 
@@ -26,7 +26,7 @@ class Inverse(Protocol):
     """A factor of a complex matrix P."""
 
     def solve(self, B: Array, transposed: bool = False) -> Array:
-        """P⁻¹B, or P⁻ᵀB."""
+        """P⁻¹B, or P⁻ᵀB, of B (n,) or (n, k)."""
 
 
 class _Dense:
@@ -41,15 +41,26 @@ class _Dense:
 
     def solve(self, B: Array, transposed: bool = False) -> Array:
         before, after = (self.columns, self.rows) if transposed else (self.rows, self.columns)
-        return np.asarray(after * la.lapack.zgetrs(*self.lu, before * B, trans=int(transposed))[0])
+        return np.asarray((after * la.lapack.zgetrs(*self.lu, (before * B.T).T, trans=int(transposed))[0].T).T)
+
+
+def inverse_at(pencil: Pencil, s: complex, H: Matrix | None = None) -> Inverse:
+    """P(s)⁻¹; with H, that of P(s) + iH, structural damping.
+
+    Raises
+    ------
+    SingularMatrixError
+        s is an eigenvalue.
+    """
+    P = pencil.at(s) if H is None else pencil.at(s) + 1j * H
+    return ComplexFactor(P) if pencil.is_sparse else _Dense(P)
 
 
 def solver_near(pencil: Pencil, value: complex) -> Inverse | None:
     """P(λ)⁻¹, or that of a λ beside it, where P(λ) itself is singular; None if both are, as beside rigid motion."""
     for beside in (0.0, 1e6 * EPS):  # so near that both are one for a correction, and far enough that P is regular
         try:
-            P = pencil.at(complex(value * (1 + beside)))
-            return ComplexFactor(P) if pencil.is_sparse else _Dense(P)
+            return inverse_at(pencil, complex(value * (1 + beside)))
         except SingularMatrixError:
             continue
     return None
