@@ -189,7 +189,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
             break
         error[active], z = space.corrections(values[active], q[:, active], 0.1 * tol)
         if left is not None:
-            other, more = space.corrections(values[active].conj(), left[:, active], 0.1 * tol, True)
+            other, more = space.corrections(values[active], left[:, active], 0.1 * tol, True)
             error[active], z = np.maximum(error[active], other), np.hstack([z, more])
         if error.max(initial=0.0) <= tol:
             break
@@ -246,8 +246,7 @@ class _Space(EnergyBasis):
     """The basis that grows by corrections, orthonormal in A of `by`, and the pencil's terms on it."""
 
     def __init__(self, pencil: Pencil, K: Matrix, by: ByWhole | ByParts) -> None:
-        self.full, self.by, self.solves = pencil, by, 0
-        self.mirrored = pencil if all(pencil.symmetric) else pencil.transposed()
+        self.by, self.solves = by, 0
         terms = [*by.terms(pencil.M), *terms_of(pencil.D, (0.0, 1.0, 0.0))]
         if pencil.K is not K:
             terms += terms_of(pencil.K - K, (1.0, 0.0, 0.0))
@@ -257,15 +256,16 @@ class _Space(EnergyBasis):
         return self.V.T @ (self.product(X.real) + 1j * self.product(X.imag))
 
     def corrections(self, values: Array, q: Array, least: float, left: bool = False) -> tuple[Array, Array]:
-        """sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) per column of x = Vq; real and imaginary parts of A⁻¹r, for x of unit energy, above `least`."""
+        """sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) per column of x = Vq; real and imaginary parts of A⁻¹r, for x of unit energy, above `least`.
+
+        For left vectors r = P(λ)ᴴx. VᵀP(λ)x is 0, so A⁻¹r lies outside V.
+        """
         # With the phase that makes them as real as possible, half of the corrections are negligible and left out.
         q = q * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", q, q))) / np.linalg.norm(q, axis=0)
-        r = (self.mirrored if left else self.full).residual(values, self.V @ q)
-        forces = np.hstack([r.real, r.imag])
-        z = self.solve(forces)
-        self.solves += forces.shape[1]
-        square = np.maximum(np.einsum("ij,ij->j", z, forces), 0.0)
-        return np.sqrt(square.reshape(2, -1).sum(axis=0)), z[:, np.sqrt(square) > least]
+        z = self.residuals(values, q, left)
+        self.solves += z.shape[1]
+        lengths = np.sqrt(np.maximum(np.einsum("ij,ij->j", z, self.product(z)), 0.0))
+        return np.linalg.norm(lengths.reshape(-1, 2), axis=1), z[:, lengths > least]
 
 
 def _shares(start: Array, q: Array, values: Array, moved: Array, own: Array) -> Array:
