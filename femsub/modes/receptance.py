@@ -471,24 +471,19 @@ def _counted(number: int, what: str) -> str:
 
 # ---- the equations as a whole
 
-def port_responses(pencil: Pencil, s: complex, W: Array, H: Matrix | None = None, left: Array | None = None
-                   ) -> tuple[Array, Array]:
+def port_responses(pencil: Pencil, s: complex, W: Array, H: Matrix | None = None) -> tuple[Array, Array]:
     """P(s)⁻¹W and P(s)⁻ᵀW, shape (n, p) each: the responses to harmonic forces on the columns of W, from one factor.
 
-    P has K + iH where H is given, the structural damping. `left`, if given, stands in place of W in the second.
+    P has K + iH where H is given, the structural damping.
 
     Raises
     ------
     SingularMatrixError
         s is an eigenvalue, e.g. iω at an undamped resonance.
     """
-    both, p = all(pencil.symmetric), W.shape[1]
-    other, solve = W if left is None else left, _solver(pencil, s, H)
-    once = other is W and both
-    if both:
-        x = solve(W if once else np.hstack([W, other]), False)
-        return (x, x) if once else (x[:, :p], x[:, p:])
-    return solve(W, False), solve(other, True)
+    solve = _solver(pencil, s, H)
+    x = solve(W, False)
+    return x, x if all(pencil.symmetric) else solve(W, True)
 
 
 def _solver(pencil: Pencil, s: complex, H: Matrix | None) -> Any:

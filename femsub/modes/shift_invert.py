@@ -414,17 +414,12 @@ class ShiftInvert:
     @property
     def surely_rigid(self) -> int:
         """How many rigid-body modes, the first ones, the model carries or single DOF make: K may hold rounding there."""
-        return self.rigid.shape[1] if self.carries else min(len(self.loose), self.rigid.shape[1])
+        return self.rigid.shape[1] if self._given is not None else min(len(self.loose), self.rigid.shape[1])
 
     @property
     def elastic(self) -> int:
         """The number of elastic modes."""
         return self.finite - self.rigid.shape[1]
-
-    @property
-    def carries(self) -> bool:
-        """Whether the model carries its rigid motion."""
-        return self._given is not None
 
     def motion(self, D: Matrix) -> RigidMotion:
         """The rigid-body modes, with those first that D does not damp."""
