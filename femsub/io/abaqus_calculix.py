@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, csv_cell
 from femsub.errors import InputError
-from femsub.io.damage import check_end, check_extent
+from femsub.io.damage import assembled, check_end, check_extent, mirrored
 from femsub.model import LARGEST, DofMap
 
 #: directions 1 to 6 of Abaqus, CalculiX and Nastran; others (8 pressure, 11 temperature, ...) are called 'dof8'
@@ -27,10 +27,19 @@ AS_WRITTEN = "*MATRIX OUTPUT with FORMAT=MATRIX INPUT or COORDINATE"
 
 @dataclass(frozen=True)
 class TextMatrix:
-    """A matrix, shape (n, n), and the (node, direction) of each row if the file has them, shape (n, 2), ascending."""
+    """A matrix, shape (n, m), and the (node, direction) of each row if the file has them, shape (n, 2), ascending.
+
+    Those of the columns, (m, 2), are None where they are the rows'.
+    """
 
     matrix: Matrix
-    labels: Array | None
+    rows: Array | None = None
+    columns: Array | None = None
+
+    @property
+    def labels(self) -> Array | None:
+        """(node, direction) of the rows, which are also those of the columns."""
+        return self.rows if self.columns is None else None
 
 
 def read_text_matrix(path: Path) -> TextMatrix:
@@ -87,7 +96,7 @@ def read_text_matrix(path: Path) -> TextMatrix:
                              f"has {numbers.min()}; {AS_WRITTEN}")
         size = int(numbers.max())
         check_extent(path, (size, size), len(values))
-        return TextMatrix(_unfolded(path, numbers[:, 0] - 1, numbers[:, 1] - 1, values, size, None), None)
+        return TextMatrix(_unfolded(path, numbers[:, 0] - 1, numbers[:, 1] - 1, values, size, None))
     if numbers[:, [1, 3]].min() < 0 or numbers[:, [1, 3]].max() > 99:
         raise InputError(f"{path}: the second and fourth number of a line must be DOF such as 1 to 6; {AS_WRITTEN}")
     # one number per (node, direction): a million of them sort much faster than pairs do
@@ -99,20 +108,14 @@ def read_text_matrix(path: Path) -> TextMatrix:
 
 
 def _unfolded(path: Path, rows: Array, columns: Array, values: Array, size: int, labels: Array | None) -> Matrix:
-    matrix = sp.coo_array((values, (rows, columns)), shape=(size, size)).tocsr()
-    if matrix.nnz < len(values):
-        flat = np.sort(rows.astype(np.int64) * size + columns)
-        row, column = divmod(int(flat[1:][flat[1:] == flat[:-1]][0]), size)
-        place = f"row {row + 1}, column {column + 1}" if labels is None else \
-            f"node {labels[row][0]}, DOF {labels[row][1]} with node {labels[column][0]}, DOF {labels[column][1]}"
-        raise InputError(f"{path} lists an entry twice: {place}; each may stand once")
+    matrix = assembled(str(path), rows, columns, values, (size, size), labels=labels)
     below, above = int((rows > columns).sum()), int((rows < columns).sum())
     ones = sp.csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
     paired = int(ones.multiply(ones.T).nnz) - int((rows == columns).sum()) if below and above else 0
     # by node and DOF each pair may be in either order: Abaqus chooses which row comes first
     if not paired and (not below or not above or labels is not None):
         _check_diagonal(path, rows, columns, size, labels)
-        return sp.csr_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
+        return mirrored(matrix)
     if paired == below + above and (matrix != matrix.T).nnz == 0:
         _check_diagonal(path, rows, columns, size, labels)
     if paired < below + above:

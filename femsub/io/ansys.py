@@ -19,7 +19,7 @@ from femsub.checks import Array, installed_by, parsing
 from femsub.errors import InputError, MissingPackageError, warn
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.atomic import scratch
-from femsub.io.damage import MOST
+from femsub.io.damage import MOST, assembled, mirrored
 
 MODULE = "ansys.mapdl.reader"
 INTEGERS = -2**31  # the flags of a record of whole numbers; 0 are those of double precision
@@ -139,10 +139,7 @@ class _Records:
             raise self.damaged(f"{name} has a row beyond its {size}")
         if not np.isfinite(values).all():
             raise InputError(f"{self.path} holds a NaN or Inf in {name}")
-        found = sp.csr_array(sp.coo_array((values, (rows, np.repeat(np.arange(size), counts))), shape=(size, size)))
-        if found.nnz < terms:
-            raise self.damaged(f"{name} has an entry twice")
-        return found
+        return assembled(f"{self.path}: {name}", rows, np.repeat(np.arange(size), counts), values, (size, size))
 
 
 def _spread(packed: Array, flags: int) -> Array | None:
@@ -209,7 +206,7 @@ def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
         matrix = records.matrix(name, place, count, terms)
         below, above = sp.tril(matrix, -1).nnz, sp.triu(matrix, 1).nnz
         if not below or not above:
-            matrix = sp.csr_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
+            matrix = mirrored(matrix)
         elif unsymmetric:
             all_ = True
         else:

@@ -97,6 +97,32 @@ def check_indices(matrix: Any) -> None:
         raise ValueError("its index pointers fall")
 
 
+def assembled(what: str, rows: Array, columns: Array, values: Array, shape: tuple[int, int], partner: Any = None,
+              labels: Array | None = None) -> Any:
+    """CSR of entries, of which each may stand once; `partner` makes of an entry beside the diagonal the one across it.
+
+    `labels` (n, 2) has node and DOF of each row, as which an error names an entry.
+    """
+    beside = rows != columns
+    if partner:
+        rows, columns = np.append(rows, columns[beside]), np.append(columns, rows[beside])
+        values = np.append(values, partner(values[beside]))
+    matrix = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=shape))
+    if matrix.nnz < len(values):
+        flat = np.sort(rows.astype(np.int64) * shape[1] + columns)
+        row, column = divmod(int(flat[1:][flat[1:] == flat[:-1]][0]), shape[1])
+        place = f"row {row + 1}, column {column + 1}" if labels is None else \
+            f"node {labels[row][0]}, DOF {labels[row][1]} with node {labels[column][0]}, DOF {labels[column][1]}"
+        raise InputError(f"{what} lists an entry twice: {place}; each may stand once"
+                         + (", and of a symmetric matrix one triangle only" if partner else ""))
+    return matrix
+
+
+def mirrored(half: Any) -> Any:
+    """The symmetric matrix of which one triangle is given."""
+    return sp.csr_array(half + half.T - sp.diags_array(half.diagonal()))
+
+
 def check_partners(path: Path, name: str, matrix: Any, single: bool) -> None:
     """Warn of a matrix that its file calls symmetric, and whose two entries of a pair differ by more than rounding.
 

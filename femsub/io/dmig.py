@@ -9,16 +9,14 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix
-from femsub.errors import InputError
+from femsub.checks import Array
+from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import TextMatrix
-from femsub.io.damage import check_end, check_extent, check_lines
-from femsub.io.nastran import entries_of
+from femsub.io.damage import assembled, check_end, check_extent, check_lines
+from femsub.io.nastran import KNOWN, bulk_of, cards_in
 
 #: cards of `write_superelement`
 WRITTEN = {"ASET1", "BEGIN SUPER", "BSET1", "DMIG", "DTI", "EXTRN", "GRID", "QSET1", "SEBULK", "SECONCT", "SPOINT"}
@@ -37,19 +35,6 @@ class Form(IntEnum):
     NUMBERED = 9
 
 
-@dataclass(frozen=True)
-class Dmig:
-    """A matrix of DMIG cards: `rows` (n, 2) and `columns` (m, 2) are (grid, direction), ascending; SPOINTs have direction 0.
-
-    The rows of a `square` one are its columns.
-    """
-
-    matrix: Matrix
-    rows: Array
-    columns: Array
-    square: bool
-
-
 @dataclass
 class Entries:
     """Places (row grid, row direction, column grid, column direction) and values, as they stand in a file."""
@@ -59,6 +44,26 @@ class Entries:
     width: int
     places: list[tuple[int, int, int, int]] = field(default_factory=list)
     values: list[complex] = field(default_factory=list)
+
+    def matrix(self, path: Path, name: str) -> TextMatrix:
+        """The matrix, checked."""
+        if not self.values:
+            raise InputError(f"{path}: DMIG {name.upper()} has no entries; the file may be cut short")
+        places = np.array(self.places, dtype=np.int64)
+        if max(places[:, 1].max(), 0 if self.form == Form.NUMBERED else places[:, 3].max()) > 6:
+            raise InputError(f"{path}: DMIG {name.upper()} has a direction beyond 6")
+        keys = places[:, 0::2] * 10 + places[:, 1::2]
+        square = self.form in (Form.SQUARE, Form.SYMMETRIC)
+        rows, columns = (np.unique(keys if square else keys[:, side]) for side in (0, 1))
+        if self.form == Form.NUMBERED and self.width:
+            check_extent(path, (0, self.width), len(keys))
+            columns = np.arange(1, self.width + 1) * 10
+        values: Array = np.array(self.values) if self.is_complex else np.array(self.values).real
+        i, j = np.searchsorted(rows, keys[:, 0]), np.searchsorted(columns, keys[:, 1])
+        partner = np.positive if self.form == Form.SYMMETRIC else None
+        matrix = assembled(f"{path}: DMIG {name.upper()}", i, j, values, (len(rows), len(columns)), partner)
+        labels = [np.stack([part // 10, part % 10], axis=1) for part in (rows, columns)]
+        return TextMatrix(matrix, labels[0], None if square else labels[1])
 
 
 def real(path: Path, what: str, text: str) -> float:
@@ -88,8 +93,8 @@ def quadruples(fields: list[str], size: int = 4) -> Iterator[list[str]]:
             yield some + [""] * (size - len(some))
 
 
-def read_dmig(path: Path) -> dict[str, Dmig]:
-    """Name (lower case) to matrix, from the DMIG cards of a file.
+def read_dmig(path: Path) -> dict[str, TextMatrix]:
+    """Name (lower case) to matrix, from the DMIG cards of a file; scalar points have direction 0.
 
     ===================  =======================================================================================
     it reads             square, symmetric and rectangular matrices, real and complex; fields of 8 and 16 columns
@@ -110,16 +115,26 @@ def read_dmig(path: Path) -> dict[str, Dmig]:
 
 
 def cards_of(path: Path) -> list[tuple[str, list[str]]]:
-    """`entries_of` a file that has its end, the lines that its first one announces and, if that does, femsub's cards only."""
+    """`cards_in` a file that has its end, the lines that its first one announces and, if that does, femsub's cards only."""
     check_end(path)
-    own, cards = check_lines(path), entries_of(path)
+    own, (lines, _, notes, _) = check_lines(path), bulk_of(path)
+    for note in notes:
+        warn(f"{path}: {note}")
+    for line in lines:
+        if "," not in line and line[80:].strip() and (line[0] in "*+" or line[:8].upper().rstrip("* ") in KNOWN):
+            raise InputError(f"{path}: {line.strip()!r:.75} has {line[80:].strip()!r:.20} behind column 80, unread by Nastran. "
+                             "Remove it, or the blanks before it")
+    cards = list(cards_in(path, lines))
+    if wrong := next((card for card, _ in cards if card[0].isdigit()), None):
+        raise InputError(f"{path} has a card {wrong!r:.20}, and no name of a card begins with a digit: a name or the * of a "
+                         "continuation is damaged")
     if own and (other := next((card for card, _ in cards if card not in WRITTEN), None)):
         raise InputError(f"{path} has a card {other!r:.20}, which femsub does not write: a name, or the * of a continuation, is "
                          "damaged. Write it again; if you added the card, take ', ... lines, sum ...' out of line 1")
     return cards
 
 
-def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
+def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, TextMatrix]:
     """`read_dmig` of cards that were read already."""
     found: dict[str, Entries] = {}
     for (before, _), (card, fields) in pairwise([("", [""]), *cards]):
@@ -161,38 +176,4 @@ def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, Dmig]:
                 entries.places.append((whole(path, what, row, 1), whole(path, what, direction), *at))
                 imaginary = real(path, what, other) if entries.is_complex else 0.0
                 entries.values.append(complex(real(path, what, one), imaginary))
-    return {name: assembled(path, name, entries) for name, entries in found.items()}
-
-
-def assembled(path: Path, name: str, entries: Entries) -> Dmig:
-    """The matrix of its entries, checked."""
-    if not entries.values:
-        raise InputError(f"{path}: DMIG {name.upper()} has no entries; the file may be cut short")
-    places = np.array(entries.places, dtype=np.int64)
-    if max(places[:, 1].max(), 0 if entries.form == Form.NUMBERED else places[:, 3].max()) > 6:
-        raise InputError(f"{path}: DMIG {name.upper()} has a direction beyond 6")
-    keys = places[:, 0::2] * 10 + places[:, 1::2]
-    if entries.form in (Form.SQUARE, Form.SYMMETRIC):
-        rows = columns = np.unique(keys)
-    else:
-        rows, columns = np.unique(keys[:, 0]), np.unique(keys[:, 1])
-        if entries.form == Form.NUMBERED and entries.width:
-            check_extent(path, (0, entries.width), len(keys))
-            columns = np.arange(1, entries.width + 1) * 10
-    i, j = np.searchsorted(rows, keys[:, 0]), np.searchsorted(columns, keys[:, 1])
-    values: Array = np.array(entries.values) if entries.is_complex else np.array(entries.values).real
-    matrix: Any = sp.coo_array((values, (i, j)), shape=(len(rows), len(columns)))
-    mirrored = entries.form == Form.SYMMETRIC
-    pairs = np.sort(np.stack([i, j]), axis=0) if mirrored else np.stack([i, j])
-    if np.unique(pairs, axis=1).shape[1] < len(values):
-        raise InputError(f"{path}: DMIG {name.upper()} has an entry twice" + (", or both of a pair, although it is symmetric"
-                                                                              if mirrored else ""))
-    if mirrored:
-        matrix = matrix + sp.triu(matrix, 1).T + sp.tril(matrix, -1).T
-    return Dmig(sp.csr_array(matrix), np.stack([rows // 10, rows % 10], axis=1), np.stack([columns // 10, columns % 10], axis=1),
-                entries.form in (Form.SQUARE, Form.SYMMETRIC))
-
-
-def labelled_dmig(path: Path) -> dict[str, TextMatrix]:
-    """The matrices of `read_dmig`; a square one with the grid and direction of its rows."""
-    return {name: TextMatrix(item.matrix, item.rows if item.square else None) for name, item in read_dmig(path).items()}
+    return {name: entries.matrix(path, name) for name, entries in found.items()}

@@ -15,16 +15,19 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, parsing, path_of, shown, word
 from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
+from femsub.io.ansys import read_full
 from femsub.io.damage import THROWN, check_extent, check_indices, check_room, head_of, unreadable_refused
+from femsub.io.dmig import read_dmig
 from femsub.io.matlab import read_matlab
 from femsub.io.matrix_market import read_market
+from femsub.io.op2 import op2_matrices
 from femsub.io.op4 import read_op4
+from femsub.io.sierra import labelled_mfile
 
 NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
-TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
+TEXT = (".mtx", ".sti", ".mas", ".con", ".sph")  # of Abaqus; of CalculiX: stiffness, mass, conductivity, specific heat
 ENDINGS = (".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB), .op4, .op2 and .pch (Nastran), "
            ".full (Ansys), .m (Sierra/SD); text of Matrix Market, Abaqus and CalculiX may have any ending")
-KNOWN = (".mtx", ".npz", ".npy", ".mat", ".op4", *TEXT)
 PUNCHES = (".pch", ".bdf", ".nas", ".dmig")  # decks of Nastran; others are known by their DMIG cards
 #: a line of Abaqus' or CalculiX' matrices: places, then the entry
 _LINE = re.compile(rb"\s*(\d++[\s,]++\d++[\s,]++){1,2}[+-]?[\d.]++([eEdD][+-]?\d++|[+-]\d++)?\s*")
@@ -88,71 +91,55 @@ def read_labelled(path: str | Path, variable: str | None = None, usual: str = ""
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
         path = path.with_name(name)
-    # readers of several matrices with node and direction of each row: of Nastran, Sierra/SD and Ansys
-    ending = path.suffix.lower()
-    reader: Callable[[Path], dict[str, TextMatrix]] | None = None
-    if ending in KNOWN or not path.is_file():
-        pass
-    elif ending == ".op2":
-        from femsub.io.op2 import labelled_op2 as reader
-    elif ending == ".m":
-        from femsub.io.sierra import labelled_mfile as reader
-    elif ending == ".full":
-        from femsub.io.ansys import read_full as reader
-    elif ending in PUNCHES or re.search(rb"(?mi)^[ \t]*DMIG[\s*,]", head_of(path)):
-        from femsub.io.dmig import labelled_dmig as reader
-    if reader is not None:
-        several: dict[str, TextMatrix] = guarded(path, reader)
-        return several[_chosen(path, {name: item.matrix for name, item in several.items()}, wanted, usual)]
-    found = _content(path, [wanted])
-    return found if isinstance(found, TextMatrix) else TextMatrix(found[_chosen(path, found, wanted, usual)], None)
+    found = _content(path)
+    return found[_chosen(path, found, wanted, usual)]
 
 
 def read_together(path: Path, names: Iterable[str | None]) -> list[Matrix]:
     """Several matrices of one file, which is read once; None is its only one."""
-    names = list(names)
-    found = _content(path, names)
-    return [found.matrix if isinstance(found, TextMatrix) else found[_chosen(path, found, name, "")] for name in names]
+    found = _content(path)
+    return [found[_chosen(path, found, name, "")].matrix for name in names]
 
 
-def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matrix]:
-    """The one matrix of a file, or all by name."""
+def _content(path: Path) -> dict[str, TextMatrix]:
+    """All matrices of a file by name, '' where the format has none."""
     if not path.is_file():
         raise InputError(f"there is no file {path}")
     ending = path.suffix.lower()
-    readers: dict[str, Callable[[Path], Any]] = {".npz": _npz, ".npy": _npy, ".mat": read_matlab, ".op4": read_op4}
-    if ending not in readers:
+    reader = READERS.get(ending)
+    if reader is None:
         head = head_of(path)
+        lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"**")]
         if ending == ".sub":
             raise InputError(f"{path}: superelements of Ansys (.sub) are not read. Write their matrices there with *DMAT and "
                              "*EXPORT in the format MMF, and read these (.mtx)")
-        market = head[:14].lower() == b"%%matrixmarket"
-        lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"**")]
-        if not (market or ending in (*TEXT, ".mtx") or (lines and _LINE.fullmatch(lines[0]))):
+        if head[:14].lower() == b"%%matrixmarket":
+            reader = read_market
+        elif ending not in TEXT and (ending in PUNCHES or re.search(rb"(?mi)^[ \t]*DMIG[\s*,]", head)):
+            reader = read_dmig
+        elif ending in TEXT or (lines and _LINE.fullmatch(lines[0])):
+            reader = read_text_matrix
+        else:
             raise InputError(f"{path.name} has an unknown ending; known are {ENDINGS}")
-        named = [name for name in names if name is not None]
-        if named:
-            raise InputError(f"{path} holds one matrix without a name. Leave out {shown(named[0])}, which is given as "
-                             "its name or variable")
-        return TextMatrix(guarded(path, read_market), None) if market else read_text_matrix(path)
-    found = guarded(path, readers[ending])
-    if isinstance(found, Mapping):
-        return {name: _as_csr(value) for name, value in found.items()}
-    return TextMatrix(_as_csr(found), None)
+    found = guarded(path, reader)
+    return {name: item if isinstance(item, TextMatrix) else TextMatrix(sp.csr_array(item) if sp.issparse(item) else item)
+            for name, item in (found if isinstance(found, Mapping) else {"": found}).items()}
 
 
-def _chosen(path: Path, found: Mapping[str, Any], wanted: str | None, usual: str) -> str:
-    listed = ", ".join(f"{name} {value.shape[0]} x {value.shape[1]}" for name, value in found.items()) or "none"
+def _chosen(path: Path, found: Mapping[str, TextMatrix], wanted: str | None, usual: str) -> str:
+    if list(found) == [""]:
+        if wanted is not None and path.suffix.lower() not in READERS:
+            raise InputError(f"{path} holds one matrix without a name. Leave out {shown(wanted)}, which is given as its name or "
+                             "variable")
+        return ""
+    listed = ", ".join(f"{name} {item.matrix.shape[0]} x {item.matrix.shape[1]}" for name, item in found.items()) or "none"
     if wanted is not None:
-        name = next((name for name in found if name == wanted), None) or \
-            next((name for name in found if name.lower() == wanted.lower()), None)
-        if name is None:
+        same = sorted((name for name in found if name.lower() == wanted.lower()), key=lambda name: name != wanted)
+        if not same:
             raise InputError(f"{path} has no matrix {wanted!r}; it has: {listed}")
-        return name
-    if len(found) == 1:
-        return next(iter(found))
+        return same[0]
     for name in found:
-        if usual and name.lower() == usual.lower():
+        if len(found) == 1 or (usual and name.lower() == usual.lower()):
             return name
     what = "no matrix" if not found else f"{len(found)} matrices"
     raise InputError(f"{path} holds {what}: {listed}" + ("; name one, as in variable='K' or 'file.mat:K'" if found else
@@ -169,10 +156,6 @@ def guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise InputError(f"{path} cannot be read ({reason:.160}); it may be cut short or damaged, write it again")\
             from None
-
-
-def _as_csr(value: Any) -> Matrix:
-    return sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
 
 
 def _npy(path: Path) -> Any:
@@ -261,3 +244,9 @@ def _array_kinds(path: Path, content: Path | BinaryIO, most: float = math.inf) -
             if kinds[name].kind != "O" and wanted != entry.file_size:
                 raise InputError(f"{path} is damaged: {entry.filename} announces {wanted} bytes, but has {entry.file_size}")
     return kinds
+
+
+#: by ending: readers of one matrix, or of several by name, with node and direction of the rows where the file has them
+READERS: dict[str, Callable[[Path], Any]] = {
+    ".npz": _npz, ".npy": _npy, ".mat": read_matlab, ".op4": read_op4, ".op2": op2_matrices, ".m": labelled_mfile,
+    ".full": read_full}

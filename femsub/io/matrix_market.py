@@ -6,12 +6,11 @@ import re
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse as sp
 
 from femsub.checks import Matrix
 from femsub.errors import InputError, unknown_name
 from femsub.io.abaqus_calculix import lines_of_numbers
-from femsub.io.damage import check_end, check_extent
+from femsub.io.damage import assembled, check_end, check_extent
 
 LAYOUTS = ("coordinate", "array")
 PLACE = [("row", "i8"), ("column", "i8")]
@@ -94,18 +93,6 @@ def read_market(path: Path) -> Matrix:
     outside = (np.minimum(rows, columns) < 0) | (rows >= n) | (columns >= m)
     if outside.any():
         raise InputError(f"{path}, data line {int(np.argmax(outside)) + 1}: row or column is out of bounds")
-    beside = rows != columns
-    if symmetry == "skew-symmetric" and values[~beside].any():
-        raise InputError(f"{path} is skew-symmetric, but has entries on the diagonal, first in row "
-                         f"{rows[~beside & (values != 0)].min() + 1}")
-    if mirrored:
-        rows, columns = np.append(rows, columns[beside]), np.append(columns, rows[beside])
-        values = np.append(values, mirrored(values[beside]))
-    whole = sp.csr_array((values, (rows.astype(np.int32), columns.astype(np.int32))), shape=shape)
-    if whole.nnz < len(values):
-        order = np.lexsort((columns, rows))
-        rows, columns = rows[order], columns[order]
-        first = int(np.flatnonzero((np.diff(rows) == 0) & (np.diff(columns) == 0))[0])
-        raise InputError(f"{path} lists an entry twice: row {rows[first] + 1}, column {columns[first] + 1}; each may stand once"
-                         + (f", and of a {symmetry} matrix one triangle only" if mirrored else ""))
-    return whole
+    if symmetry == "skew-symmetric" and (wrong := (rows == columns) & (values != 0)).any():
+        raise InputError(f"{path} is skew-symmetric, but has entries on the diagonal, first in row {rows[wrong].min() + 1}")
+    return assembled(str(path), rows.astype(np.int32), columns.astype(np.int32), values, shape, mirrored)

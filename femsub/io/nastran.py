@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from femsub.checks import Array, is_file
-from femsub.errors import InputError, warn
+from femsub.errors import InputError
 from femsub.io.damage import check_end
 from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, text_of, whole_numbers, without_copies
 from femsub.io.nastran_systems import NAMES, Systems
@@ -38,10 +38,10 @@ _CELLS: dict[str, dict[int, str]] = {
     "CIHEX1": {8: "hexahedron"}, "CIHEX2": {20: "hexahedron20"}, "CHEXA1": {8: "hexahedron"}, "CHEXA2": {8: "hexahedron"},
     "CWEDGE": {6: "wedge"}, **{name: {3: "triangle"} for name in ("CTRIA1", "CTRIA2", "CTRMEM", "CTRBSC", "CTRPLT")},
     **{name: {4: "quad"} for name in ("CQUAD1", "CQUAD2", "CQDMEM", "CQDMEM1", "CQDMEM2", "CQDPLT", "CTWIST")}}
-#: card: how many fields are read: number and system of a point, and its place; number, property and nodes of a cell
-_WIDTHS = {"GRID": 2, "GRID place": 3, "GRDSET": 2} | {name: 2 + max(sizes) for name, sizes in _CELLS.items()} | {
+#: card: how many fields are read: number of a point and the systems of its place and motions; number, property, nodes of a cell
+_WIDTHS = {"GRID": 3, "GRID place": 3, "GRDSET": 6} | {name: 2 + max(sizes) for name, sizes in _CELLS.items()} | {
     name: 4 if name.startswith("CORD1") else 11 for name in NAMES}
-_KNOWN = {*_WIDTHS, "DMIG", "DTI", "SPOINT", "EXTRN", "SECONCT", "BSET", "BSET1", "QSET", "QSET1", "BNDFIX", "BNDFIX1"}
+KNOWN = {*_WIDTHS, "DMIG", "DTI", "SPOINT", "EXTRN", "SECONCT", "BSET", "BSET1", "QSET", "QSET1", "BNDFIX", "BNDFIX1"}
 _TWICE = ("CROD", "CTUBE", *(name for name in NAMES if name.startswith("CORD1")))  # two of them may stand on one card
 _ORDER = {("CHEXA", 20): _HEXA20, ("CIHEX2", 20): _IHEX2, ("CPENTA", 15): _WEDGE15, ("CTRIAX6", 6): [0, 2, 4, 1, 3, 5]}
 #: elements that are not cells: skipped, with a note
@@ -76,50 +76,29 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     """
     import meshio
 
-    # the cards between BEGIN BULK and ENDDATA, if they are there
-    text, notes = _text(path)
-    marks = list(re.finditer(r"^[ \t]*(BEGIN[ \t]+(?:BULK|SUPER)\b[^\n]*|ENDDATA\b)", text, flags=re.MULTILINE | re.IGNORECASE))
-    ends = [mark.start() for mark in marks if mark[1].upper() == "ENDDATA"]
-    if not ends:
+    bulk, begins, notes, ended = bulk_of(path)
+    if not ended:
         check_end(path)
-    stop = ends[0] if ends else len(text)
-    begins = [mark for mark in marks if mark.end() < stop]
-    empty = {i for i, (mark, after) in enumerate(pairwise(begins)) if not text[mark.end():after.start()].strip()}
-    begins = [mark for i, mark in enumerate(begins) if i not in empty]  # BEGIN BULK may stand there twice
-    if len(begins) > 1 or (begins and re.search(r"SUPER|AUXM", begins[0][1], flags=re.IGNORECASE)):
+        notes.append("the file has no ENDDATA: if it was cut short at the end of a line, cards are missing")
+    if len(begins) > 1 or any(re.search(r"SUPER|AUXM", begin, flags=re.IGNORECASE) for begin in begins):
         raise InputError(f"{path} has several parts of bulk data (superelements): write one")
-    notes += [] if ends else ["the file has no ENDDATA: if it was cut short at the end of a line, cards are missing"]
-    if ends and (lost := _lost(text[stop:].partition("\n")[2].split("\n"))):
-        notes.append(f"{lost!r:.40} behind ENDDATA left out, as in Nastran: if ENDDATA does not belong there, cards are missing")
-    if begins and (lost := _lost(text[:begins[0].start()].split("\n"))):
-        notes.append(f"{lost!r:.40} before BEGIN BULK left out, as in Nastran: if BEGIN BULK does not belong there, cards are "
-                     "missing")
-    cards, skipped = _cards(path, text[begins[0].end() if begins else 0:stop])
-    # points: numbers, coordinate systems and places, each once
-    if not cards["GRID"]:
-        raise InputError(f"{path} has no GRID cards")
-    if len(cards["GRDSET"]) > 1:
-        raise InputError(f"{path} has several GRDSET cards")
-    default = _values(path, "GRDSET", cards["GRDSET"])[:, 1]
-    numbers, system = _values(path, "GRID", cards["GRID"]).T
-    whole_numbers(f"{path}: the numbers of GRID", numbers)
-    system = np.where(system == int(BLANK), default[0] if len(default) else 0, system)
-    points = _values(path, "GRID place", cards["GRID place"], float)
-    rows, copies = without_copies(numbers, np.column_stack([system, points]))
-    numbers, system, points = numbers[rows], system[rows], points[rows]
-    if system.any():
-        by_nodes, by_points = {}, {}
-        for name in NAMES:
-            for number, *corners in _values(path, name, cards[name]).tolist() if name.startswith("CORD1") else ():
-                by_nodes[number] = name[-1], np.array(corners)
-            for number, of, *rest in _values(path, name, cards[name], float).tolist() if name.startswith("CORD2") else ():
-                by_points[int(number)] = name[-1], int(of), np.reshape(rest, (3, 3))
-        points = Systems(path, numbers, system, points, by_nodes=by_nodes, by_points=by_points).points()
+    tables, others = tables_of(path, cards_in(path, bulk))
+    skipped = Counter[str]()
+    for name, many in others.items():
+        if _SKIPPED.fullmatch(name):
+            skipped[name] = many
+        elif _REFUSED.fullmatch(name):
+            raise InputError(f"{path} has {name} cards, which are not read: write the mesh without them")
+        elif name != "CBARAO" and (near := get_close_matches(name, _WIDTHS, n=1, cutoff=0.8)) and (
+                name[0] == near[0][0] or sorted(name) == sorted(near[0])):  # PBEAM, EGRID, RADSET are cards of their own
+            raise InputError(f"{path} has {name} cards, which are not read; did you mean {near[0]}?")
+    systems, copies = systems_of(path, tables)
+    numbers, points = systems.numbers, systems.points()
     # kind, numbers, properties and nodes of the cells of a card, for each number of nodes it may have
     order = once(path, "nodes", numbers)
     blocks = []
-    for name in (one for one in _CELLS if cards[one]):
-        values = _values(path, name, cards[name])
+    for name in (one for one in _CELLS if tables[one]):
+        values = _values(path, name, tables[name])
         filled = values[:, 2:] != 0
         count = np.where(filled.all(axis=1), filled.shape[1], filled.argmin(axis=1))
         whole_numbers(f"{path}: the numbers of {name}", values[:, 0])
@@ -145,68 +124,12 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     return mesh, [*notes, *copies, *(f"{count} {name} skipped" for name, count in sorted(skipped.items()))]
 
 
-def entries_of(path: Path) -> list[tuple[str, list[str]]]:
-    """Every card of a file and of those it includes: its name in capitals, and its fields behind the name, blanks as ''.
+def bulk_of(path: Path) -> tuple[list[str], list[str], list[str], bool]:
+    """The lines of a file and those it includes from BEGIN BULK to ENDDATA, without comments; lines BEGIN ...; notes; and whether
+    ENDDATA is there.
 
-    What stands before BEGIN BULK or behind ENDDATA is left out. BEGIN SUPER comes as a card of its own, with its number.
-    """
-    found: list[tuple[str, list[str]]] = []
-    text, notes = _text(path)
-    for note in notes:
-        warn(f"{path}: {note}")
-    lines = [line for line in text.split("\n") if line and not line.isspace()]
-    for at, line in enumerate(lines):
-        begin = re.match(r"\s*(BEGIN\s+(?:SUPER|BULK)|ENDDATA)\b\W*(\w*)", line, flags=re.IGNORECASE)
-        if begin and begin[1].upper() == "ENDDATA":
-            if begin[2] or (lost := _lost(lines[at + 1:])):
-                warn(f"{path}: ENDDATA is followed by {begin[2] or lost!r:.40}, which is left out as in Nastran: if ENDDATA does "
-                     "not belong there, cards are lost")
-            break
-        if begin:
-            name = begin[1].upper().replace("\t", " ")
-            if name.endswith("BULK") and (lost := _lost(lines[:at])):
-                warn(f"{path}: {lost!r:.40} stands before BEGIN BULK, and is left out as in Nastran: if BEGIN BULK does not "
-                     "belong there, cards are lost")
-            if name.endswith("SUPER") and not begin[2].isdecimal():
-                raise InputError(f"{path}: {line.strip()!r:.40} has no number of a superelement")
-            found = [] if name.endswith("BULK") else [*found, ("BEGIN SUPER", [begin[2]])]
-            continue
-        head, data, _ = _fields(path, line)
-        if "," not in line and line[80:].strip() and (head[:1] in ("*", "+") or head.rstrip("*") in _KNOWN):
-            raise InputError(f"{path}: {line.strip()!r:.75} has {line[80:].strip()!r:.20} behind column 80, unread by Nastran. "
-                             "Remove it, or the blanks before it")
-        if head and head[0] != "+" and (head[0] != "*" or head[1:2] == "("):
-            found.append((head.rstrip("*"), data))
-        elif found:
-            found[-1][1].extend(data)
-        else:
-            raise InputError(f"{path} begins with a continuation: {line.strip()!r:.60}")
-    if wrong := next((card for card, _ in found if card[0].isdigit()), None):
-        raise InputError(f"{path} has a card {wrong!r:.20}, and no name of a card begins with a digit: a name or the * of a "
-                         "continuation is damaged")
-    return found
-
-
-def _lost(lines: list[str]) -> str:
-    """The first card among lines that are left out, or a continuation of one."""
-    return next((line.strip() for line in lines if re.match(r"\s*[*+]\s|\s*\w+\*?[\s,]", line)
-                 and line.replace(",", " ").split()[0].upper().rstrip("*+") in {*_KNOWN, ""}), "")
-
-
-def complete(path: Path, grid: list[str]) -> None:
-    """Refuse the fields of a GRID* without its second line, and of a GRID that a comma in a number moved."""
-    if wrong := [field for field in grid[5:8] if field and not field.isdecimal() and field != "-1"]:
-        raise InputError(f"{path}: GRID {grid[0]} has {wrong[0]!r:.20} behind its coordinates, where a frame, directions or a "
-                         "superelement belong: is a comma in a number? Write 0.5, not 0,5")
-    if len(grid) == 4:
-        raise InputError(f"{path}: GRID* {grid[0]} has one line, and its third coordinate belongs on a second one, which is lost "
-                         "or cut off. Write it again; where the coordinate is 0, a line with * is enough")
-
-
-def _text(path: Path) -> tuple[str, list[str]]:
-    """A file with those it includes, without comments; and notes on included files that are not there, if that does no harm.
-
-    Before BEGIN BULK these are alterations of Nastran's solutions (DMAP), which stand where Nastran is; cards are behind it.
+    Before BEGIN BULK, included files are alterations of Nastran's solutions (DMAP), which stand where Nastran is: one that is not
+    there is noted.
     """
     def named(name: str) -> str:
         return "".join(map(str.strip, name.strip().strip("'\"").split("\n")))
@@ -223,29 +146,52 @@ def _text(path: Path) -> tuple[str, list[str]]:
     text = re.sub(r"\$.*", "", text).expandtabs(8).encode("ascii", "replace").decode()
     if "//" in text or "#" in text:
         text = re.sub(r"^(?://|#).*", "", text, flags=re.MULTILINE)
-    return text, notes
+    # the part between BEGIN BULK, which may stand there twice, and ENDDATA
+    above, *behind = re.split(r"^[ \t]*ENDDATA\b", text, maxsplit=1, flags=re.MULTILINE | re.IGNORECASE)
+    same, *below = "".join(behind).split("\n")
+    if lost := same.strip(" \t,*") or _lost(below):
+        notes.append(f"ENDDATA is followed by {lost!r:.40}. Cards behind ENDDATA left out, as in Nastran: if it does not belong "
+                     "there, cards are missing")
+    marks = list(re.finditer(r"^[ \t]*BEGIN[ \t]+(BULK|SUPER)\b[^\n]*", above, flags=re.MULTILINE | re.IGNORECASE))
+    begins = [mark[0] for mark, after in zip(marks, [*marks[1:], None], strict=False)
+              if after is None or above[mark.end():after.start()].strip()]
+    bulks = [mark for mark in marks if mark[1].upper() == "BULK"]
+    if bulks and (lost := _lost(above[:bulks[-1].start()].split("\n"))):
+        notes.append(f"{lost!r:.40} stands before BEGIN BULK. Cards before BEGIN BULK left out, as in Nastran: if it does not "
+                     "belong there, cards are missing")
+    lines = above[bulks[-1].end() if bulks else 0:].split("\n")
+    return [line for line in lines if line and not line.isspace()], begins, notes, bool(behind)
 
 
-def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
-    """The fields of each card that is read, between blanks, by their names; and how many are elements but no cells."""
-    cards: dict[str, list[str]] = {name: [] for name in _WIDTHS}
-    counts: Counter[str] = Counter()
+def _lost(lines: list[str]) -> str:
+    """The first card among lines that are left out, or a continuation of one."""
+    return next((line.strip() for line in lines if re.match(r"\s*[*+]\s|\s*\w+\*?[\s,]", line)
+                 and line.replace(",", " ").split()[0].upper().rstrip("*+") in {*KNOWN, ""}), "")
+
+
+def cards_in(path: Path, lines: list[str]) -> Iterator[tuple[str, list[str]]]:
+    """Each card: its name in capitals, and its fields behind the name, blanks as ''. BEGIN SUPER is one, with its number."""
     name, card, mark, wanted = "", list[str](), set[str](), False
     marks, astray = set[str](), dict[str, str]()  # of lines that wait for a continuation; of continuations elsewhere
-    for line in bulk.split("\n"):
-        if line.isspace() or not line:
-            continue
-        if name and not wanted and line[:1] in ("+", "*") and "," in line and not line[1:8].strip():
+    for line in lines:
+        if name.rstrip("_") not in KNOWN and name and line[:1] in ("+", "*") and "," in line and not line[1:8].strip():
             mark = set()
             continue  # of a card that is not read: its fields may be texts with commas
-        head, data, after = _fields(path, line)
+        if begin := re.match(r"\s*BEGIN\s+SUPER\b\W*(\w*)", line, flags=re.IGNORECASE):
+            if not begin[1].isdecimal():
+                raise InputError(f"{path}: {line.strip()!r:.40} has no number of a superelement")
+            head, data, after = "BEGIN SUPER", [begin[1]], ""
+        else:
+            head, data, after = _fields(path, line)
         if head and head[0] != "+" and (head[0] != "*" or head[1:2] == "("):
-            _close(path, cards, name, card)
+            if name:
+                yield name, card
             name, card = head.rstrip("*"), []
-            counts[head] += 1
             wanted = name.rstrip("_") in _WIDTHS
+            if wanted and head.endswith("_*"):
+                raise InputError(f"{path} has {head} cards, in which meshio mixes up the nodes: write small fields")
         elif not name:
-            raise InputError(f"{path} begins with a continuation: {line.strip()!r}")
+            raise InputError(f"{path} begins with a continuation: {line.strip()!r:.60}")
         elif (this := head.lstrip("+*")) in mark:
             marks -= mark
         elif this and (mark or not wanted):  # older files may list them anywhere
@@ -258,24 +204,10 @@ def _cards(path: Path, bulk: str) -> tuple[dict[str, list[str]], Counter[str]]:
             marks |= mark
             if line.count(",") > 9 and "".join(line.split(",")[10:]).strip():
                 raise InputError(f"{path} has a line of more than 10 fields: {line[:60]!r}")
-    _close(path, cards, name, card)
+    if name:
+        yield name, card
     if wrong := [head for this, head in astray.items() if this in marks]:
         raise InputError(f"{path}: the continuation {wrong[0]!r} does not stand below the line it continues: sort the file")
-    # how many are elements but no cells; what is not read and must be is refused
-    skipped: Counter[str] = Counter()
-    for head, count in counts.items():
-        name = head.rstrip("*")
-        if name.rstrip("_") in _WIDTHS or name == "CBARAO":
-            if head.endswith("_*"):
-                raise InputError(f"{path} has {head} cards, in which meshio mixes up the nodes: write small fields")
-        elif _SKIPPED.fullmatch(name):
-            skipped[name] += count
-        elif _REFUSED.fullmatch(name):
-            raise InputError(f"{path} has {name} cards, which are not read: write the mesh without them")
-        elif (near := get_close_matches(name, _WIDTHS, n=1, cutoff=0.8)) and (
-                name[0] == near[0][0] or sorted(name) == sorted(near[0])):  # PBEAM, EGRID, RADSET are cards of their own
-            raise InputError(f"{path} has {name} cards, which are not read; did you mean {near[0]}?")
-    return cards, skipped
 
 
 def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
@@ -284,7 +216,7 @@ def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
     A comma makes all fields of a line free ones: then what should be its first field may hold others behind it.
     """
     name, *more = (line.partition(",")[0] if "," in line else line[:8]).upper().split() or [""]
-    if more and more != ["*"] and (name.rstrip("*_") in _KNOWN or (name[0] in "*+" and "," in line)):
+    if more and more != ["*"] and (name.rstrip("*_") in KNOWN or (name[0] in "*+" and "," in line)):
         raise InputError(f"{path}: {line.strip()!r:.75} has its fields neither in columns of 8 or 16 nor between commas. Write "
                          "0.5, not 0,5, and a comma between all fields or none")
     if "," not in line:
@@ -299,21 +231,50 @@ def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
     return head, words[1:count + 1], words[count + 1]
 
 
-def _close(path: Path, cards: dict[str, list[str]], name: str, card: list[str]) -> None:
-    """Keep the fields of a card that is complete; those that are blank as 0."""
-    name = name.rstrip("_")  # meshio's CHEXA_ is a CHEXA of 20 nodes
-    if name not in _WIDTHS:
-        return
-    width = _WIDTHS[name]
-    if len(_CELLS.get(name, {})) == 2 and any(card[width:]):
-        raise InputError(f"{path}: {name} {card[0]} has more than {width - 2} nodes")
-    if name == "GRID":
-        complete(path, card)
-        _close(path, cards, "GRID place", card[2:5])
-        card[1] = card[1] or BLANK
-    if name in _TWICE and any(card[4:8]):
-        _close(path, cards, name, card[4:8])
-    cards[name].append(" ".join([field or "0" for field in card[:width]] + ["0"] * (width - len(card))))
+def tables_of(path: Path, cards: Iterable[tuple[str, list[str]]]) -> tuple[dict[str, list[str]], Counter[str]]:
+    """The fields of each card that is read, between blanks, those that are blank as 0, by name; and how many others there are."""
+    tables, others = {name: list[str]() for name in _WIDTHS}, Counter[str]()
+    for name, card in cards:
+        known = name.rstrip("_")  # meshio's CHEXA_ is a CHEXA of 20 nodes
+        if known not in _WIDTHS:
+            others[name] += 1
+            continue
+        width = _WIDTHS[known]
+        if len(_CELLS.get(known, {})) == 2 and any(card[width:]):
+            raise InputError(f"{path}: {known} {card[0]} has more than {width - 2} nodes")
+        if known == "GRID":
+            if wrong := [field for field in card[5:8] if field and not field.isdecimal() and field != "-1"]:
+                raise InputError(f"{path}: GRID {card[0]} has {wrong[0]!r:.20} behind its coordinates, where a frame, directions "
+                                 "or a superelement belong: is a comma in a number? Write 0.5, not 0,5")
+            if len(card) == 4:
+                raise InputError(f"{path}: GRID* {card[0]} has one line, and its third coordinate belongs on a second one, which "
+                                 "is lost or cut off. Write it again; where the coordinate is 0, a line with * is enough")
+            tables["GRID place"].append(" ".join(field or "0" for field in (*card[2:5], "", "", "")[:3]))
+            card = [card[0], *(field or BLANK for field in (card[1], (*card, "", "")[5]))]
+        for part in [card[4:8], card] if known in _TWICE and any(card[4:8]) else [card]:
+            tables[known].append(" ".join([field or "0" for field in part[:width]] + ["0"] * (width - len(part))))
+    return tables, others
+
+
+def systems_of(path: Path, tables: Mapping[str, list[str]]) -> tuple[Systems, list[str]]:
+    """The points of the cards GRID, each once, with the coordinate systems of a file; and notes."""
+    if not tables["GRID"]:
+        raise InputError(f"{path} has no GRID cards")
+    if len(tables["GRDSET"]) > 1:
+        raise InputError(f"{path} has several GRDSET cards")
+    numbers, *both = _values(path, "GRID", tables["GRID"]).T
+    whole_numbers(f"{path}: the numbers of GRID", numbers)
+    default = _values(path, "GRDSET", tables["GRDSET"] or ["0 0 0 0 0 0"])[0, [1, 5]]
+    given, moving = (np.where(part == int(BLANK), usual, part) for part, usual in zip(both, default, strict=True))
+    points = _values(path, "GRID place", tables["GRID place"], float)
+    rows, notes = without_copies(numbers, np.column_stack([given, moving, points]))
+    by_nodes, by_points = {}, {}
+    for name in NAMES:
+        for number, *corners in _values(path, name, tables[name]).tolist() if name.startswith("CORD1") else ():
+            by_nodes[number] = name[-1], np.array(corners)
+        for number, of, *rest in _values(path, name, tables[name], float).tolist() if name.startswith("CORD2") else ():
+            by_points[int(number)] = name[-1], int(of), np.reshape(rest, (3, 3))
+    return Systems(path, numbers[rows], given[rows], points[rows], moving[rows], by_nodes, by_points), notes
 
 
 def _values(path: Path, name: str, cards: list[str], kind: type = np.int64) -> Array:

@@ -18,6 +18,8 @@ NAMES = tuple(f"CORD{way}{shape}" for way in (1, 2) for shape in "RCS")
 class Systems:
     """The coordinate systems of a file, and its points as given: numbers (n,), the system of each (n,), coordinates (n, 3).
 
+    `motions` (n,) has the system of each point's motions.
+
     `by_nodes` has the three nodes of each CORD1, `by_points` system and three points (3, 3) of each CORD2; the z axis leads
     from the first to the second, and the third lies in the half-plane of x and z. The shape is R, C or S.
     """
@@ -26,6 +28,7 @@ class Systems:
     numbers: Array
     system: Array
     places: Array
+    motions: Array
     by_nodes: Mapping[int, tuple[str, Array]]
     by_points: Mapping[int, tuple[str, int, Array]]
     frames: dict[int, tuple[str, Array, Array] | None] = field(default_factory=dict)  # None while it is looked for

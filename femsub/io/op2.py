@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import TextMatrix
-from femsub.io.damage import Cursor, check_extent, check_partners
-from femsub.io.dmig import Dmig, Entries, Form, assembled
+from femsub.io.damage import Cursor, assembled, check_extent, check_partners
+from femsub.io.dmig import Entries, Form
 
 DMIG = (114, 1, 120)  # words with which a record of DMIG entries begins
 #: and those of a superelement's other records: the card, and of how many words one is (0: all are one list)
@@ -30,7 +29,7 @@ Card = tuple[str, list[str]]
 class Op2(NamedTuple):
     """What a file holds: matrices by name, and the cards of a superelement that EXTSEOUT(DMIGOP2) wrote."""
 
-    matrices: dict[str, Matrix | Dmig]
+    matrices: dict[str, TextMatrix]
     cards: list[Card]
 
 
@@ -64,21 +63,20 @@ def read_op2(path: Path) -> Op2:
             name = contents[place] if place < len(contents) else name
         if isinstance(item, list):
             found.cards.extend(blocks.cards(name, item) if contents else ())
-            item = blocks.dmig(name, item[0]) if blocks.is_dmig(item) else None
-        if item is not None:
-            name = NAMES.get(name, name) if contents else name
-            count = 1 + sum(known.partition("#")[0] == name for known in found.matrices)
-            found.matrices[name if count == 1 else f"{name}#{count}"] = item
+            if not item or tuple(blocks.words(item[0])[:3].tolist()) != DMIG:
+                continue
+            item = blocks.dmig(name, item[0])
+        name = NAMES.get(name, name) if contents else name
+        count = 1 + sum(known.partition("#")[0] == name for known in found.matrices)
+        found.matrices[name if count == 1 else f"{name}#{count}"] = item
     if contents and place + 1 != len(contents):
         raise InputError(f"{path} is cut short: its table of contents names {len(contents)} blocks, and {place + 1} are there")
     return found
 
 
-def labelled_op2(path: Path) -> dict[str, TextMatrix]:
-    """The matrices of `read_op2`; a square DMIG table with the grid and direction of its rows."""
-    found = read_op2(path).matrices
-    return {name: TextMatrix(item, None) if not isinstance(item, Dmig) else TextMatrix(
-        item.matrix, item.rows if item.square else None) for name, item in found.items()}
+def op2_matrices(path: Path) -> dict[str, TextMatrix]:
+    """The matrices of `read_op2` alone."""
+    return read_op2(path).matrices
 
 
 class _Blocks:
@@ -95,7 +93,7 @@ class _Blocks:
         self.bytes = int(content[:4].view(self.length)[0])
         self.word = np.dtype(f"{order}i{self.bytes}")
 
-    def read(self) -> Iterator[tuple[str, Matrix | list[Array]]]:
+    def read(self) -> Iterator[tuple[str, TextMatrix | list[Array]]]:
         """All matrices, and the records of tables, in their order."""
         key = self._key()
         if key == 3:  # the date, what wrote the file, its label, its version
@@ -109,7 +107,7 @@ class _Blocks:
             self._parts(self._key())
             self._keys(1)
             if self._key() > 0:
-                yield name, self._matrix(name, trailer)
+                yield name, TextMatrix(self._matrix(name, trailer))
                 self._keys(1)
             else:
                 records = list[Array]()
@@ -193,20 +191,13 @@ class _Blocks:
         check_extent(self.path, (rows, columns), len(found))
         start, at, count = np.array(places, dtype=np.int64).reshape(-1, 3).T
         step = np.arange(len(found)) - np.repeat(np.cumsum(count) - count, count)
-        whole: Any = sp.coo_array((found.astype(complex if kind > 2 else float), (np.repeat(start, count) + step, np.repeat(
-            at, count))), shape=(rows, columns))
-        matrix = sp.csr_array(whole)
-        if matrix.nnz < len(found):
-            raise self._wrong(f"the matrix {name.upper()} lists an entry twice")
+        matrix = assembled(f"{self.path}: {name.upper()}", np.repeat(start, count) + step, np.repeat(at, count),
+                           found.astype(complex if kind > 2 else float), (rows, columns))
         if trailer[3] == Form.SYMMETRIC:
             check_partners(self.path, name.upper(), matrix, kind % 2 == 1)
         return matrix
 
-    def is_dmig(self, records: list[Array]) -> bool:
-        """Whether the first record of a table has DMIG entries."""
-        return bool(records) and tuple(self.words(records[0])[:3].tolist()) == DMIG
-
-    def dmig(self, name: str, record: Array) -> Dmig:
+    def dmig(self, name: str, record: Array) -> TextMatrix:
         """The matrix of a record of DMIG entries."""
         words = self.words(record)
         form, kind = (int(words[at]) for at in (6, 7)) if len(words) > 12 else (0, 0)
@@ -229,7 +220,7 @@ class _Blocks:
         if form != Form.NUMBERED:  # the columns of scalar points have direction 1 where their rows have 0
             entries.places = [(grid, 0 if grid in scalar else at, column, 0 if column in scalar else to)
                               for grid, at, column, to in entries.places]
-        return assembled(self.path, name, entries)
+        return entries.matrix(self.path, name)
 
     def cards(self, name: str, records: list[Array]) -> Iterator[Card]:
         """A superelement's records as the cards that a text file would have."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from femsub.checks import Array
 from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import TextMatrix
-from femsub.io.damage import check_extent, check_room
+from femsub.io.damage import assembled, check_extent, check_room
 
 # ++ gives nothing back, so that what does not fit is refused in linear time
 NUMBER = rb"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
@@ -61,13 +61,10 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
     check_extent(path, (size, size), len(table))
     if re.search(rb"\n\s*?\n", found[3].rstrip()):
         warn(f"{path} has an empty line among its entries, which Sierra/SD does not write: is an entry lost?")
-    half: Any = sp.csr_array(sp.coo_array((table[:, 2], (i, j)), shape=(size, size)))
     if not np.isfinite(table[:, 2]).all():
         raise InputError(f"{path} has a number beyond all limits in row {int(i[~np.isfinite(table[:, 2])][0]) + 1}; it is "
                          "damaged")
-    if half.nnz < len(table):
-        raise InputError(f"{path} lists an entry twice; it is damaged")
-    matrix = sp.csr_array(half + sp.tril(half, -1).T)
+    matrix = assembled(str(path), i, j, table[:, 2], (size, size), np.positive)
     if len(bare := np.flatnonzero((matrix.diagonal() == 0) & (abs(matrix).sum(axis=1) > 0))):
         warn(f"{path} has no entry on the diagonal of {len(bare)} rows that have others, first {bare[0] + 1}: of a stiffness or "
              "mass an entry is lost")
@@ -75,7 +72,7 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
     name = found[1].decode().lower()
     gid, places = (path.with_name(f"{path.stem.rpartition('_')[0]}_{what}.m") for what in ("gid", "ASetMap"))
     if not gid.is_file() or not places.is_file():
-        return {name: TextMatrix(matrix, None)}
+        return {name: TextMatrix(matrix)}
     nodes, rows = _map(gid), _map(places)
     at = np.flatnonzero(rows)
     per_node = 9  # places in ASetMap: three translations, three rotations, and three of other physics

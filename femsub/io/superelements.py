@@ -14,11 +14,11 @@ import scipy.sparse as sp
 
 from femsub.checks import EQUAL, POSITION, Array, Matrix
 from femsub.errors import InputError, warn
-from femsub.io.abaqus_calculix import DIRECTIONS
+from femsub.io.abaqus_calculix import DIRECTIONS, TextMatrix
 from femsub.io.damage import MOST, check_room
-from femsub.io.dmig import Dmig, cards_of, dmig_of, quadruples, real, whole
-from femsub.io.nastran import complete
-from femsub.io.nastran_systems import NAMES, Systems
+from femsub.io.dmig import cards_of, dmig_of, quadruples, whole
+from femsub.io.nastran import systems_of, tables_of
+from femsub.io.nastran_systems import Systems
 from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
 from femsub.io.sierra import read_cbr
@@ -85,21 +85,16 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
         raise InputError(f"{path} has neither {path.stem}.asm nor {path.stem}.pch beside it, which list the DOF of a "
                          f"superelement. Copy them there, or read its matrices alone, "
                          f"read_component('{path.name}:maa', '{path.name}:kaa')")
-    # matrices; of OP2 those of DMIG tables in the order of the superelement's DOF, if they have no others
-    if op2:
-        rows, found = deck.order(), dict[str, Matrix]()
-        place = {row: at for at, row in enumerate(rows)}
-        for key, item in op2.matrices.items():
-            found[key] = item.matrix if isinstance(item, Dmig) else item
-            at = [place.get((grid, direction), -1) for grid, direction in item.rows.tolist()] if isinstance(item, Dmig) else []
-            if isinstance(item, Dmig) and item.square and min(at) >= 0:
-                turn = sp.csr_array((np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(rows), len(at)))
-                found[key] = sp.csr_array(turn @ item.matrix @ turn.T)
-        raw = _from_matrices(deck, path, found)
-    elif any(card == "DMIG" for card, _ in deck.cards):
-        raw = _from_dmig(deck)
-    elif (file := files.get(".op4")) is not None:
-        raw = _from_matrices(deck, file, read_op4(file))
+    # matrices, whose rows are in the order that the cards give, or DMIG's with grid and direction of their rows
+    if not op2 and any(card == "DMIG" for card, _ in deck.cards):
+        found = dmig_of(path, deck.cards)
+        labels = [found[key].labels for key in (f"{name}{_pair(path, found)}" for name in ("k", "m", "b", "k4")) if key in found]
+        rows = sorted({(grid, direction) for one in labels if one is not None for grid, direction in one.tolist()})
+        raw = _raw(deck, path, found, rows, written=True)
+    elif op2 or ".op4" in files:
+        file = path if op2 else files[".op4"]
+        found = op2.matrices if op2 else {name: TextMatrix(matrix) for name, matrix in read_op4(file).items()}
+        raw = _raw(deck, file, found, deck.order())
     else:
         raise InputError(f"{path} has no DMIG cards, and there is no {path.stem}.op4 beside it with the matrices")
     return _assembled(deck, raw, path.stem if name is None else name, cutoff)
@@ -191,35 +186,6 @@ class _Deck:
             found |= {whole(self.path, card, grid, 1) for grid, _ in quadruples(fields, 2)}
         return found
 
-    def systems(self) -> tuple[Systems, dict[int, int]]:
-        """The coordinate systems with all grids, and the system of each grid's motions (CD)."""
-        grids: dict[int, tuple[int, list[float], int]] = {}
-        for card, fields in self.of("GRID"):
-            complete(self.path, fields)
-            fields = fields + [""] * 6
-            grid = whole(self.path, card, fields[0], 1)
-            what = f"GRID {grid}"
-            given = whole(self.path, what, fields[1]), [real(self.path, what, text) for text in fields[2:5]], \
-                whole(self.path, what, fields[5])
-            if grids.setdefault(grid, given) != given:
-                raise InputError(f"{self.path}, or {self.path.stem}.asm or .pch beside it, has the grid {grid} at "
-                                 f"{grids[grid][1]} and at {given[1]}, or in two frames: one file is damaged or of another run")
-        by_nodes, by_points = {}, {}
-        for card, fields in self.of(*NAMES):
-            fields = fields + [""] * 11
-            for start in (0, 4) if card[4] == "1" and any(fields[4:8]) else (0,):
-                number = whole(self.path, card, fields[start], 1)
-                if card[4] == "1":
-                    nodes = [whole(self.path, f"{card} {number}", text, 1) for text in fields[start + 1:start + 4]]
-                    by_nodes[number] = card[-1], np.array(nodes)
-                else:
-                    places = [real(self.path, f"{card} {number}", text) for text in fields[2:11]]
-                    by_points[number] = card[-1], whole(self.path, card, fields[1]), np.reshape(places, (3, 3))
-        numbers = np.array(list(grids), dtype=np.int64)
-        where = np.array([place for _, place, _ in grids.values()]).reshape(-1, 3)
-        system = np.array([system for system, _, _ in grids.values()], dtype=np.int64)
-        return Systems(self.path, numbers, system, where, by_nodes, by_points), {grid: cd for grid, (_, _, cd) in grids.items()}
-
     def recovered(self) -> list[tuple[int, int, int]]:
         """(grid, count of directions, first row of MUG1 from 1), as DTI TUG1 lists them."""
         found: list[tuple[int, int, int]] = []
@@ -254,82 +220,70 @@ class _Raw:
     written: bool = False  # in the ten digits of DMIG cards
 
 
-def _pair(path: Path, matrices: Mapping[str, Matrix]) -> str:
+def _pair(path: Path, matrices: Mapping[str, TextMatrix]) -> str:
     """What follows K and M in the names of the superelement's matrices, as 'aa' in KAA and MAA."""
-    def square(name: str) -> int:
-        shape = matrices[name].shape if name in matrices else (0, 1)
-        return int(shape[0]) if shape[0] == shape[1] else 0
-
-    ends = [name[1:] for name in matrices if name[0] == "k" and square(name) == square(f"m{name[1:]}") > 0]
-    ends = [end for end in ends if square(f"k{end}") > 1] or ends
+    sizes = {name: item.matrix.shape[0] for name, item in matrices.items() if item.matrix.shape[0] == item.matrix.shape[1]}
+    ends = [name[1:] for name in sizes if name[0] == "k" and sizes[name] == sizes.get(f"m{name[1:]}")]
+    ends = [end for end in ends if sizes[f"k{end}"] > 1] or ends
     if len(ends) != 1:
-        listed = ", ".join(f"{name} {item.shape[0]} x {item.shape[1]}" for name, item in matrices.items()) or "nothing"
-        raise InputError(f"{path} should hold one pair of stiffness and mass, as KAA and MAA, but holds {listed}. Name them: "
-                         f"read_component('{path.name}:m...', '{path.name}:k...')")
+        listed = ", ".join(f"{name} {item.matrix.shape[0]} x {item.matrix.shape[1]}" for name, item in matrices.items())
+        raise InputError(f"{path} should hold one pair of stiffness and mass, as KAA and MAA, but holds {listed or 'nothing'}. "
+                         f"Name them: read_component('{path.name}:m...', '{path.name}:k...')")
     return ends[0]
 
 
-def _from_matrices(deck: _Deck, file: Path, found: Mapping[str, Matrix]) -> _Raw:
-    """The matrices of a file, whose rows are in the order that the cards give."""
-    end, rows = _pair(file, found), deck.order()
-    K, M = (_dense(file, found[f"{letter}{end}"]) for letter in "km")
-    if len(rows) != len(K):
-        raise InputError(f"{file}: K{end.upper()} has {len(K)} rows, but the cards beside it name {len(rows)} DOF. They belong "
-                         "to different runs, or the .pch with EXTRN is missing")
-    D, H = (next((found[name] for name in names if name in found and found[name].shape == K.shape and
-                  sp.coo_array(found[name]).nnz), None) for names in ((f"b{end}", f"b{end}1"), (f"k4{end}", f"k4{end}1", "k4xx")))
-    tug, recovery, names = deck.recovered(), np.zeros((0, len(K))), list[tuple[int, int]]()
-    table = found.get("mug1")
-    if table is not None and tug and table.shape[1] != len(K):
-        warn(f"{file}: motions of other grids are not recovered, since MUG1 has {table.shape[1]} columns, and K{end.upper()} "
-             f"{len(K)} rows")
-    elif table is not None and not tug and sp.coo_array(table).nnz:  # Nastran writes one 0 where nothing is recovered
-        warn(f"{file}: motions of other grids are not recovered, since no DTI TUG1 beside it lists the rows of MUG1")
-    elif table is not None and tug:
-        at = [(grid, direction, row - 1 + direction) for grid, count, row in tug for direction in range(min(count, 6))]
-        if max(row for _, _, row in at) >= table.shape[0]:
-            raise InputError(f"{file}: MUG1 has {table.shape[0]} rows, but DTI TUG1 names row {max(row for _, _, row in at) + 1}")
-        recovery = _dense(file, table)[[row for _, _, row in at]]
-        names = [(grid, direction + 1) for grid, direction, _ in at]
-    D, H = (None if part is None else _dense(file, part) for part in (D, H))
-    return _Raw(M, K, D, H, rows, recovery, names)
+def _raw(deck: _Deck, file: Path, found: Mapping[str, TextMatrix], rows: list[tuple[int, int]], written: bool = False) -> _Raw:
+    """The matrices of a file on these rows, and the motions that it recovers."""
+    end, n, place = _pair(file, found), len(rows), {row: at for at, row in enumerate(rows)}
+    check_room(file, 8 * 10 * n ** 2)  # the matrices, as they are and turned
 
-
-def _from_dmig(deck: _Deck) -> _Raw:
-    found = dmig_of(deck.path, deck.cards)
-    end = _pair(deck.path, {name: item.matrix for name, item in found.items()})
-    K, M, B, K4 = (found.get(f"{name}{end}") for name in ("k", "m", "b", "k4"))
-    assert K is not None and M is not None
-    known = [item for item in (K, M, B, K4) if item is not None and item.square]
-    rows = sorted({(int(grid), int(direction)) for item in known for grid, direction in item.rows})
-    place = {row: at for at, row in enumerate(rows)}
-    check_room(deck.path, 8 * 10 * len(rows) ** 2)  # the matrices, as they are and turned
-
-    def spread(item: Any) -> Array:
-        at = [place[int(grid), int(direction)] for grid, direction in item.rows]
-        whole = np.zeros((len(rows), len(rows)))
-        whole[np.ix_(at, at)] = _dense(deck.path, item.matrix)
+    def spread(name: str) -> Array:
+        dense, labels = _dense(file, found[name].matrix), found[name].labels
+        at = [] if labels is None else [place.get((grid, direction), -1) for grid, direction in labels.tolist()]
+        if not at or min(at) < 0:
+            return dense
+        whole = np.zeros((n, n))
+        whole[np.ix_(at, at)] = dense
         return whole
 
-    recovery, names, table = np.zeros((0, len(rows))), list[tuple[int, int]](), found.get("mug1t")
-    if (grids := deck.recovered()) and (table is None or table.columns[:, 0].max() < grids[-1][2]):
-        warn(f"{deck.path}: DTI TUG1 names {len(grids)} grids to recover, but MUG1T has no motion of the last, {grids[-1][0]}: "
-             "it does not move, or the file is cut short")
-    strange = set() if table is None else {(int(grid), int(direction)) for grid, direction in table.rows} - place.keys()
-    if strange:
-        grid, direction = min(strange)
-        warn(f"{deck.path}: MUG1T has motions by grid {grid}, direction {direction}, which is no DOF of the superelement: no "
-             "motions of other grids are recovered. Is a number damaged?")
-    elif table is not None:
-        at = [place[int(grid), int(direction)] for grid, direction in table.rows]
-        columns = {int(column): number for number, column in enumerate(table.columns[:, 0])}
-        listed = [(grid, direction + 1, columns[row + direction]) for grid, count, row in grids
-                  for direction in range(min(count, 6)) if row + direction in columns]
-        recovery = np.zeros((len(listed), len(rows)))
-        recovery[:, at] = _dense(deck.path, table.matrix).T[[column for _, _, column in listed]]
-        names = [(grid, direction) for grid, direction, _ in listed]
-    D, H = (spread(item) if item is not None and item.square else None for item in (B, K4))
-    return _Raw(spread(M), spread(K), D, H, rows, recovery, names, written=True)
+    K, M = spread(f"k{end}"), spread(f"m{end}")
+    if len(K) != n:
+        raise InputError(f"{file}: K{end.upper()} has {len(K)} rows, but the cards beside it name {n} DOF. They belong to "
+                         "different runs, or the .pch with EXTRN is missing")
+    D, H = (next((part for name in names if name in found and (part := spread(name)).shape == K.shape and part.any()), None)
+            for names in ((f"b{end}", f"b{end}1"), (f"k4{end}", f"k4{end}1", "k4xx")))
+    # motions that are recovered: the rows of MUG1, which DTI TUG1 lists, or the columns of MUG1T that are there
+    tug, table, turned = deck.recovered(), found.get("mug1"), found.get("mug1t")
+    at = [(grid, direction + 1, row + direction) for grid, count, row in tug for direction in range(min(count, 6))]
+    motions = np.zeros((0, n))
+    if written:
+        named, numbered = ([] if labels is None else [(grid, direction) for grid, direction in labels.tolist()]
+                           for labels in ((turned.rows, turned.columns) if turned else (None, None)))
+        columns = {column: number for number, (column, _) in enumerate(numbered)}
+        if tug and max(columns, default=0) < tug[-1][2]:
+            warn(f"{file}: DTI TUG1 names {len(tug)} grids to recover, but MUG1T has no motion of the last, {tug[-1][0]}: it "
+                 "does not move, or the file is cut short")
+        at = [(grid, direction, columns[row] + 1) for grid, direction, row in at if row in columns]
+        if strange := set(named) - place.keys():
+            warn(f"{file}: MUG1T has motions by grid {min(strange)[0]}, direction {min(strange)[1]}, which is no DOF of the "
+                 "superelement: no motions of other grids are recovered. Is a number damaged?")
+            at = []
+        elif turned is not None:
+            motions = np.zeros((len(columns), n))
+            motions[:, [place[row] for row in named]] = _dense(file, turned.matrix).T
+    elif table is not None and tug and table.matrix.shape[1] != n:
+        warn(f"{file}: motions of other grids are not recovered, since MUG1 has {table.matrix.shape[1]} columns, and "
+             f"K{end.upper()} {n} rows")
+        at = []
+    elif table is not None and not tug and sp.coo_array(table.matrix).nnz:  # Nastran writes one 0 where nothing is recovered
+        warn(f"{file}: motions of other grids are not recovered, since no DTI TUG1 beside it lists the rows of MUG1")
+    elif table is not None and tug:
+        motions = _dense(file, table.matrix)
+        if (last := max(row for _, _, row in at)) > len(motions):
+            raise InputError(f"{file}: MUG1 has {len(motions)} rows, but DTI TUG1 names row {last}")
+    at = at if len(motions) else []
+    recovery = motions[np.array([row for _, _, row in at], dtype=np.intp) - 1]
+    return _Raw(M, K, D, H, rows, recovery, [(grid, direction) for grid, direction, _ in at], written)
 
 
 def _dense(path: Path, matrix: Matrix) -> Array:
@@ -358,12 +312,18 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     nb, square = len(boundary), np.ix_(order, order)
     K, M, D = checked.K[square], checked.M[square], None if raw.D is None else checked.D[square]
     H = None if checked.H is None else checked.H[square]
-    systems, cd = deck.systems()
+    systems = systems_of(path, tables_of(path, deck.cards)[0])[0] if any(deck.of("GRID")) else None
+    cd = {} if systems is None else dict(zip(systems.numbers.tolist(), systems.motions.tolist(), strict=True))
+    if systems is not None and len(cd) < len(systems.numbers):
+        grid = next(grid for grid in cd if np.count_nonzero(systems.numbers == grid) > 1)
+        one, other = systems.places[systems.numbers == grid][:2].tolist()
+        raise InputError(f"{path}, or {path.stem}.asm or .pch beside it, has the grid {grid} at {one} and at {other}, or in two "
+                         "frames: one file is damaged or of another run")
     missing = sorted({grid for grid, direction in boundary if direction} - cd.keys())
     if missing:
         raise InputError(f"{path}: there is no GRID card of {len(missing)} boundary grids, first {missing[0]}; {path.stem}.pch "
                          f"or {path.stem}.asm should list them. read_component('FILE:M', 'FILE:K') reads the matrices alone")
-    place = dict(zip(systems.numbers.tolist(), systems.points(), strict=True)) if cd else {}
+    place = {} if systems is None else dict(zip(cd, systems.points(), strict=True))
     turn, labels = _turned(boundary, systems, cd, place)
     T = sp.block_diag([turn, sp.eye_array(len(order) - nb)], format="csr")
     K, M, *lossy = ((A + A.T) / 2 for A in (T.T @ part @ T for part in (K, M, H) if part is not None))
@@ -412,7 +372,7 @@ def _map(nodes: list[int], labels: list[str], where: Array | None) -> DofMap:
     return DofMap(nodes, [known.index(label) for label in labels], known, where)
 
 
-def _turned(dofs: list[tuple[int, int]], systems: Systems, cd: Mapping[int, int], place: Mapping[int, Array]
+def _turned(dofs: list[tuple[int, int]], systems: Systems | None, cd: Mapping[int, int], place: Mapping[int, Array]
             ) -> tuple[Any, list[str]]:
     """T, sparse (n, n), with u = T u_basic for motions u in the frames of their grids; and what the motions are called then.
 
@@ -428,7 +388,7 @@ def _turned(dofs: list[tuple[int, int]], systems: Systems, cd: Mapping[int, int]
             continue
         blocks.setdefault((grid, direction > 3), {})[(direction - 1) % 3] = at
     for (grid, turning), rows in blocks.items():
-        axes = systems.axes(cd[grid], place[grid]) if grid in cd else None
+        axes = systems.axes(cd[grid], place[grid]) if systems and grid in cd else None
         basic = axes is not None and np.abs(axes - np.eye(3)).max() <= EQUAL
         ready = basic or (axes is not None and len(rows) == 3)
         for axis, at in rows.items():
