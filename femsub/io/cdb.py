@@ -16,8 +16,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.io.damage import MOST, check_end
-from femsub.io.foreign_meshes import meshio
-from femsub.io.mesh_text import as_numbers, once, rows_of, text_of, whole
+from femsub.io.mesh_text import as_numbers, meshed, once, text_of, whole
 
 #: fields of an element in EBLOCK before its nodes
 FIELDS = ("material", "type", "real constant", "section", "coordinate system", "birth", "solid model", "shape", "nodes",
@@ -74,10 +73,9 @@ def read_cdb(path: Path) -> tuple[Any, list[str]]:
         raise InputError(f"{path} has {len(deck.numbers)} nodes in NBLOCK and {count} elements in EBLOCK"
                          f"{''.join(f'; {note}' for note in deck.notes)}. Write it with CDWRITE,DB")
     numbers, notes = np.array(deck.numbers, dtype=np.int64), deck.notes
-    order = once(path, "nodes", numbers)
     once(path, "elements", np.array([one.number for some in deck.elements.values() for one in some], dtype=np.int64))
     # cells of each family's forms, their nodes in meshio's order
-    cells, ids, materials = [], [], []
+    blocks, materials = [], dict[int, list[int]]()
     for (kind, count), some in deck.elements.items():
         number = deck.types.get(kind)
         family = _MESHES[number].get(deck.options.get(kind, 0)) if number in _MESHES else _FAMILY.get(number or 0)
@@ -99,21 +97,15 @@ def read_cdb(path: Path) -> tuple[Any, list[str]]:
             bent = mine & (between != 0).any(axis=1)
             for rows, (name, places) in ((mine & ~bent, straight), (bent, curved)):
                 if rows.any():
-                    nodes = table[rows][:, places]
-                    cells.append((name, order[rows_of(path, f"a {name} element", "node", numbers[order], nodes)]))
-                    ids.append(np.array([some[at].number for at in np.flatnonzero(rows)], dtype=np.int64))
-                    materials.append(np.array([some[at].material for at in np.flatnonzero(rows)], dtype=np.int64))
+                    taken = [some[at] for at in np.flatnonzero(rows)]
+                    blocks.append((name, np.array([one.number for one in taken], dtype=np.int64), table[rows][:, places]))
+                    for one in taken:
+                        materials.setdefault(one.material, []).append(one.number)
     # components as sets, materials as groups
-    if not cells:
+    if not blocks:
         raise InputError(f"{path} has no elements that are cells: {'; '.join(notes)}")
-    points_in = {name: np.flatnonzero(np.isin(numbers, members)) for name, members in deck.components["NODE"].items()}
-    cells_in = {name: [np.flatnonzero(np.isin(part, members)) for part in ids]
-                for name, members in deck.components["ELEM"].items()}
-    several = np.unique(np.concatenate(materials))
-    if len(several) > 1:
-        cells_in |= {f"material-{number}": [np.flatnonzero(part == number) for part in materials] for number in several}
-    mesh = meshio().Mesh(np.concatenate(deck.points), cells, point_sets=points_in, cell_sets=cells_in)
-    mesh.points_id, mesh.cells_id = numbers, ids
+    groups = {f"material-{number}": materials[number] for number in sorted(materials) if len(materials) > 1}
+    mesh = meshed(path, numbers, np.concatenate(deck.points), blocks, deck.components["NODE"], deck.components["ELEM"] | groups)
     return mesh, [f"{text} ({count} times)" if count > 1 else text for text, count in notes.items()]
 
 

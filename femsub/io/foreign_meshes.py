@@ -12,21 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, package
+from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.io.damage import THROWN, check_end, check_room, head_of
-from femsub.io.mesh_text import as_numbers, text_of
+from femsub.io.mesh_text import as_numbers, meshio, text_of
 
 _VTK_COUNTS = re.compile(rb"^(POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKUP_TABLE|DIMENSIONS|[XYZ]_COORDINATES|SCALARS|"
                          rb"\S+ \d+ \d+ (?=[a-zA-Z]))([^\n]*)", re.MULTILINE | re.IGNORECASE)
-
-
-def meshio() -> Any:
-    """The package meshio, or an error that says how to install it."""
-    found = package("meshio", "mesh files need meshio", "meshio")
-    for kind in ("wedge15", "pyramid13"):  # known to its readers, but without a dimension
-        found._mesh.topological_dimension.setdefault(kind, 3)
-    return found
 
 
 def read_foreign(path: Path) -> tuple[Any, list[str]]:

@@ -20,7 +20,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.io.damage import MOST
-from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, once, rows_of, whole_numbers, without_copies
+from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, meshed, once, rows_of, whole_numbers, without_copies
 
 #: keywords whose data define the mesh
 _MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
@@ -68,8 +68,6 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     InputError
         What is refused, by keyword, set and number.
     """
-    import meshio
-
     # keyword by keyword
     found = Contents(path)
     for keyword, options, data in _blocks(path, found.notes):
@@ -105,24 +103,21 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
         also = ": it continues another run (*RESTART, READ), whose file has the mesh" if found.continues else ""
         raise InputError(f"{path} has no {'*ELEMENT' if found.nodes else '*NODE'} data{also}")
     numbers, points = found.all_nodes()
-    cell_numbers = [part for _, part, _ in found.elements]
-    once(path, "elements", np.concatenate([*cell_numbers, *found.others]))
-    cells = [(kind, rows_of(path, f"a {kind} element", "node", numbers, nodes)) for kind, _, nodes in found.elements]
+    known = found.all_elements()
+    once(path, "elements", known)
     # sets
-    point_sets, known, cell_sets = {}, found.all_elements(), {}
+    node_sets, cell_sets = dict[str, Array](), dict[str, Array]()
     for (sort, _), name in found.spelling.items():
         what = f"*{sort}SET {name}"
         listed = found.members(sort, name, what)
         if sort == "N":
-            point_sets[name] = np.flatnonzero(np.isin(numbers, whole_numbers(f"{path}: the nodes of {what}", listed)))
+            node_sets[name] = whole_numbers(f"{path}: the nodes of {what}", listed)
             found.leave_out(what, "nodes", np.setdiff1d(listed, numbers))
             continue
         found.leave_out(what, "elements", np.setdiff1d(listed, known))
-        rows = [np.flatnonzero(np.isin(part, listed)) for part in cell_numbers]
-        if not len(listed) or any(map(len, rows)):  # else of skipped elements only
-            cell_sets[name] = rows
-    mesh = meshio.Mesh(points, cells, point_sets=point_sets, cell_sets=cell_sets)
-    mesh.points_id, mesh.cells_id = numbers, cell_numbers
+        if not len(listed) or any(np.isin(part, listed).any() for _, part, _ in found.elements):  # else of skipped ones only
+            cell_sets[name] = listed
+    mesh = meshed(path, numbers, points, found.elements, node_sets, cell_sets)
     notes = [f"{count} element{'s' * (count != 1)} of type {kind} skipped" for kind, count in found.skipped.items()] + found.notes
     if found.apart:
         notes.append(f"what belongs to the assembly only skipped: {', '.join(sorted(found.apart))}")

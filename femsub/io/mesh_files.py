@@ -18,10 +18,10 @@ from femsub.errors import InputError
 from femsub.io.atomic import scratch, write_whole
 from femsub.io.cdb import read_cdb
 from femsub.io.damage import head_of, unreadable_refused
-from femsub.io.foreign_meshes import meshio, quietly, read_foreign, read_tetgen
+from femsub.io.foreign_meshes import quietly, read_foreign, read_tetgen
 from femsub.io.gmsh import BODIES, counted, is_gmsh, read_gmsh
 from femsub.io.inp import read_inp
-from femsub.io.mesh_text import including
+from femsub.io.mesh_text import including, meshio
 from femsub.io.nastran import read_nastran
 from femsub.io.universal import is_universal, read_universal
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import codecs
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, is_file, resolved
+from femsub.checks import Array, is_file, package, resolved
 from femsub.errors import InputError
 
 DEEPEST = 9  # largest depth of nested includes
@@ -110,6 +111,37 @@ class Deck:
             return "".join(part if part.endswith("\n") or not part else f"{part}\n" for part in parts)
 
         return inserted(self.path, text_of(self.path) if own is None else own, 0)
+
+
+def meshio() -> Any:
+    """The package meshio, or an error that says how to install it."""
+    found = package("meshio", "mesh files need meshio", "meshio")
+    for kind in ("wedge15", "pyramid13"):  # known to its readers, but without a dimension
+        found._mesh.topological_dimension.setdefault(kind, 3)
+    return found
+
+
+def meshed(path: Path, numbers: Array, points: Array, blocks: Iterable[tuple[str, Array, Array]],
+           node_sets: Mapping[str, Any] | None = None, cell_sets: Mapping[str, Any] | None = None, **more: Any) -> Any:
+    """A meshio.Mesh with `points_id` and `cells_id` of the tables of a file.
+
+    The tables are numbers (n,) and places (n, 3) of nodes; kind, numbers (m,) and nodes (m, k) of elements by their numbers; the
+    numbers of the members of each set.
+
+    Raises
+    ------
+    InputError
+        A node or element that is given twice, a node that the file does not give.
+    """
+    order, blocks = once(path, "nodes", numbers), list(blocks)
+    ids = [part for _, part, _ in blocks]
+    once(path, "elements", np.concatenate([np.zeros(0, dtype=np.int64), *ids]))
+    cells = [(kind, order[rows_of(path, f"a {kind} element", "node", numbers[order], nodes)]) for kind, _, nodes in blocks]
+    point_sets = {name: np.flatnonzero(np.isin(numbers, part)) for name, part in (node_sets or {}).items()}
+    groups = {name: [np.flatnonzero(np.isin(some, part)) for some in ids] for name, part in (cell_sets or {}).items()}
+    mesh = meshio().Mesh(points, cells, point_sets=point_sets, cell_sets=groups, **more)
+    mesh.points_id, mesh.cells_id = numbers, ids
+    return mesh
 
 
 def as_numbers(what: str, data: str, kind: type = np.int64, commas: bool = False) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from femsub.checks import Array, is_file
 from femsub.errors import InputError
 from femsub.io.damage import check_end
-from femsub.io.mesh_text import Deck, as_numbers, once, rows_of, text_of, whole_numbers, without_copies
+from femsub.io.mesh_text import Deck, as_numbers, meshed, text_of, whole_numbers, without_copies
 from femsub.io.nastran_systems import NAMES, Systems
 
 _INCLUDE = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\n$]*)[^\n]*\n?"""  # the name may go on in the next lines
@@ -74,8 +74,6 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     InputError
         What is refused, by card and number.
     """
-    import meshio
-
     bulk, begins, notes, ended = bulk_of(path)
     if not ended:
         check_end(path)
@@ -95,7 +93,6 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     systems, copies = systems_of(path, tables)
     numbers, points = systems.numbers, systems.points()
     # kind, numbers, properties and nodes of the cells of a card, for each number of nodes it may have
-    order = once(path, "nodes", numbers)
     blocks = []
     for name in (one for one in _CELLS if tables[one]):
         values = _values(path, name, tables[name])
@@ -114,13 +111,10 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
             taken = values[count == size]
             if len(taken):
                 blocks.append((kind, taken[:, 0], taken[:, 1], taken[:, 2:][:, _ORDER.get((name, size), range(size))]))
-    # cells
-    once(path, "elements", np.concatenate([np.zeros(0, dtype=np.int64), *(block[1] for block in blocks)]))
+    properties = [np.where(block[2] == 0, block[1], block[2]) for block in blocks]
     given = any(block[2].any() for block in blocks)
-    properties = [np.where(block[2] == 0, block[1], block[2]) for block in blocks] if given else []
-    cells = [(kind, order[rows_of(path, f"a {kind} cell", "node", numbers[order], nodes)]) for kind, _, _, nodes in blocks]
-    mesh = meshio.Mesh(points, cells, cell_data={"nastran:ref": properties} if given else {})
-    mesh.points_id, mesh.cells_id = numbers, [block[1] for block in blocks]
+    mesh = meshed(path, numbers, points, [(kind, ids, nodes) for kind, ids, _, nodes in blocks],
+                  cell_data={"nastran:ref": properties} if given else {})
     return mesh, [*notes, *copies, *(f"{count} {name} skipped" for name, count in sorted(skipped.items()))]
 
 

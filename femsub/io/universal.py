@@ -18,8 +18,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.foreign_meshes import meshio
-from femsub.io.mesh_text import as_numbers, once, rows_of, text_of, whole
+from femsub.io.mesh_text import as_numbers, meshed, text_of, whole
 
 
 class Sets(IntEnum):
@@ -104,8 +103,8 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
     """
     elements = dict[int, list[tuple[int, list[int]]]]()
     groups, traces, notes = dict[str, list[tuple[int, int]]](), dict[str, list[list[int]]](), Counter[str]()
-    sets = list(data_sets(path))
-    for kind, lines, *_ in sets:
+    parts = list(data_sets(path))
+    for kind, lines, *_ in parts:
         at = 0 if kind in (Sets.ELEMENTS, Sets.TRACE_LINES, *GROUPS) else len(lines)
         while at < len(lines):
             head = whole(path, f"data set {kind}", lines[at].split())
@@ -138,14 +137,12 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
                 groups.setdefault(name, []).extend(zip(listed[:count:4], listed[1:count:4], strict=True))
         if kind not in OF_MESHES:
             notes[f"data set {kind} skipped"] += 1
-    notes.update(origin_of(sets))
-    numbers, points = nodes_of(path, sets)
+    notes.update(origin_of(parts))
+    numbers, points = nodes_of(path, parts)
     if not len(numbers) or not (elements or traces):
         raise InputError(f"{path} has {len(numbers)} nodes (data sets 2411, 15), {len(elements)} types of elements (2412) and "
                          f"{len(traces)} trace lines (82)")
-    order = np.argsort(numbers)
-    once(path, "elements", np.array([number for some in elements.values() for number, _ in some], dtype=np.int64))
-    cells, ids = [], []
+    blocks = []
     for type_, some in elements.items():
         if type_ not in _CELLS:
             notes[f"{len(some)} element{'s' * (len(some) != 1)} of the type {type_} skipped"] += 1
@@ -154,28 +151,22 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
         if wrong := [number for number, members in some if len(members) != len(where)]:
             raise InputError(f"{path}: element {wrong[0]} of the type {type_} has not {len(where)} nodes")
         table = np.array([members for _, members in some], dtype=np.int64)[:, np.argsort(where)]
-        cells.append((name, order[rows_of(path, f"a {name} element", "node", numbers[order], table)]))
-        ids.append(np.array([number for number, _ in some], dtype=np.int64))
+        blocks.append((name, np.array([number for number, _ in some], dtype=np.int64), table))
     if traces and elements:
         notes[f"{len(traces)} trace line{'s' * (len(traces) != 1)} skipped"] += 1
     elif traces:
-        pairs = np.array([pair for line in traces.values() for pair in line], dtype=np.int64)
-        cells = [("line", order[rows_of(path, "a trace line", "node", numbers[order], pairs)])]
-        ids = [np.arange(1, len(pairs) + 1)]
-        ends = np.cumsum([0, *map(len, traces.values())])
-        for name, start, stop in zip(traces, ends, ends[1:], strict=False):
-            groups[name] = [*groups.get(name, []), *((Member.ELEMENT, number) for number in range(start + 1, stop + 1))]
-    points_in, cells_in = {}, {}
+        pairs = [(name, pair) for name, line in traces.items() for pair in line]
+        for number, (name, _) in enumerate(pairs, 1):
+            groups.setdefault(name, []).append((Member.ELEMENT, number))
+        blocks = [("line", np.arange(1, len(pairs) + 1), np.array([pair for _, pair in pairs], dtype=np.int64).reshape(-1, 2))]
+    sets: dict[Member, dict[str, list[int]]] = {kind: {} for kind in Member}
     for name, members in groups.items():
-        of_nodes, of_cells = ([number for kind, number in members if kind == wanted] for wanted in (Member.NODE, Member.ELEMENT))
-        if of_nodes:
-            points_in[name] = np.flatnonzero(np.isin(numbers, of_nodes))
-        if of_cells:
-            cells_in[name] = [np.flatnonzero(np.isin(part, of_cells)) for part in ids]
-        if other := len(members) - len(of_nodes) - len(of_cells):
-            notes[f"{other} members of the group {name} are neither nodes nor elements: skipped"] += 1
-    mesh = meshio().Mesh(points, cells, point_sets=points_in, cell_sets=cells_in)
-    mesh.points_id, mesh.cells_id = numbers, ids
+        if other := [kind for kind, _ in members if kind not in [*Member]]:
+            notes[f"{len(other)} members of the group {name} are neither nodes nor elements: skipped"] += 1
+        for kind in Member:
+            if chosen := [number for sort, number in members if sort == kind]:
+                sets[kind][name] = chosen
+    mesh = meshed(path, numbers, points, blocks, sets[Member.NODE], sets[Member.ELEMENT])
     return mesh, [f"{text} ({count} times)" if count > 1 else text for text, count in notes.items()]
 
 
