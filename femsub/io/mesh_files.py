@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -39,13 +39,6 @@ _TECPLOT = re.compile(rb"(?mi)^[ \t]*(TITLE|VARIABLES|ZONE)\b")  # what .dat mea
 _KEYWORD = re.compile(rb"(?mi)^[ \t]*\*(NODE|ELEMENT|HEADING|INCLUDE|PART)\b")
 _ABAQUS = {"hexahedron": b"C3D8", "hexahedron20": b"C3D20", "tetra": b"C3D4", "tetra10": b"C3D10", "triangle": b"S3",
            "quad": b"S4", "line": b"T3D2"}
-
-
-class _Block(NamedTuple):
-    kind: str
-    nodes: Array
-    dimension: int
-    number: int  # among all blocks of the file
 
 
 @unreadable_refused
@@ -135,51 +128,50 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
             dropped.update(counts.get(dimension, {}))
         del dropped[kind]
     # cells of the chosen kind
-    blocks = [_Block(block.type, np.asarray(block.data), int(block.dim), i) for i, block in enumerate(found.cells)
-              if len(block.data) and not block.type.startswith("polyhedron")]
+    kept = [number for number, block in enumerate(found.cells) if len(block.data) and not block.type.startswith("polyhedron")]
+    blocks = [found.cells[number] for number in kept]
     if dropped:
         notes.append(f"{_several(dropped)} cells dropped, as kind={kind!r} asks")
-    taken = [block for block in blocks if block.kind == chosen]
-    cells = np.concatenate([block.nodes for block in taken])
+    cells = np.concatenate([block.data for block in blocks if block.type == chosen])
     if cells.shape[1:] != (CELLS[chosen][1],) or cells.min() < 0 or cells.max() >= len(found.points):
         raise InputError(f"{place}: {chosen} cells name nodes that the file does not give; is it damaged?")
     # name and, for each block, the rows of the cells in it; a name may come twice
     nothing, listed = np.zeros(0, dtype=np.intp), list[tuple[str, list[Array]]]()
     for label, members in found.cell_sets.items():
         if not label.startswith("gmsh:"):
-            listed.append((label, [nothing if members[block.number] is None else np.asarray(members[block.number], dtype=np.intp)
-                                   for block in blocks]))
+            listed.append((label, [nothing if members[number] is None else np.asarray(members[number], dtype=np.intp)
+                                   for number in kept]))
     for key, parts in found.cell_data.items():
         if key in _TAGS and [len(part) for part in parts] != [len(block.data) for block in found.cells]:
             raise InputError(f"some cells of the mesh file have a {_TAGS[key][3]} and some have none; give one to each")
-        values = [np.asarray(parts[block.number]).reshape(len(block.nodes), -1)[:, 0] for block in blocks]
+        values = [np.asarray(parts[number]).reshape(len(found.cells[number].data), -1)[:, 0] for number in kept]
         if key.startswith(_GROUP):
             listed.append((key.removeprefix(_GROUP), [np.flatnonzero(value) for value in values]))
         elif key in _TAGS:
             names = {(int(tag), int(dimension)): label for label, (tag, dimension) in found.field_data.items()}
             for dimension in range(4):
-                here = [value if block.dimension == dimension else nothing for block, value in zip(blocks, values, strict=True)]
+                here = [value if block.dim == dimension else nothing for block, value in zip(blocks, values, strict=True)]
                 for tag in filter(None, np.unique(np.concatenate(here))):  # 0 is no group
                     label = names.get((int(tag), dimension), f"{_TAGS[key][dimension]}-{tag}")
                     listed.append((label, [np.flatnonzero(value == tag) for value in here]))
     # sets of nodes, groups of the chosen cells, and cells of lower dimension that are in no set
     nodes_in, cells_in = dict[str, list[Array]](), dict[str, list[Array]]()
-    named = [np.zeros(len(block.nodes), dtype=bool) for block in blocks]
-    offsets = np.cumsum([0, *(len(block.nodes) * (block.kind == chosen) for block in blocks)])
+    named = [np.zeros(len(block.data), dtype=bool) for block in blocks]
+    offsets = np.cumsum([0, *(len(block.data) * (block.type == chosen) for block in blocks)])
     for label, members in listed:
         for block, rows, inside, offset in zip(blocks, members, named, offsets[:-1], strict=True):
-            nodes_in.setdefault(label, []).append(np.unique(block.nodes[rows]))
+            nodes_in.setdefault(label, []).append(np.unique(block.data[rows]))
             inside[rows] = True
-            if block.kind == chosen and len(rows):
+            if block.type == chosen and len(rows):
                 cells_in.setdefault(label, []).append(rows + offset)
     lost: Counter[str] = Counter()
     for block, inside in zip(blocks, named, strict=True):
-        ends = np.sort(block.nodes[inside], axis=1)
-        if block.dimension < CELLS[chosen][0] and (twice := int(np.count_nonzero((ends[:, 1:] == ends[:, :-1]).any(axis=1)))):
-            notes.append(f"{twice} {block.kind} cell{'s' * (twice > 1)} of a set name{'s' * (twice == 1)} a node twice: is a "
+        ends = np.sort(block.data[inside], axis=1)
+        if block.dim < CELLS[chosen][0] and (twice := int(np.count_nonzero((ends[:, 1:] == ends[:, :-1]).any(axis=1)))):
+            notes.append(f"{twice} {block.type} cell{'s' * (twice > 1)} of a set name{'s' * (twice == 1)} a node twice: is a "
                          "number damaged, so that the set lacks a node?")
-        if block.dimension < CELLS[chosen][0] and not inside.all():
-            lost[block.kind] += int(np.count_nonzero(~inside))
+        if block.dim < CELLS[chosen][0] and not inside.all():
+            lost[block.type] += int(np.count_nonzero(~inside))
     sets = {label: np.unique(np.concatenate(parts)) for label, parts in nodes_in.items()}
     sets |= {label: np.asarray(rows, dtype=np.intp) for label, rows in found.point_sets.items()}
     sets |= {label.removeprefix(_SET): np.flatnonzero(np.asarray(values).reshape(len(found.points), -1)[:, 0])
@@ -203,7 +195,8 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
         numbers = None
     called = as_word(place.stem) if name is None else word("name", name)
     mesh = Mesh(found.points, cells, chosen, sets=sets, groups=groups, numbers=numbers, repairs=notes, name=called)
-    return checked(mesh, None if of_cells is None else np.concatenate([of_cells[block.number] for block in taken]))
+    return checked(mesh, None if of_cells is None else np.concatenate(
+        [of_cells[number] for number, block in zip(kept, blocks, strict=True) if block.type == chosen]))
 
 
 def _reader(path: Path) -> Callable[[Path], tuple[Any, list[str]]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,15 +25,10 @@ CONTENTS, SUPERELEMENT, RECOVERED = "xsop2dir", "extdb", "tug1"
 Card = tuple[str, list[str]]
 
 
-class Op2(NamedTuple):
-    """What a file holds: matrices by name, and the cards of a superelement that EXTSEOUT(DMIGOP2) wrote."""
+def read_op2(path: Path) -> tuple[dict[str, TextMatrix], list[Card]]:
+    """Name (lower case) to matrix, shape (n, m), and the cards of a superelement that EXTSEOUT(DMIGOP2) wrote.
 
-    matrices: dict[str, TextMatrix]
-    cards: list[Card]
-
-
-def read_op2(path: Path) -> Op2:
-    """Name (lower case) to matrix, shape (n, m); a second one of the name 'kaa' is 'kaa#2'. DMIG tables have their grids.
+    A second matrix of the name 'kaa' is 'kaa#2'. DMIG tables have their grids.
 
     ===================  =======================================================================================
     it reads             files of 32 and 64 bit words, either byte order; real and complex matrices of single and
@@ -55,28 +49,28 @@ def read_op2(path: Path) -> Op2:
     if path.stat().st_size < 16:
         raise InputError(f"{path} is empty or cut short; write it again")
     blocks = _Blocks(path, np.memmap(path, np.uint8, "r"))
-    found, contents, place = Op2({}, []), list[str](), -1
+    found, cards, contents, place = dict[str, TextMatrix](), list[Card](), list[str](), -1
     for place, (name, item) in enumerate(blocks.read()):
         if name == CONTENTS and isinstance(item, list):
             contents = [""] * place + [name, *(blocks.text(record) for record in item)]
         elif name == SUPERELEMENT:
             name = contents[place] if place < len(contents) else name
         if isinstance(item, list):
-            found.cards.extend(blocks.cards(name, item) if contents else ())
+            cards.extend(blocks.cards(name, item) if contents else ())
             if not item or tuple(blocks.words(item[0])[:3].tolist()) != DMIG:
                 continue
             item = blocks.dmig(name, item[0])
         name = NAMES.get(name, name) if contents else name
-        count = 1 + sum(known.partition("#")[0] == name for known in found.matrices)
-        found.matrices[name if count == 1 else f"{name}#{count}"] = item
+        count = 1 + sum(known.partition("#")[0] == name for known in found)
+        found[name if count == 1 else f"{name}#{count}"] = item
     if contents and place + 1 != len(contents):
         raise InputError(f"{path} is cut short: its table of contents names {len(contents)} blocks, and {place + 1} are there")
-    return found
+    return found, cards
 
 
 def op2_matrices(path: Path) -> dict[str, TextMatrix]:
     """The matrices of `read_op2` alone."""
-    return read_op2(path).matrices
+    return read_op2(path)[0]
 
 
 class _Blocks:

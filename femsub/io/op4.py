@@ -6,7 +6,7 @@ import re
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,12 +17,6 @@ from femsub.io.damage import Cursor, check_extent, check_partners
 from femsub.io.dmig import Form
 
 _INTEGER = re.compile(rb" *-?\d+ *")
-
-
-class _Matrix(NamedTuple):
-    columns: int
-    rows: int  # negative: sparse, in the format for big matrices
-    kind: int  # 1, 2 real, 3, 4 complex; single and double precision
 
 
 def op4_module() -> Any:
@@ -79,20 +73,21 @@ def read_op4(path: Path) -> dict[str, Matrix]:
 
 def _check(path: Path, source: _Binary | _Text) -> None:
     """Check all matrices of a file, column by column: nothing may exceed its record, column or matrix."""
-    while (what := source.matrix()) is not None:
-        if what.columns < 1 or not what.rows or what.kind not in (1, 2, 3, 4):
-            raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {what.columns} columns, {abs(what.rows)} rows, "
-                             f"type {what.kind}")
-        per = 1 if what.kind % 2 or source.wide else 2  # words per number
-        words_per_entry, rows = per * (1 if what.kind < 3 else 2), abs(what.rows)
-        big = what.rows < 0 or rows >= 1 << 16  # the head of a string has 16 bits for the row, that of a big matrix a word
+    while head := source.matrix():
+        columns, rows, kind = head  # kinds: 1, 2 real, 3, 4 complex; single and double precision
+        if columns < 1 or not rows or kind not in (1, 2, 3, 4):
+            raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {columns} columns, {abs(rows)} rows, type "
+                             f"{kind}")
+        per = 1 if kind % 2 or source.wide else 2  # words per number
+        # sparse matrices of a negative number of rows are big; the head of a string has 16 bits for the row, theirs a word
+        words_per_entry, rows, big = per * (1 if kind < 3 else 2), abs(rows), rows < 0 or rows >= 1 << 16
         last, packed, count = 0, None, 0
-        while last <= what.columns:
-            column, row, words = source.column(what)
-            if not last < column <= what.columns + 1:
-                raise InputError(f"{path} is damaged, {source.here()}: column {column} of {what.columns} follows column {last}")
+        while last <= columns:
+            column, row, words = source.column(columns, kind)
+            if not last < column <= columns + 1:
+                raise InputError(f"{path} is damaged, {source.here()}: column {column} of {columns} follows column {last}")
             packed, last = row == 0 if packed is None else packed, column
-            if column > what.columns:
+            if column > columns:
                 break
             if words < (0 if packed else 1) or (row == 0) != packed:
                 raise _damaged(path, f"{source.here()}: row {row}, {words} words")
@@ -116,7 +111,7 @@ def _check(path: Path, source: _Binary | _Text) -> None:
                 source.skip(length // per, per)
                 count, words = count + entries, words - used
         source.end()
-        check_extent(path, (rows, what.columns), count, not packed)
+        check_extent(path, (rows, columns), count, not packed)
 
 
 def _damaged(path: Path, place: str) -> InputError:
@@ -146,18 +141,18 @@ class _Binary:
         self.after, self.cursor.place = self.cursor.place, self.start + 4
         return words
 
-    def matrix(self) -> _Matrix | None:
+    def matrix(self) -> tuple[int, ...]:
         if self.after >= len(self.cursor.content):
-            return None
+            return ()
         if self._record() != 6:
             raise _damaged(self.path, f"{self.here()}: no head of a matrix")
         columns, rows, _, kind = self.integers(4)
-        return _Matrix(columns, rows, kind)
+        return columns, rows, kind
 
-    def column(self, what: _Matrix) -> list[int]:
+    def column(self, columns: int, kind: int) -> list[int]:
         length = self._record()
         column, row, words = self.integers(3)
-        if column <= what.columns and 3 + words != length:
+        if column <= columns and 3 + words != length:
             raise _damaged(self.path, f"{self.here()}: {words} words in a record of {length}")
         return [column, row, words]
 
@@ -197,12 +192,12 @@ class _Text:
             raise InputError(f"{self.path}, line {self.line}: {cell.decode('ascii', 'replace')!r} is not a whole number")
         return int(cell)
 
-    def matrix(self) -> _Matrix | None:
+    def matrix(self) -> tuple[int, ...]:
         self.line, line = self.line + 1, next(self.lines, b"").rstrip(b"\r\n")
         if not line.strip():
             if any(rest.strip() for rest in self.lines):
                 raise _damaged(self.path, f"line {self.line} is empty")
-            return None
+            return ()
         width = 16 if line.rstrip().endswith(b"|I16") else 8
         heads = [line[:width], line[width:2 * width], line[2 * width + 8:2 * width + 16], line[2 * width:2 * width + 8]]
         columns, rows, kind, _ = map(self._integer, heads)
@@ -212,13 +207,13 @@ class _Text:
             raise InputError(f"{self.path}, line {self.line}: {form.decode('ascii', 'replace')!r} is no format of numbers, as "
                              "3E23.16 is")
         self.per_line, self.digits, self.first, self.cells = int(match[1]), int(match[2]), 0, []
-        return _Matrix(columns, rows, kind)
+        return columns, rows, kind
 
-    def column(self, what: _Matrix) -> tuple[int, ...]:
+    def column(self, columns: int, kind: int) -> tuple[int, ...]:
         column, row, words = self.integers(3)
-        if column > what.columns:
+        if column > columns:
             self._next()  # a dummy number
-        return column, row, words if row == 0 or what.kind % 2 else 2 * words  # of a dense matrix the text counts numbers
+        return column, row, words if row == 0 or kind % 2 else 2 * words  # of a dense matrix the text counts numbers
 
     def integers(self, count: int) -> tuple[int, ...]:
         line = self._next()

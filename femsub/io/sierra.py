@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,16 +21,6 @@ MATRIX = re.compile(rb"\s*function a=(\w+)\(\)\s+NumRows = (\d{1,15});\s+a=\[\s+
                     rb"disp\('This Matrix is in a Symmetric Sparse Format \(Lower Triangular\)'\)\s")
 MAP = re.compile(rb"\s*function x = \w+\(\)\s+(?:%[^\n]*+\s++)*x = zeros\((\d{1,15}), ?1\);\s+"
                  rb"((?:x\(\d{1,15}\) = \d{1,15};\s++)*)\Z")
-
-
-class Cbr(NamedTuple):
-    """A Craig-Bampton model: matrices (n, n), (node, direction from 1) of each row, 0 of modes, and the places of the nodes."""
-
-    M: Array
-    K: Array
-    D: Array
-    rows: Array
-    points: dict[int, list[float]]
 
 
 def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
@@ -99,8 +88,10 @@ def _map(path: Path) -> Array:
     return vector
 
 
-def read_cbr(path: Path) -> Cbr:
-    """A Craig-Bampton model of Sierra/SD (CBMODEL, format = netcdf).
+def read_cbr(path: Path) -> tuple[list[Array], Array, dict[int, list[float]]]:
+    """M, K and D of a Craig-Bampton model of Sierra/SD (CBMODEL, format = netcdf); (node, direction) of each row; nodes' places.
+
+    Modes are rows of the node 0.
 
     ===================  =======================================================================================
     it reads             Kr, Mr, Cr, cbmap and the nodes' places from a file of netCDF 3
@@ -139,5 +130,4 @@ def read_cbr(path: Path) -> Cbr:
     points = {int(node): [float(one) for one in place] for node, *place in zip(nodes, *where, strict=True)}
     if strange := sorted({int(node) for node in rows[:, 0] if node} - points.keys()):
         raise InputError(f"{path} has no place of node {strange[0]}, which cbmap names")
-    M, K, D = (np.asarray(A, dtype=float) for A in (M, K, D))
-    return Cbr(M, K, D, rows.astype(np.int64), points)
+    return [np.asarray(A, dtype=float) for A in (M, K, D)], rows.astype(np.int64), points

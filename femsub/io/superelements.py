@@ -17,8 +17,7 @@ from femsub.errors import InputError, warn
 from femsub.io.abaqus_calculix import DIRECTIONS, TextMatrix
 from femsub.io.damage import MOST, check_room
 from femsub.io.dmig import cards_of, dmig_of, quadruples, whole
-from femsub.io.nastran import systems_of, tables_of
-from femsub.io.nastran_systems import Systems
+from femsub.io.nastran import Systems, systems_of, tables_of
 from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
 from femsub.io.sierra import read_cbr
@@ -62,22 +61,22 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
              if other.stem == path.stem and other.suffix.lower() in ENDINGS and other.is_file()} | {ending: path}
     # a Craig-Bampton model of Sierra/SD: its nodes as grids, its modes as scalar points behind the last of them
     if ending in NETCDF:
-        model, deck.program = read_cbr(path), "Sierra/SD"
-        modes = model.rows[:, 0] == 0
-        numbers = np.where(modes, max(model.points) + np.cumsum(modes), model.rows[:, 0])
-        deck.cards += [("GRID", [str(node), "", *(f"{one:.17e}" for one in where)]) for node, where in model.points.items()]
+        (matrices, labels, points), deck.program = read_cbr(path), "Sierra/SD"
+        modes = labels[:, 0] == 0
+        numbers = np.where(modes, max(points) + np.cumsum(modes), labels[:, 0])
+        deck.cards += [("GRID", [str(node), "", *(f"{one:.17e}" for one in where)]) for node, where in points.items()]
         deck.cards.append(("SPOINT", [str(number) for number in numbers[modes]]))
-        dofs = list(zip(numbers.tolist(), np.where(modes, 0, model.rows[:, 1]).tolist(), strict=True))
-        if any(not 0 <= direction <= 6 for _, direction in dofs) or min(model.points) < 1:
+        dofs = list(zip(numbers.tolist(), np.where(modes, 0, labels[:, 1]).tolist(), strict=True))
+        if any(not 0 <= direction <= 6 for _, direction in dofs) or min(points) < 1:
             raise InputError(f"{path} is damaged: cbmap has a direction beyond 6, or a node below 1")
-        K, M, D = (_dense(path, A) for A in (model.K, model.M, model.D))
+        M, K, D = (_dense(path, A) for A in matrices)
         raw = _Raw(M, K, D if D.any() else None, None, dofs, np.zeros((0, len(K))), [])
         return _assembled(deck, raw, path.stem if name is None else name, cutoff)
     # cards
-    op2 = read_op2(path) if ending == ".op2" else None
-    deck.cards += op2.cards if op2 else []
+    of_op2, cards = read_op2(path) if ending == ".op2" else ({}, [])
+    deck.cards += cards
     for other in (".asm", ".pch"):
-        if other in files and ending in (".op4", ".op2", ".asm", ".pch") and not (op2 and op2.cards):
+        if other in files and ending in (".op4", ".op2", ".asm", ".pch") and not cards:
             deck.add(files[other])
     if ending not in (".op4", ".op2", ".asm", ".pch"):
         deck.add(path)
@@ -86,15 +85,16 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
                          f"superelement. Copy them there, or read its matrices alone, "
                          f"read_component('{path.name}:maa', '{path.name}:kaa')")
     # matrices, whose rows are in the order that the cards give, or DMIG's with grid and direction of their rows
-    if not op2 and any(card == "DMIG" for card, _ in deck.cards):
+    if ending != ".op2" and any(card == "DMIG" for card, _ in deck.cards):
         found = dmig_of(path, deck.cards)
-        labels = [found[key].labels for key in (f"{name}{_pair(path, found)}" for name in ("k", "m", "b", "k4")) if key in found]
-        rows = sorted({(grid, direction) for one in labels if one is not None for grid, direction in one.tolist()})
+        known = [found[key].labels for key in (f"{name}{_pair(path, found)}" for name in ("k", "m", "b", "k4")) if key in found]
+        rows = sorted({(grid, direction) for one in known if one is not None for grid, direction in one.tolist()})
         raw = _raw(deck, path, found, rows, written=True)
-    elif op2 or ".op4" in files:
-        file = path if op2 else files[".op4"]
-        found = op2.matrices if op2 else {name: TextMatrix(matrix) for name, matrix in read_op4(file).items()}
-        raw = _raw(deck, file, found, deck.order())
+    elif ending == ".op2":
+        raw = _raw(deck, path, of_op2, deck.order())
+    elif ".op4" in files:
+        found = {name: TextMatrix(matrix) for name, matrix in read_op4(files[".op4"]).items()}
+        raw = _raw(deck, files[".op4"], found, deck.order())
     else:
         raise InputError(f"{path} has no DMIG cards, and there is no {path.stem}.op4 beside it with the matrices")
     return _assembled(deck, raw, path.stem if name is None else name, cutoff)
