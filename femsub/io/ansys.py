@@ -210,8 +210,7 @@ def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
         elif unsymmetric:
             all_ = True
         else:
-            raise records.damaged(f"a symmetric {name} is one triangle, but has {below} entries below the diagonal and {above} "
-                                  "above")
+            raise records.damaged(f"a symmetric {name} is one triangle, but has {below} entries below and {above} above")
         found[name] = TextMatrix(sp.csr_array(matrix[order][:, order]), labels)
     if unsymmetric and not all_:
         raise records.damaged("it announces an unsymmetric matrix, but has one triangle of each")
@@ -265,14 +264,12 @@ def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[A
     # frequencies, nodes and their places
     at, nodes, numbers = found["at"].astype(float), found["nodes"], found["numbers"].astype(np.int64)
     if found["analysis"] != ANALYSES["modal"] or not len(at):
-        raise InputError(f"{path} holds no modes: its analysis is of the type {found['analysis']}, a modal one is "
-                         f"{ANALYSES['modal']}")
+        raise InputError(f"{path} holds no modes: its analysis has the type {found['analysis']}, not {ANALYSES['modal']}")
     if found["cyclic"] > 1 or any(found[f"complex{mode}"] for mode in range(len(at))):
         raise InputError(f"{path} holds modes of a cyclic sector, or complex ones, which are not read: expand them (/EXPAND), or "
                          "solve for real modes of the whole")
     if found["whole"] > len(found["at0"]):
-        raise InputError(f"{path} holds {len(found['at0'])} of {found['whole']} nodes, one file of a distributed run: write one "
-                         "for all (COMBINE)")
+        raise InputError(f"{path} holds {len(found['at0'])} of {found['whole']} nodes, of a distributed run: COMBINE its files")
     if not (np.isfinite(at).all() and at.min() >= 0 and np.isfinite(nodes).all()) or len(np.unique(numbers)) < len(numbers):
         raise InputError(f"{path} has frequencies, places or numbers of nodes that cannot be; it may be damaged, write it again")
     place = {number: row for row, number in enumerate(numbers.tolist())}

@@ -86,8 +86,7 @@ def check_room(path: Path, size: int) -> None:
 def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = False) -> None:
     """Refuse a size (rows or columns; if dense, their product) far beyond the number of entries: a digit must be wrong."""
     if (shape[0] * shape[1] if dense else max(shape)) > MOST + 100 * count or max(shape) >= 2 ** 31:
-        raise InputError(f"{path} announces a matrix of {shape[0]} x {shape[1]}, but holds {count} entries. One of these "
-                         "must be wrong; write it again")
+        raise InputError(f"{path} announces a matrix of {shape[0]} x {shape[1]}, but holds {count} entries; write it again")
 
 
 def check_indices(matrix: Any) -> None:
@@ -129,8 +128,7 @@ def check_partners(path: Path, name: str, matrix: Any, single: bool) -> None:
     Half of the digits of the file's precision may differ, measured by √(a_ii a_jj), which no pair exceeds in a stiffness or mass.
     """
     if matrix.shape[0] != matrix.shape[1]:
-        raise InputError(f"{path} calls {name!r} symmetric, but it has {matrix.shape[0]} rows and {matrix.shape[1]} columns; it "
-                         "is damaged")
+        raise InputError(f"{path} calls {name!r} symmetric, but it is {matrix.shape[0]} x {matrix.shape[1]}; it is damaged")
     eps, A = np.finfo(np.float32 if single else float).eps, sp.coo_array(matrix)
     gap, size = sp.coo_array(A - A.T), np.sqrt(np.abs(A.diagonal()))
     allowed = np.sqrt(eps) * size[gap.row] * size[gap.col] + eps * np.abs(A.data).max(initial=0.0)

@@ -126,8 +126,7 @@ def cards_of(path: Path) -> list[tuple[str, list[str]]]:
                              "Remove it, or the blanks before it")
     cards = list(cards_in(path, lines))
     if wrong := next((card for card, _ in cards if card[0].isdigit()), None):
-        raise InputError(f"{path} has a card {wrong!r:.20}, and no name of a card begins with a digit: a name or the * of a "
-                         "continuation is damaged")
+        raise InputError(f"{path} has a card {wrong!r:.20}, which begins with a digit: a name or a continuation is damaged")
     if own and (other := next((card for card, _ in cards if card not in WRITTEN), None)):
         raise InputError(f"{path} has a card {other!r:.20}, which femsub does not write: a name, or the * of a continuation, is "
                          "damaged. Write it again; if you added the card, take ', ... lines, sum ...' out of line 1")

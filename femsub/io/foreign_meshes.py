@@ -113,8 +113,7 @@ def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
         if key == b"DIMENSIONS":  # a grid has no lists of points and cells; meshio makes 3 and 8 numbers of 8 bytes for each
             check_room(path, (3 + 8) * 8 * int(size))
         elif size > len(raw):
-            raise InputError(f"{path} says {match[0].decode('latin-1').strip():.60}, but has {len(raw)} bytes: is it cut short "
-                             "or damaged?")
+            raise InputError(f"{path} says {match[0].decode('latin-1').strip():.60}, but has {len(raw)} bytes: is it cut short?")
         counts.setdefault(key, numbers[0] if numbers else -1)
     return counts.get(b"POINTS"), counts.get(b"CELL_TYPES")
 

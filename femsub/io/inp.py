@@ -218,8 +218,7 @@ def _rows(what: str, data: str, width: int, kind: type = np.int64, lines: int = 
     """The numbers of each line, (lines, width), what is left out as 0; with `lines`, no more than these."""
     values, counts = fields(f"{what}: its data", data, kind)
     if counts.max(initial=0) > width or len(counts) > lines > 0:
-        raise InputError(f"{what} takes {lines or 'any'} lines of at most {width} numbers, not {len(counts)} of up to "
-                         f"{counts.max()}")
+        raise InputError(f"{what} takes {lines or 'any'} lines of up to {width} numbers, not {len(counts)} of {counts.max()}")
     rows: Array = np.zeros((max(lines, len(counts)), width), dtype=kind)
     rows[:len(counts), :counts.max(initial=0)] = as_table(values, counts)
     return rows
@@ -376,8 +375,7 @@ def _elements(found: Contents, keyword: str, options: Mapping[str, str], data: s
     table = values.reshape(-1, width)
     if not begins[::width].all():
         number = table[begins[::width].argmin(), 0]
-        raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: element {number} begins within a line, so a line above it does "
-                         f"not have {width} numbers")
+        raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: element {number} begins within a line; a line has {width} numbers")
     found.elements.append((kind, whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
     yield table[:, 0]
 
@@ -446,8 +444,7 @@ def _line_of_nodes(found: Contents, keyword: str, options: Mapping[str, str], da
             axis = np.cross(arms[0], arms[1])
             size, radii = np.linalg.norm(axis), np.linalg.norm(arms, axis=1)
             if row[7:].any() or not radii.all() or size < 1e-6 * radii.prod() or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
-                raise InputError(f"{what}, LINE=C from node {first} to {last} is not read: only arcs below 180° about their "
-                                 "centre are")
+                raise InputError(f"{what}, LINE=C from node {first} to {last} is not read: only arcs below 180° are")
             angle = share * np.arctan2(size, arms[0] @ arms[1])
             side = np.cross(axis / size, arms[0])
             points = centre + (1 + share * (radii[1] / radii[0] - 1)) * (np.cos(angle) * arms[0] + np.sin(angle) * side)
@@ -468,8 +465,7 @@ def _nodes_between(found: Contents, keyword: str, options: Mapping[str, str], da
         count, step = (*given, 1)[:2]
         low, high = (found.members("N", name.strip('"'), "*NFILL") for name in (first, last))
         if len(low) != len(high) or not len(low) or count < 1:
-            raise InputError(f"{what} fills {count} intervals between sets of {len(low)} and {len(high)} nodes, which cannot be "
-                             "paired")
+            raise InputError(f"{what} cannot pair sets of {len(low)} and {len(high)} nodes in {count} intervals")
         if count * max(len(low), step) > MOST:
             raise InputError(f"{what} makes more than {MOST} nodes, or numbers as large")
         share = (np.arange(1, count) / count)[None, :, None]

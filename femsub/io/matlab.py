@@ -104,8 +104,7 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
                         data += stream.decompress(stream.unconsumed_tail, max(size - 16, 1))
                         rest = stream.decompress(stream.unconsumed_tail, 64)
                         if len(data) != size or rest.strip(b"\0") or not stream.eof:
-                            raise InputError(f"{path} is damaged: a packed matrix has another length than it announces; write "
-                                             "it again")
+                            raise InputError(f"{path} is damaged: a packed matrix has another length; write it again")
                 except (zlib.error, struct.error) as error:
                     raise InputError(f"{path} is damaged: a packed matrix cannot be unpacked ({error}); write it again") from None
             if kind != Mi.MATRIX:
@@ -132,8 +131,7 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
             size = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}.get(kind // 10 % 10, 0)
             if (kind // 1000, kind // 100 % 10) != ("<>".index(order), 0) or not size or kind % 10 > 2 or min(rows, columns) < 0 \
                     or imaginary not in (0, 1) or not 0 < name <= 64:
-                raise InputError(f"{path} is no MATLAB file of version 4, or damaged: at byte {at} there is no head of a "
-                                 "matrix. Write it again")
+                raise InputError(f"{path} is no MATLAB file of version 4, or damaged: byte {at} begins no matrix. Write it again")
             cursor.skip(20 + name + rows * columns * size * (1 + imaginary))
     # SciPy reads what is sound
     with warnings.catch_warnings():
@@ -197,8 +195,7 @@ def _read_hdf(path: Path) -> dict[str, Matrix]:
             raise InputError(f"{path}: {name!r} is not stored as numbers; it is damaged")
         # zlib packs a thousandfold at most; what was never written takes no place and reads as zeros
         if item.size * item.dtype.itemsize > 1100 * item.id.get_storage_size() + 1_000_000:
-            raise InputError(f"{path}: {name!r} announces {item.size} numbers, but only {item.id.get_storage_size()} bytes are "
-                             "stored; it is damaged")
+            raise InputError(f"{path}: {name!r} has {item.size} numbers in {item.id.get_storage_size()} bytes; it is damaged")
         check_room(path, item.size * item.dtype.itemsize)
         array: Array = item[()]
         if array.dtype.kind == "V":

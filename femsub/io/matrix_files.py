@@ -129,8 +129,7 @@ def _content(path: Path) -> dict[str, TextMatrix]:
 def _chosen(path: Path, found: Mapping[str, TextMatrix], wanted: str | None, usual: str) -> str:
     if list(found) == [""]:
         if wanted is not None and path.suffix.lower() not in READERS:
-            raise InputError(f"{path} holds one matrix without a name. Leave out {shown(wanted)}, which is given as its name or "
-                             "variable")
+            raise InputError(f"{path} holds one matrix without a name. Leave out its name or variable, {shown(wanted)}")
         return ""
     listed = ", ".join(f"{name} {item.matrix.shape[0]} x {item.matrix.shape[1]}" for name, item in found.items()) or "none"
     if wanted is not None:

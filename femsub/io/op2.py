@@ -81,8 +81,7 @@ class _Blocks:
         order = next((sign for sign, name in (("<", "little"), (">", "big"))
                       if int.from_bytes(content[:4].tobytes(), name) in (4, 8)), "")  # type: ignore[arg-type]
         if not order:
-            raise InputError(f"{path} is no .op2 file: it does not begin with the length of a word. Text (PARAM,POST with "
-                             "FORMATTED) is not read")
+            raise InputError(f"{path} is no .op2 file: it does not begin with the length of a word. Text (FORMATTED) is not read")
         self.length, self.order = np.dtype(f"{order}i4"), order
         self.bytes = int(content[:4].view(self.length)[0])
         self.word = np.dtype(f"{order}i{self.bytes}")
@@ -206,8 +205,7 @@ class _Blocks:
                 column[1] = 0
             while (row := taken.take(self.word, 2).tolist())[0] != -1:
                 if min(row[0], column[0]) < 1 or min(row[1], column[1]) < 0 or column[0] > (entries.width or column[0]):
-                    raise self._wrong(f"DMIG {name.upper()} has an entry at {row[0]}, {row[1]} of column {column[0]}, "
-                                      f"{column[1]}")
+                    raise self._wrong(f"DMIG {name.upper()} has an entry at {row} of column {column}")
                 entries.places.append((*row, *column))
                 entries.values.append(complex(taken.take(number, 1)[0]))
         scalar = {grid for place in entries.places for grid, direction in (place[:2], place[2:]) if not direction}

@@ -76,8 +76,7 @@ def _check(path: Path, source: _Binary | _Text) -> None:
     while head := source.matrix():
         columns, rows, kind = head  # kinds: 1, 2 real, 3, 4 complex; single and double precision
         if columns < 1 or not rows or kind not in (1, 2, 3, 4):
-            raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {columns} columns, {abs(rows)} rows, type "
-                             f"{kind}")
+            raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {abs(rows)} x {columns}, type {kind}")
         per = 1 if kind % 2 or source.wide else 2  # words per number
         # sparse matrices of a negative number of rows are big; the head of a string has 16 bits for the row, theirs a word
         words_per_entry, rows, big = per * (1 if kind < 3 else 2), abs(rows), rows < 0 or rows >= 1 << 16
@@ -204,8 +203,7 @@ class _Text:
         form = line[2 * width + 24:].split(b"|")[0].strip().upper().removeprefix(b"1P,")
         match = re.fullmatch(rb"([1-9]\d?)[ED]([1-9]\d?)\.\d{1,2}", form or b"5E16.9")
         if not match:
-            raise InputError(f"{self.path}, line {self.line}: {form.decode('ascii', 'replace')!r} is no format of numbers, as "
-                             "3E23.16 is")
+            raise InputError(f"{self.path}, line {self.line}: {form.decode('ascii', 'replace')!r} is no format as 3E23.16")
         self.per_line, self.digits, self.first, self.cells = int(match[1]), int(match[2]), 0, []
         return columns, rows, kind
 

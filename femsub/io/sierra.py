@@ -39,8 +39,7 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
     """
     found = MATRIX.match(path.read_bytes())
     if not found:
-        raise InputError(f"{path} is no matrix of Sierra/SD, 'function a=Kaa()' to 'Symmetric Sparse Format'. It may be cut "
-                         "short")
+        raise InputError(f"{path} is no matrix of Sierra/SD, 'function a=Kaa()' to 'Symmetric Sparse Format': is it cut short?")
     sizes = {int(found[at]) for at in (2, 4, 5)}
     table = np.array(found[3].replace(b";", b" ").split(), dtype=float).reshape(-1, 3)
     i, j = (table[:, at].astype(np.int64) - 1 for at in (0, 1))
@@ -51,8 +50,7 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
     if re.search(rb"\n\s*?\n", found[3].rstrip()):
         warn(f"{path} has an empty line among its entries, which Sierra/SD does not write: is an entry lost?")
     if not np.isfinite(table[:, 2]).all():
-        raise InputError(f"{path} has a number beyond all limits in row {int(i[~np.isfinite(table[:, 2])][0]) + 1}; it is "
-                         "damaged")
+        raise InputError(f"{path} has a number beyond all limits in row {int(i[~np.isfinite(table[:, 2])][0]) + 1}")
     matrix = assembled(str(path), i, j, table[:, 2], (size, size), np.positive)
     if len(bare := np.flatnonzero((matrix.diagonal() == 0) & (abs(matrix).sum(axis=1) > 0))):
         warn(f"{path} has no entry on the diagonal of {len(bare)} rows that have others, first {bare[0] + 1}: of a stiffness or "

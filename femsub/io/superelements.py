@@ -201,8 +201,7 @@ class _Deck:
         rows = sorted((row, row + count) for _, count, row in found)
         if any(count > 6 for _, count, _ in found) or len({grid for grid, *_ in found}) < len(found) or any(
                 stop > start for (_, stop), (start, _) in pairwise(rows)):
-            raise InputError(f"{self.path}: DTI TUG1 names a grid twice, more than six motions of a grid, or a row of MUG1 for "
-                             "two: it is damaged")
+            raise InputError(f"{self.path}: DTI TUG1 names a grid twice, more than six motions of one, or a row of MUG1 twice")
         return found
 
 

@@ -195,8 +195,7 @@ def data_sets(path: Path) -> Iterator[DataSet]:
         sizes += [size] * len(sizes)
         stops = [start + size for size in sizes if _closes(raw, start + size, head[1], head[2])]
         if not stops:
-            raise InputError(f"{path}: a binary data set {head[3].decode()}b does not end where it says: it is cut short or "
-                             "damaged")
+            raise InputError(f"{path}: a binary data set {head[3].decode()}b does not end where it says: it is damaged")
         stop = stops[0]
         parts, at = [*parts, raw[at:start], b"\n"], stop
         values.append((raw[start:stop], ">" if words[0] == 2 else "<"))
@@ -266,8 +265,7 @@ def nodes_of(path: Path, sets: list[DataSet]) -> tuple[Array, Array]:
         for start in range(0, len(lines), per) if kind in (Sets.NODES, Sets.NODES_SINGLE) else ():
             words = " ".join(lines[start:start + per]).split()
             if len(words) != 7:
-                raise InputError(f"{path}: {lines[start].strip()!r:.60} and its coordinates should be seven numbers (data set "
-                                 f"{kind})")
+                raise InputError(f"{path}: {lines[start].strip()!r:.60} should be a node of seven numbers (data set {kind})")
             number, system, *_ = whole(path, f"data set {kind}", words[:4])
             if number < 1:
                 raise InputError(f"{path}: a node has the number {number}; they count from 1")
