@@ -69,7 +69,7 @@ def unreadable(folder: Path, name: str) -> Path:
     ("meshio", ["meshio"], lambda folder: fs.write_mesh(folder / "a.vtu", fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"))),
     ("skfem", ["scikit-fem", "meshio"], lambda folder: fs.solid(
         fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"), fs.Material(1.0, 0.3, 1.0), interface=["left"])),
-    ("pyyeti.nastran.op4", ["pyyeti"], lambda folder: fs.read_matrix(unreadable(folder, "a.op4"))),
+    ("pyyeti.nastran.op4", ["pyyeti"], lambda folder: fs.write_matrices(folder / "out", fs.chain(3), "op4")),
     ("shtab", ["shtab"], lambda folder: printed_error(["completion", "bash"]))])
 def test_each_reader_says_how_to_install_what_it_lacks(blocked: str, packages: list[str], call: Callable[[Path], object],
                                                        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

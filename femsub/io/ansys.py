@@ -19,7 +19,7 @@ from femsub.checks import Array, installed_by, parsing
 from femsub.errors import InputError, MissingPackageError, warn
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.atomic import scratch
-from femsub.io.damage import MOST, assembled, mirrored
+from femsub.io.damage import MOST, assembled, mirrored, run_rows
 
 MODULE = "ansys.mapdl.reader"
 INTEGERS = -2**31  # the flags of a record of whole numbers; 0 are those of double precision
@@ -131,9 +131,8 @@ class _Records:
         start, counts = places.T
         if counts.sum() != terms:
             raise self.damaged(f"{name} has {counts.sum()} entries, but {terms} are announced")
-        offset = np.arange(terms) - np.repeat(np.cumsum(counts) - counts, counts)
-        rows = self.words[np.repeat(start, counts) + offset] - 1
-        low = np.repeat(start + counts + 3, counts) + 2 * offset
+        places, zero = run_rows(start, counts), run_rows(np.zeros_like(start), counts)
+        rows, low = self.words[places] - 1, places + zero + np.repeat(counts + 3, counts)
         values = np.ascontiguousarray(np.stack([self.words[low], self.words[low + 1]], axis=1)).view("<f8").ravel()
         if terms and not 0 <= rows.min() <= rows.max() < size:
             raise self.damaged(f"{name} has a row beyond its {size}")
@@ -187,7 +186,7 @@ def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
     if widths.sum() != count or (len(widths) and not 0 <= widths.min() <= widths.max() <= len(kinds)):
         raise records.damaged(f"its {len(numbers)} nodes have {widths.sum()} DOF, but {count} are announced")
     nodes = np.repeat(numbers, widths).astype(np.int64)
-    places = np.arange(1, count + 1) - np.repeat(np.cumsum(widths) - widths, widths)  # of a DOF at its node
+    places = run_rows(np.ones_like(widths), widths)  # of a DOF at its node
     directions = kinds[places - 1].astype(np.int64)
     if len(strange := np.flatnonzero((np.abs(held) != directions) & (np.abs(held) != places))):
         one = int(strange[0])

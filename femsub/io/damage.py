@@ -96,6 +96,11 @@ def check_indices(matrix: Any) -> None:
         raise ValueError("its index pointers fall")
 
 
+def run_rows(first: Array, counts: Array) -> Array:
+    """The rows of runs of entries, one after the other, by the first row of each run and its number of entries."""
+    return np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+
+
 def assembled(what: str, rows: Array, columns: Array, values: Array, shape: tuple[int, int], partner: Any = None,
               labels: Array | None = None) -> Any:
     """CSR of entries, of which each may stand once; `partner` makes of an entry beside the diagonal the one across it.

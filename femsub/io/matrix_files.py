@@ -42,7 +42,7 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     path : str or Path
         .mtx (Matrix Market, or what Abaqus writes with `*MATRIX OUTPUT`: it uses the same ending), .sti and .mas (CalculiX,
         SOLVER=MATRIXSTORAGE); text of these with any other ending; .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed),
-        .op4 (Nastran, needs pyyeti), .op2, .pch and other decks with DMIG cards (Nastran), .full (Ansys), X_Kaa.m and X_Maa.m
+        .op4 (Nastran), .op2, .pch and other decks with DMIG cards (Nastran), .full (Ansys), X_Kaa.m and X_Maa.m
         (Sierra/SD).
     variable : str, optional
         The name of the matrix, if a .mat, .npz, .op4, .op2, .pch or .full file holds several.
@@ -73,7 +73,7 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     InputError
         No such file, an unknown suffix, a file that is cut short or not what its suffix says, several matrices and none named.
     MissingPackageError
-        .op4 without pyyeti, MATLAB 7.3 without h5py.
+        MATLAB 7.3 without h5py.
 
     Examples
     --------

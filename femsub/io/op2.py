@@ -10,7 +10,7 @@ import numpy as np
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import TextMatrix
-from femsub.io.damage import Cursor, assembled, check_extent, check_partners
+from femsub.io.damage import Cursor, assembled, check_extent, check_partners, run_rows
 from femsub.io.dmig import Entries, Form
 
 DMIG = (114, 1, 120)  # words with which a record of DMIG entries begins
@@ -183,8 +183,7 @@ class _Blocks:
         found = np.concatenate(values)
         check_extent(self.path, (rows, columns), len(found))
         start, at, count = np.array(places, dtype=np.int64).reshape(-1, 3).T
-        step = np.arange(len(found)) - np.repeat(np.cumsum(count) - count, count)
-        matrix = assembled(f"{self.path}: {name.upper()}", np.repeat(start, count) + step, np.repeat(at, count),
+        matrix = assembled(f"{self.path}: {name.upper()}", run_rows(start, count), np.repeat(at, count),
                            found.astype(complex if kind > 2 else float), (rows, columns))
         if trailer[3] == Form.SYMMETRIC:
             check_partners(self.path, name.upper(), matrix, kind % 2 == 1)

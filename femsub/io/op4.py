@@ -1,31 +1,29 @@
-"""Nastran's .op4 files: the structure is checked record by record, then pyyeti reads them (it checks no number)."""
+"""Nastran's .op4 files, read record by record and line by line: nothing may exceed its record, column or matrix."""
 
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, package
 from femsub.errors import InputError
-from femsub.io.damage import Cursor, check_extent, check_partners
+from femsub.io.damage import Cursor, assembled, check_extent, check_partners, run_rows
 from femsub.io.dmig import Form
 
 _INTEGER = re.compile(rb" *-?\d+ *")
 
 
 def op4_module() -> Any:
-    """pyyeti's module for OP4 files."""
-    return package("pyyeti.nastran.op4", "Nastran OP4 files need pyyeti", "pyyeti")
+    """pyyeti's module, which writes OP4 files."""
+    return package("pyyeti.nastran.op4", "Nastran OP4 files are written by pyyeti", "pyyeti")
 
 
 def read_op4(path: Path) -> dict[str, Matrix]:
-    """Name (lower case) to matrix, shape (n, m), sparse (COO) or dense as it was written.
+    """Name (lower case) to matrix, shape (n, m), sparse (CSR) or dense as it was written.
 
     ===================  =======================================================================================
     it reads             binary files (32 and 64 bit, either byte order) and text, dense, sparse and big sparse
@@ -35,82 +33,76 @@ def read_op4(path: Path) -> dict[str, Matrix]:
     it cannot know       whether a number is wrong, or the last matrices are gone: there is no table of contents
     ===================  =======================================================================================
 
+    A matrix whose name is no word is called m0, m1, ... by its place in the file.
+
     Raises
     ------
     InputError
         See the table.
-    MissingPackageError
-        pyyeti is not installed.
     """
-    op4 = op4_module()
+    found: dict[str, Matrix] = {}
     with open(path, "rb") as file:
         start = file.read(16)
         if len(start) < 16:
             raise InputError(f"{path} is empty or cut short ({len(start)} bytes); write it again")
-        if 0 in start[:4]:
-            _check(path, _Binary(path, np.memmap(file, mode="r")))
-        else:
-            file.seek(0)
-            _check(path, _Text(path, file))
-    with warnings.catch_warnings():
-        # a premature end is only a warning there; a name that is no identifier is harmless
-        warnings.filterwarnings("error", "Premature end-of-file")
-        warnings.filterwarnings("ignore", "Output4 file has matrix name")
-        names, matrices, forms, kinds = op4.load(str(path), into="list", sparse=None)
-    found: dict[str, Matrix] = {}
-    for name, matrix, form, kind in zip(names, matrices, forms, kinds, strict=True):
-        if name in found:
-            raise InputError(f"{path} holds two matrices called {name!r}. Give them different names")
-        found[name] = matrix
-        if sp.issparse(matrix):
-            found[name] = sp.csr_array(matrix)
-            if found[name].nnz < matrix.nnz:
-                raise InputError(f"{path}: {name!r} lists an entry twice; it is damaged")
-        if form == Form.SYMMETRIC:
-            check_partners(path, name, found[name], kind % 2 == 1)
+        file.seek(0)
+        source = _Binary(path, np.memmap(file, mode="r")) if 0 in start[:4] else _Text(path, file)
+        place = 0
+        while head := source.head():
+            (columns, rows, form, kind), name = head  # kinds: 1, 2 real, 3, 4 complex; single and double precision
+            name = name.replace(" ", "").replace("\0", "").lower()
+            name, place = name if name.isidentifier() else f"m{place}", place + 1
+            if columns < 1 or not rows or kind not in (1, 2, 3, 4):
+                raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {abs(rows)} x {columns}, type {kind}")
+            if name in found:
+                raise InputError(f"{path} holds two matrices called {name!r}. Give them different names")
+            per = 1 if kind % 2 or source.wide else 2  # words per number
+            # sparse matrices of a negative number of rows are big; the head of a string has 16 bits for the row, theirs a word
+            words_per_entry, rows, negative = per * (1 if kind < 3 else 2), abs(rows), rows < 0
+            big = negative or rows >= 1 << 16
+            last, packed, runs = 0, None, list[tuple[int, int, int]]()  # first row, column and count of entries
+            while last <= columns:
+                column, row, words = source.column(columns, kind)
+                if not last < column <= columns + 1:
+                    raise InputError(f"{path} is damaged, {source.here()}: column {column} of {columns} follows column {last}")
+                packed, last = row == 0 if packed is None else packed, column
+                if column > columns:
+                    break
+                if words < (0 if packed else 1) or (row == 0) != packed:
+                    raise _damaged(path, f"{source.here()}: row {row}, {words} words")
+                while words > 0:
+                    length = used = words
+                    if packed and big:
+                        length, row = source.integers(2)
+                        length, used = length - 1, length + 1
+                    elif packed:
+                        code = source.integers(1)[0]
+                        length, row = (code >> 16) - 1, code & 0xFFFF
+                        used = length + 1
+                    if length < 1 or used > words:
+                        raise _damaged(path, f"{source.here()}: a string of {length} words, and {words} are left")
+                    entries, rest = divmod(length, words_per_entry)
+                    if rest:
+                        raise _damaged(path, f"{source.here()}: {length} words are no whole count of numbers")
+                    if row < 1 or row - 1 + entries > rows:
+                        raise InputError(f"{path} is damaged, {source.here()}: {entries} entries from row {row} in a matrix of "
+                                         f"{rows} rows")
+                    source.take(length // per, per)
+                    runs.append((row - 1, column - 1, entries))
+                    words -= used
+            first, at, count = np.array(runs, dtype=np.int64).reshape(-1, 3).T
+            check_extent(path, (rows, columns), int(count.sum()), not packed)
+            values = source.numbers()
+            values = values[::2] + 1j * values[1::2] if kind > 2 else values
+            i, j = run_rows(first, count), np.repeat(at, count)
+            if packed or (negative and not runs):
+                found[name] = assembled(f"{path}: {name}", i, j, values, (rows, columns))
+            else:
+                found[name] = np.zeros((rows, columns), dtype=values.dtype)
+                found[name][i, j] = values
+            if form == Form.SYMMETRIC:
+                check_partners(path, name, found[name], kind % 2 == 1)
     return found
-
-
-def _check(path: Path, source: _Binary | _Text) -> None:
-    """Check all matrices of a file, column by column: nothing may exceed its record, column or matrix."""
-    while head := source.matrix():
-        columns, rows, kind = head  # kinds: 1, 2 real, 3, 4 complex; single and double precision
-        if columns < 1 or not rows or kind not in (1, 2, 3, 4):
-            raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {abs(rows)} x {columns}, type {kind}")
-        per = 1 if kind % 2 or source.wide else 2  # words per number
-        # sparse matrices of a negative number of rows are big; the head of a string has 16 bits for the row, theirs a word
-        words_per_entry, rows, big = per * (1 if kind < 3 else 2), abs(rows), rows < 0 or rows >= 1 << 16
-        last, packed, count = 0, None, 0
-        while last <= columns:
-            column, row, words = source.column(columns, kind)
-            if not last < column <= columns + 1:
-                raise InputError(f"{path} is damaged, {source.here()}: column {column} of {columns} follows column {last}")
-            packed, last = row == 0 if packed is None else packed, column
-            if column > columns:
-                break
-            if words < (0 if packed else 1) or (row == 0) != packed:
-                raise _damaged(path, f"{source.here()}: row {row}, {words} words")
-            while words > 0:
-                length = used = words
-                if packed and big:
-                    length, row = source.integers(2)
-                    length, used = length - 1, length + 1
-                elif packed:
-                    code = source.integers(1)[0]
-                    length, row = (code >> 16) - 1, code & 0xFFFF
-                    used = length + 1
-                if length < 1 or used > words:
-                    raise _damaged(path, f"{source.here()}: a string of {length} words, and {words} are left")
-                entries, rest = divmod(length, words_per_entry)
-                if rest:
-                    raise _damaged(path, f"{source.here()}: {length} words are no whole count of numbers")
-                if row < 1 or row - 1 + entries > rows:
-                    raise InputError(f"{path} is damaged, {source.here()}: {entries} entries from row {row} in a matrix of "
-                                     f"{rows} rows")
-                source.skip(length // per, per)
-                count, words = count + entries, words - used
-        source.end()
-        check_extent(path, (rows, columns), count, not packed)
 
 
 def _damaged(path: Path, place: str) -> InputError:
@@ -125,6 +117,7 @@ class _Binary:
         order = "<" if content[0] else ">"
         self.wide = 48 in (content[0], content[3])  # the length of a head: 24 of four bytes or 48 of eight
         self.length, self.word = np.dtype(f"{order}i4"), np.dtype(f"{order}i{8 if self.wide else 4}")
+        self.parts: list[Array] = []
 
     def here(self) -> str:
         return f"at byte {self.start}"
@@ -140,13 +133,14 @@ class _Binary:
         self.after, self.cursor.place = self.cursor.place, self.start + 4
         return words
 
-    def matrix(self) -> tuple[int, ...]:
+    def head(self) -> tuple[list[int], str] | None:
+        """Columns, rows, form and kind of the next matrix, and its name."""
         if self.after >= len(self.cursor.content):
-            return ()
+            return None
         if self._record() != 6:
             raise _damaged(self.path, f"{self.here()}: no head of a matrix")
-        columns, rows, _, kind = self.integers(4)
-        return columns, rows, kind
+        self.parts = []
+        return self.integers(4), self.cursor.take("u1", 2 * self.word.itemsize).tobytes().decode("ascii", "replace")
 
     def column(self, columns: int, kind: int) -> list[int]:
         length = self._record()
@@ -159,11 +153,12 @@ class _Binary:
         found: list[int] = self.cursor.take(self.word, count).tolist()
         return found
 
-    def skip(self, numbers: int, per: int) -> None:
-        self.cursor.skip(numbers * per * self.word.itemsize)
+    def take(self, count: int, per: int) -> None:
+        self.parts.append(self.cursor.take(f"{self.word.str[0]}f{per * self.word.itemsize}", count))
 
-    def end(self) -> None:
-        pass
+    def numbers(self) -> Array:
+        """All numbers that were taken from the matrix."""
+        return np.concatenate([np.zeros(0), *self.parts])
 
 
 class _Text:
@@ -191,56 +186,53 @@ class _Text:
             raise InputError(f"{self.path}, line {self.line}: {cell.decode('ascii', 'replace')!r} is not a whole number")
         return int(cell)
 
-    def matrix(self) -> tuple[int, ...]:
+    def head(self) -> tuple[list[int], str] | None:
         self.line, line = self.line + 1, next(self.lines, b"").rstrip(b"\r\n")
         if not line.strip():
             if any(rest.strip() for rest in self.lines):
                 raise _damaged(self.path, f"line {self.line} is empty")
-            return ()
+            return None
         width = 16 if line.rstrip().endswith(b"|I16") else 8
-        heads = [line[:width], line[width:2 * width], line[2 * width + 8:2 * width + 16], line[2 * width:2 * width + 8]]
-        columns, rows, kind, _ = map(self._integer, heads)
+        heads = [line[:width], line[width:2 * width], line[2 * width:2 * width + 8], line[2 * width + 8:2 * width + 16]]
         form = line[2 * width + 24:].split(b"|")[0].strip().upper().removeprefix(b"1P,")
         match = re.fullmatch(rb"([1-9]\d?)[ED]([1-9]\d?)\.\d{1,2}", form or b"5E16.9")
         if not match:
             raise InputError(f"{self.path}, line {self.line}: {form.decode('ascii', 'replace')!r} is no format as 3E23.16")
         self.per_line, self.digits, self.first, self.cells = int(match[1]), int(match[2]), 0, []
-        return columns, rows, kind
+        return [self._integer(cell) for cell in heads], line[2 * width + 16:2 * width + 24].decode("ascii", "replace")
 
-    def column(self, columns: int, kind: int) -> tuple[int, ...]:
+    def column(self, columns: int, kind: int) -> list[int]:
         column, row, words = self.integers(3)
         if column > columns:
             self._next()  # a dummy number
-        return column, row, words if row == 0 or kind % 2 else 2 * words  # of a dense matrix the text counts numbers
+        return [column, row, words if row == 0 or kind % 2 else 2 * words]  # of a dense matrix the text counts numbers
 
-    def integers(self, count: int) -> tuple[int, ...]:
+    def integers(self, count: int) -> list[int]:
         line = self._next()
-        if count == 1:
-            return (self._integer(line),)
-        if line[8 * count:].strip():
+        if count > 1 and line[8 * count:].strip():
             raise InputError(f"{self.path}, line {self.line}: {line.decode('ascii', 'replace')!r:.60} should be {count} whole "
                              "numbers")
-        return tuple([self._integer(line[8 * part:8 * part + 8]) for part in range(count)])
+        return [self._integer(line[8 * part:8 * part + 8] if count > 1 else line) for part in range(count)]
 
-    def skip(self, numbers: int, per: int) -> None:
-        for start in range(0, numbers, self.per_line):
+    def take(self, count: int, per: int) -> None:
+        for start in range(0, count, self.per_line):
             line = self._next()
             self.first = self.first or self.line
-            length = self.digits * min(self.per_line, numbers - start)
+            length = self.digits * min(self.per_line, count - start)
             if len(line) < length or line[length:].strip():
                 raise InputError(f"{self.path}, line {self.line}: {line.decode('ascii', 'replace')!r:.60} should be "
                                  f"{length // self.digits} numbers of {self.digits} characters")
             self.cells.append(line[:length])
 
-    def end(self) -> None:
+    def numbers(self) -> Array:
         text, digits = b"".join(self.cells), self.digits
         try:
-            if b"_" in text:  # Python reads 1_0 as 10
-                raise ValueError
-            if not np.isfinite(np.frombuffer(text.upper().replace(b"D", b"E"), dtype=f"S{digits}").astype(float)).all():
-                raise ValueError
+            values: Array = np.frombuffer(text.upper().replace(b"D", b"E"), dtype=f"S{digits}").astype(float)
+            if b"_" not in text and np.isfinite(values).all():  # Python reads 1_0 as 10
+                return values
         except ValueError:
-            bad = next(cell for part in self.cells for cell in (part[at:at + digits] for at in range(0, len(part), digits))
-                       if not re.fullmatch(rb" *[+-]?(?:\d++\.?\d*+|\.\d++)(?:[EeDd][+-]?\d++)? *", cell))
-            raise InputError(f"{self.path}: {bad.decode('ascii', 'replace').strip()!r} is not a number, in the matrix whose "
-                             f"numbers begin in line {self.first}") from None
+            pass
+        bad = next(cell for part in self.cells for cell in (part[at:at + digits] for at in range(0, len(part), digits))
+                   if not re.fullmatch(rb" *[+-]?(?:\d++\.?\d*+|\.\d++)(?:[EeDd][+-]?\d++)? *", cell))
+        raise InputError(f"{self.path}: {bad.decode('ascii', 'replace').strip()!r} is not a number, in the matrix whose "
+                         f"numbers begin in line {self.first}")

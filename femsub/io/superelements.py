@@ -50,8 +50,6 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     ------
     InputError
         See the table.
-    MissingPackageError
-        .op4 without pyyeti.
     """
     # the files of the same name in this folder, by their endings in small letters; the file itself where there are several
     if not path.is_file():
