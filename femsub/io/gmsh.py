@@ -16,7 +16,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.io.damage import Cursor, head_of
-from femsub.io.mesh_text import as_numbers, once, rows_of
+from femsub.io.mesh_text import as_numbers, once, rows_of, text_of
 
 BODIES = ("point", "line", "surface", "volume")
 VERSIONS = ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1")
@@ -155,9 +155,6 @@ class _Numbers:
     def one(self, kind: str) -> int:
         return int(self.take(kind, 1)[0])
 
-    def table(self, kind: str, count: int, width: int) -> Array:
-        return self.take(kind, count * width).reshape(count, width)
-
     def rows(self, count: int, width: int) -> tuple[Array, Array]:
         """Numbers of nodes or elements (count,), behind each of which real numbers stand (count, width)."""
         rows = self.cursor.take([("number", self.kinds["i"]), ("values", self.kinds["d"], (width,))], count)
@@ -218,11 +215,7 @@ def _format(found: _Found, section: str, raw: bytes, start: int) -> int:
 
 def _names(found: _Found, section: str, raw: bytes, start: int) -> int:
     end = _end(found, section, raw, start)
-    try:
-        text = raw[start:end].decode("utf-8")
-    except UnicodeDecodeError:
-        text = raw[start:end].decode("latin-1")
-    count, *lines = [line for line in text.replace("\r\n", "\n").split("\n") if line.strip()] or ["0"]
+    count, *lines = [line for line in text_of(found.path, raw[start:end]).split("\n") if line.strip()] or ["0"]
     for line in lines:
         match = re.fullmatch(r'\s*([0-3])\s+(-?\d{1,10})\s+(?:"(.*)"|(\S+))\s*', line)
         if not match or (int(match[1]), abs(int(match[2]))) in found.names:
@@ -260,7 +253,7 @@ def _nodes(found: _Found, section: str, raw: bytes, start: int) -> int:
             some, places = numbers.rows(count, 3)
         else:
             width = 3 + (min(max(dimension, 0), 3) if parametric else 0)
-            some, places = numbers.take("n", count), numbers.table("d", count, width)
+            some, places = numbers.take("n", count), numbers.take("d", count * width).reshape(count, width)
         tags.append(some)
         points.append(places[:, :3])
     found.numbers, found.points = np.concatenate(tags), np.concatenate(points)
@@ -305,7 +298,7 @@ def _elements(found: _Found, section: str, raw: bytes, start: int) -> int:
             if not 0 <= tags <= 100 or not 0 < count <= left:
                 raise found.wrong(f"$Elements has {count} elements with {tags} tags where {left} should follow: is it cut short "
                                   "or damaged?")
-            table = numbers.table("i", count, before + tags + size)
+            table = numbers.take("i", count * (before + tags + size)).reshape(count, -1)
             left -= count
             physical = np.abs(table[:, before]) if tags else np.zeros(count, dtype=np.int64)
             found.blocks.append((kind, table[:, 0], table[:, before + tags:], physical))
@@ -317,7 +310,7 @@ def _elements(found: _Found, section: str, raw: bytes, start: int) -> int:
             dimension, tag, kind = numbers.take("i", 3).tolist()
             dimension, tag = (tag, dimension) if early else (dimension, tag)
             count, size = numbers.one("n"), _size(found, kind)
-            table = numbers.table("i" if early else "n", count, 1 + size)
+            table = numbers.take("i" if early else "n", count * (1 + size)).reshape(count, 1 + size)
             if dimension != _KINDS[kind][2]:
                 raise found.wrong(f"a {_KINDS[kind][0]} belongs to an entity of dimension {dimension}")
             if found.entities and (dimension, tag) not in found.entities:

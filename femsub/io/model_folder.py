@@ -319,11 +319,11 @@ def _is_text(value: Any) -> bool:
 
 
 def _is_count(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2 ** 62
+    return type(value) is int and 0 <= value < 2 ** 62
 
 
 def _is_size(value: Any) -> bool:  # JSON's 1e400 is infinite
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < math.inf
+    return type(value) in (int, float) and 0 <= value < math.inf
 
 
 def _is_list(of: Callable[[Any], bool]) -> Callable[[Any], bool]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -119,30 +119,29 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     nodes: str | list[int] = [] if recover is None else choice("recover", recover, ("all",)) if isinstance(recover, str) else (
         sorted(set(whole_numbers("recover", recover).tolist())))
     # the rows of V that are written
-    reduced = isinstance(model, ReducedSubstructure)
-    rows = np.arange(len(model.V)) if nodes == "all" and isinstance(model, ReducedSubstructure) else np.zeros(0, dtype=np.intp)
+    V, dofs = (model.V, model.full_dofs) if isinstance(model, ReducedSubstructure) else (np.zeros((0, model.size)), model.dofs)
+    rows = np.arange(len(V)) if nodes == "all" else np.zeros(0, dtype=np.intp)
     if nodes and nodes != "all":
-        dofs = model.full_dofs if isinstance(model, ReducedSubstructure) else model.dofs
         if dofs is None or (missing := np.setdiff1d(nodes, dofs.nodes)).size:
             known = "its full model has no DOF map" if dofs is None else f"not node {missing[0]}"
             raise InputError(f"recover: {model.name!r} does not know these nodes: {known}. Name nodes of the full model's DOF "
                              "map, or 'all'")
-        rows = np.flatnonzero(np.isin(dofs.nodes, nodes) & reduced)  # others have no V
+        rows = np.flatnonzero(np.isin(dofs.nodes, nodes) & (len(V) > 0))  # models that are not reduced have no V
     name = "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in model.name)[:40] or "part"
-    makers: dict[str, Callable[[], dict[str, Writer]]] = {
-        "nastran": partial(_nastran, model, places, name, rows), "dmig": partial(_dmig, model, places, name, rows),
-        "abaqus": partial(_matrix_input, model, places, name, rows, "abaqus"),
-        "calculix": partial(_matrix_input, model, places, name, rows, "calculix"), "exudyn": partial(_exudyn, model, full, name)}
-    if program == "exudyn" and recover not in (None, "all"):
-        raise InputError("recover: Exudyn's file has the motions of all nodes; leave recover out")
-    recovers = "all" if program == "exudyn" else nodes
+    recovers = nodes
+    if program == "exudyn":
+        if recover not in (None, "all"):
+            raise InputError("recover: Exudyn's file has the motions of all nodes; leave recover out")
+        files, recovers = _exudyn(model, full, name), "all"
+    else:
+        maker = {"nastran": _nastran, "dmig": _dmig}.get(program, partial(_matrix_input, calculix=program == "calculix"))
+        files = maker(model, places, name, rows)
     if program in ("nastran", "dmig") and isinstance(model, ReducedSubstructure):
         recovered = [node for node, _ in _recovery(model, places, rows)[0]]
         whole = model.full_dofs is not None and len(recovered) == len(np.unique(model.full_dofs.nodes))
         recovers = "all" if nodes == "all" and whole else recovered
-    files = makers[program]() | {VALIDITY: partial(_validity, model=model, places=places, recovers=recovers)}
     try:
-        return write_whole(target, files)
+        return write_whole(target, files | {VALIDITY: partial(_validity, model=model, places=places, recovers=recovers)})
     except OSError as error:
         raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
 
@@ -333,13 +332,9 @@ def _nastran(model: Substructure, places: Places, name: str, rows: Array) -> dic
            *_card("EXTRN", *extrn), *boundary, *_grid_lines(inner),
            *(line for directions, nodes in sets.items() for line in _card("ASET1", directions, *nodes)),
            *_set_lines(places), *_tug1(recovered, size)]
-    return {f"{name}.op4": partial(write_op4, op4=op4_module(), parts=parts), f"{name}.asm": partial(_write_counted, lines=asm),
-            f"{name}.pch": partial(_write_counted, lines=pch)}
-
-
-def _write_counted(file: BinaryIO, lines: Sequence[str]) -> None:
-    """Write lines for Nastran; the first one says how many there are and what their sum is, which the format does not."""
-    _write_lines(file, announced(lines))
+    texts: dict[str, Writer] = {f"{name}.{ending}": partial(_write_lines, lines=announced(lines))
+                                for ending, lines in (("asm", asm), ("pch", pch))}
+    return {f"{name}.op4": partial(write_op4, op4=op4_module(), parts=parts)} | texts
 
 
 def _write_lines(file: BinaryIO, lines: Sequence[str]) -> None:
@@ -359,7 +354,7 @@ def _dmig(model: Substructure, places: Places, name: str, rows: Array) -> dict[s
             lines += _dmig_lines(DMIG[key], form, np.tril(matrix) if form == 6 else matrix, labels, labels)
         if recovered:
             lines += _dmig_lines("MUG1T", 9, table.T, labels, [[column, 0] for column in range(1, len(table) + 1)])
-        _write_counted(file, lines)
+        _write_lines(file, announced(lines))
 
     return {f"{name}.pch": write}
 
@@ -374,15 +369,15 @@ def _dmig_lines(name: str, form: int, matrix: Array, rows: list[list[int]], colu
     return lines
 
 
-def _matrix_input(model: Substructure, places: Places, name: str, rows: Array, program: str) -> dict[str, Writer]:
+def _matrix_input(model: Substructure, places: Places, name: str, rows: Array, calculix: bool) -> dict[str, Writer]:
     """Lines 'node,DOF,node,DOF,entry' of one triangle, and the deck that reads them."""
-    matrices, calculix, most_nodes = _ordered(model, places), program == "calculix", PROGRAMS[program].nodes
+    matrices, most_nodes = _ordered(model, places), PROGRAMS["calculix"].nodes
     labels = places.labels[places.order].copy()
     labels[:, 1] = np.maximum(labels[:, 1], 1)  # a scalar point is the first DOF of a node of its own
     nodes = np.unique(labels[:, 0])
     if calculix:
         _undamped(model, "CalculiX")
-    if most_nodes is not None and len(nodes) > most_nodes:
+    if calculix and most_nodes is not None and len(nodes) > most_nodes:
         raise InputError(f"the superelement of {model.name!r} would have {len(nodes)} nodes, and CalculiX takes {most_nodes} at "
                          "most: reduce its interface")
     full = {key: bool(np.array_equal(matrix, matrix.T)) for key, matrix in matrices.items()}
@@ -408,8 +403,11 @@ def _matrix_input(model: Substructure, places: Places, name: str, rows: Array, p
     # CalculiX takes the places of M's entries from K; each row has its diagonal, as these programs write it
     pattern = np.any([matrix != 0 for matrix in matrices.values()], axis=0) | np.eye(model.size, dtype=bool)
     keep = {key: np.tril(pattern) if symmetric else pattern for key, symmetric in full.items()}
-    files |= {f"{key}.mtx": partial(_write_triplets, matrix=matrix, keep=keep[key], labels=labels)
-              for key, matrix in matrices.items()}
+    for key, matrix in matrices.items():
+        i, j = np.nonzero(keep[key])
+        table = zip(labels[i].tolist(), labels[j].tolist(), matrix[i, j].tolist(), strict=True)
+        files[f"{key}.mtx"] = partial(_write_lines, lines=[
+            f"{row[0]},{row[1]},{column[0]},{column[1]},{value:.16e}" for row, column, value in table])
     if isinstance(model, ReducedSubstructure) and len(rows):
         files["recovery.mtx"] = partial(write_single, part=model.V[np.ix_(rows, places.order)], name="recovery.mtx")
         if (dofs := model.full_dofs) is not None:
@@ -423,12 +421,6 @@ def _undamped(model: Substructure, program: str) -> None:
     if np.any(D) or model.H is not None:
         raise InputError(f"{model.name!r} has damping, and {program} has no matrix for it: write "
                          "model.with_damping(None).with_structural_damping(None), and give the damping there")
-
-
-def _write_triplets(file: BinaryIO, matrix: Array, keep: Array, labels: Array) -> None:
-    i, j = np.nonzero(keep)
-    table = zip(labels[i].tolist(), labels[j].tolist(), matrix[i, j].tolist(), strict=True)
-    _write_lines(file, [f"{row[0]},{row[1]},{column[0]},{column[1]},{value:.16e}" for row, column, value in table])
 
 
 def _exudyn(model: Substructure, full: Substructure | None, name: str) -> dict[str, Writer]:
