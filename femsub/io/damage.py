@@ -69,6 +69,14 @@ class Cursor:
         self.skip(count * kind.itemsize)
         return np.frombuffer(self.content, kind, count, start)
 
+    def record(self, length: Any) -> Array:
+        """The bytes of the next record of Fortran, which stand between two copies of their number."""
+        start, size = self.place, int(self.take(length, 1)[0])
+        data = self.take("u1", size)
+        if self.take(length, 1)[0] != size:
+            raise InputError(f"{self.what} is damaged, at byte {start}: a record does not end where it should; write it again")
+        return data
+
 
 def head_of(path: Path, size: int = 1 << 20) -> bytes:
     """The beginning of a file, by which its format is known: a MB, since comments may stand before the first keyword."""

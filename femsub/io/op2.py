@@ -122,15 +122,8 @@ class _Blocks:
     def _wrong(self, what: str) -> InputError:
         return InputError(f"{self.path} is damaged or no .op2 file, at byte {self.cursor.place}: {what}; write it again")
 
-    def _record(self) -> Array:
-        size = int(self.cursor.take(self.length, 1)[0])
-        data = self.cursor.take(np.uint8, max(size, -1))
-        if self.cursor.take(self.length, 1)[0] != size:
-            raise self._wrong("a record does not end where it should")
-        return data
-
     def _key(self) -> int:
-        data = self._record()
+        data = self.cursor.record(self.length)
         if len(data) != self.bytes:
             raise self._wrong(f"a record of {len(data)} bytes, where a key should be")
         return int(data.view(self.word)[0])
@@ -152,7 +145,7 @@ class _Blocks:
 
     def _data(self, key: int) -> Array:
         """The record of so many words."""
-        data = self._record()
+        data = self.cursor.record(self.length)
         if len(data) != key * self.bytes:
             raise self._wrong(f"a record of {len(data)} bytes, where {key} words should be")
         return data

@@ -113,34 +113,35 @@ class _Binary:
     """A binary file, record by record; the length of each record is stored before and after it."""
 
     def __init__(self, path: Path, content: Array) -> None:
-        self.path, self.cursor, self.start, self.after = path, Cursor(str(path), content), 0, 0
+        self.path, self.cursor, self.start = path, Cursor(str(path), content), 0
         order = "<" if content[0] else ">"
         self.wide = 48 in (content[0], content[3])  # the length of a head: 24 of four bytes or 48 of eight
         self.length, self.word = np.dtype(f"{order}i4"), np.dtype(f"{order}i{8 if self.wide else 4}")
-        self.parts: list[Array] = []
+        self.words, self.listed, self.at = np.zeros(0, self.word), list[int](), 0  # of a record, and the place in it
+        self.parts, self.per = list[Array](), 1
 
     def here(self) -> str:
         return f"at byte {self.start}"
 
     def _record(self) -> int:
         """Begin the next record; returns how many words it has."""
-        self.start = self.cursor.place = self.after
-        length = int(self.cursor.take(self.length, 1)[0])
-        self.cursor.skip(length)
-        words, rest = divmod(length, self.word.itemsize)
-        if rest or words < 3 or self.cursor.take(self.length, 1)[0] != length:
-            raise _damaged(self.path, f"a record {self.here()} does not end where it should")
-        self.after, self.cursor.place = self.cursor.place, self.start + 4
+        self.start = self.cursor.place
+        data = self.cursor.record(self.length)
+        words, rest = divmod(len(data), self.word.itemsize)
+        if rest or words < 3:
+            raise _damaged(self.path, f"a record {self.here()} has {len(data)} bytes")
+        self.words, self.at = data.view(self.word), 0
+        self.listed = self.words.tolist()
         return words
 
     def head(self) -> tuple[list[int], str] | None:
         """Columns, rows, form and kind of the next matrix, and its name."""
-        if self.after >= len(self.cursor.content):
+        if self.cursor.place >= self.cursor.end:
             return None
         if self._record() != 6:
             raise _damaged(self.path, f"{self.here()}: no head of a matrix")
         self.parts = []
-        return self.integers(4), self.cursor.take("u1", 2 * self.word.itemsize).tobytes().decode("ascii", "replace")
+        return self.integers(4), self.words[4:].tobytes().decode("ascii", "replace")
 
     def column(self, columns: int, kind: int) -> list[int]:
         length = self._record()
@@ -150,15 +151,20 @@ class _Binary:
         return [column, row, words]
 
     def integers(self, count: int) -> list[int]:
-        found: list[int] = self.cursor.take(self.word, count).tolist()
-        return found
+        self.at += count
+        if self.at > len(self.words):
+            raise _damaged(self.path, f"a record {self.here()} has {len(self.words)} words")
+        return self.listed[self.at - count:self.at]
 
     def take(self, count: int, per: int) -> None:
-        self.parts.append(self.cursor.take(f"{self.word.str[0]}f{per * self.word.itemsize}", count))
+        self.integers(count * per)
+        self.parts.append(self.words[self.at - count * per:self.at].view(np.uint8))
+        self.per = per
 
     def numbers(self) -> Array:
         """All numbers that were taken from the matrix."""
-        return np.concatenate([np.zeros(0), *self.parts])
+        content = np.concatenate([np.zeros(0, np.uint8), *self.parts])
+        return content.view(f"{self.word.str[0]}f{self.per * self.word.itemsize}").astype(float)
 
 
 class _Text:
