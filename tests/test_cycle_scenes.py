@@ -13,8 +13,7 @@ import pytest
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
-from femsub.app.scenes import cycle_keys
-from femsub.app.scenes.chain_cycles import ChainCycleScene
+from femsub.app.scenes import cycles
 from femsub.motion.cycles.branch import Branch
 from femsub.motion.cycles.continuation import with_parameter
 from femsub.studies.charts_motion import bifurcation_chart
@@ -72,7 +71,8 @@ def test_a_bad_scene_ends_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
 
 # ---- what is made of a branch: cycles of a model too large for its modes, dots of transients, markers
 
-SPEED = ChainCycleScene(name="chain-limit-cycle", parameter="speed", speed=1.0, eps=0.02, dots=2, periods=10, dots_from="cycle")
+SPEED = cycles.ChainCycleScene(name="chain-limit-cycle", parameter="speed", speed=1.0, eps=0.02, dots=2, periods=10,
+                               dots_from="cycle")
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +82,8 @@ def oscillator() -> tuple[fs.Substructure, Branch]:
     return model, fs.branch(model, SPEED.rubbing, "speed", (0.2, 4.0))
 
 
-def run_of(scene: ChainCycleScene) -> cycle_keys.CycleRun:
-    return cycle_keys.CycleRun(scene, lambda _: None, {}, (0.0, 1.0))
+def run_of(scene: cycles.ChainCycleScene) -> cycles.CycleRun:
+    return cycles.CycleRun(scene, lambda _: None, {}, (0.0, 1.0))
 
 
 def large(model: fs.Substructure, guide: Branch) -> tuple[Branch, list[dict[str, Any]]]:
@@ -106,14 +106,14 @@ def test_a_large_model_follows_the_reduced_one_s_branch_to_its_end(oscillator: t
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, fails: Any) -> None:
-    plain = cycle_keys.harmonic_balance
+    plain = cycles.harmonic_balance
 
     def balance(model: fs.Substructure, belt: fs.Belt, **options: Any) -> fs.LimitCycle:
         if fails(belt):
             raise fs.NotConvergedError("no luck here")
         return plain(model, belt, **options)
 
-    monkeypatch.setattr(cycle_keys, "harmonic_balance", balance)
+    monkeypatch.setattr(cycles, "harmonic_balance", balance)
 
 
 @pytest.mark.slow
@@ -154,7 +154,7 @@ def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscilla
                                                                          monkeypatch: pytest.MonkeyPatch) -> None:
     model, guide = oscillator
     starts: list[fs.State] = []
-    monkeypatch.setattr(cycle_keys, "transient", lambda *args, start, **options: starts.append(start) or
+    monkeypatch.setattr(cycles, "transient", lambda *args, start, **options: starts.append(start) or
                         fs.transient(*args, start=start, **options))
     dots = run_of(replace(SPEED, dots=3)).dots("full", model, (0.45, 1.85), 1.0, [guide])
     values = [0.8, 1.15, 1.5]  # one cycle, a stable one above an unstable one, none
@@ -171,7 +171,7 @@ def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscilla
 def test_the_period_of_a_few_periods_is_found(guess: float) -> None:
     t = np.linspace(3.0, 20.0, 4096)
     v = np.cos(1.3 * t) + 0.4 * np.sin(3.9 * t)
-    assert cycle_keys.repeats(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
+    assert cycles.repeats(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
 
 
 def test_dots_from_a_blow_reach_the_cycle(oscillator: tuple[fs.Substructure, Branch]) -> None:

@@ -15,7 +15,7 @@ import pytest
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.scene import load
-from femsub.app.scenes.component import Work
+from femsub.app.scenes.component import ComponentRun
 from femsub.components.fields import displacements
 from femsub.modes.quadratic.matching import extra_eigenvalues
 from femsub.studies.results import Row, Study, Timing, with_front
@@ -92,7 +92,7 @@ def test_results_hold_what_is_printed(runs: Runs, name: str) -> None:
 def test_vtu_files_hold_the_shapes(runs: Runs, name: str) -> None:
     meshio = pytest.importorskip("meshio")
     folder, _ = runs[name]
-    work = Work(load(scene_file(folder.parent, SMALL[name]))[0], lambda text: None)
+    work = ComponentRun(load(scene_file(folder.parent, SMALL[name]))[0], lambda text: None)
     found = meshio.read(folder / "modes.vtu")
     normal = fs.normal_modes(work.sub, count=14)
     assert np.array_equal(found.cells[0].data, work.mesh.cells)
@@ -129,7 +129,7 @@ def test_a_complex_mode_s_period_is_a_series_of_phases(runs: Runs, name: str) ->
 
 @pytest.mark.parametrize("name", SMALL)
 def test_recovered_shapes_fulfil_the_full_pencil_better_with_more_modes(tmp_path: Path, name: str) -> None:
-    work = Work(load(scene_file(tmp_path, SMALL[name]))[0], lambda text: None)
+    work = ComponentRun(load(scene_file(tmp_path, SMALL[name]))[0], lambda text: None)
     pencil = work.sub.linearised(work.belt)
     exact = fs.complex_modes(work.sub, work.belt, band=work.band[0], evidence=False)
     at = int(np.argmax(exact.eigenvalues.real))
@@ -220,11 +220,11 @@ def test_eigenvalues_that_only_the_reduced_model_has_are_counted() -> None:
 
 
 def test_the_band_is_chosen_by_rule(tmp_path: Path) -> None:
-    beam = Work(load(scene_file(tmp_path, SMALL["beam"]))[0], lambda text: None)
+    beam = ComponentRun(load(scene_file(tmp_path, SMALL["beam"]))[0], lambda text: None)
     (lo, hi), rule = beam.band
     omega = fs.normal_modes(beam.sub, count=9).frequencies
     assert lo == 0 and hi == pytest.approx(1.02 * omega[7]) and omega[8] > hi and "mode 8" in rule
-    disc = Work(load(scene_file(tmp_path, SMALL["solid"]))[0], lambda text: None)
+    disc = ComponentRun(load(scene_file(tmp_path, SMALL["solid"]))[0], lambda text: None)
     assert "mode 9" in disc.band[1]  # 8 and 9 are a pair, which is not split
 
 

@@ -135,7 +135,7 @@ def test_a_missing_plotly_is_told_before_anything_is_computed(tmp_path: Path, mo
 
     scene = scene_file(tmp_path, "chain", asked("chain"))
     monkeypatch.setitem(sys.modules, "plotly", None)
-    monkeypatch.setattr(chain, "run", lambda *_: pytest.fail("it was run"))
+    monkeypatch.setattr(chain.ChainScene, "run", lambda *_: pytest.fail("it was run"))
     assert main(["run", scene, "--out", str(tmp_path / "out")]) == 1
     assert installed_by("plotly") in capsys.readouterr().err and not (tmp_path / "out").exists()
 

@@ -311,8 +311,8 @@ def test_results_of_another_scene_are_told_before_anything_is_computed(tmp_path:
     before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
     from femsub.app.scenes import beam, chain
 
-    for module in (beam, chain):
-        monkeypatch.setattr(module, "run", lambda *_: pytest.fail("it was run"))
+    for scene in (beam.BeamScene, chain.ChainScene):
+        monkeypatch.setattr(scene, "run", lambda *_: pytest.fail("it was run"))
     capsys.readouterr()
     for name, text in (("beam", SMALL["beam"]), ("chain", CHAIN + 'name = "another"\n')):
         assert main(["run", scene_file(tmp_path / "other", name, text), "--out", str(tmp_path / "out")]) == 2

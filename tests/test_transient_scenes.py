@@ -119,7 +119,7 @@ def test_ctrl_c_leaves_what_there_is_marked_as_incomplete(tmp_path: Path) -> Non
 
 
 class Interrupted:
-    """`transient` as a scene calls it, with Ctrl-C while the nth run of a growth is under way."""
+    """`transient` as a scene calls it, with Ctrl-C while the nth run is under way."""
 
     def __init__(self, nth: int) -> None:
         self.nth, self.runs = nth, 0
@@ -144,7 +144,7 @@ def interrupted(monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
 @pytest.mark.parametrize("done", [0, 1])
 def test_ctrl_c_during_the_growth_marks_the_results_as_incomplete(done: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                                                   capsys: pytest.CaptureFixture[str]) -> None:
-    interrupted(monkeypatch, done + 1)
+    interrupted(monkeypatch, 3 + done + 1)  # after the runs of the three models
     out = tmp_path / "out"
     text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["growth", "spectrum"]\nfigures = false\n'
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
@@ -172,8 +172,8 @@ def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path
     def never(*_: Any) -> None:
         raise AssertionError("a run began")
 
-    interrupted(monkeypatch, 1)  # of CC with 18 DOF nothing grows below the cut-off: the first run is that of 30 DOF
-    monkeypatch.setattr("femsub.app.scenes.solid_transient.SolidTransientRun.error_time", never)
+    interrupted(monkeypatch, 2)  # after the long run; of CC with 18 DOF nothing grows below the cut-off: the next is of 30 DOF
+    monkeypatch.setattr("femsub.app.scenes.in_time.SolidTransientRun.error_time", never)
     out = tmp_path / "out"
     text = DISC.replace("150", "40") + 'outputs = ["growth", "error-time", "spectrum"]\nfigures = false\n'
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
@@ -183,10 +183,10 @@ def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path
 
 
 def test_a_reduced_solid_runs_as_often_as_repeats_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.app.scenes import solid_transient
+    from femsub.app.scenes import in_time
 
     runs: list[int] = []
-    monkeypatch.setattr(solid_transient, "transient", lambda model, *args, **options: runs.append(model.size) or
+    monkeypatch.setattr(in_time, "transient", lambda model, *args, **options: runs.append(model.size) or
                         fs.transient(model, *args, **options))
     text = DISC.replace("150", "4").replace("[8, 20]", "[20]") + 'elements = [2, 12, 1]\nrepeats = 2\noutputs = ["error-time"]\n'
     scene, run = load(scene_file(tmp_path, text))

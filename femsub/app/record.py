@@ -10,18 +10,15 @@ from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 from femsub.app.inputs import RESULTS, results_of
 from femsub.app.keys import keys_of
 from femsub.app.report import machine, remove, results, to_json, versions, write
-from femsub.app.scene import SCENES, Progress, Result, Scene, first_of
+from femsub.app.scene import SCENES, Progress, Result, Scene, Writer, first_of
 from femsub.checks import hash_of, installed_by, is_there, resolved
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.io import texts_read
-
-if TYPE_CHECKING:
-    from femsub.app.scene import Writer
 
 #: the paper whose study the scenes of the chain repeat
 PAPER = ("the conference paper that compares Hurty/Craig-Bampton and Craig-Chang on a chain of masses on a belt "
@@ -49,9 +46,10 @@ class Record:
             check_plotly()  # not after hours
         self.last: dict[str, Any] = {}  # the files that the last run of this scene wrote into the folder, with their hashes
         place, module = folder / RESULTS, type(scene).__module__.rpartition(".")[2]
+        known_as = module, f"{module}:{type(scene).__name__}"
         # the name of a built-in scene, or the place of the Python file of another
         kind = self._place(Path(scene.own)) if scene.own else next(
-            name for name, (known_as, _) in SCENES.items() if known_as == module)
+            name for name, (found, _) in SCENES.items() if found in known_as)
         if is_there(place):
             known = results_of(place)
             if known is None:

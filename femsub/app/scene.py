@@ -11,16 +11,14 @@ from functools import partial
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from femsub import coupling, reduction, studies
 from femsub.app.keys import check_keys, key, keys_of, values_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
 from femsub.checks import Interruptible, choice, resolved, shown, word
 from femsub.errors import FemsubError, InputError, unknown_name
-
-if TYPE_CHECKING:
-    from femsub.io import Writer
+from femsub.io import Writer
 
 Progress = Callable[[str], None]
 
@@ -34,28 +32,32 @@ class Picture(NamedTuple):
 
 Shown: TypeAlias = Any  # str, Table, Chart or Picture
 
-#: name of a built-in scene: (module in femsub.app.scenes, one line)
+#: name of a built-in scene: (module of femsub.app.scenes and class in it, one line)
 SCENES = {
-    "chain": ("chain", "the paper's chain on a belt: full and reduced, its figures 2 to 4, error against run time"),
-    "matrices": ("matrices", "your own M, D, K from files: reduced models, critical slope, error against time"),
-    "beam": ("beam", "a steel beam on a belt: modes, critical slope, eigenvalues, error against run time"),
-    "plate": ("plate", "a thin plate, made or from a mesh file: the same, with pictures and VTU files of shapes"),
-    "solid": ("solid", "a solid, a brake's disc or your own mesh: the same"),
-    "frequency-response": ("frequency_response", "a beam driven at its contact: receptances, full and reduced, with bounds"),
-    "chain-parts": ("chain_parts", "the chain cut into 2, 3 and 5 parts, each reduced by every method, and joined again"),
-    "plate-parts": ("plate_parts", "a plate cut into 8 parts: methods compared, and how many modes each part needs"),
-    "solid-parts": ("solid_parts", "8 solids, bolted and glued, whose meshes do not match: the same"),
-    "own-parts": ("own_parts", "your own parts, from matrices and meshes, joined: methods compared part by part"),
-    "superelements": ("superelements", "superelements of other programs, joined: checked, frequencies, reduced further"),
-    "brake": ("brake", "a disc brake: flutter by friction over μ, full and reduced by several methods"),
-    "chain-transient": ("chain_transient", "the chain in time: full and reduced, spectrograms (Fig. 5)"),
-    "solid-transient": ("solid_transient", "a disc in time: limit cycle, full against reduced, time per period"),
-    "chain-limit-cycle": ("chain_cycles", "the chain's limit cycles, full and reduced: table, branches, stability"),
-    "plate-limit-cycle": ("plate_cycles", "the plate's limit cycles over the normal force: full and reduced"),
-    "two-mode": ("two_mode", "two modes coupled by friction (Hoffmann): critical friction, flutter diagram"),
-    "affine": ("affine", "your own matrices with factors of named parameters: critical value, flutter diagram"),
-    "ziegler": ("ziegler", "Ziegler's pendulum under a follower load: what damping destabilises, flutter diagram"),
-    "audit": ("audit", "anybody's reduced model from files: what is right, wrong, and cannot be known"),
+    "chain": ("chain:ChainScene", "the paper's chain on a belt: full and reduced, its figures 2 to 4, error against run time"),
+    "matrices": ("matrices:MatricesScene", "your own M, D, K from files: reduced models, critical slope, error against time"),
+    "beam": ("beam:BeamScene", "a steel beam on a belt: modes, critical slope, eigenvalues, error against run time"),
+    "plate": ("plate:PlateScene", "a thin plate, made or from a mesh file: the same, with pictures and VTU files of shapes"),
+    "solid": ("solid:SolidScene", "a solid, a brake's disc or your own mesh: the same"),
+    "frequency-response": ("beam:FrequencyResponseScene",
+                           "a beam driven at its contact: receptances, full and reduced, with bounds"),
+    "chain-parts": ("joined_parts:ChainPartsScene",
+                    "the chain cut into 2, 3 and 5 parts, each reduced by every method, and joined again"),
+    "plate-parts": ("joined_parts:PlatePartsScene",
+                    "a plate cut into 8 parts: methods compared, and how many modes each part needs"),
+    "solid-parts": ("solid_parts:SolidPartsScene", "8 solids, bolted and glued, whose meshes do not match: the same"),
+    "own-parts": ("own_parts:OwnPartsScene", "your own parts, from matrices and meshes, joined: methods compared part by part"),
+    "superelements": ("own_parts:SuperelementsScene",
+                      "superelements of other programs, joined: checked, frequencies, reduced further"),
+    "brake": ("brake:BrakeScene", "a disc brake: flutter by friction over μ, full and reduced by several methods"),
+    "chain-transient": ("in_time:ChainTransientScene", "the chain in time: full and reduced, spectrograms (Fig. 5)"),
+    "solid-transient": ("in_time:SolidTransientScene", "a disc in time: limit cycle, full against reduced, time per period"),
+    "chain-limit-cycle": ("cycles:ChainCycleScene", "the chain's limit cycles, full and reduced: table, branches, stability"),
+    "plate-limit-cycle": ("cycles:PlateCycleScene", "the plate's limit cycles over the normal force: full and reduced"),
+    "two-mode": ("flutter:TwoModeScene", "two modes coupled by friction (Hoffmann): critical friction, flutter diagram"),
+    "affine": ("affine:AffineScene", "your own matrices with factors of named parameters: critical value, flutter diagram"),
+    "ziegler": ("flutter:ZieglerScene", "Ziegler's pendulum under a follower load: what damping destabilises, flutter diagram"),
+    "audit": ("audit:AuditScene", "anybody's reduced model from files: what is right, wrong, and cannot be known"),
 }
 OWN = ".py"  #: ending of a file with a scene of your own
 LONGEST_NAME = 100
@@ -70,6 +72,11 @@ def first_of(names: Sequence[str], kind: str = "", most: int = 5) -> str:
     """'a, b, c, d, e and 2 more', so that a sentence stays one; `kind` is what they are."""
     more = f" and {len(names) - most} more {kind}".rstrip() if len(names) > most else ""
     return ", ".join(names[:most]) + more
+
+
+def behind(words: str, progress: Progress) -> Progress:
+    """Reports each step behind these words."""
+    return lambda text: progress(f"{words}{text}")
 
 
 def method_keys(_: object) -> Iterable[str]:
@@ -123,6 +130,10 @@ class Scene:
         if max(getattr(self, "band", None) or [0.0]) > highest:
             raise InputError(f"band must end below {highest:.3g}, so that the cubes of its frequencies are finite; it is "
                              f"{shown(self.band)}")  # type: ignore[attr-defined]
+
+    def run(self, progress: Progress) -> Result:
+        """Computes what `outputs` names, and nothing else."""
+        raise NotImplementedError
 
     def put(self, **values: Any) -> None:
         """Sets keys while the scene is made."""
@@ -258,7 +269,7 @@ class Run:
     scene: Any
 
     def __init__(self, scene: Any, progress: Progress) -> None:
-        self.scene, self.progress, self.say = scene, progress, lambda text: progress(f"{scene.name}: {text}")
+        self.scene, self.progress, self.say = scene, progress, behind(f"{scene.name}: ", progress)
 
     def compute(self, output: str) -> Result:
         """One output by its name."""
@@ -381,24 +392,26 @@ def built(table: Mapping[str, Any], folder: Path = Path("."), source: Path | Non
 
 def scene_of(name: str) -> tuple[type[Scene], Callable[[Any, Progress], Result]]:
     """The class of a built-in scene, or of one in a Python file, and the function that runs it."""
-    if not isinstance(name, str) or not name.endswith(OWN):
-        module = import_module(f"femsub.app.scenes.{SCENES[choice('scene', name, SCENES)][0]}")
-        return module.SCENE, module.run
-    path = Path(name)
-    if not path.is_file():
-        raise InputError(f"there is no scene file {path}")
-    spec = spec_from_file_location(f"scene_{path.stem}", path)
-    assert spec is not None and spec.loader is not None
-    module = sys.modules[spec.name] = module_from_spec(spec)  # dataclasses look for their module there
-    try:
-        spec.loader.exec_module(module)
-    except FemsubError:
-        raise
-    except Exception as error:
-        raise InputError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
-    scene, run = getattr(module, "SCENE", None), getattr(module, "run", None)
-    if not (isinstance(scene, type) and issubclass(scene, Scene) and callable(run)):
-        raise InputError(f"{path} is no scene: it needs SCENE, a class derived from femsub.app.scene.Scene, and "
+    if isinstance(name, str) and name.endswith(OWN):
+        kind, path = "SCENE", Path(name)
+        if not path.is_file():
+            raise InputError(f"there is no scene file {path}")
+        spec = spec_from_file_location(f"scene_{path.stem}", path)
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[spec.name] = module_from_spec(spec)  # dataclasses look for their module there
+        try:
+            spec.loader.exec_module(module)
+        except FemsubError:
+            raise
+        except Exception as error:
+            raise InputError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
+    else:
+        place, _, kind = SCENES[choice("scene", name, SCENES)][0].partition(":")
+        module = import_module(f"femsub.app.scenes.{place}")
+    scene = getattr(module, kind or "SCENE", None)
+    run = getattr(module, "run", getattr(scene, "run", None))
+    if not (isinstance(scene, type) and issubclass(scene, Scene) and callable(run) and run is not Scene.run):
+        raise InputError(f"{name} is no scene: it needs SCENE, a class derived from femsub.app.scene.Scene, and "
                          "run(scene, progress), which returns a Result")
     return scene, run
 

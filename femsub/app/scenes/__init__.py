@@ -1,1 +1,1 @@
-"""Built-in scenes: each module holds a frozen `SCENE` (its keys are those of a scene file) and `run`."""
+"""Built-in scenes: frozen classes whose fields are the keys of a scene file, each with a method `run`."""

@@ -134,6 +134,17 @@ class AffineScene(FlutterScene):
                              + (f"fixed has no value for {listed}" if free else "fixed has values for all"))
         return self.parameter or free[0]
 
+    def run(self, progress: Progress) -> Result:
+        progress(f"{self.name}: reading the matrices")
+        model = self.model()
+        sums = {sum_: " + ".join(name if one.text == "1" else f"({one.text}) {name}" for name, one in terms.items())
+                for sum_, terms in self.terms.items() if terms}
+        data = {"parameter": self.over, "fixed": self.values, "sums": sums, "dof": model.size, "band": self.band or None}
+        at = "".join(f", {name} = {value:g}" for name, value in self.values.items())
+        text = [f"{model.size} DOF{at}", *(f"{sum_} = {said}" for sum_, said in sums.items())]
+        band = (self.band[0], self.band[1]) if self.band else None
+        return Flutter(self, progress, {self.name: model}, self.over, {}, self.over, band).study(data, text)
+
     def model(self) -> Affine:
         """The pencil over the parameter that changes."""
         matrices, sums = self.matrices(), []
@@ -163,19 +174,3 @@ class AffineScene(FlutterScene):
                 raise InputError(f"{name}.file: {paths[name]} is {A.shape[0]} x {A.shape[0]}, but K[1].file, {paths['K[1]']}, is "
                                  f"{size} x {size}. All matrices must have one size")
         return checked
-
-
-SCENE = AffineScene
-
-
-def run(scene: AffineScene, progress: Progress) -> Result:
-    """Computes what `scene.outputs` names, and nothing else."""
-    progress(f"{scene.name}: reading the matrices")
-    model = scene.model()
-    sums = {sum_: " + ".join(name if one.text == "1" else f"({one.text}) {name}" for name, one in terms.items())
-            for sum_, terms in scene.terms.items() if terms}
-    data = {"parameter": scene.over, "fixed": scene.values, "sums": sums, "dof": model.size, "band": scene.band or None}
-    at = "".join(f", {name} = {value:g}" for name, value in scene.values.items())
-    text = [f"{model.size} DOF{at}", *(f"{sum_} = {said}" for sum_, said in sums.items())]
-    band = (scene.band[0], scene.band[1]) if scene.band else None
-    return Flutter(scene, progress, {scene.name: model}, scene.over, {}, scene.over, band).run(data, text)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import Audit, CraigBampton, ReducedSubstructure, Substructure, audit, beam, read_component, read_matrix, reduce
+from femsub import CraigBampton, ReducedSubstructure, Substructure, audit, beam, read_component, read_matrix, reduce
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene
 from femsub.errors import InputError
@@ -71,6 +71,18 @@ class AuditScene(Scene):
             if (file := getattr(self, name)) and Path(file).name != MODEL:
                 raise InputError(f"{name} names {file}, but must name the {MODEL} of a folder of write_matrices")
 
+    def run(self, progress: Progress) -> Result:
+        """The verdict, the checks, the frequencies and their errors."""
+        progress(f"{self.name}: reading the models")
+        reduced, full = (self.reduced(), self.whole()) if self.model or self.M else example()
+        progress(f"{self.name}: checking")
+        found = audit(reduced, full, mass=self.mass or None, cutoff=self.cutoff or None, gyroscopic=self.gyroscopic,
+                      floating={"yes": True, "no": False}.get(self.floating), units=self.units)
+        checks, frequencies = found.tables
+        listed = ["", f"{frequencies.title}:", frequencies] if len(found.omega) else []
+        charts = [found.chart] if np.isfinite(found.lower).any() else []
+        return Result({"audit": found.record()}, [found.answer, checks, *listed, *charts])
+
     def reduced(self) -> Any:
         """The reduced model: as it was written, or its matrices as they are."""
         folder = Path(self.folder)
@@ -90,27 +102,6 @@ class AuditScene(Scene):
         paths = {name: folder / file for name in "MKD" if (file := getattr(self, f"full_{name}"))}
         return read_component(paths["M"], paths["K"], paths.get("D"), dofs=folder / self.full_dofs if self.full_dofs else None,
                               interface=self.full_interface, massless=True)
-
-
-SCENE = AuditScene
-
-
-def run(scene: AuditScene, progress: Progress) -> Result:
-    """The audit, as tables and a chart."""
-    progress(f"{scene.name}: reading the models")
-    reduced, full = (scene.reduced(), scene.whole()) if scene.model or scene.M else example()
-    progress(f"{scene.name}: checking")
-    found = audit(reduced, full, mass=scene.mass or None, cutoff=scene.cutoff or None, gyroscopic=scene.gyroscopic,
-                  floating={"yes": True, "no": False}.get(scene.floating), units=scene.units)
-    return shown(found)
-
-
-def shown(found: Audit) -> Result:
-    """The verdict, the checks, the frequencies and their errors."""
-    checks, frequencies = found.tables
-    charts = [found.chart] if np.isfinite(found.lower).any() else []
-    return Result({"audit": found.record()}, [found.answer, checks, *(["", f"{frequencies.title}:", frequencies] if len(
-        found.omega) else []), *charts])
 
 
 def example(lost: int = 3) -> tuple[ReducedSubstructure, Substructure]:

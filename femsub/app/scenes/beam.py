@@ -1,15 +1,15 @@
-"""A beam under a belt: the finite-element study in its smallest form."""
+"""A beam under a belt: the finite-element study in its smallest form, and its answer to a harmonic force at the contact."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
 from femsub import Mesh, Substructure, beam
 from femsub.app.keys import key
 from femsub.app.scenes.component import ComponentScene
-from femsub.app.scenes.outputs import run_component
 from femsub.components import SUPPORTS
 
 
@@ -46,4 +46,14 @@ class BeamScene(ComponentScene):
         return sub, Mesh(places[:, None], np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=self.name)
 
 
-SCENE, run = BeamScene, run_component
+
+@dataclass(frozen=True)
+class FrequencyResponseScene(BeamScene):
+    """The steel beam of the scene `beam`, driven at its contact. Other component scenes have this output on request."""
+
+    loss: float = 0.01
+    rayleigh: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    modes: list[int] = field(default_factory=lambda: [6, 8, 10])
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("frequency-response",)
+    ON_REQUEST: ClassVar[tuple[str, ...]] = BeamScene.OUTPUTS

@@ -7,25 +7,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
 from femsub import studies
 from femsub.app.keys import key
-from femsub.app.scene import Picture, Progress, Result, Run, Scene, Shown
-from femsub.app.scenes.component import RIGID
+from femsub.app.scene import Picture, Progress, Result, Run, Scene, Shown, Writer
+from femsub.app.scenes.component import RIGID, least_stable, lowest_figure, motion_files, page_mode, vtu
 from femsub.app.scenes.joined_parts import by_kind
-from femsub.app.scenes.outputs import least_stable, lowest_figure, motion_files, page_mode, vtu
 from femsub.checks import NOT_CHECKED, Array
 from femsub.coupling import brake_meshes, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
 from femsub.reduction import METHODS
 from femsub.studies import Loss, Remark, Row, Study, Table, column, span
-
-if TYPE_CHECKING:
-    from femsub.app.scene import Writer
 
 PADS = ("inboard", "outboard")
 UNUSED = "the friction of a brake is Coulomb's, with mu, pressure and turning"
@@ -82,8 +78,16 @@ class BrakeScene(Scene):
         if self.units == "mm-t-s" and not self.disc:
             raise InputError("femsub's own brake is in SI units: leave units out, or give meshes and all data in mm, t and s")
 
-
-SCENE = BrakeScene
+    def run(self, progress: Progress) -> Result:
+        brake = Brake(self, progress)
+        points = len(brake.contact_nodes)
+        data: dict[str, Any] = {"system": repr(brake.system), "size": brake.system.size, "contact_nodes": points,
+                                "band": self.band, "contacts": [repr(one) for one in brake.contacts(self.full[-1])]}
+        return brake.result(data, [
+            f"{self.name}: {brake.system!r}\n"
+            f"{points} node{'s' * (points != 1)} of the disc under the pads, contact stiffness {self.contact:g}, "
+            f"pressure {self.pressure:g}, disc at {self.turning:g} rad/time; band {span(self.band)}; full model at μ = "
+            f"{', '.join(f'{mu:g}' for mu in self.full)}"])
 
 
 class Brake(Run):
@@ -311,16 +315,3 @@ class Brake(Run):
         columns = (column("what", form="s"), column("mu", form=".6g"), "omega", column("kind", form="s"))
         return Result({"losses": {"evidence": found.evidence, "rows": rows}}, [
             f"Losses of stability: {found!r}", Table("losses", rows, columns, "Losses of stability")])
-
-
-def run(scene: BrakeScene, progress: Progress) -> Result:
-    """The unstable modes, the errors of reduced models, and the flutter diagram."""
-    brake = Brake(scene, progress)
-    points = len(brake.contact_nodes)
-    data: dict[str, Any] = {"system": repr(brake.system), "size": brake.system.size, "contact_nodes": points, "band": scene.band,
-                            "contacts": [repr(one) for one in brake.contacts(scene.full[-1])]}
-    text = [f"{scene.name}: {brake.system!r}",
-            f"{points} node{'s' * (points != 1)} of the disc under the pads, contact stiffness {scene.contact:g}, "
-            f"pressure {scene.pressure:g}, disc at {scene.turning:g} rad/time; band {span(scene.band)}; full model at μ = "
-            f"{', '.join(f'{mu:g}' for mu in scene.full)}"]
-    return brake.result(data, ["\n".join(text)])

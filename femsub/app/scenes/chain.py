@@ -5,23 +5,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from femsub import Belt, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, studies, study, sweep
 from femsub.app.figures import belt_sweep_figure
 from femsub.app.keys import key
-from femsub.app.scene import Picture, Progress, Result, Run, Scene
-from femsub.app.scenes.outputs import NO_GROWTH, comparable, least_stable, page_mode
+from femsub.app.scene import Picture, Progress, Result, Run, Scene, Writer
+from femsub.app.scenes.component import NO_GROWTH, comparable, least_stable, page_mode
 from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
 from femsub.modes import relative_error
 from femsub.reduction import METHODS
 from femsub.studies import Loss, Study, Table, column, span
-
-if TYPE_CHECKING:
-    from femsub.app.scene import Writer
 
 
 @dataclass(frozen=True)
@@ -101,8 +98,15 @@ class ChainScene(ChainKeys):
         for size in self.sizes:
             self.check_size("sizes", size, len(self.interface))
 
-
-SCENE = ChainScene
+    def run(self, progress: Progress) -> Result:
+        for belt in (self.belt, *self.belts):
+            self.model(belt)  # bad values end here, before any work
+        data: dict[str, Any] = {
+            "n": self.n, "masses": self.masses, "springs": self.springs,
+            "damping": self.damping, "interface": self.interface, **self.friction, "methods": self.methods,
+            "size": self.size, "band": self.band}
+        return ChainRun(self, progress).result(data, [
+            f"{self.words}, interface {masses(self.interface)}, {self.friction_words}"])
 
 
 class ChainRun(Run):
@@ -238,18 +242,6 @@ class ChainRun(Run):
         data = {"rows": rows, "band": scene.band, "repeats": scene.repeats, "recommended": recommended}
         return Result({"error-time": data}, [said, Table("error-time", rows, title="Error against run time"),
                                              studies.error_time_chart(list(compared.items())), *choices.values()])
-
-
-def run(scene: ChainScene, progress: Progress) -> Result:
-    """Computes what `scene.outputs` names, and nothing else."""
-    for belt in (scene.belt, *scene.belts):
-        scene.model(belt)  # bad values end here, before any work
-    data: dict[str, Any] = {
-        "n": scene.n, "masses": scene.masses, "springs": scene.springs,
-        "damping": scene.damping, "interface": scene.interface, **scene.friction, "methods": scene.methods,
-        "size": scene.size, "band": scene.band}
-    return ChainRun(scene, progress).result(data, [
-        f"{scene.words}, interface {masses(scene.interface)}, {scene.friction_words}"])
 
 
 def masses(numbers: Any) -> str:

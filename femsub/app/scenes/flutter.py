@@ -1,21 +1,20 @@
-"""Flutter over a parameter: critical values beside closed forms, modes tracked, the flutter diagram."""
+"""Flutter over a parameter: critical values, modes tracked, the flutter diagram; of two models with closed forms."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from femsub import Affine, CriticalValue, Tracked, critical_value, track
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Run, Scene, first_of
+from femsub.components import two_mode, two_mode_critical, ziegler, ziegler_critical
 from femsub.errors import InputError
+from femsub.stability import Crossing
 from femsub.studies import Table, Verdict, column, flutter_chart, span
-
-if TYPE_CHECKING:
-    from femsub.stability import Crossing
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
 
@@ -56,7 +55,7 @@ class Flutter(Run):
             self.say(f"critical value, {name}")
             self.found[name] = critical_value(model, None, self.parameter, between=self.between, band=self.band)
 
-    def run(self, data: dict[str, Any], text: Sequence[str] = ()) -> Result:
+    def study(self, data: dict[str, Any], text: Sequence[str] = ()) -> Result:
         """What the scene asks for, below a line with the range."""
         head = f"{self.scene.name}: {self.label} from {self.between[0]:g} to {self.between[1]:g}"
         head += f", modes from {span(self.band)}" if self.band else ""
@@ -138,3 +137,33 @@ def meeting_rows(tracks: Mapping[str, Tracked]) -> list[dict[str, Any]]:
              "condition": one.condition if np.isfinite(one.condition) else None,
              "error_bar": one.error_bar if np.isfinite(one.error_bar) else None}
             for name, item in tracks.items() for one in item.meetings]
+
+
+@dataclass(frozen=True)
+class TwoModeScene(FlutterScene):
+    """Hoffmann's model of two modes that friction couples, over the coefficient of friction."""
+
+    damping: list[float] = key([0.0, 0.05], "dashpots d1 along the belt, one model for each", least=0, distinct=True,
+                               unit="√(mass force/length)")
+    ratio: float = key(2.0, "d2 / d1, the dashpot across the belt", least=0)
+    between: list[float] = key([0.0, 1.5], "the range of the coefficient of friction", form="[lo, hi]")
+
+    def run(self, progress: Progress) -> Result:
+        pairs = {f"d1 = {d:g}, d2 = {self.ratio * d:g}": (d, self.ratio * d) for d in self.damping}
+        exact = {name: two_mode_critical(pair) for name, pair in pairs.items()}
+        flutter = Flutter(self, progress, {name: two_mode(pair) for name, pair in pairs.items()}, "mu", exact, "μ", unit="-")
+        return flutter.study({"damping": self.damping, "ratio": self.ratio})
+
+
+@dataclass(frozen=True)
+class ZieglerScene(FlutterScene):
+    """Ziegler's pendulum under a follower load P, in the units m = l = k = 1."""
+
+    damping: list[float] = key([0.0, 0.01, 0.2], "dashpots b in both joints, one model for each", unit="√(m l² k)", least=0,
+                               distinct=True)
+    between: list[float] = key([0.0, 3.0], "the range of the load", unit="k/l", form="[lo, hi]")
+
+    def run(self, progress: Progress) -> Result:
+        models = {f"b = {b:g}": ziegler(b) for b in self.damping}
+        exact = {f"b = {b:g}": ziegler_critical(b) for b in self.damping}
+        return Flutter(self, progress, models, "P", exact, "P l/k", unit="-").study({"damping": self.damping})

@@ -1,21 +1,27 @@
-"""What scenes in time share: runs of full and reduced models one after the other, what they show, and Ctrl-C."""
+"""Scenes in time: runs of full and reduced models one after the other, what they show, and Ctrl-C."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
 from femsub import growth_rate, studies, transient
+from femsub.algebra import QUADRATIC
 from femsub.app.figures import spectrogram_figure
-from femsub.app.scene import Picture, Progress, Result, Run
+from femsub.app.keys import key
+from femsub.app.scene import NO_SLOPE, Picture, Progress, Result, Run, behind
+from femsub.app.scenes.chain import ChainKeys
+from femsub.app.scenes.component import ComponentRun
+from femsub.app.scenes.solid import SolidScene
 from femsub.checks import Interruptible
+from femsub.errors import InputError
 from femsub.modes import ComplexModes, relative_error
-from femsub.motion import Spectrum, sliding
-from femsub.studies import NEVER, Remark, Table, Verdict, column, label, named, sentence
+from femsub.motion import Spectrum, project, sliding
+from femsub.studies import NEVER, Remark, Table, Verdict, column, label, named, period_chart, sentence
 
 
 @dataclass(frozen=True)
@@ -63,25 +69,6 @@ def strongest(peaks: Sequence[float] | None) -> list[float] | None:
     return None if peaks is None else [float(at) for at in peaks[:3]]
 
 
-def found_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """The table of what was seen: the rows of tracks."""
-    columns = ["model", "size", "rms", column("peaks", "peaks (rad/time)", ".5g", unit="rad/time",
-                                              cell=lambda row: strongest(row["peaks"])), "sticking",
-               "energy_residual", "seconds",
-               column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
-    return Table("models", rows, columns, "Models in time", 2, "the run, or its window, was too short")
-
-
-def verdict(tracks: Sequence[Track]) -> Verdict:
-    """What single trajectories can decide: nothing, but their figures stand side by side."""
-    seen = [(named(item.kind, item.model.size), item.row) for item in tracks]
-    return Verdict([f"{name}: rms {row['rms']:.5g}, strongest at {row['peaks'][0]:.5g} rad/time." for name, row in seen
-                    if row["rms"] is not None and len(row["peaks"])],
-                   [NEVER, "Where several motions exist, another start may end in another one. One trajectory does not show it."],
-                   headline="The models are compared in time, each by one trajectory. No tolerance is set, so the figures below "
-                   "are yours to judge.")
-
-
 @dataclass(eq=False)
 class InTime(Run):
     """The outputs of runs in time: `tracks`, and for their growth the models by 'full' or the method's key."""
@@ -96,6 +83,25 @@ class InTime(Run):
     def __post_init__(self) -> None:
         super().__init__(self.scene, self.progress)
         self.known = [item for item in self.tracks if item.spectrum is not None]
+
+    def study(self, first: str, title: str, data: dict[str, Any], complete: bool, long: Sequence[str] = ()) -> Result:
+        """What the scene asks for, below what is seen of each run. `complete` and `long` as of `result`.
+
+        Single trajectories decide nothing, but their figures stand side by side.
+        """
+        columns = ["model", "size", "rms", column("peaks", "peaks (rad/time)", ".5g", unit="rad/time",
+                                                  cell=lambda row: strongest(row["peaks"])), "sticking",
+                   "energy_residual", "seconds",
+                   column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
+        rows = [item.row for item in self.tracks]
+        seen = [f"{named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {row['peaks'][0]:.5g} rad/time."
+                for row in rows if row["rms"] is not None and len(row["peaks"])]
+        return self.result(data | {"models": rows, "complete": True}, [
+            first, "", title, Table("models", rows, columns, "Models in time", 2, "the run, or its window, was too short"),
+            Verdict(seen, [NEVER, "Where several motions exist, another start may end in another one. One trajectory does not "
+                           "show it."],
+                    headline="The models are compared in time, each by one trajectory. No tolerance is set, so the figures below "
+                    "are yours to judge.")], complete, long)
 
     def growth(self, faint: float = 1e-6, still: float = 1e-3) -> Result:
         """Growth of the most unstable complex mode below a model's cut-off, measured in time, beside Re λ.
@@ -181,3 +187,141 @@ class InTime(Run):
             Table("quality", rows, columns, "Quality under self-excitation"),
             *(f"{label(row['model'])}: {row['verdict']}" for row in rows),
             Remark([sentence(row["verdict"], named(row["model"], row["size"])) for row in rows])])
+
+
+@dataclass(frozen=True)
+class ChainTransientScene(ChainKeys):
+    """The paper's chain in time, under the nonlinear belt."""
+
+    join_belt: bool = key(False, "whether the belt's mass joins the interface masses")
+    impulse: float = key(1e-3, "the blow on the belt's mass with which each model leaves its own sliding equilibrium",
+                         unit="mass·length/time")
+    time: list[float] = key([0.0, 20000.0], "of the run", unit="time", form="[from, to]")
+    window: list[float] = key([12000.0, 20000.0], "of the part whose amplitude and spectrum are shown", unit="time",
+                              form="[from, to]")
+    step: float = key(0.2, "of the grid that is recorded", unit="time", above=0)
+    length: float = key(400.0, "of the spectrogram's window", unit="time", above=0)
+    tol: float = key(1e-9, "error control of the integration (femsub.transient)", above=0)
+
+    WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "quality", "signals", "spectrum", "spectrogram")
+    PAPER: ClassVar[Mapping[str, str]] = {"spectrogram": "Fig. 5"}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.window[0] < self.time[0] or self.window[1] > self.time[1]:
+            raise InputError(f"window {self.window} reaches beyond the time {self.time}")
+        if self.n > QUADRATIC and {"growth", "quality"} & set(self.outputs):
+            raise InputError(f"outputs 'growth' and 'quality' need all eigenvalues, which is up to n = {QUADRATIC}; name others")
+
+    def run(self, progress: Progress) -> Result:
+        belt, full = self.rubbing, self.model(self.belt, self.join_belt)
+        window = self.window[0], self.window[1]
+        tracks: list[Track] = []
+        with Interruptible() as work:
+            for kind in ("full", *self.methods):
+                model = full if kind == "full" else self.reduced(full, kind, self.size)
+                found = transient(model, belt, (self.time[0], self.time[1]), impulse=self.impulse, step=self.step, tol=self.tol,
+                                  progress=behind(f"{self.name}: {label(kind)}, ", progress))
+                tracks.append(track(kind, model, found, window))
+                whole(found)
+        data: dict[str, Any] = {
+            "n": self.n, "masses": self.masses, "springs": self.springs, "damping": self.damping, "belt": self.belt,
+            "interface": [int(dof) + 1 for dof in full.interface], "size": self.size, **self.friction,
+            "impulse": self.impulse, "time": self.time, "window": self.window, "step": self.step, "tol": self.tol}
+        first = (f"{self.name}: {self.n} masses, belt under m{self.belt} at {self.speed:g}, F = {self.force:g}, {self.law}, ε = "
+                 f"{self.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of "
+                 f"{self.impulse:g}")
+        models = [(item.kind, item.model) for item in tracks]
+        return InTime(self, progress, belt, models, tracks, self.length).study(
+            first, f"Velocity at m{self.belt} over t = {window[0]:g} to {window[1]:g}", data, work.complete)
+
+
+@dataclass(eq=False)
+class SolidTransientRun(InTime):
+    """The outputs of the disc: `final` is the state of the largest model, in its own coordinates, at the end of the long run."""
+
+    work: ComponentRun
+    final: fs.State
+    period: float  #: of the most unstable mode
+
+    def error_time(self) -> Result:
+        """Full and reduced models from one physical state: amplitude, its error, and seconds per period."""
+        scene, reference, rows = self.scene, self.tracks[0].model, list[dict[str, Any]]()
+        assert isinstance(reference, fs.ReducedSubstructure)
+        state = [reference.expand(part) for part in (self.final.displacement, self.final.velocity)]
+        exact = 0.0
+        with Interruptible() as course:
+            for kind, modes, model in self.work.models:
+                full = kind == "full"
+                start = fs.State(*(project(model, self.work.sub.M, part) for part in state)) if isinstance(
+                    model, fs.ReducedSubstructure) else fs.State(*state)
+                name = f"{label(kind)} with {model.size} DOF"
+                runs = [whole(transient(model, self.belt, (0.0, scene.compared * self.period), start=start,
+                                        step=self.period / scene.points, tol=scene.full_tol if full else scene.tol,
+                                        method="alpha" if full else "lsoda", progress=behind(f"{name}, ", self.say)))
+                        for _ in range(1 if full else scene.repeats)]
+                v = runs[0].velocity("belt")
+                amplitude = float(v[len(v) // 2:].std())
+                exact = amplitude if full else exact
+                seconds = float(np.median([item.effort.seconds for item in runs])) / scene.compared
+                rows.append({"model": kind, "modes": modes, "size": model.size, "rms": amplitude,
+                             "amplitude_error": relative_error(amplitude, exact), "seconds_per_period": seconds,
+                             "speedup": rows[0]["seconds_per_period"] / seconds if rows else 1.0, "steps": runs[0].effort.steps,
+                             "energy_residual": runs[0].energy.residual, "method": runs[0].effort.method})
+        columns = ["model", "modes", "size", column("rms", form=".6g"), column("amplitude_error", "error", ".1e"),
+                   column("seconds_per_period", "s per period", ".2g"), column("speedup", "times faster", ".4g"), "steps",
+                   "energy_residual"]
+        return Result({"error-time": rows} | ({} if course.complete else {"complete": False}), [
+            f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)",
+            Table("error-time", rows, columns, "Error against run time"), *([period_chart(rows)] if len(rows) > 1 else [])])
+
+
+@dataclass(frozen=True)
+class SolidTransientScene(SolidScene):
+    """The component of the scene `solid`, by default a coarse disc with so much damping that its lowest modes alone grow.
+
+    A period is that of the most unstable mode below the cut-off of the largest reduced model of the last method. That model goes
+    from a blow on the port to its limit cycle; the state it is in then, expanded, is the physical state from which the full and
+    all reduced models (projected) run on, side by side.
+    """
+
+    elements: list[int] = field(default_factory=lambda: [3, 24, 1])
+    rayleigh: list[float] = field(default_factory=lambda: [5.0, 2e-6])
+    force: float = 20000.0
+    modes: list[int] = field(default_factory=lambda: [10, 20, 40])
+    repeats: int = 5
+    impulse: float = key(0.1, "the blow with which the long run begins", unit="kg·m/s")
+    periods: float = key(400.0, "of the long run", unit="periods", least=4)
+    compared: float = key(12.0, "of the runs side by side; amplitudes are compared over the second half", unit="periods", least=4)
+    points: int = key(40, "of the grid that is recorded, per period", least=8)
+    tol: float = key(1e-7, "error control of reduced models (femsub.transient)", above=0)
+    full_tol: float = key(3e-5, "error control of full models (femsub.transient)", above=0)
+
+    WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "error-time", "signals", "spectrum", "spectrogram")
+
+    def run(self, progress: Progress) -> Result:
+        work, belt = ComponentRun(self, progress), self.rubbing
+        kind = work.reduced[-1][0].key
+        reference = max((rom for method, rom in reversed(work.reduced) if method.key == kind), key=lambda rom: rom.size)
+        modes = fs.complex_modes(reference, belt)
+        at = most_unstable(modes)
+        if at is None:
+            raise InputError(f"nothing grows: {reference!r} is stable below its cut-off at μ' = {belt.slope:.4g} and F = "
+                             f"{belt.force:g}; take a larger force, less damping or another speed")
+        rate, omega = float(modes.eigenvalues[at].real), float(modes.eigenvalues[at].imag)
+        period = 2 * np.pi / omega
+        long = transient(reference, belt, (0.0, self.periods * period), impulse=self.impulse, step=period / self.points,
+                         tol=self.tol, progress=behind(f"{label(kind)} from the blow, ", work.say))
+        # its last quarter has settled
+        window = (3 / 4 * long.t[-1], float(long.t[-1])) if long.complete else (0.0, 0.0)
+        data: dict[str, Any] = {
+            "model": repr(work.sub), "size": work.sub.size, **self.friction, "rayleigh": self.rayleigh, "growth": rate,
+            "omega": omega, "period": period, "periods": self.periods, "compared": self.compared, "impulse": self.impulse,
+            "tol": self.tol, "full_tol": self.full_tol}
+        first = (f"{self.name}: {work.sub!r}\n{self.friction_words}; a mode at {omega:.6g} rad/time grows (Re λ = {rate:.5g})")
+        models = [(method.key, rom) for method, rom in work.reduced]
+        tracks = [track(kind, reference, long, window)]
+        return SolidTransientRun(self, progress, belt, models, tracks, 20 * period, work, long.final, period).study(
+            first, f"From a blow of {self.impulse:g} over {self.periods:g} periods", data, long.complete, ["error-time"])

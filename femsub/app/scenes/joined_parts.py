@@ -1,11 +1,11 @@
-"""What the scenes of joined parts share: the study over methods, part by part; the parts in colours; the modes of all."""
+"""Joined parts: the study over methods, part by part; the parts in colours; the modes of all. The chain and a plate in parts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,23 +14,16 @@ from femsub import studies
 from femsub.app.figures import parts_figure
 from femsub.app.keys import key
 from femsub.app.scene import Picture, Progress, Result, Run, Scene, Shown, method_keys, other_method_names
-from femsub.app.scenes.component import RIGID
-from femsub.app.scenes.outputs import Drawn, mode_rows, mode_views, vtu
+from femsub.app.scenes.chain import MassKeys
+from femsub.app.scenes.component import RIGID, Drawn, mode_rows, mode_views, vtu
+from femsub.app.scenes.plate import PlateKeys
 from femsub.checks import Array
+from femsub.coupling import cut_chain
+from femsub.errors import InputError
+from femsub.model import Contacts
 from femsub.modes import NEAR, match
 from femsub.reduction import METHODS, PORT_LIMIT, Method
 from femsub.studies import Remark, Table, column, elastic
-
-if TYPE_CHECKING:
-    from femsub.model import Contacts
-
-
-class Over(NamedTuple):
-    """What a study of friction is asked for beside its contacts."""
-
-    parameter: str
-    values: Sequence[float]
-    between: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -50,13 +43,6 @@ class JoinedScene(Scene):
     listed: int = key(20, "natural frequencies that are printed; the table that --out writes has all in the band", least=1)
 
 
-class Choice(NamedTuple):
-    """How one part is reduced: a method's key ('' for that of the row, 'full' for none), and modes row by row ([] for all)."""
-
-    method: str = ""
-    modes: Sequence[int] = ()
-
-
 @dataclass(frozen=True)
 class MeshedScene(JoinedScene):
     """What scenes of parts with meshes share."""
@@ -67,13 +53,20 @@ class MeshedScene(JoinedScene):
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("parts", "methods", "modes-per-part")
 
+    def joined(self, system: fs.System, meshes: Mapping[str, fs.Mesh], head: str, progress: Progress) -> Result:
+        """The parts in colours, the study over methods, and how many modes each part needs; the belt is at the system's port."""
+        belt = replace(self.linear_belt, port=next(iter(system.ports)))
+        return JoinedRun(self, progress, system, belt, meshes).result({"band": self.band, **self.friction}, [
+            f"{head}, {self.friction_words}"])
+
 
 @dataclass(eq=False)
 class JoinedRun(Run):
     """The outputs of a system of parts.
 
-    `meshes` and `choices` go by parts. With `over` the study is one of friction over mu: the parts are reduced, and then the
-    system to contact modes.
+    `meshes` and `choices` go by parts. A choice is how one part is reduced: a method's key ('' for that of the row, 'full' for
+    none), and modes row by row ([] for those of the scene). With `over`, the parameter, its values and the range between, the
+    study is one of friction: the parts are reduced, and then the system to contact modes.
     """
 
     scene: JoinedScene
@@ -81,8 +74,8 @@ class JoinedRun(Run):
     system: fs.System
     contacts: Contacts
     meshes: Mapping[str, fs.Mesh] = field(default_factory=dict)
-    choices: Mapping[str, Choice] = field(default_factory=dict)
-    over: Over | None = None
+    choices: Mapping[str, tuple[str, Sequence[int]]] = field(default_factory=dict)
+    over: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__init__(self.scene, self.progress)
@@ -95,10 +88,10 @@ class JoinedRun(Run):
             for row, count in enumerate(self.scene.modes):
                 mapping: dict[str, Method] = {}
                 for part, sub in self.system.parts.items():
-                    own = self.choices.get(part, Choice())
-                    if own.method == "full":
+                    method, own = self.choices.get(part, ("", ()))
+                    if method == "full":
                         continue
-                    kind, modes = METHODS[own.method or name], own.modes[min(row, len(own.modes) - 1)] if own.modes else count
+                    kind, modes = METHODS[method or name], own[min(row, len(own) - 1)] if own else count
                     room = len(sub.interior)
                     if not kind.held:  # of a free part; its rigid motions are counted only where so many modes are asked for
                         many = modes > sub.size - RIGID
@@ -115,7 +108,7 @@ class JoinedRun(Run):
         """The study under a title, with files of this name."""
         scene, system, over, made = self.scene, self.system, self.over, self.reductions()
         methods: list[Any] = [parts for parts, _ in made]
-        if over is not None:  # the system is then reduced to as many contact modes; and these are tried alone
+        if over:  # the system is then reduced to as many contact modes; and these are tried alone
             methods = []
             for each, count in made:
                 room = sum((each[part].modes or 0) + len(sub.interface) if part in each else sub.size
@@ -124,7 +117,7 @@ class JoinedRun(Run):
             methods += [fs.ContactModes(min(count, system.size - 1), contacts=self.contacts)
                         for count in dict.fromkeys(count for _, count in made)]
         found = fs.study(system, methods, self.band, contacts=self.contacts, ports=scene.ports, repeats=scene.repeats,
-                         held=over is None, progress=self.progress, **(over._asdict() if over else {}))
+                         held=not over, progress=self.progress, **over)
         rows, best = found.flat, found.recommended(scene.tolerance)
         choice = studies.study_choice(found, scene.tolerance, name.removeprefix("methods").strip("-").replace("-", " "))
         # natural frequencies of the full system in the band, and beside them those of the recommended model
@@ -159,7 +152,7 @@ class JoinedRun(Run):
         data: dict[str, Any] = {
             "system": repr(system), "parts": parts, "rows": rows, "left_out": found.left_out,
             "recommendation": choice.sentence, "recommended": choice.row, "frequencies": frequencies}
-        data |= {"parameter": over.parameter, "values": over.values} if over else {}
+        data |= {name: over[name] for name in ("parameter", "values") if over}
         return Result({name: data}, [
             f"{title}: {system!r}", str(found), *notes, choice.sentence, *said,
             Table(name, rows, title="Methods, error against run time"),
@@ -232,11 +225,65 @@ class JoinedRun(Run):
         return Result({"modes": rows}, [*shown, *pictures], files)
 
 
-def run_parts(scene: MeshedScene, system: fs.System, meshes: Mapping[str, fs.Mesh], head: str, progress: Progress) -> Result:
-    """The parts in colours, the study over methods, and how many modes each part needs; the belt is at the system's port."""
-    belt = replace(scene.linear_belt, port=next(iter(system.ports)))
-    return JoinedRun(scene, progress, system, belt, meshes).result({"band": scene.band, **scene.friction}, [
-        f"{head}, {scene.friction_words}"])
+@dataclass(frozen=True)
+class ChainPartsScene(JoinedScene, MassKeys):
+    """The paper's chain in several parts. A mass at a cut belongs to both parts, half to each."""
+
+    n: int = key(10, "number of masses", least=3, most=10**6)
+    springs: float | list[float] = key(1.0, "the springs: one value, or n of them", unit="force/length", above=0)
+    parts: list[int] = key([2, 3, 5], "numbers of parts to cut it into", least=2, distinct=True)
+    band: list[float] = key([], "the frequencies in which models are compared", unit="rad/time", least=0, form="[lo, hi]",
+                            otherwise="the lowest three of a chain of equal masses and springs", example=[0.0, 0.8])
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("methods",)
+
+    def __post_init__(self) -> None:
+        self.fill(band=self.three_pairs)
+        super().__post_init__()
+        if self.belt > self.n:
+            raise InputError(f"belt must be at least 1 and at most {self.n}, the number of masses, but is {self.belt}")
+        for count in self.parts:
+            if count >= self.n:
+                raise InputError(f"parts: a chain of {self.n} masses can be cut into {self.n - 1} parts at most, not {count}")
+
+    def run(self, progress: Progress) -> Result:
+        data = {"n": self.n, "belt": self.belt, "band": self.band, **self.friction}
+        return ChainPartsRun(self, progress).result(data, [f"{self.words}, belt under m{self.belt}, {self.friction_words}"],
+                                                    outputs=[f"{count} parts" for count in self.parts])
+
+
+class ChainPartsRun(Run):
+    """The study over methods for each number of parts."""
+
+    def compute(self, output: str) -> Result:
+        scene, count = self.scene, int(output.split()[0])
+        parts, joints, port = cut_chain(scene.n, count, scene.belt, scene.damping, masses=scene.masses, springs=scene.springs)
+        system = fs.couple(parts, joints, f"{scene.name} in {count}")
+        return JoinedRun(scene, self.progress, system, replace(scene.linear_belt, port=port)).compared(
+            f"{scene.name} in {count} parts", f"methods-{count}-parts")
+
+
+@dataclass(frozen=True)
+class PlatePartsScene(MeshedScene, PlateKeys):
+    """A steel plate of 0.4 m x 0.3 m x 2 mm, clamped along one side, or your own mesh, cut into parts."""
+
+    elements: list[int] = field(default_factory=lambda: [24, 18])
+    parts: int = key(8, "the number of parts, chosen so that they share little", least=2, most=1000)
+    sets: list[str] = key([], "instead of parts: groups of cells of the mesh, each of which is a part", otherwise="parts",
+                          example=["left-half", "right-half"])
+    modes: list[int] = field(default_factory=lambda: [2, 4])
+    force: float = 30.0
+    band: list[float] = key([0.0, 3000.0], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.sets and not self.mesh:
+            raise InputError("sets are groups of cells of a mesh file, but mesh is not given. Give parts for the rectangle")
+
+    def run(self, progress: Progress) -> Result:
+        progress(f"{self.name}: cutting the plate")
+        pieces = fs.cut(self.whole(), fs.plate, into=None if self.sets else self.parts, sets=self.sets or None, **self.properties)
+        return self.joined(fs.couple(pieces.parts, pieces.joints, self.name), pieces.meshes, repr(pieces), progress)
 
 
 def joined_mesh(meshes: Sequence[fs.Mesh], groups: Mapping[str, Array] | None = None) -> fs.Mesh:

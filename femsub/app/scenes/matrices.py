@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 from femsub import Substructure, read_component
 from femsub.app.keys import key
-from femsub.app.scene import Result
-from femsub.app.scenes.component import ComponentScene
-from femsub.app.scenes.outputs import ComponentRun, run_component
+from femsub.app.scene import Progress, Result
+from femsub.app.scenes.component import ComponentRun, ComponentScene
 from femsub.io import FORMATS, model_files
 
 
@@ -39,15 +37,15 @@ class MatricesScene(ComponentScene):
     OUTPUTS: ClassVar[tuple[str, ...]] = ("critical-slope", "eigenvalues", "error-time")
     ON_REQUEST: ClassVar[tuple[str, ...]] = ("modes", "frequency-response", "reduced-matrices")
 
+    def run(self, progress: Progress) -> Result:
+        return MatricesRun(self, progress).study()
+
     def component(self) -> tuple[Substructure, None]:
         """The component, checked."""
         paths = {name: Path(self.folder) / getattr(self, name) for name in ("M", "K", "D", "dofs") if getattr(self, name)}
         return read_component(paths["M"], paths["K"], paths.get("D"), dofs=paths.get("dofs"), interface=self.interface,
                               ports={"belt": self.port}, name=self.name, massless=self.massless,
                               drop_empty=self.drop_empty), None
-
-
-SCENE = MatricesScene
 
 
 class MatricesRun(ComponentRun):
@@ -60,6 +58,3 @@ class MatricesRun(ComponentRun):
                  for method, model in self.reduced for file, writer in model_files(model, self.scene.format).items()}
         folders = sorted({file.split("/")[0] for file in files})
         return Result({"reduced-matrices": folders}, [f"reduced matrices, with --out: {', '.join(folders)}"], files)
-
-
-run = partial(run_component, kind=MatricesRun)

@@ -1,9 +1,9 @@
-"""Your own parts, from matrices and meshes, joined: reduced by several methods, or each by one of its own."""
+"""Your own parts, from matrices, meshes and superelements, joined: reduced by several methods, or each by one of its own."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,14 +13,18 @@ import femsub as fs
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, other_method_names
 from femsub.app.scenes.audit import MODEL
-from femsub.app.scenes.joined_parts import Choice, JoinedRun, JoinedScene, Over
+from femsub.app.scenes.joined_parts import JoinedRun, JoinedScene
 from femsub.app.scenes.solid import motions
 from femsub.components import DIRECTIONS
 from femsub.errors import InputError, unknown_name
 from femsub.reduction import METHODS
+from femsub.studies import Remark, Table, column
 
 GROUND, FULL, ALL = "ground", "full", "interface"
 KINDS = ("rigid", "spring", "tied")
+OF_SUPERELEMENTS = ("part", "size", column("grids", "grids", "d"), "interface", "modes", "cutoff",
+                    column("recovered", "motions", "d"), column("own_frame", "own frame", "d"),
+                    column("trusted", "trusted ω", ".5g", unit="rad/time"), column("faults", "faults", "d"))
 
 
 @dataclass(frozen=True)
@@ -174,6 +178,7 @@ class OwnPartsScene(JoinedScene):
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("methods",)
     ON_REQUEST: ClassVar[tuple[str, ...]] = ("modes",)
+    RUN: ClassVar[type[JoinedRun]] = JoinedRun  #: the outputs
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -186,29 +191,71 @@ class OwnPartsScene(JoinedScene):
         if self.belt and self.belt not in names:
             raise unknown_name("part", self.belt, names)
 
+    def run(self, progress: Progress) -> Result:
+        progress(f"{self.name}: reading the parts")
+        made = {part.name: part.model(self.folder) for part in self.parts}
+        parts = {name: sub for name, (sub, _) in made.items()}
+        meshes = {name: mesh for name, (_, mesh) in made.items() if mesh is not None}
+        surfaces = [contact.made(meshes) for contact in self.contacts]
+        system = fs.couple(parts, [*(joint.made(parts, meshes) for joint in self.joints), *surfaces], self.name,
+                        interface=[_end(one, parts) for one in self.interface] or None)
+        rubbing = self.belt or next((name for name, sub in parts.items() if sub.ports), "")
+        if self.belt and not parts[self.belt].ports:
+            raise InputError(f"belt: the part {self.belt!r} has no port; give it a port (of matrices) or a contact (of a mesh)")
+        belt = [replace(self.linear_belt, port=f"{rubbing}.belt")] if rubbing else []
+        over = {"parameter": "mu", "values": self.full or [self.mu[1]], "between": (self.mu[0], self.mu[1])} if surfaces else {}
+        choices = {part.name: (part.method, part.modes) for part in self.parts if part.method or part.modes}
+        data: dict[str, Any] = {"band": self.band, "belt": rubbing, **(self.friction if rubbing else {})}
+        text = [f"{self.name}: {len(parts)} parts, {len(self.joints)} joint{'s' * (len(self.joints) != 1)}"
+                + (f", {self.friction_words}" if rubbing else ""), *map(repr, (*parts.values(), *surfaces))]
+        return self.RUN(self, progress, system, [*surfaces, *belt], meshes, choices, over).result(data, text)
 
-SCENE = OwnPartsScene
+
+class SuperelementsRun(JoinedRun):
+    """The outputs of superelements that are joined."""
+
+    def parts(self) -> Result:
+        """What was read of each part that is a reduced model, and the audit's statements."""
+        rows: list[dict[str, Any]] = []
+        checks: list[dict[str, Any]] = []
+        masses: list[str] = []
+        faults: list[str] = []
+        unknown: list[str] = []
+        for name, part in self.system.parts.items():
+            if not isinstance(part, fs.ReducedSubstructure):
+                continue
+            self.say(f"checking {name}")
+            found = fs.audit(part, units=self.scene.units)
+            dofs, full = part.interface_dofs, part.full_dofs
+            frames = [at for at, label in enumerate(full.labels) if "@" in label] if full else []  # which the files do not say
+            rows.append({"part": name, "size": part.size, "interface": len(part.interface_numbers), "modes": part.modes,
+                         "cutoff": part.cutoff, "recovered": len(part.V), "grids": len(np.unique(dofs.nodes)) if dofs else None,
+                         "own_frame": int(np.isin(full.components, frames).sum()) if full else None, "trusted": found.trusted,
+                         "faults": len(found.faults), "unknown": len(found.unknown)})
+            checks += [{"part": name, **row} for row in found.tables[0].rows]
+            masses += [f"{name}: {one.said}" for one in found.findings if one.what == "mass and inertia"]
+            faults += [f"{name}: {one.what}: {one.said}. {one.todo}." for one in found.faults]
+            unknown += [f"{name}: {one.what}: {one.said}." for one in found.unknown]
+        table = Table("superelements", rows, OF_SUPERELEMENTS, "Superelements")
+        return Result({"superelements": rows, "checks": checks}, [
+            "Superelements as they were read, and checked by themselves:", table, *masses,
+            Table("checks", checks, (), "Checks of superelements"), Remark(faults, unknown)])
 
 
-def run(scene: OwnPartsScene, progress: Progress, kind: type[JoinedRun] = JoinedRun) -> Result:
-    """The study over methods; `kind` may have outputs of a scene's own."""
-    progress(f"{scene.name}: reading the parts")
-    made = {part.name: part.model(scene.folder) for part in scene.parts}
-    parts = {name: sub for name, (sub, _) in made.items()}
-    meshes = {name: mesh for name, (_, mesh) in made.items() if mesh is not None}
-    surfaces = [contact.made(meshes) for contact in scene.contacts]
-    system = fs.couple(parts, [*(joint.made(parts, meshes) for joint in scene.joints), *surfaces], scene.name,
-                    interface=[_end(one, parts) for one in scene.interface] or None)
-    rubbing = scene.belt or next((name for name, sub in parts.items() if sub.ports), "")
-    if scene.belt and not parts[scene.belt].ports:
-        raise InputError(f"belt: the part {scene.belt!r} has no port; give it a port (of matrices) or a contact (of a mesh)")
-    belt = [replace(scene.linear_belt, port=f"{rubbing}.belt")] if rubbing else []
-    over = Over("mu", scene.full or [scene.mu[1]], (scene.mu[0], scene.mu[1])) if surfaces else None
-    choices = {part.name: Choice(part.method, part.modes) for part in scene.parts if part.method or part.modes}
-    data: dict[str, Any] = {"band": scene.band, "belt": rubbing, **(scene.friction if rubbing else {})}
-    text = [f"{scene.name}: {len(parts)} parts, {len(scene.joints)} joint{'s' * (len(scene.joints) != 1)}"
-            + (f", {scene.friction_words}" if rubbing else ""), *map(repr, (*parts.values(), *surfaces))]
-    return kind(scene, progress, system, [*surfaces, *belt], meshes, choices, over).result(data, text)
+@dataclass(frozen=True)
+class SuperelementsScene(OwnPartsScene):
+    """Superelements of other programs, joined, beside parts from matrices and meshes. Each is checked, and reduced once more."""
+
+    parts: list[PartKeys] = key([], "the parts", required=True, example=[
+        PartKeys("in", file="inboard.asm", cutoff=314.0), PartKeys("out", file="outboard.asm", cutoff=314.0, port=["11:uy"])])
+    joints: list[JointKeys] = key([], "the joints; an end is a grid, 'in.11', or a part's whole boundary, 'in'", required=True,
+                                  example=[JointKeys(["in", "out"])])
+    methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang", "rubin"])
+    modes: list[int] = field(default_factory=lambda: [4, 8, 12])
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("parts", "modes", "methods")
+    ON_REQUEST: ClassVar[tuple[str, ...]] = ()
+    RUN: ClassVar[type[JoinedRun]] = SuperelementsRun
 
 
 def _end(said: str, parts: dict[str, fs.Substructure]) -> Any:

@@ -12,7 +12,6 @@ from femsub import Mesh, Substructure, plate, read_mesh, rectangle
 from femsub.app.keys import key
 from femsub.app.scene import Scene
 from femsub.app.scenes.component import ComponentScene
-from femsub.app.scenes.outputs import run_component
 
 
 @dataclass(frozen=True)
@@ -79,6 +78,3 @@ class PlateScene(ComponentScene, PlateKeys):
             ends = [np.intersect1d(mesh.sets[x], mesh.sets[y]) for x in ("left", "right") for y in ("front", "back")]
             mesh = mesh.with_sets(corners=np.concatenate(ends))
         return plate(mesh, interface=self.interface, name=self.name, **self.properties), mesh
-
-
-SCENE, run = PlateScene, run_component

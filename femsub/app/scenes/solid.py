@@ -10,7 +10,6 @@ import numpy as np
 from femsub import Material, Mesh, Substructure, annulus, read_mesh, solid
 from femsub.app.keys import key
 from femsub.app.scenes.component import ComponentScene
-from femsub.app.scenes.outputs import run_component
 from femsub.components import DIRECTIONS
 from femsub.errors import InputError
 
@@ -79,9 +78,6 @@ class SolidScene(ComponentScene):
         sub = solid(mesh, material, supports=motions(self.supports), interface=motions(self.interface),
                     ports={"belt": (self.contact, self.direction)}, rayleigh=(self.rayleigh[0], self.rayleigh[1]), name=self.name)
         return sub, mesh
-
-
-SCENE, run = SolidScene, run_component
 
 
 def motions(names: list[str]) -> dict[str, str]:

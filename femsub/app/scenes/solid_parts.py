@@ -9,7 +9,7 @@ import numpy as np
 from femsub import Material, Mesh, Spring, Substructure, Tied, block, couple, solid
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
-from femsub.app.scenes.joined_parts import MeshedScene, run_parts
+from femsub.app.scenes.joined_parts import MeshedScene
 from femsub.checks import Array
 
 #: name: (lengths, place of the corner nearest to the origin, bricks along x, y, z), in m
@@ -46,8 +46,13 @@ class SolidPartsScene(MeshedScene):
     modes: list[int] = field(default_factory=lambda: [5, 10])
     band: list[float] = key([0.0, 1.2e4], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]")
 
-
-SCENE = SolidPartsScene
+    def run(self, progress: Progress) -> Result:
+        progress(f"{self.name}: making the parts")
+        found = meshes(self.fineness, self.kind)
+        parts, joints = assembly(found, Material(self.E, self.nu, self.rho), self.bolts, (self.rayleigh[0], self.rayleigh[1]))
+        system = couple(parts, joints, self.name)
+        head = f"{self.name}: {system.size} DOF in {len(parts)} parts, {len(joints)} joints"
+        return self.joined(system, found, head, progress)
 
 
 def meshes(fineness: int = 1, kind: str = "hexahedron20") -> dict[str, Mesh]:
@@ -89,13 +94,3 @@ def assembly(found: dict[str, Mesh], material: Material, bolts: float,
     joints: list[Spring | Tied] = [Tied((above, "bottom"), (below, above), {name: found[name] for name in (below, above)})
                                    for below, above in GLUED]
     return parts, joints + [Spring((post, "head"), ("cover", post), stiffness=bolts) for post in POSTS]
-
-
-def run(scene: SolidPartsScene, progress: Progress) -> Result:
-    """The parts in colours, the study over methods, and how many modes each part needs."""
-    progress(f"{scene.name}: making the parts")
-    found = meshes(scene.fineness, scene.kind)
-    parts, joints = assembly(found, Material(scene.E, scene.nu, scene.rho), scene.bolts, (scene.rayleigh[0], scene.rayleigh[1]))
-    system = couple(parts, joints, scene.name)
-    head = f"{scene.name}: {system.size} DOF in {len(parts)} parts, {len(joints)} joints"
-    return run_parts(scene, system, found, head, progress)

@@ -1,24 +1,28 @@
-"""What the scenes of limit cycles share: their keys, the table of cycles, the branches and the dots of transients."""
+"""Limit cycles of the chain and of a plate, full and reduced: a table, branches, stability, and the dots of transients."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_balance, spectrum, transient
+import femsub as fs
+from femsub import harmonic_balance, transient
 from femsub.algebra import QUADRATIC
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, Run, Scene
+from femsub.app.scenes.chain import ChainScene
+from femsub.app.scenes.component import ComponentRun
 from femsub.app.scenes.in_time import whole
+from femsub.app.scenes.plate import PlateScene
 from femsub.checks import Array
 from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.motion import PARAMETERS, of_signal, onsets, sliding, with_parameter
-from femsub.studies import Table, bifurcation_chart, column, cycles_verdict, label
+from femsub.studies import Table, bifurcation_chart, column, cycles_verdict, label, span
 
 
 @dataclass(frozen=True)
@@ -44,18 +48,18 @@ class CycleKeys(Scene):
     WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
 
 
-def small(model: Substructure) -> bool:
+def small(model: fs.Substructure) -> bool:
     """Whether all modes of a model, and the stability of its cycles, are at hand."""
     return not model.pencil.is_sparse or model.size <= QUADRATIC
 
 
 @dataclass(eq=False)
 class CycleRun(Run):
-    """Cycles and branches of models by their names, those from modes in a band."""
+    """Cycles and branches of models by their names, those from modes in a band; the full model is first if it is small."""
 
     scene: CycleKeys
     progress: Progress
-    models: Mapping[str, Substructure]
+    models: Mapping[str, fs.Substructure]
     limits: tuple[float, float]
 
     def __post_init__(self) -> None:
@@ -63,6 +67,10 @@ class CycleRun(Run):
         self.order = list(self.models)
         #: large models start from the others' cycles
         self.ordered = sorted(self.models.items(), key=lambda pair: not small(pair[1]))
+
+    def study(self, head: str, data: dict[str, Any]) -> Result:
+        """What the scene asks for, below a line; `data` says what the models are."""
+        return self.result({**self.scene.friction, "band": self.limits, "parameter": self.scene.parameter, **data}, [head])
 
     @cached_property
     def onsets(self) -> tuple[list[float], float]:
@@ -79,7 +87,7 @@ class CycleRun(Run):
     def cycles(self) -> Result:
         scene, rows = self.scene, list[dict[str, Any]]()
         for family in self.onsets[0]:
-            found: dict[str, LimitCycle] = {}
+            found: dict[str, fs.LimitCycle] = {}
             here: list[dict[str, Any]] = []
             for name, model in self.ordered:
                 self.say(f"limit cycle of {label(name)} near ω = {family:.4g}")
@@ -140,7 +148,7 @@ class CycleRun(Run):
                 begun = time.perf_counter()
                 found.append({"model": name, "family": family})
                 try:
-                    traced, missed = (branch(model, belt, scene.parameter, ends, start=family, points=scene.points,
+                    traced, missed = (fs.branch(model, belt, scene.parameter, ends, start=family, points=scene.points,
                                              harmonics=scene.harmonics), []) if small(model) else \
                         self.guided(model, [item["branch"] for item in found if "branch" in item and item["family"] == family])
                 except (NotConvergedError, NoCycleError) as error:
@@ -188,7 +196,7 @@ class CycleRun(Run):
             Table("branches", rows, title="Branches, point by point"), Table("transients", dots, title="Transients"),
             bifurcation_chart(whole, dots, scene.parameter, families, now, scene.name)])
 
-    def guided(self, model: Substructure, guides: Sequence[Branch]) -> tuple[Branch, list[dict[str, Any]]]:
+    def guided(self, model: fs.Substructure, guides: Sequence[fs.Branch]) -> tuple[fs.Branch, list[dict[str, Any]]]:
         """A model whose modes are not at hand: its cycles at a few points of the last of reduced models' branches.
 
         Each starts from the cycle there. They are spread evenly from the branch's beginning, where there is no amplitude yet, to
@@ -197,7 +205,7 @@ class CycleRun(Run):
         if not guides:
             raise NotConvergedError("no reduced model has this branch")
         guide, parameter = guides[-1], self.scene.parameter
-        values, points = list[float](), list[LimitCycle]()
+        values, points = list[float](), list[fs.LimitCycle]()
         missed: list[dict[str, Any]] = []
         even = np.linspace(guide.values[0], guide.values[-1], max(3, self.scene.dots) + 1)[1:]
         wanted = np.unique([np.abs(guide.values - value).argmin() for value in even])
@@ -205,7 +213,7 @@ class CycleRun(Run):
             value, cycle = float(guide.values[at]), guide.points[at]
             self.say(f"full model, {parameter} = {value:.5g}")
             belt = with_parameter(self.scene.rubbing, parameter, value)
-            begin = LimitCycle(points[-1].contact, cycle.orbit, points[-1].flexibility, 0.0, 0.0, 0.0) if points else cycle
+            begin = fs.LimitCycle(points[-1].contact, cycle.orbit, points[-1].flexibility, 0.0, 0.0, 0.0) if points else cycle
             try:
                 points.append(harmonic_balance(model, belt, start=begin, tol=1e-3))
                 values.append(value)
@@ -213,10 +221,10 @@ class CycleRun(Run):
                 missed.append({parameter: value, "why": str(error)})
         if not points:
             raise NotConvergedError(f"none of {len(wanted)} cycles; the first: {missed[0]['why']}")
-        return Branch(parameter, np.array(values), tuple(points), (), None,
+        return fs.Branch(parameter, np.array(values), tuple(points), (), None,
                       f"{len(points)} of {len(wanted)} cycles, from those of a reduced model"), missed
 
-    def dots(self, name: str, model: Substructure, limits: tuple[float, float], slowest: float, traced: Sequence[Branch]
+    def dots(self, name: str, model: fs.Substructure, limits: tuple[float, float], slowest: float, traced: Sequence[fs.Branch]
              ) -> list[dict[str, Any]]:
         """rms and the strongest frequency of what a blow, or a disturbed cycle, leads to, at a few values of the parameter.
 
@@ -233,19 +241,19 @@ class CycleRun(Run):
                 if not near:
                     continue
                 state = near[0].state()
-                start = State(state.displacement, 1.05 * state.velocity)
+                start = fs.State(state.displacement, 1.05 * state.velocity)
             else:
                 # so hard a blow that the contact moves at the belt's speed, which is beyond the threshold of a hard onset
                 contact = sliding(model, belt)
                 blow = contact.impulse(1.0)
-                start = State(blow.displacement, blow.velocity * abs(scene.speed / float(contact.W[:, 0] @ blow.velocity)))
+                start = fs.State(blow.displacement, blow.velocity * abs(scene.speed / float(contact.W[:, 0] @ blow.velocity)))
             done = whole(transient(model, belt, (0.0, end), start=start, record_from=part * end, samples=8192, tol=1e-6))
             v: Array = done.velocity(belt.port)
             v = v[:, 0] if v.ndim > 1 else v
             if scene.dots_from == "cycle":
                 omega = 2 * np.pi / repeats(done.t, v, 2 * np.pi / of_signal(done.t, v, 1).omega)
             else:
-                omega = float(next(iter(spectrum(done.t, v).peaks), np.nan))
+                omega = float(next(iter(fs.spectrum(done.t, v).peaks), np.nan))
             found.append({"model": name, "value": value, "rms": float(np.std(v)), "omega": omega})
         return found
 
@@ -259,8 +267,53 @@ def repeats(t: Array, v: Array, guess: float) -> float:
     return float(trial[np.argmin(gap)])
 
 
-def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], data: dict[str, Any],
-               head: str, progress: Progress) -> Result:
-    """The outputs 'cycles' and 'branches' of a set of models, the reference among them first if it is small."""
-    common = {**scene.friction, "band": band, "parameter": scene.parameter}
-    return CycleRun(scene, progress, models, band).result(common | data, [head])
+@dataclass(frozen=True)
+class ChainCycleScene(CycleKeys, ChainScene):
+    """Limit cycles of the paper's chain and of its reduced models."""
+
+    band: list[float] = key([], "holds the frequencies of the modes whose cycles are sought", unit="rad/time", least=0,
+                            form="[lo, hi]", otherwise="the four lowest modes of the paper's chain")
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("cycles", "branches")
+
+    def __post_init__(self) -> None:
+        if not self.band:
+            lowest = fs.chain_frequencies(max(self.n, 1), min(max(self.n, 1), 4))
+            self.put(band=[0.0, float(1.02 * lowest[-1])])
+        super().__post_init__()
+
+    def run(self, progress: Progress) -> Result:
+        full = self.model(self.belt, False)
+        models = {"full": full, **{method: self.reduced(full, method, self.size) for method in self.methods}}
+        head = f"{self.words}, belt under m{self.belt}, {self.friction_words}; {self.labels} of {self.size} DOF"
+        data = {"n": self.n, "damping": self.damping, "belt": self.belt, "interface": self.interface, "size": self.size}
+        return CycleRun(self, progress, models, (self.band[0], self.band[1])).study(head, data)
+
+
+@dataclass(frozen=True)
+class PlateCycleScene(CycleKeys, PlateScene):
+    """Limit cycles of a plate under a belt, over the normal force. Of several `modes` the largest serves.
+
+    The full model's cycles are solved for the harmonics of the contact alone, each from that of a reduced model, at a few values
+    of the force; their stability is not computed.
+    """
+
+    parameter: str = "force"
+    families: int = 1
+    modes: list[int] = field(default_factory=lambda: [20])
+    force: float = 60.0
+    points: int = 60
+    dots: int = 2
+    periods: int = 8
+    dots_from: str = "cycle"
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("cycles", "branches")
+
+    def run(self, progress: Progress) -> Result:
+        work, most = ComponentRun(self, progress), max(self.modes)
+        models = {**{method.key: rom for method, rom in work.reduced if method.modes == most}, "full": work.sub}
+        band, rule = work.band
+        head = (f"{self.name}: {work.sub!r}\n{self.friction_words}; "
+                f"{self.labels} with {most} modes; band {span(band)} ({rule})")
+        data = {"model": repr(work.sub), "size": work.sub.size, "modes_kept": most, "band_rule": rule}
+        return CycleRun(self, progress, models, band).study(head, data)
