@@ -18,8 +18,8 @@ from functools import partial
 from pathlib import Path
 
 from femsub import __version__
-from femsub.app.audit_command import add_arguments, keys
 from femsub.app.scene import SCENES, Result, Scene, built, load
+from femsub.app.scenes import audit
 from femsub.checks import installed_by, package
 from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, printable
 
@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
                      "if they are not beside what names them")
     _loudness(run)
     checked = commands.add_parser("audit", help="check a reduced model from files, by itself or against the full one")
-    add_arguments(checked)
+    audit.add_arguments(checked)
     checked.add_argument("--out", metavar="DIR", help="write results.json, CSV files and a figure there"
                          ).complete = FOLDERS  # type: ignore[attr-defined]
     _loudness(checked)
@@ -96,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.command == "run":
             return _run(options, partial(load, options.scene, options.trust), options.trust)
         if options.command == "audit":
-            return _run(options, lambda: built(keys(options)))
+            return _run(options, lambda: built(audit.keys(options)))
         if options.command == "doctor":
             try:
                 from femsub.app.doctor import report

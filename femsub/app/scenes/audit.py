@@ -1,22 +1,24 @@
-"""Anybody's reduced model from files, checked by itself or against the full one; `femsub audit` makes such a scene."""
+"""Anybody's reduced model from files, checked by itself or against the full one: the scene, and `femsub audit FILES...`.
+
+The command line reads this module before it knows what is asked: nothing here imports NumPy.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import argparse
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
-from femsub import CraigBampton, ReducedSubstructure, Substructure, audit, beam, read_component, read_matrix, reduce
-from femsub.app.keys import key
+import femsub as fs
+from femsub.app.keys import Declared, item_kind, key, keys_of
 from femsub.app.scene import Progress, Result, Scene
 from femsub.errors import InputError
-from femsub.io import read_dofs
 
 NO_BELT = "a reduced model is checked by itself: there is no belt, and nothing is reduced"
-MODEL = "model.json"
+MODEL = "model.json"  # of a folder of write_matrices
 
 
 @dataclass(frozen=True)
@@ -76,41 +78,90 @@ class AuditScene(Scene):
         progress(f"{self.name}: reading the models")
         reduced, full = (self.reduced(), self.whole()) if self.model or self.M else example()
         progress(f"{self.name}: checking")
-        found = audit(reduced, full, mass=self.mass or None, cutoff=self.cutoff or None, gyroscopic=self.gyroscopic,
+        found = fs.audit(reduced, full, mass=self.mass or None, cutoff=self.cutoff or None, gyroscopic=self.gyroscopic,
                       floating={"yes": True, "no": False}.get(self.floating), units=self.units)
         checks, frequencies = found.tables
         listed = ["", f"{frequencies.title}:", frequencies] if len(found.omega) else []
-        charts = [found.chart] if np.isfinite(found.lower).any() else []
+        charts = [found.chart] if any(map(math.isfinite, found.lower)) else []
         return Result({"audit": found.record()}, [found.answer, checks, *listed, *charts])
 
     def reduced(self) -> Any:
         """The reduced model: as it was written, or its matrices as they are."""
         folder = Path(self.folder)
         if self.model:
-            return read_component((folder / self.model).parent)
-        found: dict[str, Any] = {name: read_matrix(folder / getattr(self, name)) for name in "MKDV" if getattr(self, name)}
-        lists = {"interface": self.interface, "kinds": self.kinds, "dofs": read_dofs(folder / self.dofs) if self.dofs else None}
+            return fs.read_component((folder / self.model).parent)
+        found: dict[str, Any] = {name: fs.read_matrix(folder / getattr(self, name)) for name in "MKDV" if getattr(self, name)}
+        dofs = fs.io.read_dofs(folder / self.dofs) if self.dofs else None
+        lists = {"interface": self.interface, "kinds": self.kinds, "dofs": dofs}
         return found | {"name": self.name} | {name: value for name, value in lists.items() if value}
 
-    def whole(self) -> Substructure | None:
+    def whole(self) -> fs.Substructure | None:
         """The full model, if there is one."""
         folder = Path(self.folder)
         if self.full:
-            return read_component((folder / self.full).parent)
+            return fs.read_component((folder / self.full).parent)
         if not self.full_M:
             return None
         paths = {name: folder / file for name in "MKD" if (file := getattr(self, f"full_{name}"))}
-        return read_component(paths["M"], paths["K"], paths.get("D"), dofs=folder / self.full_dofs if self.full_dofs else None,
+        return fs.read_component(paths["M"], paths["K"], paths.get("D"), dofs=folder / self.full_dofs if self.full_dofs else None,
                               interface=self.full_interface, massless=True)
 
 
-def example(lost: int = 3) -> tuple[ReducedSubstructure, Substructure]:
+def example(lost: int = 3) -> tuple[fs.ReducedSubstructure, fs.Substructure]:
     """A steel beam reduced to twelve coordinates, of which one mode, the third, is then left out as if nothing had happened."""
-    full = beam(1.0, 60, E=2.1e11, I=1.7e-9, rho=7850.0, A=2e-4, supports={"left": "clamped"}, interface=["right"], rayleigh=(
+    full = fs.beam(1.0, 60, E=2.1e11, I=1.7e-9, rho=7850.0, A=2e-4, supports={"left": "clamped"}, interface=["right"], rayleigh=(
         5.0, 1e-7))
-    whole = reduce(full, CraigBampton(10))
-    at = np.delete(np.arange(whole.size), len(whole.interface) + lost - 1)
-    M, D, K = (A[np.ix_(at, at)] for A in (whole.M, whole.D, whole.K))
-    return ReducedSubstructure(M, K, D, {}, whole.name, V=whole.V[:, at], kinds=tuple(whole.kinds[one] for one in at),
-                               full_interface=whole.full_interface, cutoff=whole.cutoff, method="Craig-Bampton",
-                               full_dofs=whole.full_dofs), full
+    whole = fs.reduce(full, fs.CraigBampton(10))
+    at = [one for one in range(whole.size) if one != len(whole.interface) + lost - 1]
+    M, D, K = (A[at][:, at] for A in (whole.M, whole.D, whole.K))
+    return fs.ReducedSubstructure(M, K, D, {}, whole.name, V=whole.V[:, at], kinds=tuple(whole.kinds[one] for one in at),
+                                  full_interface=whole.full_interface, cutoff=whole.cutoff, method="Craig-Bampton",
+                                  full_dofs=whole.full_dofs), full
+
+
+def options() -> dict[str, Declared]:
+    """The keys of the scene that are options of the command: what is known of the models, but not their files."""
+    files = ("model", "M", "K", "D", "full", "full_M", "full_K", "full_D")
+    return {name: one for name, one in keys_of(AuditScene).items()
+            if name == "units" or name not in (*files, *keys_of(Scene))}
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The arguments of the command beside those of every run."""
+    command.add_argument("files", nargs="+", metavar="FILE",
+                         help="a folder of write_matrices, or the files of M and K, and of D if there is one")
+    command.add_argument("--full", nargs="+", metavar="FILE", default=[], help="the full model, named alike")
+    for name, one in options().items():
+        flag, text = f"--{name.replace('_', '-')}", one.key.meaning + (f" [{one.key.unit}]" if one.key.unit else "")
+        if one.type is bool:
+            command.add_argument(flag, action="store_true", default=None, help=text)
+        elif item_kind(one.type):
+            command.add_argument(flag, type=listed, metavar="LIST", help=f"{text}; with commas between")
+        else:
+            words = "|".join(one.key.choices(AuditScene)) if one.key.choices else ""
+            shape = words or ("FILE" if one.key.file else "NUMBER")
+            command.add_argument(flag, type=one.type, metavar=shape, help=text)
+
+
+def listed(text: str) -> list[int | str]:
+    """[0, "12:uz"] of "0,12:uz"."""
+    words = [word.strip() for word in text.split(",") if word.strip()]
+    return [int(word) if word.isdecimal() else word for word in words]
+
+
+def keys(given: argparse.Namespace) -> dict[str, Any]:
+    """The keys of the scene, those that were given."""
+    found: dict[str, Any] = {"scene": "audit", **_named(given.files, "model", ""), **_named(given.full, "full", "full_")}
+    return found | {name: value for name in options() if (value := getattr(given, name)) is not None}
+
+
+def _named(files: Sequence[str], folder: str, prefix: str) -> dict[str, str]:
+    """The keys for a folder of write_matrices, or for the files of M, K and D."""
+    if len(files) == 1:
+        path = Path(files[0])
+        if not path.is_dir() and path.name != MODEL:
+            raise InputError(f"{files[0]} is no folder of write_matrices: name one, or the files of M and K")
+        return {folder: str(path / MODEL if path.is_dir() else path)}
+    if len(files) > 3:
+        raise InputError(f"{len(files)} files are given: name those of M, K and D, in this order")
+    return {f"{prefix}{name}": file for name, file in zip("MKD", files, strict=False)}
