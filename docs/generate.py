@@ -9,7 +9,7 @@ from typing import Any
 
 import femsub as fs
 from femsub.app.explain import toml
-from femsub.app.keys import Declared, defaults_of, keys_of, type_words
+from femsub.app.keys import Key, defaults_of, keys_of, type_words
 from femsub.app.scene import SCENES, scene_of
 
 #: the pages of public names: title, one line, and the rooms or modules of femsub whose names stand there
@@ -86,23 +86,22 @@ def inner_tables(kind: type, where: str) -> Iterator[str]:
 
 
 def key_table(kind: type, defaults: Mapping[str, Any]) -> str:
-    rows = [[f"`{name}`", type_of(one, kind), default_of(one, defaults[name]), one.key.meaning, one.key.unit]
+    rows = [[f"`{name}`", type_of(one, kind), default_of(one, defaults[name]), one.meaning, one.unit]
             for name, one in keys_of(kind).items()]
     return "\n".join(["| key | type | default | meaning | unit |", "|---|---|---|---|---|",
                       *(f"| {' | '.join(map(cell, row))} |" for row in rows)])
 
 
-def type_of(one: Declared, owner: type) -> str:
-    key = one.key
-    words = type_words(one.type).replace("a list of", f"`{key.form}`," if key.form else "a list of")
-    words += f"; {key.bounds}" if key.bounds else ""
-    return words + (": " + ", ".join(f"`{word}`" for word in key.choices(owner)) if key.choices else "")
+def type_of(one: Key, owner: type) -> str:
+    words = type_words(one.type).replace("a list of", f"`{one.form}`," if one.form else "a list of")
+    words += f"; {one.bounds}" if one.bounds else ""
+    return words + (": " + ", ".join(f"`{word}`" for word in one.choices(owner)) if one.choices else "")
 
 
-def default_of(one: Declared, default: Any) -> str:
-    if one.key.required:
+def default_of(one: Key, default: Any) -> str:
+    if one.required:
         return "required"
-    return one.key.otherwise or ("" if default in (None, "", []) else f"`{toml(default)}`")
+    return one.otherwise or ("" if default in (None, "", []) else f"`{toml(default)}`")
 
 
 def cell(text: str) -> str:

@@ -76,7 +76,7 @@ def test_every_field_of_a_scene_is_a_key_that_is_explained(name: str) -> None:
     without = {"folder", "own", *scene.WITHOUT}
     known = keys_of(scene)
     assert set(known) == {item.name for item in dataclasses.fields(scene)} - without
-    assert all(one.key.meaning and not one.key.meaning.endswith(".") for one in known.values())
+    assert all(one.meaning and not one.meaning.endswith(".") for one in known.values())
 
 
 @pytest.mark.parametrize("text", scene_texts().values(), ids=list(scene_texts()))
@@ -152,7 +152,7 @@ def test_keys_are_listed_with_type_unit_default_and_meaning(name: str, capsys: p
         entry = re.search(rf"^{field} +(.+(?:\n +.+)+)", text, re.MULTILINE)
         assert entry is not None
         said = " ".join(entry[1].split())
-        assert one.key.meaning in said and f"[{one.key.unit}]" in said + "[]" * (not one.key.unit)
+        assert one.meaning in said and f"[{one.unit}]" in said + "[]" * (not one.unit)
 
 
 # tables within a scene

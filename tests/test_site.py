@@ -65,8 +65,8 @@ def test_the_reference_has_every_key_of_a_scene(scene: str) -> None:
     assert [name for name, _ in rows] == expected(scene_of(scene)[0])
     for name, one in keys_of(scene_of(scene)[0]).items():
         type_, default, meaning, unit = (cell.strip() for cell in re.split(r"(?<!\\)\|", dict(reversed(rows))[name]))
-        assert meaning.replace(r"\|", "|") == one.key.meaning and unit == one.key.unit and type_
-        assert (default == "required") == one.key.required
+        assert meaning.replace(r"\|", "|") == one.meaning and unit == one.unit and type_
+        assert (default == "required") == one.required
 
 
 # the gallery

@@ -10,7 +10,7 @@ from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from femsub.app.keys import Declared, defaults_of, item_kind, keys_of, kinds, type_words
+from femsub.app.keys import Key, defaults_of, item_kind, keys_of, kinds, type_words
 from femsub.app.scene import scene_of
 from femsub.app.schema import FILE
 
@@ -38,7 +38,7 @@ def _listed(kind: type, defaults: Mapping[str, Any], indent: str) -> Iterator[st
     for name, one in declared.items():
         margin = f"{indent}{'':<{wide}}  "
         first, *more = _paragraph(_about(one, kind, defaults[name]), margin)
-        yield from (f"{indent}{name:<{wide}}  {first[len(margin):]}", *more, *_paragraph(one.key.meaning, margin))
+        yield from (f"{indent}{name:<{wide}}  {first[len(margin):]}", *more, *_paragraph(one.meaning, margin))
         if one.table is not None:
             yield from _listed(one.table, defaults_of(one.table), margin)
 
@@ -49,10 +49,10 @@ def _template(kind: type, defaults: Mapping[str, Any], header: str, given: Conta
     Keys that are `given` in an example stand without a #, as those that are required.
     """
     for name, one in sorted(keys_of(kind).items(), key=lambda pair: pair[1].table is not None):
-        value = one.key.example if (example := defaults[name] in (None, "", [])) else defaults[name]
+        value = one.example if (example := defaults[name] in (None, "", [])) else defaults[name]
         yield ""
-        yield from _paragraph(f"{one.key.meaning} ({_about(one, kind)}{'; an example' if example else ''})", "# ")
-        table, mark = one.table, "" if one.key.required or name in given else "#"
+        yield from _paragraph(f"{one.meaning} ({_about(one, kind)}{'; an example' if example else ''})", "# ")
+        table, mark = one.table, "" if one.required or name in given else "#"
         if table is None:
             yield f"{mark}{name} = {toml(value)}"
             continue
@@ -66,16 +66,15 @@ def _template(kind: type, defaults: Mapping[str, Any], header: str, given: Conta
             yield from (mark + line if line and not line.startswith("#") else line for line in lines)
 
 
-def _about(one: Declared, owner: type, default: Any = None) -> str:
+def _about(one: Key, owner: type, default: Any = None) -> str:
     """'a number above 0 [m]; default 1.0'."""
-    key = one.key
-    words = type_words(one.type).replace("a list of", f"{key.form}," if key.form else "a list of")
-    words += f"{', numbers' if 'string' in words else ''} {key.bounds}" if key.bounds else ""
-    words += f" [{key.unit}]" if key.unit else ""
+    words = type_words(one.type).replace("a list of", f"{one.form}," if one.form else "a list of")
+    words += f"{', numbers' if 'string' in words else ''} {one.bounds}" if one.bounds else ""
+    words += f" [{one.unit}]" if one.unit else ""
     words += ", or \"5 kHz\" where units are given" if one.in_hertz else ""
-    words += f": {', '.join(key.choices(owner))}" if key.choices is not None else ""
-    standard = key.otherwise or ("" if default in (None, "", []) else toml(default))
-    return words + ("; required" if key.required else f"; default: {standard}" if standard else "")
+    words += f": {', '.join(one.choices(owner))}" if one.choices is not None else ""
+    standard = one.otherwise or ("" if default in (None, "", []) else toml(default))
+    return words + ("; required" if one.required else f"; default: {standard}" if standard else "")
 
 
 def toml(value: Any) -> str:

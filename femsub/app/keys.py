@@ -32,7 +32,7 @@ HERTZ = re.compile(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(k?)Hz\s*")  # of a b
 
 @dataclass(frozen=True)
 class Key:
-    """What is known of a key beside its type and default.
+    """What is known of a key.
 
     Attributes
     ----------
@@ -60,6 +60,8 @@ class Key:
         It must be there if this other key is.
     file : bool
         It names a file, relative to the scene file; its hash stands in results.json.
+    type, default : object
+        Those of the field, known once a class has it.
     """
 
     meaning: str
@@ -77,6 +79,8 @@ class Key:
     required: bool = False
     required_with: str = ""
     file: bool = False
+    type: Any = None
+    default: Any = None
 
     @property
     def length(self) -> int | None:
@@ -94,24 +98,14 @@ class Key:
         return ((self.least is None or value >= self.least) and (self.most is None or value <= self.most)
                 and (self.above is None or value > self.above) and (self.below is None or value < self.below))
 
-
-@dataclass(frozen=True)
-class Declared:
-    """A key as a class has it: its name, its type, its default, and what is known of it."""
-
-    name: str
-    type: Any
-    default: Any
-    key: Key
-
     @property
     def in_hertz(self) -> bool:
         """Whether it is a band, whose ends may be given as "5000 Hz" or "5 kHz"."""
-        return self.key.form == RANGES[0] and self.key.unit.startswith("rad/")
+        return self.form == RANGES[0] and self.unit.startswith("rad/")
 
     @property
-    def table(self) -> type | None:
-        """The class of a key that holds a table, or a list of tables."""
+    def table(self) -> Any:
+        """The class of a key that holds a table, or a list of tables; else None."""
         return next((item for kind in kinds(self.type) for item in (item_kind(kind) or kind,) if dataclasses.is_dataclass(item)),
                     None)
 
@@ -124,18 +118,22 @@ def key(default: Any, meaning: str, **known: Any) -> Any:
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def keys_of(kind: type) -> dict[str, Declared]:
-    """The keys of a scene or of a table, by name: those that are required first, those that all scenes share last."""
+def keys_of(kind: type) -> dict[str, Key]:
+    """The keys of a scene or of a table, by name: those that are required first, those that all scenes share last.
+
+    A key that a class declares anew with a default is not required any more.
+    """
     hints = _types(kind)
-    found: dict[str, Declared] = {}
+    found: dict[str, Key] = {}
     for item in dataclasses.fields(kind):
         fields = (getattr(one, "__dataclass_fields__", {}).get(item.name) for one in kind.__mro__)
         known = next((field.metadata["key"] for field in fields if field is not None and "key" in field.metadata), None)
         if known is not None and item.name not in getattr(kind, "WITHOUT", {}):
             default = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
-            found[item.name] = Declared(item.name, hints[item.name], default, known)
+            found[item.name] = dataclasses.replace(known, type=hints[item.name], default=default,
+                                                   required=known.required and "key" in item.metadata)
     general = keys_of(base) if (base := next(filter(dataclasses.is_dataclass, reversed(kind.__mro__)))) is not kind else {}
-    return dict(sorted(found.items(), key=lambda pair: (not pair[1].key.required, pair[0] in general)))
+    return dict(sorted(found.items(), key=lambda pair: (not pair[1].required, pair[0] in general)))
 
 
 _types = cache(get_type_hints)  # get_type_hints reads the text of each annotation anew, of all classes before this one
@@ -146,8 +144,8 @@ def defaults_of(kind: type, *name: str) -> dict[str, Any]:
     keys = keys_of(kind)
     if not name:
         return {key: one.default for key, one in keys.items()}
-    made = kind(*name, **{key: one.key.example for key, one in keys.items() if one.key.required})
-    return {key: one.default if one.key.required else getattr(made, key) for key, one in keys.items()}
+    made = kind(*name, **{key: one.example for key, one in keys.items() if one.required})
+    return {key: one.default if one.required else getattr(made, key) for key, one in keys.items()}
 
 
 def kinds(declared: Any) -> list[Any]:
@@ -221,28 +219,29 @@ def check_keys(scene: Any, where: str = "") -> None:
     InputError
         A value beyond its bounds, an unknown word, a list of the wrong length, a key that is missing.
     """
-    empty = {name for name in keys_of(type(scene)) if getattr(scene, name) in (None, "", [])}
-    for field, one in keys_of(type(scene)).items():
-        value, known, name = getattr(scene, field), one.key, where + field
+    declared = keys_of(type(scene))
+    empty = {name for name in declared if getattr(scene, name) in (None, "", [])}
+    for field, one in declared.items():
+        value, name = getattr(scene, field), where + field
         if field in empty:
-            if known.required or (known.required_with and known.required_with not in empty):
-                raise InputError(f"scene key {name!r} is missing: {known.meaning}")
+            if one.required or (one.required_with and one.required_with not in empty):
+                raise InputError(f"scene key {name!r} is missing: {one.meaning}")
             continue
-        if known.length and (isinstance(value, list) and len(value) != known.length):
-            raise InputError(f"{name} must be {known.form}, not {shown(value)}")
-        if known.form in RANGES:
+        if one.length and (isinstance(value, list) and len(value) != one.length):
+            raise InputError(f"{name} must be {one.form}, not {shown(value)}")
+        if one.form in RANGES:
             check_band(value) if field == "band" else interval(name, value)
-        if known.distinct and (twice := [item for item in value if value.count(item) > 1]):
+        if one.distinct and (twice := [item for item in value if value.count(item) > 1]):
             raise InputError(f"{name}: {twice[0]!r} is listed {value.count(twice[0])} times")
         for place, item in enumerate(value if isinstance(value, list) else [value], 1):
             if one.type in (int, list[int]):
-                whole_number(name, item, least=known.least, most=known.most)  # type: ignore[arg-type]
-            elif isinstance(item, (int, float)) and not known.admits(item):
-                words = {"above 0": "be positive", "at least 0": "not be negative"}.get(known.bounds, f"be {known.bounds}")
+                whole_number(name, item, least=one.least, most=one.most)  # type: ignore[arg-type]
+            elif isinstance(item, (int, float)) and not one.admits(item):
+                words = {"above 0": "be positive", "at least 0": "not be negative"}.get(one.bounds, f"be {one.bounds}")
                 where_in_list = f" in place {place}" if isinstance(value, list) and len(value) > 1 else ""
                 raise InputError(f"{name} must {words}, but is {shown(item)}{where_in_list}")
-            if known.choices is not None and isinstance(item, str):
-                choice(name.removesuffix("s") if isinstance(value, list) else name, item, known.choices(type(scene)))
+            if one.choices is not None and isinstance(item, str):
+                choice(name.removesuffix("s") if isinstance(value, list) else name, item, one.choices(type(scene)))
 
 
 def _fits(value: Any, kind: Any) -> bool:

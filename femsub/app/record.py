@@ -139,7 +139,7 @@ def _file_keys(kind: type, table: dict[str, Any]) -> Iterator[tuple[dict[str, An
     """The keys of a scene, and of the tables in it, that name a file: the table and the key."""
     for name, one in keys_of(kind).items():
         value = table.get(name)
-        if one.key.file and value:
+        if one.file and value:
             yield table, name
         if one.table is not None and value:
             for item in value if isinstance(value, list) else [value]:

@@ -373,7 +373,7 @@ def built(table: Mapping[str, Any], folder: Path = Path("."), source: Path | Non
             raise InputError(f"{source} names the Python file {Path(own)}, which is not beside it and would be executed. Read it "
                              f"first, then allow it: femsub run {source} --trust {Path(own)}")
     scene_type, run = scene_of(own or kind)
-    needed = [name for name, one in keys_of(scene_type).items() if one.key.required]
+    needed = [name for name, one in keys_of(scene_type).items() if one.required]
     if needed and not values:
         raise InputError(f"the scene {kind!r} needs a scene file with {', '.join(needed)}; to begin one: femsub new {kind} > "
                          "my.toml")

@@ -11,7 +11,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
-from femsub.app.keys import HERTZ, Declared, defaults_of, item_kind, keys_of, kinds
+from femsub.app.keys import HERTZ, Key, defaults_of, item_kind, keys_of, kinds
 from femsub.app.scene import SCENES, scene_of
 
 DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that TOML editors know
@@ -77,36 +77,35 @@ def _table(kind: type, defaults: Mapping[str, Any]) -> dict[str, Any]:
             single = [_value(item, one, kind) for item in kinds(inner)]
             if one.in_hertz:
                 single.append({"type": "string", "pattern": f"^{HERTZ.pattern}$"})
-            length = one.key.length
+            length = one.length
             ways.append({"type": "array", "items": _any(single), "minItems": length or 1}
-                        | ({"maxItems": length} if length else {}) | ({"uniqueItems": True} if one.key.distinct else {}))
+                        | ({"maxItems": length} if length else {}) | ({"uniqueItems": True} if one.distinct else {}))
             if length is None and not dataclasses.is_dataclass(inner):
                 ways += [bare for bare in single if bare not in ways]  # one value does for a list of one
         # its meaning and default
-        key, default = one.key, defaults[name]
-        about = ", ".join(part for part in (key.unit, key.otherwise and f"default: {key.otherwise}") if part)
-        properties[name] = {"description": key.meaning + (f" ({about})" if about else ""), **_any(ways)}
-        if default not in (None, "", []) and not key.otherwise:
-            properties[name]["default"] = default
-        if key.required_with:
-            together.setdefault(key.required_with, []).append(name)
+        about = ", ".join(part for part in (one.unit, one.otherwise and f"default: {one.otherwise}") if part)
+        properties[name] = {"description": one.meaning + (f" ({about})" if about else ""), **_any(ways)}
+        if defaults[name] not in (None, "", []) and not one.otherwise:
+            properties[name]["default"] = defaults[name]
+        if one.required_with:
+            together.setdefault(one.required_with, []).append(name)
     made: dict[str, Any] = {"type": "object", "properties": properties, "additionalProperties": False,
-                            "required": [name for name, one in declared.items() if one.key.required]}
+                            "required": [name for name, one in declared.items() if one.required]}
     return made | ({"dependencies": together} if together else {})
 
 
-def _value(kind: Any, one: Declared, owner: type) -> dict[str, Any]:
+def _value(kind: Any, one: Key, owner: type) -> dict[str, Any]:
     if dataclasses.is_dataclass(kind):
         assert isinstance(kind, type)
         return _table(kind, defaults_of(kind))
     made: dict[str, Any] = {"type": SIMPLE[kind]}
     if kind in (int, float):
-        bounds = {"minimum": one.key.least, "maximum": one.key.most, "exclusiveMinimum": one.key.above,
-                  "exclusiveMaximum": one.key.below}
+        bounds = {"minimum": one.least, "maximum": one.most, "exclusiveMinimum": one.above,
+                  "exclusiveMaximum": one.below}
         made |= {word: bound for word, bound in bounds.items() if bound is not None}
-    if kind is str and one.key.choices is not None:
-        made["enum"] = [*one.key.choices(owner), *(one.key.also() if one.key.also else ())]
-    elif kind is str and (one.key.required or one.key.required_with):
+    if kind is str and one.choices is not None:
+        made["enum"] = [*one.choices(owner), *(one.also() if one.also else ())]
+    elif kind is str and (one.required or one.required_with):
         made["minLength"] = 1
     return made
 

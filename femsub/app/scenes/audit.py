@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import femsub as fs
-from femsub.app.keys import Declared, item_kind, key, keys_of
+from femsub.app.keys import Key, item_kind, key, keys_of
 from femsub.app.scene import Progress, Result, Scene
 from femsub.errors import InputError
 
@@ -119,7 +119,7 @@ def example(lost: int = 3) -> tuple[fs.ReducedSubstructure, fs.Substructure]:
                                   full_dofs=whole.full_dofs), full
 
 
-def options() -> dict[str, Declared]:
+def options() -> dict[str, Key]:
     """The keys of the scene that are options of the command: what is known of the models, but not their files."""
     files = ("model", "M", "K", "D", "full", "full_M", "full_K", "full_D")
     return {name: one for name, one in keys_of(AuditScene).items()
@@ -132,14 +132,14 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
                          help="a folder of write_matrices, or the files of M and K, and of D if there is one")
     command.add_argument("--full", nargs="+", metavar="FILE", default=[], help="the full model, named alike")
     for name, one in options().items():
-        flag, text = f"--{name.replace('_', '-')}", one.key.meaning + (f" [{one.key.unit}]" if one.key.unit else "")
+        flag, text = f"--{name.replace('_', '-')}", one.meaning + (f" [{one.unit}]" if one.unit else "")
         if one.type is bool:
             command.add_argument(flag, action="store_true", default=None, help=text)
         elif item_kind(one.type):
             command.add_argument(flag, type=listed, metavar="LIST", help=f"{text}; with commas between")
         else:
-            words = "|".join(one.key.choices(AuditScene)) if one.key.choices else ""
-            shape = words or ("FILE" if one.key.file else "NUMBER")
+            words = "|".join(one.choices(AuditScene)) if one.choices else ""
+            shape = words or ("FILE" if one.file else "NUMBER")
             command.add_argument(flag, type=one.type, metavar=shape, help=text)
 
 

@@ -16,7 +16,7 @@ from femsub import studies
 from femsub.app.keys import key
 from femsub.app.scene import Picture, Progress, Result, Run, Scene, Shown, Writer
 from femsub.app.scenes.component import RIGID, least_stable, lowest_figure, motion_files, page_mode, vtu
-from femsub.app.scenes.joined_parts import by_kind
+from femsub.app.scenes.joined_parts import by_kind, contact_modes, with_contact_modes
 from femsub.checks import NOT_CHECKED, Array
 from femsub.coupling import brake_meshes, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
@@ -113,8 +113,11 @@ class Brake(Run):
 
     @cached_property
     def system(self) -> fs.System:
-        """The full model."""
-        return self.joined({name: self.part(name) for name in ("disc", *PADS)})
+        """The full model: the parts on their springs."""
+        springs = [fs.Spring((name, f"{place}-{axis}"), stiffness=self.scene.springs)
+                   for name in PADS for place in self.scene.sprung for axis in "xyz"]
+        parts = {name: self.part(name) for name in ("disc", *PADS)}
+        return fs.couple(parts, [*self.contacts(0.0), *springs], self.scene.name)
 
     def part(self, name: str) -> fs.Substructure:
         """The disc or a pad by itself."""
@@ -133,12 +136,6 @@ class Brake(Run):
         return [fs.FrictionContact(f"{name}.{scene.face}", f"disc.under-{name}", self.meshes, scene.contact, mu, scene.pressure,
                                 axis=np.array([0.0, 0.0, 1.0]), speed=scene.turning) for name in PADS]
 
-    def joined(self, parts: Mapping[str, fs.Substructure]) -> fs.System:
-        """Parts, full or reduced, on their springs."""
-        springs = [fs.Spring((name, f"{place}-{axis}"), stiffness=self.scene.springs)
-                   for name in PADS for place in self.scene.sprung for axis in "xyz"]
-        return fs.couple(parts, [*self.contacts(0.0), *springs], self.scene.name)
-
     @cached_property
     def affine(self) -> fs.Affine:
         """The best reduced model over μ."""
@@ -154,21 +151,13 @@ class Brake(Run):
     @cached_property
     def compared(self) -> Study:
         """The full model and those reduced by each method, part by part, and then by contact modes."""
-        scene, system = self.scene, self.system
-        methods: list[Any] = []
-        for name in scene.methods:
-            for modes in scene.modes:
-                kept = {part: min(modes, len(sub.interior) - RIGID) for part, sub in system.parts.items()}
-                room = sum(kept.values()) + len(system.interface)
-                methods.append(({part: METHODS[name](count) for part, count in kept.items()},
-                                self.contact_modes(min(modes, room - 1))))
-        methods += [self.contact_modes(modes, friction) for friction in (True, False) for modes in scene.modes]
-        return fs.study(system, methods, self.band, contacts=self.contacts(0.0), parameter="mu", values=scene.full,
-                     between=self.range, ports=True, repeats=1, progress=self.say)
-
-    def contact_modes(self, modes: int, friction: bool = True) -> fs.ContactModes:
-        """The method for the brake as a whole."""
-        return fs.ContactModes(min(modes, self.system.size - 1), contacts=self.contacts(0.0), friction=friction)
+        scene, system, contacts = self.scene, self.system, self.contacts(0.0)
+        parts = [({part: METHODS[name](min(modes, len(sub.interior) - RIGID)) for part, sub in system.parts.items()}, modes)
+                 for name in scene.methods for modes in scene.modes]
+        methods = [*with_contact_modes(system, parts, contacts),
+                   *(contact_modes(system, modes, contacts, friction=False) for modes in scene.modes)]
+        return fs.study(system, methods, self.band, contacts=contacts, parameter="mu", values=scene.full, between=self.range,
+                        ports=True, repeats=1, progress=self.say)
 
     @cached_property
     def exact(self) -> dict[float, fs.ComplexModes]:
@@ -195,7 +184,7 @@ class Brake(Run):
         self.say(f"contact modes with {self.scene.modes[-1]} modes")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PortWarning)
-            return fs.reduce(self.system, self.contact_modes(self.scene.modes[-1]))
+            return fs.reduce(self.system, contact_modes(self.system, self.scene.modes[-1], self.contacts(0.0)))
 
     @cached_property
     def best_row(self) -> Row | None:

@@ -107,15 +107,7 @@ class JoinedRun(Run):
     def compared(self, title: str, name: str) -> Result:
         """The study under a title, with files of this name."""
         scene, system, over, made = self.scene, self.system, self.over, self.reductions()
-        methods: list[Any] = [parts for parts, _ in made]
-        if over:  # the system is then reduced to as many contact modes; and these are tried alone
-            methods = []
-            for each, count in made:
-                room = sum((each[part].modes or 0) + len(sub.interface) if part in each else sub.size
-                           for part, sub in system.parts.items())
-                methods.append((each, fs.ContactModes(min(count, room - 1), contacts=self.contacts)))
-            methods += [fs.ContactModes(min(count, system.size - 1), contacts=self.contacts)
-                        for count in dict.fromkeys(count for _, count in made)]
+        methods = with_contact_modes(system, made, self.contacts) if over else [parts for parts, _ in made]
         found = fs.study(system, methods, self.band, contacts=self.contacts, ports=scene.ports, repeats=scene.repeats,
                          held=not over, progress=self.progress, **over)
         rows, best = found.flat, found.recommended(scene.tolerance)
@@ -273,7 +265,7 @@ class PlatePartsScene(MeshedScene, PlateKeys):
                           example=["left-half", "right-half"])
     modes: list[int] = field(default_factory=lambda: [2, 4])
     force: float = 30.0
-    band: list[float] = key([0.0, 3000.0], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]")
+    band: list[float] = field(default_factory=lambda: [0.0, 3000.0])
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -284,6 +276,21 @@ class PlatePartsScene(MeshedScene, PlateKeys):
         progress(f"{self.name}: cutting the plate")
         pieces = fs.cut(self.whole(), fs.plate, into=None if self.sets else self.parts, sets=self.sets or None, **self.properties)
         return self.joined(fs.couple(pieces.parts, pieces.joints, self.name), pieces.meshes, repr(pieces), progress)
+
+
+def contact_modes(system: fs.System, modes: int, contacts: Contacts, friction: bool = True) -> fs.ContactModes:
+    """The method for a system as a whole, with as many modes as it has room for."""
+    return fs.ContactModes(min(modes, system.size - 1), contacts=contacts, friction=friction)
+
+
+def with_contact_modes(system: fs.System, made: Sequence[tuple[dict[str, Method], int]], contacts: Contacts) -> list[Any]:
+    """Reductions of parts, after each the system's to so many contact modes; and these alone."""
+    methods: list[Any] = []
+    for each, modes in made:
+        room = sum((each[part].modes or 0) + len(sub.interface) if part in each else sub.size
+                   for part, sub in system.parts.items())
+        methods.append((each, fs.ContactModes(min(modes, room - 1), contacts=contacts)))
+    return methods + [contact_modes(system, modes, contacts) for modes in dict.fromkeys(modes for _, modes in made)]
 
 
 def joined_mesh(meshes: Sequence[fs.Mesh], groups: Mapping[str, Array] | None = None) -> fs.Mesh:

@@ -44,7 +44,7 @@ class SolidPartsScene(MeshedScene):
     rayleigh: list[float] = key([5.0, 1e-7], "[alpha, beta] of the damping D = αM + βK", unit="1/s, s", form="[alpha, beta]")
     force: float = 2000.0
     modes: list[int] = field(default_factory=lambda: [5, 10])
-    band: list[float] = key([0.0, 1.2e4], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]")
+    band: list[float] = field(default_factory=lambda: [0.0, 1.2e4])
 
     def run(self, progress: Progress) -> Result:
         progress(f"{self.name}: making the parts")
