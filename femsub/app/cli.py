@@ -42,18 +42,13 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
     _scene_argument(run, "a name from `femsub scenes`, a TOML file, a Python file of your own, or a results.json: "
                     "that run again", files=True)
-    out = run.add_argument("--out", metavar="DIR",
-                           help="write results.json, one CSV file per table and figures there; else nothing is written")
-    out.complete = FOLDERS  # type: ignore[attr-defined]
     run.add_argument("--trust", metavar="PATH", action="append", default=[],
                      help="a Python scene that the file names, or a folder from which its meshes include files: both are refused "
                      "if they are not beside what names them")
-    _loudness(run)
+    _output(run, "write results.json, one CSV file per table and figures there; else nothing is written")
     checked = commands.add_parser("audit", help="check a reduced model from files, by itself or against the full one")
     audit.add_arguments(checked)
-    checked.add_argument("--out", metavar="DIR", help="write results.json, CSV files and a figure there"
-                         ).complete = FOLDERS  # type: ignore[attr-defined]
-    _loudness(checked)
+    _output(checked, "write results.json, CSV files and a figure there")
     _scene_argument(commands.add_parser("keys", help="list every key of a scene: type, unit, default, meaning"), SCENE_NAME)
     _scene_argument(commands.add_parser("new", help="print a scene file with every key: femsub new beam > my.toml"), SCENE_NAME)
     _scene_argument(commands.add_parser("schema", help="print the JSON schema of scene files, for editors"),
@@ -65,7 +60,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _loudness(command: argparse.ArgumentParser) -> None:
+def _output(command: argparse.ArgumentParser, written: str) -> None:
+    """Where the results go, and what is printed."""
+    out = command.add_argument("--out", metavar="DIR", help=written)
+    out.complete = FOLDERS  # type: ignore[attr-defined]
     command.add_argument("--no-figures", action="store_true", help="draw nothing")
     loud = command.add_mutually_exclusive_group()
     loud.add_argument("-q", "--quiet", action="store_true", help="print warnings and errors only")

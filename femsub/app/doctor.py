@@ -53,9 +53,7 @@ def examine() -> Findings:
         found.add("Python", f"{platform.python_version()}, {sys.executable}")
         found.add("system", f"{platform.platform()}, {processors()} processors")
     with found.noting("packages"):
-        found.add("numpy", np.__version__)
-        found.add("scipy", metadata.version("scipy"))
-        for name in OPTIONAL:
+        for name in ("numpy", "scipy", *OPTIONAL):
             try:
                 found.add(name, metadata.version(name))
             except metadata.PackageNotFoundError:
@@ -63,13 +61,12 @@ def examine() -> Findings:
     with found.noting("petsc"):
         for name, version in petsc.versions().items():
             found.add(name, version)
-        there = {name: petsc.has(key) for name, key in PACKAGES.items()}
-        for name in there:
-            found.add(name, "in PETSc" if there[name] else "not in PETSc")
-        if not there["MUMPS"]:
+        for name, key in PACKAGES.items():
+            found.add(name, "in PETSc" if petsc.has(key) else "not in PETSc")
+        if not petsc.has(PACKAGES["MUMPS"]):
             found.wrong.append("this PETSc has no MUMPS, which symmetric indefinite and unsymmetric matrices need. "
                                + petsc.installation())
-        if not there["CHOLMOD"]:
+        if not petsc.has(PACKAGES["CHOLMOD"]):
             found.add("", "MUMPS factorises positive definite matrices instead, and PETSc itself those of chains and beams")
         n = 400
         A = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
@@ -90,17 +87,16 @@ def examine() -> Findings:
     with found.noting("blas"):  # the libraries in the process, their kernels and threads, and whether their products are right
         import scipy.linalg  # loads SciPy's own  # noqa: F401
 
-        lines = libraries().info()
+        own, lines = own_processors(), libraries().info()
         for one in lines:
-            found.add("BLAS", f"{Path(one['filepath']).name}: {one['internal_api']} {one['version']}, kernels "
-                              f"{one.get('architecture')}, {one['num_threads']} thread(s)")
+            library, threads = Path(one["filepath"]).name, one["num_threads"]
+            found.add("BLAS", f"{library}: {one['internal_api']} {one['version']}, kernels {one.get('architecture')}, {threads} "
+                              "thread(s)")
+            if threads > own:
+                found.wrong.append(f"{library} uses {threads} threads, but this process may use {own} processors, which slows "
+                                   f"small products down by far: set OMP_NUM_THREADS={own}, or 1")
         if not lines:
             found.add("BLAS", "no BLAS found in the process")
-        own = own_processors()
-        for one in lines:
-            if (threads := one["num_threads"]) > own:
-                found.wrong.append(f"{Path(one['filepath']).name} uses {threads} threads, but this process may use {own} "
-                                   f"processors, which slows small products down by far: set OMP_NUM_THREADS={own}, or 1")
         for name in ("OPENBLAS_CORETYPE", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             if value := variable(name):
                 found.add("", f"{name}={value}")

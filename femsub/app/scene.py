@@ -260,16 +260,22 @@ class Result:
         return units.said("\n\n".join(filter(None, parts)))
 
 
+@dataclass(eq=False)
 class Run:
     """A run of a scene. The output 'critical-slope' is computed by the method `critical_slope`, and so are the others.
 
-    What several outputs share is made when the first of them asks for it. `say` reports a step.
+    What several outputs share is made when the first of them asks for it.
     """
 
     scene: Any
+    progress: Progress
 
-    def __init__(self, scene: Any, progress: Progress) -> None:
-        self.scene, self.progress, self.say = scene, progress, behind(f"{scene.name}: ", progress)
+    def __post_init__(self) -> None:
+        """Makes what all outputs need."""
+
+    def say(self, text: str) -> None:
+        """Reports a step."""
+        self.progress(f"{self.scene.name}: {text}")
 
     def compute(self, output: str) -> Result:
         """One output by its name."""
@@ -328,15 +334,13 @@ def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Sce
         No such scene or file, not TOML, a key that does not exist (the nearest one is named), a value of the wrong type; a
         Python file that is not to be run.
     """
-    if source in SCENES:
-        return built({"scene": source})
     path = Path(source)
+    if source in SCENES or (path.suffix == OWN and path.is_file()):
+        return built({"scene": source})
     if not path.is_file():
         if path.suffix in (".toml", OWN) or "/" in source:
             raise InputError(f"there is no scene file {source}")
         raise unknown_name("scene", source, SCENES)
-    if path.suffix == OWN:
-        return built({"scene": source})
     if path.suffix == ".json":
         from femsub.app.inputs import inputs_of
 

@@ -95,8 +95,8 @@ class Brake(Run):
 
     scene: BrakeScene
 
-    def __init__(self, scene: BrakeScene, progress: Progress) -> None:
-        super().__init__(scene, progress)
+    def __post_init__(self) -> None:
+        scene = self.scene
         self.range, self.band = (scene.mu[0], scene.mu[1]), (scene.band[0], scene.band[1])
         self.say("building the parts")
         self.meshes: dict[str, fs.Mesh] = brake_meshes(scene.size) if not scene.disc else {

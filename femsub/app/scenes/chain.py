@@ -114,9 +114,8 @@ class ChainRun(Run):
 
     scene: ChainScene
 
-    def __init__(self, scene: ChainScene, progress: Progress) -> None:
-        super().__init__(scene, progress)
-        self.band, self.contact = (scene.band[0], scene.band[1]), scene.linear_belt
+    def __post_init__(self) -> None:
+        self.band, self.contact = (self.scene.band[0], self.scene.band[1]), self.scene.linear_belt
 
     def compute(self, output: str) -> Result:
         self.say(output)

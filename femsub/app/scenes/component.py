@@ -157,8 +157,8 @@ class ComponentRun(Run):
 
     scene: ComponentScene
 
-    def __init__(self, scene: ComponentScene, progress: Progress) -> None:
-        super().__init__(scene, progress)
+    def __post_init__(self) -> None:
+        scene = self.scene
         self.say("building the component")
         start = time.perf_counter()
         self.sub, self.mesh = scene.component()

@@ -58,12 +58,10 @@ class CycleRun(Run):
     """Cycles and branches of models by their names, those from modes in a band; the full model is first if it is small."""
 
     scene: CycleKeys
-    progress: Progress
     models: Mapping[str, fs.Substructure]
     limits: tuple[float, float]
 
     def __post_init__(self) -> None:
-        super().__init__(self.scene, self.progress)
         self.order = list(self.models)
         #: large models start from the others' cycles
         self.ordered = sorted(self.models.items(), key=lambda pair: not small(pair[1]))

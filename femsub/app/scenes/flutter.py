@@ -39,7 +39,6 @@ class Flutter(Run):
     """
 
     scene: FlutterScene
-    progress: Progress
     models: Mapping[str, Affine]
     parameter: str
     exact: Mapping[str, float]
@@ -48,7 +47,6 @@ class Flutter(Run):
     unit: str = ""
 
     def __post_init__(self) -> None:
-        super().__init__(self.scene, self.progress)
         self.between = (self.scene.between[0], self.scene.between[1])
         self.found: dict[str, CriticalValue] = {}
         for name, model in self.models.items():
@@ -104,7 +102,15 @@ class Flutter(Run):
                 lo, hi = tracks[name].band
                 raise InputError(f"{name} has no mode from {lo:g} to {hi:g} rad/time anywhere in the range. Give another band")
         crossings = {name: [*item.losses, *item.regains] for name, item in self.found.items()}
-        branches, meetings = branch_rows(tracks), meeting_rows(tracks)
+        branches = [{"model": name, item.parameter: float(item.values[i]), "branch": j, "growth": float(value.real),
+                     "omega": float(value.imag), "error_bar": float(item.error_bar[i, j]), "grows": bool(item.growing[i, j])}
+                    for name, item in tracks.items() for i in np.flatnonzero(item.asked)
+                    for j, value in enumerate(item.eigenvalues[i]) if not np.isnan(value)]
+        meetings = [{"model": name, "kind": one.kind, "value": one.value, "width": one.width, "branches": list(one.branches),
+                     "growth": one.eigenvalue.real, "omega": one.eigenvalue.imag, "gap": one.gap,
+                     "condition": one.condition if np.isfinite(one.condition) else None,
+                     "error_bar": one.error_bar if np.isfinite(one.error_bar) else None}
+                    for name, item in tracks.items() for one in item.meetings]
         columns = ["model", column("kind", "meeting", "s"), column("value", self.label, ".8g"), column("branches", form="d"),
                    column("growth", form=".6f"), column("omega", "Im λ", ".6f"), column("gap", form=".0e"),
                    column("condition", form=".0e"), "error_bar"]
@@ -120,23 +126,6 @@ def digits(row: Mapping[str, Any]) -> str | None:
     """The value with up to 10 places behind the point, none of them below its width."""
     value, width = row["value"], row["width"]
     return None if value is None else f"{value:.{min(max(-int(np.floor(np.log10(width or 1e-10))), 0), 10)}f}"
-
-
-def branch_rows(tracks: Mapping[str, Tracked]) -> list[dict[str, Any]]:
-    """Rows of a table: each branch at each value asked for."""
-    return [{"model": name, item.parameter: float(item.values[i]), "branch": j, "growth": float(value.real),
-             "omega": float(value.imag), "error_bar": float(item.error_bar[i, j]), "grows": bool(item.growing[i, j])}
-            for name, item in tracks.items() for i in np.flatnonzero(item.asked)
-            for j, value in enumerate(item.eigenvalues[i]) if not np.isnan(value)]
-
-
-def meeting_rows(tracks: Mapping[str, Tracked]) -> list[dict[str, Any]]:
-    """Rows of a table: each meeting of two branches."""
-    return [{"model": name, "kind": one.kind, "value": one.value, "width": one.width, "branches": list(one.branches),
-             "growth": one.eigenvalue.real, "omega": one.eigenvalue.imag, "gap": one.gap,
-             "condition": one.condition if np.isfinite(one.condition) else None,
-             "error_bar": one.error_bar if np.isfinite(one.error_bar) else None}
-            for name, item in tracks.items() for one in item.meetings]
 
 
 @dataclass(frozen=True)

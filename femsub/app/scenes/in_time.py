@@ -73,15 +73,12 @@ def strongest(peaks: Sequence[float] | None) -> list[float] | None:
 class InTime(Run):
     """The outputs of runs in time: `tracks`, and for their growth the models by 'full' or the method's key."""
 
-    scene: Any
-    progress: Progress
     belt: fs.Belt
     models: Sequence[tuple[str, fs.Substructure]]
     tracks: Sequence[Track]
     length: float  #: of the window of a spectrogram
 
     def __post_init__(self) -> None:
-        super().__init__(self.scene, self.progress)
         self.known = [item for item in self.tracks if item.spectrum is not None]
 
     def study(self, first: str, title: str, data: dict[str, Any], complete: bool, long: Sequence[str] = ()) -> Result:

@@ -70,7 +70,6 @@ class JoinedRun(Run):
     """
 
     scene: JoinedScene
-    progress: Progress
     system: fs.System
     contacts: Contacts
     meshes: Mapping[str, fs.Mesh] = field(default_factory=dict)
@@ -78,7 +77,6 @@ class JoinedRun(Run):
     over: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        super().__init__(self.scene, self.progress)
         self.band = self.scene.band[0], self.scene.band[1]
 
     def reductions(self) -> list[tuple[dict[str, Method], int]]:
