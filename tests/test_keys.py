@@ -21,7 +21,7 @@ import test_runs_that_fail
 import test_scene
 import test_transient_scenes
 
-from femsub.app import explain, schema
+from femsub.app import explain
 from femsub.app.cli import main
 from femsub.app.keys import check_keys, item_kind, key, keys_of, values_of
 from femsub.app.scene import SCENES, load, scene_of
@@ -36,8 +36,8 @@ ROOT = Path(__file__).parent.parent
 @pytest.fixture(scope="module")
 def validator() -> Any:
     jsonschema = pytest.importorskip("jsonschema")
-    jsonschema.Draft7Validator.check_schema(schema.schema())
-    return jsonschema.Draft7Validator(schema.schema())
+    jsonschema.Draft7Validator.check_schema(explain.schema())
+    return jsonschema.Draft7Validator(explain.schema())
 
 
 def scene_texts() -> dict[str, str]:
@@ -99,7 +99,7 @@ def test_the_schema_rejects_the_wrong_scenes_of_the_tests(validator: Any) -> Non
 @pytest.mark.parametrize("name", SCENES)
 def test_a_scene_s_own_schema_says_what_the_schema_of_all_says(name: str) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    every, own = (jsonschema.Draft7Validator(made) for made in (schema.schema(), schema.scene_schema(name)))
+    every, own = (jsonschema.Draft7Validator(made) for made in (explain.schema(), explain.scene_schema(name)))
     for text in [*scene_texts().values(), *wrong_texts()]:
         try:
             table = tomllib.loads(text)
@@ -113,7 +113,7 @@ def test_a_scene_s_own_schema_says_what_the_schema_of_all_says(name: str) -> Non
 def test_a_new_file_runs_as_it_is_and_shows_the_defaults(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["new", name]) == 0
     text = capsys.readouterr().out
-    assert text.startswith(f"#:schema {schema.FILE}\n")
+    assert text.startswith(f"#:schema {explain.FILE}\n")
     (tmp_path / "my.toml").write_text(text, encoding="utf-8")
     scene, _ = load(str(tmp_path / "my.toml"))
     if name not in ("matrices", "own-parts", "superelements"):  # which have no defaults for their files
@@ -206,7 +206,7 @@ def test_what_is_wrong_in_a_table_is_named_and_the_schema_rejects_it(text: str, 
     with pytest.raises(InputError, match=words):
         values_of(System, table)
     jsonschema = pytest.importorskip("jsonschema")
-    assert not jsonschema.Draft7Validator(schema._table(System, explain.defaults_of(System))).is_valid(table)
+    assert not jsonschema.Draft7Validator(explain._table(System, explain.defaults_of(System))).is_valid(table)
 
 
 def test_parts_that_are_shown_as_an_example_say_where_they_come_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

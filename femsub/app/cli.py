@@ -145,7 +145,7 @@ def _printed(options: argparse.Namespace) -> str:
             _print_warnings(caught)
             return f"written: {page}"
         case "schema":
-            from femsub.app.schema import scene_schema, schema
+            from femsub.app.explain import scene_schema, schema
 
             return json.dumps(scene_schema(options.scene) if options.scene else schema(), indent=1, ensure_ascii=False)
     shtab = package("shtab", "completion scripts are written by shtab", "shtab")

@@ -123,7 +123,7 @@ class Expression:
                 self({**values, parameter: middle})
                 if hi - lo > EQUAL * (between[1] - between[0]) and lo < middle < hi:
                     left += [(middle, hi), (lo, middle)]
-                elif isinstance(error, _UndefinedError) and error.singular:
+                elif isinstance(error, ZeroDivisionError):
                     raise self._undefined({**values, parameter: middle}, error) from None
 
     def lines(self, parameter: str, values: Mapping[str, float]) -> tuple[float, float] | None:
@@ -179,21 +179,17 @@ class Factor:
         return self.expression({**dict(self.values), **given})
 
 
-class _UndefinedError(ArithmeticError):
-    """A range reaches a place without a value; beside a `singular` one values have no bound."""
-
-    def __init__(self, text: str, singular: bool = True) -> None:
-        super().__init__(text)
-        self.singular = singular
-
-
 class _RapidError(Exception):
     """A sine or cosine of so wide a range that it says nothing."""
 
 
 @dataclass(frozen=True)
 class _Range:
-    """All values between lo and hi. Rounding is not counted."""
+    """All values between lo and hi. Rounding is not counted.
+
+    Where a range reaches a place without a value, an ArithmeticError is raised; a ZeroDivisionError, if values have no bound
+    beside it: the place of such a pole is refused even if no sample hits it.
+    """
 
     lo: float
     hi: float
@@ -218,7 +214,7 @@ class _Range:
 
     def __truediv__(self, other: _Range) -> _Range:
         if other.lo <= 0 <= other.hi:
-            raise _UndefinedError("division by zero")
+            raise ZeroDivisionError("division by zero")
         return self * _Range(1 / other.hi, 1 / other.lo)
 
     def __pow__(self, other: _Range) -> _Range:
@@ -228,7 +224,7 @@ class _Range:
         if exponent < 0:
             return _Range.at(1.0) / self**-other
         if not exponent.is_integer() and self.lo < 0:
-            raise _UndefinedError(BROKEN, singular=False)
+            raise ArithmeticError(BROKEN)
         ends = [self.lo**exponent, self.hi**exponent]
         even = exponent > 0 and exponent % 2 == 0 and self.lo <= 0 <= self.hi
         return _Range(0.0 if even else min(ends), max(ends))
@@ -240,7 +236,7 @@ class _Range:
                 raise _RapidError(name)
             return _Range(max(middle - half, -1.0), min(middle + half, 1.0))
         if name == "sqrt" and self.lo < 0:
-            raise _UndefinedError("root of a negative number", singular=False)
+            raise ArithmeticError("root of a negative number")
         if name == "log" and self.lo <= 0:
-            raise _UndefinedError("logarithm of a number that is not positive")
+            raise ZeroDivisionError("logarithm of a number that is not positive")
         return _Range(FUNCTIONS[name](self.lo), FUNCTIONS[name](self.hi))

@@ -122,8 +122,6 @@ class Scene:
     def __post_init__(self) -> None:
         if not set(self.outputs) - {PAGE}:
             self.put(outputs=[*self.OUTPUTS, *self.outputs])
-        if not self.methods:
-            raise InputError(f"methods is empty; valid: {', '.join(reduction.METHODS)}")
         self.put(methods=[_known(name, reduction.METHODS) for name in self.methods], law=_known(self.law, coupling.LAWS))
         check_keys(self)
         highest = sys.float_info.max**(1 / 3)

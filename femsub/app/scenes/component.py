@@ -59,8 +59,6 @@ class ComponentScene(Scene):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.modes:
-            raise InputError("modes is empty: name the numbers of modes to compare, e.g. [10, 20]")
         for name in SI_DEFAULTS:
             if self.units == "mm-t-s" and getattr(self, name, None) == getattr(type(self), name, np.nan):
                 raise InputError(f"scene key {name!r} has its default {getattr(self, name):g}, which is in SI units, but units "

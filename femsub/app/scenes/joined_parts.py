@@ -230,8 +230,6 @@ class ChainPartsScene(JoinedScene, MassKeys):
     def __post_init__(self) -> None:
         self.fill(band=self.three_pairs)
         super().__post_init__()
-        if self.belt > self.n:
-            raise InputError(f"belt must be at least 1 and at most {self.n}, the number of masses, but is {self.belt}")
         for count in self.parts:
             if count >= self.n:
                 raise InputError(f"parts: a chain of {self.n} masses can be cut into {self.n - 1} parts at most, not {count}")
