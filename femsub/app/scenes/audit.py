@@ -102,9 +102,8 @@ class AuditScene(Scene):
             return fs.read_component((folder / self.full).parent)
         if not self.full_M:
             return None
-        paths = {name: folder / file for name in "MKD" if (file := getattr(self, f"full_{name}"))}
-        return fs.read_component(paths["M"], paths["K"], paths.get("D"), dofs=folder / self.full_dofs if self.full_dofs else None,
-                              interface=self.full_interface, massless=True)
+        paths = {name: folder / file for name in ("M", "K", "D", "dofs") if (file := getattr(self, f"full_{name}"))}
+        return fs.read_component(**paths, interface=self.full_interface, massless=True)
 
 
 def example(lost: int = 3) -> tuple[fs.ReducedSubstructure, fs.Substructure]:

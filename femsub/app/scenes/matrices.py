@@ -43,9 +43,8 @@ class MatricesScene(ComponentScene):
     def component(self) -> tuple[Substructure, None]:
         """The component, checked."""
         paths = {name: Path(self.folder) / getattr(self, name) for name in ("M", "K", "D", "dofs") if getattr(self, name)}
-        return read_component(paths["M"], paths["K"], paths.get("D"), dofs=paths.get("dofs"), interface=self.interface,
-                              ports={"belt": self.port}, name=self.name, massless=self.massless,
-                              drop_empty=self.drop_empty), None
+        return read_component(**paths, interface=self.interface, ports={"belt": self.port}, name=self.name,
+                              massless=self.massless, drop_empty=self.drop_empty), None
 
 
 class MatricesRun(ComponentRun):

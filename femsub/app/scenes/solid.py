@@ -54,12 +54,13 @@ class SolidScene(ComponentScene):
 
     def component(self) -> tuple[Substructure, Mesh]:
         # the material: one, or one of each group
-        count, values = max(1, len(self.groups)), [getattr(self, name) for name in ("E", "nu", "rho")]
-        for name, value in zip(("E", "nu", "rho"), values, strict=True):
-            if isinstance(value, list) and len(value) != count:
+        count = max(1, len(self.groups))
+        values = {"E": self.E, "nu": self.nu, "rho": self.rho}
+        each = {name: value if isinstance(value, list) else [value] * count for name, value in values.items()}
+        for name, value in each.items():
+            if len(value) != count:
                 raise InputError(f"{name} must be one number, or one for each of groups ({count}), but there are {len(value)}")
-        made = [Material(*constants) for constants in
-                zip(*(value if isinstance(value, list) else [value] * count for value in values), strict=True)]
+        made = [Material(*constants) for constants in zip(*each.values(), strict=True)]
         material = dict(zip(self.groups, made, strict=True)) if self.groups else made[0]
         # the mesh: that of the file, or the disc with its contact and three mounts
         if self.mesh:
