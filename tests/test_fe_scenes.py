@@ -161,13 +161,12 @@ def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, outputs: st
 
 
 def test_modes_solve_no_quadratic_problem_and_reduce_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.app.scenes import component
     from femsub.studies import losses
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("not asked for")
 
-    for module, name in ((component, "reduce"), (fs, "complex_modes"), (fs, "study"), (losses, "critical_slope")):
+    for module, name in ((fs, "reduce"), (fs, "complex_modes"), (fs, "study"), (losses, "critical_slope")):
         monkeypatch.setattr(module, name, never)
     scene, run = load(scene_file(tmp_path, SMALL["plate"] + 'outputs = ["modes"]'))
     told: list[str] = []
