@@ -11,8 +11,7 @@ import numpy as np
 from femsub.checks import Array, Tally, choice, positive_number
 from femsub.errors import InputTypeError
 from femsub.studies.audit_case import Case, Unknown
-from femsub.studies.audit_checks import findings
-from femsub.studies.audit_figures import FAULT, GOOD, SYSTEMS, UNKNOWN, Finding
+from femsub.studies.audit_checks import FAULT, GOOD, SYSTEMS, UNKNOWN, Finding, findings
 from femsub.studies.charts import Chart, Level, Panel, Series
 from femsub.studies.tables import Table, column, fitted
 from femsub.studies.verdicts import Verdict
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
 
 TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
-WORDS = {GOOD: "good", FAULT: "FAULT", UNKNOWN: "unknown"}  # in a table: a fault in capitals
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,7 +172,7 @@ class Audit:
 
 def _word(row: Mapping[str, Any]) -> str:
     """A fault in capitals. By a name, so that tables of two equal audits are equal."""
-    return WORDS[row["verdict"]]
+    return "FAULT" if row["verdict"] == FAULT else row["verdict"]
 
 
 def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure | None = None, *, mass: float | None = None,
@@ -231,13 +229,12 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
         if value is not None and not isinstance(value, bool):
             raise InputTypeError(f"{name} must be True or False, not {value!r}")
     stated: dict[str, Any] = {
-        "mass": None if mass is None else positive_number("mass", mass), "floating": floating, "gyroscopic": bool(gyroscopic),
+        "mass": None if mass is None else positive_number("mass", mass), "floating": floating, "turning": bool(gyroscopic),
         "units": "" if isinstance(units, str) and not units else choice("units", units, SYSTEMS)}
     if cutoff is not None:
         stated["cutoff"] = positive_number("cutoff", cutoff)
     case = Case.of(reduced, full, **stated)
-    small, found = case.small, findings(case)
-    head = small.name, len(small.M), 0 if full is None else full.size, found
+    head = case.name, case.size, 0 if full is None else full.size, findings(case)
     if case.stopped:
         return Audit(*head)
     if full is not None:
@@ -245,6 +242,6 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
         pairs = np.zeros((0, 2)) if isinstance(case.frequencies, Unknown) else case.frequencies
         return Audit(*head, pairs[:, 0], pairs[:, 1], first, tally)
     if not isinstance(case.bounds, Unknown):
-        return Audit(*head, case.bounds.upper, case.bounds.lower, small.cutoff)
-    omega = small.elastic_frequencies[:case.few]
-    return Audit(*head, omega, np.full(len(omega), np.nan), small.cutoff)
+        return Audit(*head, case.bounds.upper, case.bounds.lower, case.cutoff)
+    omega = case.elastic_frequencies[:case.few]
+    return Audit(*head, omega, np.full(len(omega), np.nan), case.cutoff)

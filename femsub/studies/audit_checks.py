@@ -1,17 +1,585 @@
-"""The table of an audit's checks, and the loop that runs them."""
+"""The checks of an audit: what each measures of a case, and the table with what it needs, its limit and its sentences.
+
+A check sees a figure that its limit decides, a finding that no limit decides, or nothing where it does not apply.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
-from femsub.checks import EQUAL
-from femsub.studies import audit_figures as see
-from femsub.studies.audit_case import Case
-from femsub.studies.audit_figures import FAULT, GOOD, Finding, Seen, Sight
-from femsub.studies.audit_model import AGREE, SHAPED
+import numpy as np
+
+from femsub.checks import EPS, EQUAL, Array
+from femsub.model import MOTIONS, rounding_of, units
+from femsub.reduction import FrequencyBounds
+from femsub.studies.audit_case import (
+    AGREE,
+    HELD_KIND,
+    ROUNDING,
+    SHAPED,
+    Body,
+    Case,
+    KeptModes,
+    Unknown,
+    coupling,
+    listed,
+    off_diagonal,
+    scaled,
+    spectrum,
+    within,
+)
+
+GOOD, FAULT, UNKNOWN = "good", "fault", "unknown"
+#: unit of length in m, of mass in kg
+SYSTEMS = {"SI": (1.0, 1.0), "mm-t-s": (1e-3, 1e3)}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check of an audit has found.
+
+    Attributes
+    ----------
+    what : str
+        What was checked.
+    verdict : str
+        'good', 'fault' or 'unknown'.
+    said : str
+        What was found, in a sentence.
+    figure, limit : float, optional
+        The number that decides, and how large it may be.
+    todo : str
+        What to do about it.
+    """
+
+    what: str
+    verdict: str
+    said: str = ""
+    figure: float | None = None
+    limit: float | None = None
+    todo: str = ""
+
+
+class Seen:
+    """A figure that the limit of its check decides, and the words that fill the check's sentence and advice."""
+
+    def __init__(self, figure: float, **words: Any) -> None:
+        self.figure, self.words = float(figure), words
+
+
+Sight: TypeAlias = "Seen | Finding | None"
+
+
+def unknown(why: str, todo: str = "", figure: float | None = None, limit: float | None = None) -> Finding:
+    """A finding that cannot be decided. The name of its check is put in later, as in those that follow."""
+    return Finding("", UNKNOWN, why, figure, limit, todo)
+
+
+def good(said: str, figure: float | None = None, limit: float | None = None) -> Finding:
+    """A finding that is right, with what there is to know of it."""
+    return Finding("", GOOD, said, figure, limit)
+
+
+def fault(said: str, todo: str, figure: float | None = None, limit: float | None = None) -> Finding:
+    """A fault with a sentence of its own."""
+    return Finding("", FAULT, said, figure, limit, todo)
+
+
+def not_numbers(case: Case) -> Sight:
+    """Entries that are NaN or Inf."""
+    for key, A in case.given.items():
+        for row, column in np.argwhere(~np.isfinite(A))[:1]:
+            return Seen(1.0, key=key, row=row, column=column)
+    return Seen(0.0)
+
+
+def misfits(case: Case) -> Sight:
+    """Shapes and lists that do not belong together."""
+    r, places, wrong = case.size, case.interface, ""
+    shapes = {key: A.shape for key, A in case.given.items()}
+    if bad := [key for key in "MKD" if shapes.get(key, (r, r)) != (r, r)]:
+        wrong = f"{bad[0]} is {' x '.join(map(str, shapes[bad[0]]))}, M has {r} rows"
+    elif case.V is not None and (case.V.ndim != 2 or case.V.shape[1] != r):
+        wrong = f"V is {' x '.join(map(str, shapes['V']))}, but there are {r} coordinates"
+    elif case.kinds and len(case.kinds) != r:
+        wrong = f"{len(case.kinds)} kinds are stated for {r} coordinates"
+    elif places is not None and (np.any(places < 0) or np.any(places >= r) or len(np.unique(places)) < len(places)):
+        wrong = f"the interface names a coordinate twice, or one outside 0 to {r - 1}"
+    elif case.full_interface is not None and case.V is not None and np.any(case.full_interface >= len(case.V)):
+        wrong = f"the interface names row {int(case.full_interface.max())}, but V has {len(case.V)} rows"
+    elif case.dofs is not None and len(case.B) and case.dofs.size != len(case.B):
+        wrong = f"the DOF map has {case.dofs.size} DOF, the interface {len(case.B)}"
+    return Seen(bool(wrong), wrong=wrong)
+
+
+def other_model(case: Case) -> Sight:
+    """Sizes that no reduction of this full model has; nothing is said where they fit."""
+    n, rows, wrong = case.whole.size, case.full_interface, ""
+    if case.V is not None and len(case.V) != n:
+        wrong = f"V has {len(case.V)} rows, but the full model {n} DOF"
+    elif rows is not None and rows.max(initial=-1) >= n:
+        wrong = f"the interface names DOF {rows.max()}, but the full model has {n}"
+    elif case.size > n:
+        wrong = f"the reduced model has {case.size} coordinates, the full one {n} DOF"
+    return Seen(1.0, wrong=wrong) if wrong else None
+
+
+def rounded(case: Case) -> Sight:
+    """Relative rounding of the entries, as the digits show that they end after."""
+    found = {key: rounding_of(case.given[key], np.zeros((case.size, 0))) for key in "KM"}
+    worst = max(found, key=lambda key: found[key])
+    return Seen(found[worst], key=worst, digits=1 - np.log10(8 * found[worst]))
+
+
+def skew(key: str, case: Case) -> Sight:
+    """The largest |a_ij - a_ji| / √(a_ii a_jj)."""
+    A = case.given[key]
+    share = within(A - A.T, A)
+    i, j = np.unravel_index(int(share.argmax()), share.shape)
+    return Seen(share[i, j], i=i, j=j, one=A[i, j], other=A[j, i])
+
+
+def negative(key: str, case: Case) -> Sight:
+    """-λ_min of a matrix scaled to a diagonal of 1, and the coordinate that moves most; M may lack the mass of an interface."""
+    A, bare = case.given[key], case.massless
+    values, vectors = np.linalg.eigh(scaled((A + A.T) / 2))
+    lowest = max(-float(values[0]), 0.0)
+    if key == "M" and len(bare) and lowest <= EQUAL:
+        return fault(f"coordinates {listed(bare)} have stiffness but no mass", "The mass at the interface is lost: take M_bb of "
+                     "the reduction as well, as CᵀMC", len(bare), 0.0) if case.projected else good(
+            f"{len(bare)} interface DOF without mass, as MacNeal's", lowest, EQUAL)
+    return Seen(lowest, at=int(np.abs(vectors[:, 0]).argmax()))
+
+
+def dependent(case: Case) -> Sight:
+    """The energy of the motion that has least of mass and stiffness; coordinates that are all zero are reported."""
+    some = np.flatnonzero(case.M.any(axis=0) | case.K.any(axis=0))
+    if not len(some) or (len(some) < case.size and "interface force" not in case.kinds):
+        empty = np.setdiff1d(np.arange(case.size), some)
+        return fault(f"coordinates {listed(empty)} have neither mass nor stiffness", "Leave these columns out", len(empty), 0.0)
+    M, K = (A[np.ix_(some, some)] for A in (case.M, case.K))
+    whole = M + K * (M.diagonal().sum() / K.diagonal().sum() if K.diagonal().sum() > 0 else 1.0)
+    values, vectors = np.linalg.eigh(scaled(whole))
+    x = vectors[:, 0] * units(whole)
+    energies = [(abs(float(x @ A @ x)), float(x**2 @ np.abs(A.diagonal()))) for A in (M, K)]
+    share = max(part / single if single > 0 else 0.0 for part, single in energies)
+    if abs(values[0]) > EQUAL or share > EQUAL:
+        return good("")
+    return fault(f"a motion of coordinates {listed(some[np.argsort(-np.abs(vectors[:, 0]))[:2]])} has neither mass nor "
+                 "stiffness: one of them is a copy of others", "Leave one out: a mode is listed twice", share, EQUAL)
+
+
+def gyroscopic(case: Case, D: Array) -> Sight:
+    """‖D - Dᵀ‖ / 2‖D‖."""
+    share = float(np.linalg.norm(D - D.T) / (2 * np.linalg.norm(D)))
+    if share > EQUAL and case.gyroscopic:
+        return good(f"the part turns: {share:.1e} of D is gyroscopic", share)
+    return Seen(share, share=share)
+
+
+def feeding(case: Case, D: Array) -> Sight:
+    """-λ_min of the symmetric part of D, each coordinate scaled by its own damping, or by a share of the largest rate."""
+    rates = []
+    for A in (case.M, case.K):
+        there = A.diagonal() > 0
+        largest = float((D.diagonal()[there] / A.diagonal()[there]).max(initial=0.0))
+        rates.append(largest * A.diagonal())
+    size = np.sqrt(np.maximum(D.diagonal(), 0.0) + EQUAL * sum(rates))  # below, a diagonal entry of D is rounding
+    size = np.where(size > 0, size, max(float(size.max()), float(np.sqrt(np.abs(D).max()))))
+    values, vectors = np.linalg.eigh((D + D.T) / 2 / np.outer(size, size))
+    found = max(-float(values[0]), 0.0)
+    if found > EQUAL and (case.gyroscopic or (case.full is not None and case.active is not False)):
+        return None if case.active else unknown(  # the full model's own does the same otherwise
+            "its symmetric part feeds energy in, as friction on a part that turns may do", "Look at D of the full model", found,
+            EQUAL)
+    return Seen(found, at=int(np.abs(vectors[:, 0]).argmax()))
+
+
+def unlike_modes(case: Case) -> Sight:
+    """How far ΦᵀMΦ is from I, and ΦᵀKΦ from a diagonal."""
+    at = case.modal
+    if not len(at):
+        return unknown("which coordinates are modes is not stated, and they do not look like it", "State the kinds of the "
+                       "coordinates, or the interface") if not case.kinds and case.size > len(case.B) else None
+    M, K = (A[np.ix_(at, at)] for A in (case.M, case.K))
+    mixed = max(off_diagonal(M), off_diagonal(K))
+    length = float(np.abs(M.diagonal() - 1).max()) if case.kinds else 0.0
+    return Seen(max(mixed, length), why=f"the masses of modes differ from 1 by up to {length:.2g}" if length > mixed else
+                f"modes share up to {mixed:.2g} of their energy")
+
+
+def shared_stiffness(case: Case) -> Sight:
+    """ΨᵀKΦ between constraint and fixed-interface modes."""
+    at = case.modal
+    if case.basis != "held" or not 0 < len(at) < case.size:
+        return None
+    return Seen(coupling(case.K, np.setdiff1d(np.arange(case.size), at), at))
+
+
+def alike_modes(case: Case) -> Sight:
+    """Two modes with the same frequency that move the interface alike; of a symmetric part that may be so."""
+    at, square = case.modal, case.modal_frequencies**2
+    others = np.setdiff1d(np.arange(case.size), at)
+    moved = np.vstack([case.M[np.ix_(others, at)], case.K[np.ix_(others, at)]])
+    for i in np.argsort(square)[:-1]:
+        near = np.flatnonzero((np.abs(square - square[i]) <= EQUAL * abs(square[i])) & (np.arange(len(at)) > i))
+        for j in near if moved[:, i].any() else ():
+            if min(np.abs(moved[:, i] - s * moved[:, j]).max() for s in (1, -1)) <= EQUAL * np.abs(moved[:, i]).max():
+                return unknown(f"coordinates {at[i]} and {at[j]} have one frequency and act on the interface alike: a mode "
+                               "listed twice, or a symmetric part", "Give V, or the full model")
+    return None
+
+
+def carried_strain(case: Case, motion: Array) -> Sight:
+    """The energy of the rigid motion that the model carries, over that of its single DOF."""
+    return Seen(case.strain(motion))
+
+
+def mapped_strain(case: Case) -> Sight:
+    """The energies of the rigid motions that the DOF map names, relative to those of the single DOF."""
+    if case.mapped is None:
+        return None if case.motion is not None else unknown(
+            "nothing says where the interface DOF are and how they move", "Give the DOF map of the interface, with points "
+            "(dofs), or the full model")
+    _, energy, free, whole = case.mapped
+    if not len(energy):
+        return unknown("the DOF map has no translations that are known, or the interface moves in shapes only",
+                       f"Labels that are known: {', '.join(MOTIONS)}, w, w,x and w,y")
+    count = int(np.count_nonzero(energy <= EQUAL))
+    soft = energy[(energy > EQUAL) & (energy <= SHAPED)]
+    wrong = ""
+    if case.floating and count < len(energy):
+        wrong = f"the part floats, but {len(energy) - count} of {len(energy)} rigid motions have an elastic energy"
+    elif free > count and whole:
+        wrong = f"K has {free} motions without energy, but by the DOF map only {count} are rigid motion"
+    if wrong:
+        return fault(wrong, "A soft spring to the ground, or entries with few digits. Write all digits, and remove the spring"
+                     if energy.max() <= SHAPED else "DOF are swapped, have another sign or other units, or the map belongs to "
+                     "another model: compare it DOF by DOF", float(energy.max()), EQUAL)
+    if len(soft):
+        return unknown(f"{len(soft)} rigid motions have very little energy: a soft mount, or a spring that nobody meant",
+                       "State whether the part floats (floating), or give the full model", float(soft.max()), EQUAL)
+    if count:
+        return good(f"{count} rigid motions are free", float(energy[energy <= EQUAL].max()), EQUAL)
+    return unknown("the part is held, so far as K shows", "State whether it floats (floating), or give the full model",
+                   float(energy.min()), EQUAL)
+
+
+def unlike_body(case: Case, body: Body) -> Sight:
+    """How far the mass matrix of the rigid motions is from that of a rigid body."""
+    if body.wrong <= AGREE:
+        return good(f"mass {body.mass:.6g}, its centre at ({', '.join(f'{one:.4g}' for one in body.centre)})", body.wrong, AGREE)
+    return Seen(body.wrong, masses=", ".join(f"{one:.6g}" for one in body.P.diagonal()[:3]))
+
+
+def other_mass(case: Case, body: Body, stated: float) -> Sight:
+    """|m / m_stated - 1|."""
+    return Seen(abs(body.mass / stated - 1), mass=body.mass, stated=stated, factor=factor(body.mass / stated))
+
+
+def implausible(case: Case, body: Body, lightest: float = 1e-2, heaviest: float = 1e8, fastest: float = 2e4) -> Sight:
+    """Mass over the cube of the interface's extent [kg/m³], and the speed [m/s] that waves need for the first elastic ω.
+
+    A long thin part has much less or much more mass than a cube of its extent. No solid has waves faster than `fastest`.
+    """
+    if case.units not in SYSTEMS:
+        return unknown("the system of units is not stated", "State units ('SI' or 'mm-t-s')")
+    if not body.length:
+        return unknown("the interface is one point")
+    metre, kilogram = SYSTEMS[case.units]
+    density = body.mass * kilogram / (body.length * metre) ** 3
+    omega = case.free_frequencies[case.free_frequencies > 1e-3 * case.free_frequencies.max(initial=0.0)]
+    speed = float(omega.min(initial=0.0)) * body.length * metre / np.pi
+    if lightest <= density <= heaviest and speed <= fastest:
+        return good("", density, heaviest)
+    return fault(f"in {case.units} units the mass over the interface's extent cubed is {density:.2g} kg/m³, and the first "
+                 f"elastic frequency needs waves of {speed:.2g} m/s",
+                 "No solid is like that: lengths, masses or times are in other units", density, heaviest)
+
+
+def factor(ratio: float) -> str:
+    """What a factor between two models may come from."""
+    known = {1e3: "t against kg, or N/mm against N/m", 1e6: "mm against m, squared", 1e9: "mm³ against m³",
+             1e12: "t/mm³ against kg/m³", 9.80665: "weight for mass", 9806.65: "weight for mass in mm",
+             386.0886: "weight for mass in inches (WTMASS)", 0.0254: "inches against m", 25.4: "inches against mm",
+             4.4482216: "lbf against N", 0.45359237: "lb against kg"}
+    for value, why in known.items():
+        for one in (value, 1 / value):
+            if ratio > 0 and abs(ratio / one - 1) < 2e-3:  # the digits of these factors, and of what is compared
+                return f", by a factor of {ratio:.4g} (as {why})"
+    return f", by a factor of {ratio:.6g}" if ratio > 0 else ""
+
+
+def common_factor(own: Array, there: Array) -> str:
+    """What one factor between two matrices may come from; '' where they differ by none, or by less than 1 %."""
+    large = np.abs(there) > AGREE * np.abs(there).max(initial=0.0)
+    if not large.any():
+        return ""
+    ratio = own[large] / there[large]
+    middle = float(np.median(ratio))
+    return factor(middle) if np.abs(ratio - middle).max() <= 1e-3 * abs(middle) and abs(middle - 1) > 0.01 else ""
+
+
+def unlike(apart: Array, own: Array, there: Array) -> Seen:
+    """The largest of the differences `apart` of two matrices, with its place, the entries there, and a common factor."""
+    # the first entry that is as large as any, but for rounding
+    i, j = np.unravel_index(int(np.argmax(apart >= (1 - AGREE) * apart.max())), apart.shape)
+    return Seen(apart.max(), i=i, j=j, own=own[i, j], there=there[i, j], factor=common_factor(own, there))
+
+
+def unlike_interface(apart: Array, own: Array, there: Array) -> Seen:
+    """The same of matrices of the interface, with what would explain the difference: signs, an order, units, some DOF."""
+    size = np.sqrt(np.abs(there.diagonal()))
+    size = np.where(size > 0, size, 1.0)
+    wrong = np.abs(own - there) > AGREE * np.outer(size, size)
+    bad = np.flatnonzero(wrong.diagonal())
+    seen = unlike(apart, own, there)
+    guess = "Constraint modes are wrong or missing, or the model is another one: add the static shapes of the interface"
+    if not (np.abs(np.abs(own) - np.abs(there)) > AGREE * np.outer(size, size)).any():
+        turned = np.flatnonzero(np.sign(own * there).sum(axis=0) < 0)
+        guess = f"The sign of interface DOF {listed(turned) or 'some'} is turned"
+    elif len(bad) > 1 and np.allclose(np.sort(own.diagonal()[bad]), np.sort(there.diagonal()[bad]), rtol=AGREE):
+        guess = f"Interface DOF {listed(bad)} are in another order"
+    elif seen.words["factor"]:
+        guess = "Bring both models to one system of units"
+    elif 0 < len(bad) < len(own) and not np.delete(np.delete(wrong, bad, 0), bad, 1).any():
+        guess = f"Look at interface DOF {listed(bad)}: their constraint modes or entries"
+    return Seen(seen.figure, **seen.words, guess=guess)
+
+
+def other_interface(case: Case) -> Sight:
+    """Whether the reduced model and the full one list the same interface DOF; nothing is said where they do."""
+    own, there = case.full_interface, case.whole.interface
+    if own is None or not len(there) or np.array_equal(own, there):
+        return None
+    one_only = len(set(own.tolist()) ^ set(there.tolist()))
+    if one_only:
+        return Seen(1.0, why=f"the reduced model's interface has {len(own)} DOF, the full one's {len(there)}, and {one_only} are "
+                    "in one list only")
+    at = np.flatnonzero(own != there)[0] if len(own) == len(there) else 0
+    return Seen(1.0, why=f"the reduced model and the full one list the same interface DOF in another order, first at place {at}")
+
+
+def unmoved_interface(case: Case, V: Array, interface: Array) -> Sight:
+    """How far V moves interface DOF by other than one with their coordinates."""
+    if len(interface) != len(case.rows):
+        return None
+    wrong = np.abs(V[case.rows] - case.B).max(axis=1)
+    return Seen(wrong.max(initial=0.0), bad=listed(np.flatnonzero(wrong > AGREE)))
+
+
+def unlike_projection(key: str, case: Case, V: Array) -> Sight:
+    """A - VᵀAV over the energies of single coordinates; MacNeal's M is that of its free modes Φ alone, VᵀMΦΦᵀMV."""
+    whole, A, size = case.whole, getattr(case.whole, key), np.abs(V)
+    own, there = case.given.get(key, np.zeros_like(case.K)), V.T @ (A @ V)
+    scale = there
+    if key == "D":
+        if not (own.any() or there.any()):
+            return None
+        # D may cancel, or be skew
+        scale = np.diag((size.T @ (abs(A) @ size) if there.any() else V.T @ (whole.M @ V)).diagonal())
+    if key == "M" and not case.projected:
+        massive = case.lowest(case.free, case.mass_rank - case.free.rigid.shape[1])
+        part = massive.shapes.T @ (A @ V)
+        there = part.T @ part
+    apart = within(own - there, scale, ROUNDING * (size.T @ (abs(A) @ size)))
+    bad = np.flatnonzero((apart > AGREE).sum(axis=1) > 0.5 * len(apart))
+    blamed = 0 < len(bad) < 0.5 * len(apart)
+    seen = unlike(apart, own, there)
+    return Seen(seen.figure, **seen.words, advice=f"Coordinates {listed(bad)} are to blame: their columns of V, or their rows of "
+                f"{key}" if blamed else f"V, or {key}, is of another model, or in other units")
+
+
+def other_spectrum(case: Case) -> Sight:
+    """All ω of the reduced model, against those of the full one in the shapes that the kinds of coordinates name.
+
+    The span of constraint and fixed-interface modes is known, and that of free modes and the residual response to forces at the
+    interface. ω does not depend on the coordinates in it, so no V is needed.
+    """
+    sub, basis, n_b = case.whole, case.basis, len(case.rows)
+    if not case.kinds or not basis or not n_b or (basis == "held" and isinstance(case.statics, Unknown)):
+        return None
+    handle = case.factor
+    rigid = 0 if basis == "held" else handle.rigid.shape[1]
+    kept = case.kinds.count(HELD_KIND if basis == "held" else "free")
+    if basis == "free" and not kept:  # Herting's kinds do not name the modes alone
+        if sub.ports:
+            return None
+        kept = max(0, case.size - n_b - rigid)
+    if kept > case.most:
+        return unknown(f"the model has {kept} modes, and only up to {case.most} are compared", "Give V")
+    modes = case.lowest(handle, kept)
+    forces, ports = np.eye(sub.size)[:, case.rows], np.column_stack([np.zeros((sub.size, 0)), *sub.ports.values()])
+    also = ports if case.size == kept + rigid + n_b + ports.shape[1] else ports[:, :0]
+    if basis == "held" and not isinstance(case.statics, Unknown):
+        inner = np.zeros((sub.size, modes.shapes.shape[1] + also.shape[1]))
+        inner[case.inside] = np.hstack([modes.shapes, handle.elastic_solve(also[case.inside], modes.shapes)])
+        shapes = np.hstack([case.statics[0], inner])
+    else:
+        residual = handle.elastic_solve(np.hstack([forces, also]), modes.shapes)
+        shapes = np.hstack([modes.shapes, residual if case.projected else residual[:, :0]])
+    there, own = spectrum(*(shapes.T @ (A @ shapes) for A in (sub.K, sub.M))), case.free_frequencies
+    elastic = there[case.free.rigid.shape[1]:]
+    if len(own) != len(there) or not len(elastic) or not elastic[0]:
+        return None  # shapes that depend on each other were left out
+    beyond = np.maximum(np.abs(own**2 - there**2) - ROUNDING * len(own) * there[-1] ** 2, 0.0)
+    apart = beyond / np.maximum(there, elastic[0]) ** 2
+    worst = int(apart.argmax())
+    return Seen(apart[worst], mode=worst + 1, count=len(own), own=own[worst], there=there[worst])
+
+
+def unlike_statics(case: Case) -> Sight:
+    """XᵀKX against the full model's stiffness condensed to the interface, or what V leaves out of the static response."""
+    n_b, statics, U, X = len(case.rows), case.statics, case.parted[0], case.static
+    if isinstance(statics, Unknown):
+        return unknown(*statics)
+    if not len(case.B):
+        return unknown("the reduced model's interface is not known", "State it, in the full one's order")
+    if len(case.B) != n_b:
+        return fault(f"the reduced model has {len(case.B)} interface DOF, the full one {n_b}",
+                     "State both interfaces, in the same order")
+    C, K, _ = statics
+    if case.interface is None:
+        # what V leaves out of the constraint modes, in the energy norm; inertia gives rigid motion an energy too
+        shapes, V, elastic = C @ U, case.given["V"], case.elastic_frequencies
+        square = float(elastic[0]) ** 2 if len(elastic) else float(case.whole.K.diagonal().sum() / case.whole.M.diagonal().sum())
+        A = case.whole.K + case.whole.M * square
+        AC, AV = A @ shapes, A @ V
+        gram = V.T @ AV
+        unit = units(gram)
+        q = unit[:, None] * np.linalg.lstsq(gram * np.outer(unit, unit), unit[:, None] * (V.T @ AC), rcond=1e-14)[0]
+        rest = shapes - V @ q
+        left = float(np.sqrt(np.abs(np.einsum("ij,ij->j", rest, A @ rest)) / np.einsum("ij,ij->j", shapes, AC)).max(initial=0.0))
+        if left <= SHAPED:
+            return good("", left, SHAPED)
+        return fault(f"V leaves out a share of {left:.1e} of the static response to a motion of the interface, in the energy "
+                     "norm", "Add the static shapes of the interface: constraint modes, or residual attachment modes", left,
+                     SHAPED)
+    if X is None:
+        return fault("the inside of the reduced model has no firm hold at the interface",
+                     "A coordinate has no stiffness, or K is not that of this model")
+    bare = case.whole.K.diagonal()[case.rows]
+    floor = np.abs(C).T @ (abs(case.whole.K) @ np.abs(C)) * ROUNDING + EPS * np.sqrt(np.outer(bare, bare))
+    own, there = X.T @ case.K @ X, U.T @ K @ U
+    rounding = np.abs(U).T @ floor @ np.abs(U) + np.abs(X).T @ (abs(case.K) @ np.abs(X)) * ROUNDING
+    return unlike_interface(within(own - there, there, rounding), own, there)
+
+
+def unlike_inertia(case: Case, comparable: tuple[Array, Array, Array, Array]) -> Sight:
+    """XᵀMX of a Ritz model against the full model's on the interface, CᵀMC."""
+    U, X, _, M = comparable
+    own, there = X.T @ case.M @ X, U.T @ M @ U
+    return unlike_interface(within(own - there, there), own, there)
+
+
+def unlike_damping(case: Case, comparable: tuple[Array, Array, Array, Array], D: Array) -> Sight:
+    """XᵀDX against the full model's on the interface, CᵀDC, where no V says more."""
+    U, X, C, M = comparable
+    own, there = X.T @ D @ X, U.T @ (C.T @ (case.whole.D @ C)) @ U
+    if not (own.any() or there.any()):
+        return None
+    size = np.diag((np.abs(C).T @ (abs(case.whole.D) @ np.abs(C))).diagonal()) if there.any() else M
+    return unlike_interface(within(own - there, U.T @ size @ U, ROUNDING * size.max()), own, there)
+
+
+def missing_motion(case: Case, moved: tuple[Array, Array, float | None]) -> Sight:
+    """The share of the full model's rigid motion that V leaves out, where the interface does not distinguish it."""
+    return None if moved[2] is None else Seen(moved[2], left=moved[2])
+
+
+def moved_strain(case: Case) -> Sight:
+    """The energy of the full model's rigid motion in the reduced one."""
+    if isinstance(case.moved, Unknown):
+        return unknown(*case.moved)
+    q, Z, _ = case.moved
+    return Seen(case.strain(q), count=Z.shape[1]) if Z.shape[1] else good("the full model is held", 0.0, EQUAL)
+
+
+def other_inertia(case: Case, moved: tuple[Array, Array, float | None]) -> Sight:
+    """qᵀMq - I of the full model's rigid motion of unit mass."""
+    P = moved[0].T @ case.M @ moved[0]
+    return Seen(np.abs(P - np.eye(len(P))).max(), masses=", ".join(f"{one:.6g}" for one in P.diagonal()),
+                factor=common_factor(P, np.eye(len(P)))) if len(P) else None
+
+
+def uncounted(case: Case) -> Sight:
+    """The difference of the modes below the cut-off, by the inertia of K - ω²M of the full model; or what is known of it."""
+    kept, cut = case.kept, case.cutoff
+    if isinstance(kept, Unknown):
+        return unknown(*kept)
+    own, full = kept.tally.listed, kept.tally.counted
+    if kept.modes is None:
+        return good("nothing is left out" if own else "all DOF are interface")
+    if np.isfinite(cut) and full is not None:
+        return Seen(abs(full - own), counted=full, cut=cut, listed=own, advice="Keep all modes below the cut-off, or state a "
+                    "lower one" if full > own else "A mode is listed twice, or is none of the full model")
+    if np.isinf(kept.first):
+        return good("")
+    if np.isinf(cut):
+        return fault(f"the model says that no mode is left out, but one at {kept.first:.6g} rad/time is", "State this cut-off")
+    return good(f"none is stated; the first mode that is left out is at {kept.first:.6g} rad/time")
+
+
+def unconverged(case: Case, kept: KeptModes) -> Sight:
+    """The largest relative distance in ω² of a mode from the nearest one of the full model."""
+    off = kept.apart.max(initial=0.0)
+    return Seen(off, mode=int(kept.apart.argmax()) + 1, off=off) if len(kept.apart) else None
+
+
+def unlike_coupling(case: Case, kept: KeptModes, statics: tuple[Array, Array, Array], static: Array) -> Sight:
+    """M_bi: what the modes of each cluster take part in motions of the interface, Σ p pᵀ, which no rotation changes."""
+    U, at, (C, _, M_c) = case.parted[0], case.modal, statics
+    if kept.modes is None or case.basis != "held" or len(U) != len(case.rows) or "static port" in case.kinds:
+        return None
+    mass = np.abs(case.M.diagonal()[at])
+    own = static.T @ case.M[:, at] / np.sqrt(np.where(mass > 0, mass, 1.0))
+    true = U.T @ (C.T @ (case.whole.M[:, case.inside] @ kept.modes.shapes))
+    size = np.sqrt((U.T @ M_c @ U).diagonal())
+    omega, there = case.modal_frequencies, kept.modes.frequencies
+    worst, where, start = 0.0, 0.0, 0
+    for end in np.flatnonzero(np.append(np.diff(there) > SHAPED * there[1:], True)) + 1:
+        mine = (omega >= there[start] * (1 - SHAPED)) & (omega <= there[end - 1] * (1 + SHAPED))
+        complete = end < len(there) or len(there) == len(case.inside)
+        if mine.sum() == end - start and complete:
+            p, q = own[:, mine] / size[:, None], true[:, start:end] / size[:, None]
+            gap = float(np.abs(p @ p.T - q @ q.T).max(initial=0.0)) / max(float((q * q).sum(axis=1).max(initial=0.0)), SHAPED)
+            worst, where = max((worst, where), (gap, float(there[start])))
+        start = end
+    return Seen(worst, omega=where)
+
+
+def lowered(case: Case, frequencies: Array) -> Sight:
+    """How far a frequency of a Ritz model lies below the full model's."""
+    if not len(frequencies):
+        return None
+    own, there = frequencies.T
+    worst = int((1 - own / there).argmax())
+    return Seen(max(1 - own[worst] / there[worst], 0.0), mode=worst + 1, own=own[worst], there=there[worst])
+
+
+def unbounded(case: Case, frequencies: Array, bounds: FrequencyBounds) -> Sight:
+    """How far a frequency of the full model lies below its bound from the small matrices alone."""
+    k = min(len(bounds.lower), len(frequencies))
+    if not k or not np.isfinite(case.cutoff) or not case.kinds or bounds.rigid != case.free.rigid.shape[1]:
+        return None
+    there, bound = frequencies[:k, 1], bounds.lower[:k]
+    worst = int((1 - there / bound).argmax())
+    return Seen(max(1 - there[worst] / bound[worst], 0.0), mode=worst + 1, there=there[worst], bound=bound[worst])
+
+
+def unseen_modes(case: Case) -> Sight:
+    """Modes that are missing are not seen in the small matrices."""
+    return unknown("whether one is missing cannot be known from the small matrices", "Give the full M and K")
+
+
+def unknown_frequencies(case: Case) -> Sight:
+    """Why the frequencies of the full model are not known, or have no bounds without it; nothing is said where they are."""
+    if case.full is None:
+        return unknown(case.bounds.why, "Give the full M and K") if isinstance(case.bounds, Unknown) else None
+    return unknown(*case.frequencies) if isinstance(case.frequencies, Unknown) else None
 
 
 class Check(NamedTuple):
@@ -21,9 +589,9 @@ class Check(NamedTuple):
     ----------
     what : str
     needs : str
-        What a case must have (`Case.has`), in words: 'full, V'. Else the check is left out.
+        What a case must have, in words: a word of `Case.has`, or what one of its attributes knows. Else the check is left out.
     figure : callable
-        Of a case: the figure, or a finding that no limit decides, or None where the check does not apply.
+        Of a case and the values of those attributes: the figure, a finding that no limit decides, or None.
     limit : float, optional
         The figure up to which it is good; without one any above 0 is a fault, and no figure is shown.
     said, todo : str
@@ -34,7 +602,7 @@ class Check(NamedTuple):
 
     what: str
     needs: str
-    figure: Callable[[Case], Sight]
+    figure: Callable[..., Sight]
     limit: float | None
     said: str
     todo: str
@@ -42,7 +610,13 @@ class Check(NamedTuple):
 
     def run(self, case: Case) -> Finding | None:
         """The finding of a case."""
-        seen = self.figure(case)
+        given = []
+        for word in filter(None, self.needs.split(", ")):
+            value = case.has[word] if word in case.has else getattr(case, word)
+            if value is None or value is False or isinstance(value, Unknown):
+                return None
+            given += [value] if value is not True else []
+        seen = self.figure(case, *given)
         if isinstance(seen, Finding):
             return replace(seen, what=self.what)
         if not isinstance(seen, Seen):
@@ -64,97 +638,93 @@ BELOW = "modes below the cut-off"
 OTHERS = "M, K or both are of another model, or in other units"
 
 CHECKS = (
-    Check("entries are numbers", "", see.not_numbers, None, "{key} holds a NaN or Inf, first at row {row}, column {column}",
+    Check("entries are numbers", "", not_numbers, None, "{key} holds a NaN or Inf, first at row {row}, column {column}",
           "Write the matrices again. Nothing else was checked", stops=True),
-    Check("sizes fit", "", see.misfits, None, "{wrong}", LEFT_OUT, stops=True),
-    Check("same full model", "full", see.other_model, None, "{wrong}", "The reduction is of another model", stops=True),
+    Check("sizes fit", "", misfits, None, "{wrong}", LEFT_OUT, stops=True),
+    Check("same full model", "full", other_model, None, "{wrong}", "The reduction is of another model", stops=True),
     # the small matrices
-    Check("digits", "", see.rounded, 1e-8, "the entries of {key} end after about {digits:.0f} digits",
+    Check("digits", "", rounded, 1e-8, "the entries of {key} end after about {digits:.0f} digits",
           "Write them with all digits (17): low modes and rigid motion are small differences of large entries"),
-    Check("M symmetric", "", partial(see.skew, "M"), EQUAL, "M[{i}, {j}] = {one:.6g}, but M[{j}, {i}] = {other:.6g}", TRIANGLES),
-    Check("K symmetric", "", partial(see.skew, "K"), EQUAL, "K[{i}, {j}] = {one:.6g}, but K[{j}, {i}] = {other:.6g}", TRIANGLES),
-    Check("M positive", "", partial(see.negative, "M"), EQUAL,
+    Check("M symmetric", "", partial(skew, "M"), EQUAL, "M[{i}, {j}] = {one:.6g}, but M[{j}, {i}] = {other:.6g}", TRIANGLES),
+    Check("K symmetric", "", partial(skew, "K"), EQUAL, "K[{i}, {j}] = {one:.6g}, but K[{j}, {i}] = {other:.6g}", TRIANGLES),
+    Check("M positive", "", partial(negative, "M"), EQUAL,
           "M has a negative eigenvalue, mostly in coordinate {at}: some motion has negative kinetic energy", LOOK.format("mass")),
-    Check("K positive", "", partial(see.negative, "K"), EQUAL,
+    Check("K positive", "", partial(negative, "K"), EQUAL,
           "K has a negative eigenvalue, mostly in coordinate {at}: energy would be won by a deformation",
           LOOK.format("stiffness")),
-    Check("coordinates independent", "", see.dependent, EQUAL, "", ""),
-    Check("D symmetric", "D", see.gyroscopic, EQUAL, "a share of {share:.1e} of D is skew, and the part is not said to turn",
+    Check("coordinates independent", "", dependent, EQUAL, "", ""),
+    Check("D symmetric", "D, damped", gyroscopic, EQUAL, "a share of {share:.1e} of D is skew, and the part is not said to turn",
           "If it turns, state it (gyroscopic); else an entry is lost, or a triangle is"),
-    Check("D takes energy out", "D", see.feeding, EQUAL,
+    Check("D takes energy out", "D, damped", feeding, EQUAL,
           "D has a negative eigenvalue, mostly in coordinate {at}: it feeds energy in",
           "Look at its sign. Friction with a falling characteristic belongs to a contact, not to D"),
-    Check("modes orthonormal", "", see.unlike_modes, AGREE, "ΦᵀMΦ is not I, or ΦᵀKΦ is not diagonal: {why}",
+    Check("modes orthonormal", "", unlike_modes, AGREE, "ΦᵀMΦ is not I, or ΦᵀKΦ is not diagonal: {why}",
           "Normalise the modes to mass 1, the matrices with them; modes that are not orthogonal have not converged"),
-    Check("modes and interface share no stiffness", "", see.shared_stiffness, AGREE,
+    Check("modes and interface share no stiffness", "", shared_stiffness, AGREE,
           "ΨᵀKΦ is not 0 between constraint modes Ψ and fixed-interface modes Φ",
           "The constraint modes are not the static response of this K: compute them again, K_ii Ψ_i = -K_ib"),
     # what the full model decides better where it is known
-    Check("no mode twice", "alone, no V", see.alike_modes, None, "", ""),
-    Check(STRAINED, "alone", see.carried_strain, EQUAL, "the rigid motion that the model carries has an elastic energy",
+    Check("no mode twice", "alone, no V", alike_modes, None, "", ""),
+    Check(STRAINED, "alone, motion", carried_strain, EQUAL, "the rigid motion that the model carries has an elastic energy",
           "K has been changed, or grounded by a spring, since it was reduced"),
-    Check(STRAINED, "alone", see.mapped_strain, EQUAL, "", ""),
-    Check("mass and inertia", "alone", see.unlike_body, AGREE,
+    Check(STRAINED, "alone", mapped_strain, EQUAL, "", ""),
+    Check("mass and inertia", "alone, body", unlike_body, AGREE,
           "the masses along x, y, z are {masses}, or moments do not fit a rigid body",
           "Mass is lost, DOF are swapped, or rotations have other units than translations"),
-    Check("mass as stated", "alone", see.other_mass, 0.01, "the mass is {mass:.6g}, but {stated:.6g} is stated{factor}",
+    Check("mass as stated", "alone, body, mass", other_mass, 0.01, "the mass is {mass:.6g}, but {stated:.6g} is stated{factor}",
           "Check density and units"),
-    Check("units fit", "alone", see.implausible, None, "", ""),
+    Check("units fit", "alone, body", implausible, None, "", ""),
     # against the full model
-    Check("interface list", "full", see.other_interface, None, "{why}", "Take the list that the reduction was made with"),
-    Check("V moves the interface", "full, V", see.unmoved_interface, AGREE,
+    Check("interface list", "full", other_interface, None, "{why}", "Take the list that the reduction was made with"),
+    Check("V moves the interface", "full, V, interface", unmoved_interface, AGREE,
           "V does not move interface DOF {bad} by one with their coordinates",
           "The interface list, its order or a sign is not that of V"),
-    Check("M = VᵀMV", "full, V, projected", partial(see.unlike_projection, "M"), AGREE, ENTRY.format("M", "VᵀMV"), "{advice}"),
-    Check("M = VᵀMΦΦᵀMV", "full, V, massless", partial(see.unlike_projection, "M"), AGREE, ENTRY.format("M", "VᵀMV"), "{advice}"),
-    Check("K = VᵀKV", "full, V", partial(see.unlike_projection, "K"), AGREE, ENTRY.format("K", "VᵀKV"), "{advice}"),
-    Check("D = VᵀDV", "full, V", partial(see.unlike_projection, "D"), AGREE, ENTRY.format("D", "VᵀDV"), "{advice}"),
-    Check("frequencies of the shapes stated", "full, no V", see.other_spectrum, AGREE,
+    Check("M = VᵀMV", "full, V, projected", partial(unlike_projection, "M"), AGREE, ENTRY.format("M", "VᵀMV"), "{advice}"),
+    Check("M = VᵀMΦΦᵀMV", "full, V, massless", partial(unlike_projection, "M"), AGREE, ENTRY.format("M", "VᵀMV"), "{advice}"),
+    Check("K = VᵀKV", "full, V", partial(unlike_projection, "K"), AGREE, ENTRY.format("K", "VᵀKV"), "{advice}"),
+    Check("D = VᵀDV", "full, V", partial(unlike_projection, "D"), AGREE, ENTRY.format("D", "VᵀDV"), "{advice}"),
+    Check("frequencies of the shapes stated", "full, no V", other_spectrum, AGREE,
           "frequency {mode} of all {count} is {own:.6g}, but {there:.6g} in the span of the shapes that the kinds name",
           "An entry of M or K is wrong, or the coordinates are not what their kinds say"),
-    Check("static interface response", "full", see.unlike_statics, AGREE, PLACE.format("the condensed stiffness"), "{guess}"),
-    Check("inertia seen from the interface", "full", see.unlike_inertia, AGREE, PLACE.format("the mass of static shapes"),
-          "{guess}"),
-    Check("damping seen from the interface", "full", see.unlike_damping, AGREE, PLACE.format("the damping of static shapes"),
-          "{guess}"),
-    Check("V has the rigid motion", "full", see.missing_motion, AGREE, "a share of {left:.2g} of it is missing",
+    Check("static interface response", "full", unlike_statics, AGREE, PLACE.format("the condensed stiffness"), "{guess}"),
+    Check("inertia seen from the interface", "full, projected, comparable", unlike_inertia, AGREE,
+          PLACE.format("the mass of static shapes"), "{guess}"),
+    Check("damping seen from the interface", "full, no V, comparable, D", unlike_damping, AGREE,
+          PLACE.format("the damping of static shapes"), "{guess}"),
+    Check("V has the rigid motion", "full, moved", missing_motion, AGREE, "a share of {left:.2g} of it is missing",
           "Add rigid-body modes or constraint modes to the basis"),
-    Check(STRAINED, "full", see.moved_strain, EQUAL,
+    Check(STRAINED, "full", moved_strain, EQUAL,
           "the full model has {count} rigid motions, which have an elastic energy in the reduced one",
           "A spring to the ground, swapped or turned DOF, or entries with few digits"),
-    Check("mass and inertia", "full", see.other_inertia, AGREE,
+    Check("mass and inertia", "full, moved", other_inertia, AGREE,
           "of rigid motion, the reduced model has {masses} times the full model's{factor}",
           "Mass is lost or counted twice, the density is another one, or units are"),
-    Check(BELOW, "full", see.uncounted, 0.0,
+    Check(BELOW, "full", uncounted, 0.0,
           "the full model has {counted} modes below the stated cut-off {cut:.6g} rad/time, the reduced one {listed}", "{advice}"),
-    Check("modes converged", "full", see.unconverged, AGREE,
+    Check("modes converged", "full, kept", unconverged, AGREE,
           "mode {mode} of the reduced model is none of the full one: ω² is off by {off:.1e}",
           "Compute it again with a tighter tolerance; or the model is reduced from other matrices, or its coordinates are no "
           "modes: state their kinds"),
-    Check("coupling of modes and interface (M_bi)", "full", see.unlike_coupling, SHAPED,
+    Check("coupling of modes and interface (M_bi)", "full, kept, statics, static", unlike_coupling, SHAPED,
           "the part of the modes near ω = {omega:.6g} in motions of the interface is not the full model's",
           "The block M_bi is lost, transposed or scaled, or its columns are in another order than the modes"),
-    Check("frequencies not below the full model's", "full, projected", see.lowered, AGREE,
+    Check("frequencies not below the full model's", "full, projected, frequencies", lowered, AGREE,
           "mode {mode} has ω = {own:.6g}, but {there:.6g} in the full model; no projection lowers it", OTHERS),
-    Check("frequencies within their bounds", "full", see.unbounded, AGREE,
+    Check("frequencies within their bounds", "full, frequencies, bounds", unbounded, AGREE,
           "elastic mode {mode} of the full model has ω = {there:.6g}, below the bound {bound:.6g} by the stated cut-off",
           "The cut-off is not what is stated, or the matrices are not those of this model"),
     # what nobody can know
-    Check(BELOW, "alone", see.unseen_modes, None, "", ""),
-    Check("frequencies", "", see.unknown_frequencies, None, "", ""))
+    Check(BELOW, "alone", unseen_modes, None, "", ""),
+    Check("frequencies", "", unknown_frequencies, None, "", ""))
 
 
 def findings(case: Case) -> tuple[Finding, ...]:
     """Runs the checks that a case has all for, in their order."""
     found = []
     for check in CHECKS:
-        if check.needs and not set(check.needs.split(", ")) <= case.has:
-            continue
         one = check.run(case)
-        if one is None:
-            continue
-        found.append(one)
-        if one.verdict == FAULT:
+        found += [] if one is None else [one]
+        if one is not None and one.verdict == FAULT:
             case.sound &= "full" in check.needs
             case.stopped = check.stops
             if check.stops:
