@@ -219,8 +219,8 @@ def test_the_verdict_follows_the_recommendation(found: Study) -> None:
 def test_the_verdict_over_a_range_is_that_of_the_critical_value(found: Study) -> None:
     over = replace(found, parameter="mu", values=(0.2, 0.5), between=(0.0, 0.6))
     fit = study_choice(with_rows(over, error_critical=5e-3, error_growth=1.0, missed=0, invented=1), 1e-2)
-    assert fit.model and fit.decides[0].endswith("no unstable mode of the full model is missed, but 1 invented.")
-    assert "Its critical μ is within 5.0e-03 of the full model's." in fit.decides
+    assert fit.model and "No unstable mode of the full model is missed, but 1 invented." in fit.decides
+    assert fit.decides[0].endswith(": the critical μ is within 5.0e-03 of the full model's; the tolerance is 0.01.")
     assert "The full model was solved at μ = 0.2, 0.5 alone." in answer([fit]).unchecked
     for bad in ({"missed": 1, "error_critical": 0.0}, {"missed": 0, "error_critical": 0.02}):
         none = study_choice(with_rows(over, **bad), 1e-2)

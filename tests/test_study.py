@@ -229,7 +229,8 @@ def test_over_a_range_the_error_of_the_critical_value_and_missed_modes_decide() 
     full, rows = row(100, 0.0, 0.0), (row(5, 1e-6, 0.2), row(6, 1e-6, 1e-4, 1), row(7, 0.5, 1e-4), row(8, 1e-6, 1e-6))
     found = Study("x", (0.0, 1.0), 1, full, rows, parameter="mu", between=(0.0, 1.0))
     assert found.recommended() is rows[2] and replace(found, between=None).recommended() is rows[0]
-    assert "0.1 % of the critical μ" in found.recommendation() and "misses no unstable mode" in found.recommendation()
+    assert "0.1 % of the critical μ" in found.recommendation()
+    assert "no unstable mode of the full model is missed and none is invented" in found.recommendation()
     assert "comes nearest with 0.0001 %" in found.recommendation(1e-9) and "none" in str(replace(
         found, rows=(replace(rows[0], critical=np.inf, error_critical=np.inf),)))
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, Tally, choice, positive_number
-from femsub.errors import InputTypeError
-from femsub.studies.audit_case import Case, Unknown
-from femsub.studies.audit_checks import FAULT, GOOD, SYSTEMS, UNKNOWN, Finding, findings
+from femsub.checks import Array, Tally, choice, positive_number, truth
+from femsub.studies.audit_case import FAULT, GOOD, UNKNOWN, Case, Finding
+from femsub.studies.audit_checks import SYSTEMS, findings
 from femsub.studies.charts import Chart, Level, Panel, Series
 from femsub.studies.tables import Table, column, fitted
 from femsub.studies.verdicts import Verdict
@@ -225,11 +224,9 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
     >>> found.verdict, found.faults[0].what
     ('fault', 'static interface response')
     """
-    for name, value in (("floating", floating), ("gyroscopic", gyroscopic)):
-        if value is not None and not isinstance(value, bool):
-            raise InputTypeError(f"{name} must be True or False, not {value!r}")
     stated: dict[str, Any] = {
-        "mass": None if mass is None else positive_number("mass", mass), "floating": floating, "turning": bool(gyroscopic),
+        "mass": None if mass is None else positive_number("mass", mass), "turning": truth("gyroscopic", gyroscopic),
+        "floating": None if floating is None else truth("floating", floating),
         "units": "" if isinstance(units, str) and not units else choice("units", units, SYSTEMS)}
     if cutoff is not None:
         stated["cutoff"] = positive_number("cutoff", cutoff)
@@ -237,11 +234,9 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
     head = case.name, case.size, 0 if full is None else full.size, findings(case)
     if case.stopped:
         return Audit(*head)
+    first, tally = case.cutoff, Tally(0)
     if full is not None:
-        first, tally = (np.nan, Tally(0)) if isinstance(case.kept, Unknown) else (case.kept.first, case.kept.tally)
-        pairs = np.zeros((0, 2)) if isinstance(case.frequencies, Unknown) else case.frequencies
-        return Audit(*head, pairs[:, 0], pairs[:, 1], first, tally)
-    if not isinstance(case.bounds, Unknown):
-        return Audit(*head, case.bounds.upper, case.bounds.lower, case.cutoff)
+        first, tally = (np.nan, tally) if isinstance(case.kept, Finding) else (case.kept.first, case.kept.tally)
     omega = case.elastic_frequencies[:case.few]
-    return Audit(*head, omega, np.full(len(omega), np.nan), case.cutoff)
+    omega, lower = (omega, np.full(len(omega), np.nan)) if isinstance(case.frequencies, Finding) else case.frequencies
+    return Audit(*head, omega, lower, first, tally)

@@ -6,7 +6,7 @@ What several checks need of both is computed here, once.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -31,14 +31,39 @@ SPREAD = "interface mode"  # a kind that no single frequency is the cut-off of
 AGREE = 1e-6  # relative difference of entries, energies and ω² of one model as two programs write them, with seven digits
 SHAPED = 1e-4  # the same of what is linear in shapes, which have half the digits of their energies, and of clusters of ω
 ROUNDING = 256 * EPS  # of sums in products with large matrices
+GOOD, FAULT, UNKNOWN = "good", "fault", "unknown"
 ENTRIES = ("M", "K", "D", "V", "kinds", "interface", "full_interface", "dofs", "cutoff", "name")
 
 
-class Unknown(NamedTuple):
-    """Why a check cannot be decided, and what to do about it."""
+@dataclass(frozen=True)
+class Finding:
+    """What one check of an audit has found.
 
-    why: str
+    Attributes
+    ----------
+    what : str
+        What was checked.
+    verdict : str
+        'good', 'fault' or 'unknown'.
+    said : str
+        What was found, in a sentence.
+    figure, limit : float, optional
+        The number that decides, and how large it may be.
+    todo : str
+        What to do about it.
+    """
+
+    what: str
+    verdict: str
+    said: str = ""
+    figure: float | None = None
+    limit: float | None = None
     todo: str = ""
+
+
+def unknown(why: str, todo: str = "", figure: float | None = None, limit: float | None = None) -> Finding:
+    """What cannot be decided. The name of the check is put in later."""
+    return Finding("", UNKNOWN, why, figure, limit, todo)
 
 
 class KeptModes(NamedTuple):
@@ -359,14 +384,14 @@ class Case:
         return Body(P, m, c + self.dofs.points.mean(axis=0), float(max(wrong)), length)
 
     @cached_property
-    def bounds(self) -> FrequencyBounds | Unknown:
+    def bounds(self) -> FrequencyBounds | Finding:
         """Bounds of the lowest frequencies from the small matrices and the stated cut-off, or why there are none."""
         if not self.sound:
-            return Unknown("the faults come first")
+            return unknown("the faults come first")
         if np.isnan(self.cutoff):
-            return Unknown("no cut-off is stated")
+            return unknown("no cut-off is stated")
         if self.basis != "held":
-            return Unknown("bounds without the full model are known for Craig-Bampton models alone")
+            return unknown("bounds without the full model are known for Craig-Bampton models alone")
         kinds = np.full(self.size, "constraint", dtype=object)
         kinds[self.modal] = HELD_KIND
         try:
@@ -375,7 +400,7 @@ class Case:
                                       kinds=tuple(self.kinds or kinds.tolist()), cutoff=self.cutoff, rigid_motion=self.carried)
             return frequency_bounds(rom, max(1, min(self.few, len(self.elastic_frequencies))))
         except FemsubError as error:
-            return Unknown(f"they have no bounds: {error}")
+            return unknown(f"they have no bounds: {error}")
 
     # the full model
 
@@ -430,37 +455,37 @@ class Case:
         return lowest_modes(handle, max(0, min(count, handle.elastic)))
 
     @cached_property
-    def statics(self) -> tuple[Array, Array, Array] | Unknown:
+    def statics(self) -> tuple[Array, Array, Array] | Finding:
         """Constraint modes C (n, n_b) of the full model, CᵀKC and CᵀMC; or why there are none."""
         if not len(self.rows):
-            return Unknown("no interface is known")
+            return unknown("no interface is known")
         C = np.zeros((self.whole.size, len(self.rows)))
         C[self.rows, np.arange(len(self.rows))] = 1.0
         try:
             if len(self.inside):
                 if self.held.rigid.shape[1]:
-                    return Unknown("the interface does not hold the inside of the full model")
+                    return unknown("the interface does not hold the inside of the full model")
                 C[self.inside] = -self.held.elastic_solve((self.whole.K @ C)[self.inside], np.zeros((len(self.inside), 0)))
         except FemsubError as error:
-            return Unknown(str(error))
+            return unknown(str(error))
         K, M = (C.T @ (A @ C) for A in (self.whole.K, self.whole.M))
         return C, (K + K.T) / 2, (M + M.T) / 2
 
     @cached_property
     def comparable(self) -> tuple[Array, Array, Array, Array] | None:
         """U, X of the reduced model and C, CᵀMC of the full one, where both have static responses to the same interface."""
-        if isinstance(self.statics, Unknown) or self.interface is None or not len(self.B) or len(self.B) != len(self.rows) \
+        if isinstance(self.statics, Finding) or self.interface is None or not len(self.B) or len(self.B) != len(self.rows) \
                 or self.static is None:
             return None
         return self.parted[0], self.static, self.statics[0], self.statics[2]
 
     @cached_property
-    def moved(self) -> tuple[Array, Array, float | None] | Unknown:
+    def moved(self) -> tuple[Array, Array, float | None] | Finding:
         """q (r, k) of the full model's rigid motion Z (n, k), Z, and the share of Z that V leaves out where q comes from V."""
         try:
             Z = self.free.rigid
         except FemsubError as error:
-            return Unknown(f"that of the full model could not be found: {error}")
+            return unknown(f"that of the full model could not be found: {error}")
         U, X, left = self.parted[0], self.static, None
         at = U.T @ Z[self.rows] if len(self.rows) == len(U) else Z[:0]
         if not Z.shape[1]:
@@ -473,21 +498,21 @@ class Case:
             q = np.linalg.lstsq(unit * self.V, unit * Z, rcond=None)[0]
             left = float(np.linalg.norm(unit * (self.V @ q - Z)) / np.linalg.norm(unit * Z))
         else:
-            return Unknown("the interface does not distinguish all rigid motions", "Give V")
+            return unknown("the interface does not distinguish all rigid motions", "Give V")
         carried = self.motion
         if carried is not None and carried.shape == q.shape and self.strain(carried) <= EQUAL:
             q = carried @ np.linalg.lstsq(carried, q, rcond=None)[0]  # without its rounding
         return q, Z, left
 
     @cached_property
-    def kept(self) -> KeptModes | Unknown:
+    def kept(self) -> KeptModes | Finding:
         """The modes that the reduced model keeps, beside those of the full one.
 
         Those below a stated cut-off, or else below the first one that is missing, are counted by the inertia of K - ω²M.
         """
         state, none = "State the kinds of the coordinates, or the interface", np.zeros(0)
         if not self.basis:
-            return Unknown("which modes the model keeps is not stated", state)
+            return unknown("which modes the model keeps is not stated", state)
         held, cut = self.basis == "held", self.cutoff
         if np.isinf(cut) and self.size == self.whole.size:
             return KeptModes(None, none, np.inf, Tally(self.size, self.whole.size))
@@ -509,7 +534,7 @@ class Case:
             shapes = sum(np.size(column) // self.whole.size for column in self.whole.ports.values())  # static, beside the modes
             # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes
             if not self.kinds and (strange > len(apart) / 2 or 0 < strange <= shapes or (strange and self.V is not None)):
-                return Unknown("the coordinates beside the interface are not stated to be modes, and "
+                return unknown("the coordinates beside the interface are not stated to be modes, and "
                                f"{strange} of {len(apart)} are none of the full model", state)
             # the lowest frequency of the full model that the reduced one has not got, as often as it stands there
             true, left, first = modes.frequencies, list(own), np.inf
@@ -528,21 +553,26 @@ class Case:
             counted = None if np.isinf(limit) else modes_under(handle.K, handle.M, limit**2)
             return KeptModes(modes, apart, min(first, cut) if np.isfinite(cut) else first, Tally(listed, counted))
         except FemsubError as error:
-            return Unknown(f"they could not be counted: {error}")
+            return unknown(f"they could not be counted: {error}")
 
     @cached_property
-    def frequencies(self) -> Array | Unknown:
-        """Elastic frequencies (k, 2) of the reduced and of the full model, interface free, up to the cut-off, stated or found."""
-        first = np.inf if isinstance(self.kept, Unknown) else self.kept.first
+    def frequencies(self) -> tuple[Array, Array] | Finding:
+        """Elastic frequencies, interface free, up to the cut-off, stated or found: the reduced model's, and what they are beside.
+
+        These are the full model's, (k,) both, or without it what they cannot lie below.
+        """
+        if self.full is None:
+            found = self.bounds
+            return replace(found, todo="Give the full M and K") if isinstance(found, Finding) else (found.upper, found.lower)
+        reach = self.cutoff if np.isfinite(self.cutoff) else np.inf if isinstance(self.kept, Finding) else self.kept.first
         try:
             rigid = self.free.rigid.shape[1]
             own = self.free_frequencies[rigid:]
-            reach = self.cutoff if np.isfinite(self.cutoff) else first
-            most = min(self.most, self.free.elastic, max(1, int(np.count_nonzero(own <= reach))), len(own))
-            true = lowest_modes(self.free, max(most, 0)).frequencies[rigid:]
-            return np.stack([own[:len(true)], true], axis=1)
+            most = min(self.most, max(1, int(np.count_nonzero(own <= reach))), len(own))
+            true = self.lowest(self.free, most).frequencies[rigid:]
+            return own[:len(true)], true
         except FemsubError as error:
-            return Unknown(f"those of the full model could not be found: {error}")
+            return unknown(f"those of the full model could not be found: {error}")
 
 
 def scaled(A: Array) -> Array:

@@ -6,7 +6,7 @@ A check sees a figure that its limit decides, a finding that no limit decides, o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
@@ -17,50 +17,26 @@ from femsub.model import MOTIONS, rounding_of, units
 from femsub.reduction import FrequencyBounds
 from femsub.studies.audit_case import (
     AGREE,
+    FAULT,
+    GOOD,
     HELD_KIND,
     ROUNDING,
     SHAPED,
     Body,
     Case,
+    Finding,
     KeptModes,
-    Unknown,
     coupling,
     listed,
     off_diagonal,
     scaled,
     spectrum,
+    unknown,
     within,
 )
 
-GOOD, FAULT, UNKNOWN = "good", "fault", "unknown"
 #: unit of length in m, of mass in kg
 SYSTEMS = {"SI": (1.0, 1.0), "mm-t-s": (1e-3, 1e3)}
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What one check of an audit has found.
-
-    Attributes
-    ----------
-    what : str
-        What was checked.
-    verdict : str
-        'good', 'fault' or 'unknown'.
-    said : str
-        What was found, in a sentence.
-    figure, limit : float, optional
-        The number that decides, and how large it may be.
-    todo : str
-        What to do about it.
-    """
-
-    what: str
-    verdict: str
-    said: str = ""
-    figure: float | None = None
-    limit: float | None = None
-    todo: str = ""
 
 
 class Seen:
@@ -71,11 +47,6 @@ class Seen:
 
 
 Sight: TypeAlias = "Seen | Finding | None"
-
-
-def unknown(why: str, todo: str = "", figure: float | None = None, limit: float | None = None) -> Finding:
-    """A finding that cannot be decided. The name of its check is put in later, as in those that follow."""
-    return Finding("", UNKNOWN, why, figure, limit, todo)
 
 
 def good(said: str, figure: float | None = None, limit: float | None = None) -> Finding:
@@ -400,7 +371,7 @@ def other_spectrum(case: Case) -> Sight:
     interface. ω does not depend on the coordinates in it, so no V is needed.
     """
     sub, basis, n_b = case.whole, case.basis, len(case.rows)
-    if not case.kinds or not basis or not n_b or (basis == "held" and isinstance(case.statics, Unknown)):
+    if not case.kinds or not basis or not n_b or (basis == "held" and isinstance(case.statics, Finding)):
         return None
     handle = case.factor
     rigid = 0 if basis == "held" else handle.rigid.shape[1]
@@ -414,7 +385,7 @@ def other_spectrum(case: Case) -> Sight:
     modes = case.lowest(handle, kept)
     forces, ports = np.eye(sub.size)[:, case.rows], np.column_stack([np.zeros((sub.size, 0)), *sub.ports.values()])
     also = ports if case.size == kept + rigid + n_b + ports.shape[1] else ports[:, :0]
-    if basis == "held" and not isinstance(case.statics, Unknown):
+    if basis == "held" and not isinstance(case.statics, Finding):
         inner = np.zeros((sub.size, modes.shapes.shape[1] + also.shape[1]))
         inner[case.inside] = np.hstack([modes.shapes, handle.elastic_solve(also[case.inside], modes.shapes)])
         shapes = np.hstack([case.statics[0], inner])
@@ -434,8 +405,8 @@ def other_spectrum(case: Case) -> Sight:
 def unlike_statics(case: Case) -> Sight:
     """XᵀKX against the full model's stiffness condensed to the interface, or what V leaves out of the static response."""
     n_b, statics, U, X = len(case.rows), case.statics, case.parted[0], case.static
-    if isinstance(statics, Unknown):
-        return unknown(*statics)
+    if isinstance(statics, Finding):
+        return statics
     if not len(case.B):
         return unknown("the reduced model's interface is not known", "State it, in the full one's order")
     if len(case.B) != n_b:
@@ -492,8 +463,8 @@ def missing_motion(case: Case, moved: tuple[Array, Array, float | None]) -> Sigh
 
 def moved_strain(case: Case) -> Sight:
     """The energy of the full model's rigid motion in the reduced one."""
-    if isinstance(case.moved, Unknown):
-        return unknown(*case.moved)
+    if isinstance(case.moved, Finding):
+        return case.moved
     q, Z, _ = case.moved
     return Seen(case.strain(q), count=Z.shape[1]) if Z.shape[1] else good("the full model is held", 0.0, EQUAL)
 
@@ -508,8 +479,8 @@ def other_inertia(case: Case, moved: tuple[Array, Array, float | None]) -> Sight
 def uncounted(case: Case) -> Sight:
     """The difference of the modes below the cut-off, by the inertia of K - ω²M of the full model; or what is known of it."""
     kept, cut = case.kept, case.cutoff
-    if isinstance(kept, Unknown):
-        return unknown(*kept)
+    if isinstance(kept, Finding):
+        return kept
     own, full = kept.tally.listed, kept.tally.counted
     if kept.modes is None:
         return good("nothing is left out" if own else "all DOF are interface")
@@ -551,21 +522,20 @@ def unlike_coupling(case: Case, kept: KeptModes, statics: tuple[Array, Array, Ar
     return Seen(worst, omega=where)
 
 
-def lowered(case: Case, frequencies: Array) -> Sight:
+def lowered(case: Case, frequencies: tuple[Array, Array]) -> Sight:
     """How far a frequency of a Ritz model lies below the full model's."""
-    if not len(frequencies):
+    own, there = frequencies
+    if not len(own):
         return None
-    own, there = frequencies.T
     worst = int((1 - own / there).argmax())
     return Seen(max(1 - own[worst] / there[worst], 0.0), mode=worst + 1, own=own[worst], there=there[worst])
 
 
-def unbounded(case: Case, frequencies: Array, bounds: FrequencyBounds) -> Sight:
+def unbounded(case: Case, frequencies: tuple[Array, Array], bounds: FrequencyBounds) -> Sight:
     """How far a frequency of the full model lies below its bound from the small matrices alone."""
-    k = min(len(bounds.lower), len(frequencies))
-    if not k or not np.isfinite(case.cutoff) or not case.kinds or bounds.rigid != case.free.rigid.shape[1]:
+    there, bound = (values[:min(len(bounds.lower), len(frequencies[1]))] for values in (frequencies[1], bounds.lower))
+    if not len(there) or not np.isfinite(case.cutoff) or not case.kinds or bounds.rigid != case.free.rigid.shape[1]:
         return None
-    there, bound = frequencies[:k, 1], bounds.lower[:k]
     worst = int((1 - there / bound).argmax())
     return Seen(max(1 - there[worst] / bound[worst], 0.0), mode=worst + 1, there=there[worst], bound=bound[worst])
 
@@ -577,9 +547,7 @@ def unseen_modes(case: Case) -> Sight:
 
 def unknown_frequencies(case: Case) -> Sight:
     """Why the frequencies of the full model are not known, or have no bounds without it; nothing is said where they are."""
-    if case.full is None:
-        return unknown(case.bounds.why, "Give the full M and K") if isinstance(case.bounds, Unknown) else None
-    return unknown(*case.frequencies) if isinstance(case.frequencies, Unknown) else None
+    return case.frequencies if isinstance(case.frequencies, Finding) else None
 
 
 class Check(NamedTuple):
@@ -613,7 +581,7 @@ class Check(NamedTuple):
         given = []
         for word in filter(None, self.needs.split(", ")):
             value = case.has[word] if word in case.has else getattr(case, word)
-            if value is None or value is False or isinstance(value, Unknown):
+            if value is None or value is False or isinstance(value, Finding):
                 return None
             given += [value] if value is not True else []
         seen = self.figure(case, *given)

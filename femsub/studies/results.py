@@ -277,24 +277,35 @@ class Study:
         what = {"error_growth": "the rates of damping and growth", "error_frequency": "the undamped frequencies",
                 "error_critical": f"the critical {self.symbol} of the full model"}[self.decisive]
         where = f"{100 * tol:.3g} % of {what} from {span(self.band)}"
-        if row is None:
-            whole = [row for row in self.rows if (row.sound if self.between is None else not row.missed)
-                     and self._error(row) > tol]
-            near = min(whole, key=self._error, default=None)
-            nearest = "" if near is None else f"; {near.named} comes nearest with {100 * self._error(near):.2g} %"
-            return f"for {where} no smaller model is accurate enough{nearest}. Keep more modes, or lower the band"
-        # forces that are off by more than a tenth decide no design
-        within = "are within" if row.error_force <= 0.1 else "are not to be trusted, they are off by up to"
-        forces = "" if np.isnan(row.error_force) else f"; the forces in the joints {within} {100 * row.error_force:.2g} %"
-        faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
+        if row is not None:
+            return f"for {where} take {row.named}: {'; '.join(self.worth(row))}"
+        whole = [row for row in self.rows if (row.sound if self.between is None else not row.missed) and self._error(row) > tol]
+        near = min(whole, key=self._error, default=None)
+        nearest = "" if near is None else f"; {near.named} comes nearest with {100 * self._error(near):.2g} %"
+        return f"for {where} no smaller model is accurate enough{nearest}. Keep more modes, or lower the band"
+
+    def worth(self, row: Row) -> list[str]:
+        """What a model is worth beside its error: run time, forces in the joints, modes that grow, stability."""
+        small, large, said = row.solution.median, self.full.solution.median, []
+        faster = large / small if small > 0 else np.inf
         ratio = f"{float(f'{faster if faster >= 1 else 1 / faster:.2g}'):g} times {'faster' if faster >= 1 else 'slower'}"
-        missed = "" if self.between is None else "; it misses no unstable mode"
-        apart = "" if row.stable == self.full.stable else (
-            f"; mind that the full model is {STABLE[self.full.stable]} and this one {STABLE[row.stable]}: the border is nearer "
-            "than the error")
-        return (f"for {where} take {row.named}: {seconds(row.reduction.median)} to "
-                f"reduce, {seconds(row.solution.median)} to solve, {ratio} than the full model"
-                f"{missed}{forces}{apart}")
+        said.append(f"{seconds(row.reduction.median)} to reduce, {seconds(small)} to solve, {ratio} than the full model")
+        if not np.isnan(row.error_force):
+            # forces that are off by more than a tenth decide no design
+            within = "are within" if row.error_force <= 0.1 else "are not to be trusted, they are off by up to"
+            said.append(f"the forces in the joints {within} {100 * row.error_force:.2g} %")
+        if self.between is not None:
+            said.append("no unstable mode of the full model is missed"
+                        + (f", but {row.invented} invented" if row.invented else " and none is invented"))
+        elif row.stable == self.full.stable:
+            said.append(f"in the band both models are {STABLE[row.stable]}")
+        else:
+            said.append(f"mind: in the band the full model is {STABLE[self.full.stable]} and the small one {STABLE[row.stable]}, "
+                        "the border is nearer than the error")
+        if faster > 1:
+            count = int(np.ceil(row.reduction.median / (large - small)))
+            said.append("the reduction pays at once" if count <= 1 else f"the reduction pays from {count} solutions on")
+        return said
 
     def brief(self, tol: float = 1e-3) -> str:
         """The full model, and of each method the model that is recommended, or else the most accurate one; which are left out."""

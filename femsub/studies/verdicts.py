@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from femsub.checks import NOT_CHECKED
-from femsub.studies.results import STABLE, Study, seconds
+from femsub.studies.results import STABLE, Study
 from femsub.studies.tables import label, span
 
 #: what no run can decide, for every scene that compares models
@@ -107,11 +107,10 @@ def answer(found: Iterable[Any]) -> Verdict:
 
 def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Advice:
     """What a study recommends, and what makes that model fit, figure by figure."""
-    row, full = found.recommended(tol), found.full
-    choice = Advice(sentence=found.recommendation(tol), full=full.size, band=found.band, where=where, brief=found.brief(tol))
-    if found.values:
-        at = ", ".join(f"{value:g}" for value in found.values)
-        choice = replace(choice, unchecked=[f"The full model was solved at {found.symbol} = {at} alone."])
+    row = found.recommended(tol)
+    at = ", ".join(f"{value:g}" for value in found.values)
+    choice = Advice(unchecked=[f"The full model was solved at {found.symbol} = {at} alone."] if at else (), where=where,
+                    sentence=found.recommendation(tol), full=found.full.size, band=found.band, brief=found.brief(tol))
     if row is None:
         return choice
     # for what the recommendation holds, and what it is worth with the interface held at rest
@@ -130,40 +129,22 @@ def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Advice:
         other = found.recommended(tol, held=True)
         then = "no model of this run will do" if other is None else f"take {other.named}, which is off by {other.error_held:.1e}"
         holds = f"{free} {off}; there {then}."
-    choice = replace(choice, model=row.named, size=row.size, row=row.flat(), condition=[holds])
     # what makes it fit
+    error = {"error_growth": "the growth rates in the band are within {} of the rates of damping and friction",
+             "error_frequency": "the undamped frequencies in the band are within {}, and nothing is damped",
+             "error_critical": f"the critical {found.symbol} is within {{}} of the full model's"}[found.decisive]
+    decides = [f"{row.named}: {error.format(format(getattr(row, found.decisive), '.1e'))}; the tolerance is {tol:g}."]
     if found.between:
-        invented = f", but {row.invented} invented" if row.invented else " and none is invented"
-        return replace(choice, decides=[
-            f"{row.named}: no unstable mode of the full model is missed{invented}.",
-            f"Its critical {found.symbol} is within {_shown(row.error_critical, '.1e')} of the full model's.",
-            f"Its eigenvalues are within {_shown(row.error_eigenvalue, '.1e')} of their modulus, its growth rates within "
-            f"{_shown(row.error_real, '.1e')}."])
-    said = [f"{row.named}: the growth rates in the band are within {_shown(row.error_growth, '.1e')} of the rates of "
-            f"damping and friction; the tolerance is {tol:g}." if found.decisive == "error_growth" else
-            f"{row.named}: the undamped frequencies in the band are within {_shown(row.error_frequency, '.1e')}; the tolerance "
-            f"is {tol:g}. Nothing is damped.",
-            "No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off."]
-    if row.critical == -math.inf and row.error_critical == 0:
-        said.append("At no slope does it lose its stability in the band, and neither does the full model.")
-    elif math.isfinite(row.error_critical):
-        said.append(f"Its critical slope is {_shown(row.critical, '.5g')}, within {_shown(row.error_critical, '.1e')} of the "
-                    "full model's.")
-    if math.isfinite(row.error_force):
-        said.append(f"The forces in the joints are within {_shown(row.error_force, '.1e')}.")
-    if row.stable != full.stable:
-        said.append(f"Mind: in the band the full model is {STABLE[full.stable]} and the small one {STABLE[row.stable]}. "
-                    "The border is nearer than the error.")
+        errors = ["unknown" if math.isnan(one) else f"{one:.1e}" for one in (row.error_eigenvalue, row.error_real)]
+        decides.append(f"Its eigenvalues are within {errors[0]} of their modulus, its growth rates within {errors[1]}.")
     else:
-        said.append(f"In the band both models are {STABLE[full.stable]}.")
-    if full.solution.median and row.solution.median:
-        reducing, small, large = (seconds(one.median) for one in (row.reduction, row.solution, full.solution))
-        gain = full.solution.median - row.solution.median
-        count = math.ceil(row.reduction.median / gain) if gain > 0 else 0
-        pays = "nothing is gained in time" if gain <= 0 else "the reduction pays at once" if count <= 1 else \
-            f"the reduction pays from {count} solutions on"
-        said.append(f"It takes {reducing} to reduce and {small} to solve. The full model takes {large}: {pays}.")
-    return replace(choice, decides=said)
+        decides.append("No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off.")
+    if row.critical == -math.inf and row.error_critical == 0:
+        decides.append("At no slope does it lose its stability in the band, and neither does the full model.")
+    elif not found.between and math.isfinite(row.error_critical):
+        decides.append(f"Its critical slope is {row.critical:.5g}, within {row.error_critical:.1e} of the full model's.")
+    return replace(choice, model=row.named, size=row.size, row=row.flat(), condition=[holds],
+                   decides=[*decides, *map(sentence, found.worth(row))])
 
 
 def stability_remark(models: Sequence[Mapping[str, Any]]) -> Remark:
@@ -218,7 +199,3 @@ def sentence(text: str, start: str = "") -> str:
     """A recommendation as a sentence of its own."""
     text = f"{start}: {text}" if start else text
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
-
-
-def _shown(value: float, form: str) -> str:
-    return "unknown" if math.isnan(value) else format(value, form)
