@@ -39,7 +39,8 @@ def begin(*folders: Path) -> None:
     """What a command that takes long does first: its folders can be written to, and it leaves in order when it is ended."""
     for folder in folders:
         try:
-            report.check_folder(str(folder))
+            with report.output_folder(str(folder)):
+                pass
         except fs.InputError as error:
             raise UsageError(str(error)) from None
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # or the process that computes stays behind

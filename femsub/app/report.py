@@ -55,18 +55,6 @@ def output_folder(folder: str | None) -> Iterator[Path | None]:
         yield path
 
 
-def check_folder(folder: str | None) -> Path | None:
-    """The output folder, if it can be written; it is made when there is something to put into it.
-
-    Raises
-    ------
-    InputError
-        It cannot be made or written, or another process writes into it.
-    """
-    with output_folder(folder) as path:
-        return path
-
-
 def write(result: Result, folder: Path, figures: bool, name: str = "results", units: Units = UNKNOWN,
           notes: Mapping[str, str] | None = None) -> list[Path]:
     """name.json, a CSV file for each table, the figures and the scene's own files, all or none; what was written.

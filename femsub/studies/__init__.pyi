@@ -3,13 +3,13 @@ from .charts import (
     Chart as Chart,
     Panel as Panel,
     Series as Series,
-    look as look,
 )
 from .charts_components import (
     belt_places_chart as belt_places_chart,
     critical_slopes_chart as critical_slopes_chart,
     eigenvalue_chart as eigenvalue_chart,
     friction_chart as friction_chart,
+    response_chart as response_chart,
     size_sweep_chart as size_sweep_chart,
     springs_chart as springs_chart,
 )
@@ -25,7 +25,6 @@ from .charts_motion import (
     signals_chart as signals_chart,
     spectra_chart as spectra_chart,
 )
-from .charts_response import response_chart as response_chart
 from .error_vs_time import all_frequencies as all_frequencies, elastic as elastic
 from .losses import Loss as Loss, affine_over as affine_over, first_loss as first_loss
 from .results import Row as Row, Study as Study
@@ -35,6 +34,7 @@ from .tables import (
     column as column,
     fitted as fitted,
     label as label,
+    look as look,
     span as span,
     table as table,
 )

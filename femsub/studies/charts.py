@@ -9,26 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from femsub.reduction import METHODS
-from femsub.studies.tables import SETTLED
+from femsub.studies.tables import Look, look
 
 ROUNDING = 1e-13  # errors below are rounding, and drawn there
-
-
-class Look(NamedTuple):
-    """How a model is named and drawn."""
-
-    label: str
-    colour: str
-    marker: str
-
-
-def look(kind: str) -> Look:
-    """That of a reduced model by its method's key; of the full model, or any other, black circles."""
-    if kind in SETTLED:
-        return Look(*SETTLED[kind])
-    method = METHODS.get(kind)
-    return Look(kind, "black", "o") if method is None else Look(method.label, method.colour, method.marker)
 
 
 @dataclass(frozen=True)

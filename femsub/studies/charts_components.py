@@ -1,4 +1,4 @@
-"""Charts of components and of the paper: friction laws, critical slopes, eigenvalues, interfaces on springs."""
+"""Charts of components and of the paper: friction laws, critical slopes, eigenvalues, interfaces on springs, receptances."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored
 SLOPE, ERROR = "critical slope dμ/dv  [time/length]", "relative error  [-]"
 MISSING = "A slope below the border destabilises. Where a point is missing, the band reaches above the model's cut-off."
 HOLLOW = "Right of the line Re λ = 0 a mode grows. Hollow marks of reduced models lie above their cut-off."
+RESPONSE = "The error is bounded: the difference from the full model's receptance, and what is not known of both."
 PLANE = "Re λ  [1/time]", "Im λ  [rad/time]"
-STYLES = (("solid", False, 1.6), ("dash", True, 1.2), ("dot", True, 0.9))  # line, hollow and width: the most modes first
+#: line, hollow and width of models of one method: the most modes first on springs, last in receptances
+STYLES = (("solid", False, 1.6), ("dash", True, 1.2), ("dot", True, 0.9))
 SHADES = ("#9ecae1", "#4292c6", "#08519c", "#000000")
 
 Curve: TypeAlias = tuple[str, str, str, Sequence[Mapping[str, Any]]]  # name, model, line, rows
@@ -178,3 +180,25 @@ def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8)
     return Chart("joined-interface", title, [panel(drawn, "figure"), panel(counts, "page")], about=about,
                  note="Soft springs leave the interface nearly free, stiff ones nearly fixed. Errors of zero are drawn at "
                  f"{ROUNDING:g}.", height=4.0, columns=3)
+
+
+def response_chart(curves: Sequence[Mapping[str, Any]], title: str) -> Chart:
+    """|h| and its phase over ω for each model, and for reduced models the bound of the relative error.
+
+    A curve has `model`, `modes`, `size`, `omega`, `magnitude`, `phase` in degrees and, of a reduced model, `error`.
+    """
+    panels = []
+    for key, label, logs in (("magnitude", "|h|  [length/force]", "y"), ("phase", "phase of h  [°]", ""),
+                             ("error", "bound of the error over |h|  [-]", "y")):
+        seen: dict[str, int] = {}
+        series = []
+        for curve in curves:
+            if key not in curve:
+                continue
+            at = seen.setdefault(curve["model"], 0)
+            seen[curve["model"]] += 1
+            line, _, width = STYLES[at % len(STYLES)] if curve["model"] != "full" else ("solid", False, 2.2)
+            series.append(Series(f"{look(curve['model']).label}, {curve['size']} DOF", curve["omega"],
+                                 np.asarray(curve[key], dtype=float), curve["model"], line, "", width=width))
+        panels.append(Panel(series, "ω  [rad/time]", label, logs=logs, rounding=key == "error", share={"x": "omega"}))
+    return Chart("frequency-response", title, panels, note=RESPONSE, height=2.0, columns=3)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import astuple
+from collections.abc import Sequence
+from dataclasses import astuple, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,11 +13,12 @@ from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored
 if TYPE_CHECKING:
     from femsub.studies.results import Row, Study
 
-COMPONENT = {"error_growth": "growth rates Re λ", "error_critical": "critical slope", "error_eigenvalue": "eigenvalues λ",
-             "error_frequency": "frequencies ω"}
-SYSTEM = {"error_frequency": "frequencies ω", "error_growth": "growth rates Re λ", "error_critical": "critical slope",
-          "error_force": "forces in the joints", "error_eigenvalue": "eigenvalues λ"}
-FRICTION = {"error_eigenvalue": "eigenvalues λ", "error_real": "growth rates Re λ", "error_critical": "critical μ"}
+#: the errors of a chart, those that a figure has first
+COMPONENT = ("error_growth", "error_critical", "error_eigenvalue", "error_frequency")
+SYSTEM = ("error_frequency", "error_growth", "error_critical", "error_force", "error_eigenvalue")
+FRICTION = ("error_eigenvalue", "error_real", "error_critical")
+NAMES = {"error_growth": "growth rates Re λ", "error_eigenvalue": "eigenvalues λ", "error_frequency": "frequencies ω",
+         "error_force": "forces in the joints", "error_real": "growth rates Re λ"}
 LEGEND = "filled: to solve once; hollow: to reduce and to solve; numbers: DOF"
 NOTE = ("Below and to the left is better. Filled: the time to solve once. Hollow: to reduce and to solve. Dashed: the full "
         f"model. Errors of zero are drawn at {ROUNDING:g}.")
@@ -30,19 +31,18 @@ def error_time_chart(studies: Sequence[tuple[str, Study]], top: int = 2) -> Char
     growth rates and of the critical slope, or of eigenvalues where there is no slope or its error is rounding. A page has all.
     """
     shown = [[row for row in found.rows if row.missing == 0 and row.size < found.full.size] for _, found in studies]
-    rows = [row for several in shown for row in several]
-    kinds = [kind for kind in COMPONENT if any(getattr(row, kind) > ROUNDING for row in rows)][:top] or ["error_growth"]
-    found = studies[0][1]
-    panels = [panel for (interface, one), several in zip(studies, shown, strict=True)
-              for panel in _panels(one, several, COMPONENT, kinds, f"interface {interface}" if len(studies) > 1 else "")]
-    return _chart("error-time", found, found.name, panels, len(kinds), _runs([one for _, one in studies]))
+    kinds = [kind for kind in COMPONENT if any(getattr(row, kind) > ROUNDING for rows in shown for row in rows)][:top]
+    kinds = kinds or ["error_growth"]
+    panels = [panel for (interface, one), rows in zip(studies, shown, strict=True)
+              for panel in _panels(one, rows, COMPONENT, kinds, f"interface {interface}" if len(studies) > 1 else "")]
+    return _chart("error-time", [one for _, one in studies], studies[0][1].name, panels, len(kinds))
 
 
 def errors_chart(found: Study, title: str, name: str) -> Chart:
     """Errors of frequencies, growth rates, critical slope and forces in the joints of a system over seconds."""
     rows = [row for row in found.rows if row.sound and row.size < found.full.size]
-    kinds = [kind for kind in list(SYSTEM)[:4] if any(np.isfinite(getattr(row, kind)) for row in found.rows)]
-    about = [_runs([found]), "not shown: models of full size, and those with a mode missing or added in the band"]
+    kinds = [kind for kind in SYSTEM[:4] if any(np.isfinite(getattr(row, kind)) for row in found.rows)]
+    about = ["not shown: models of full size, and those with a mode missing or added in the band"]
     drawn = {row.method for row in rows}
     for method in dict.fromkeys(row.method for row in found.rows if row.method not in drawn):
         own = [row for row in found.rows if row.method == method]
@@ -50,40 +50,36 @@ def errors_chart(found: Study, title: str, name: str) -> Chart:
                                          ("a mode missing", [row.missing for row in own]),
                                          ("a mode added", [row.extra for row in own])) if any(hidden)]
         about.append(f"{look(method).label} has no mark: {' or '.join(why)} in each of its models")
-    panels = _panels(found, rows, SYSTEM, kinds, "")
-    return _chart(name, found, title, panels, 2, "\n".join([*about, *found.left_out]))
+    return _chart(name, [found], title, _panels(found, rows, SYSTEM, kinds, ""), 2, [*about, *found.left_out])
 
 
 def friction_errors_chart(found: Study, title: str, name: str) -> Chart:
     """The errors of eigenvalues, growth rates and critical μ over the seconds at one μ; those of a system under friction."""
     kinds = [kind for kind in FRICTION if any(np.isfinite(getattr(row, kind)) for row in found.rows)] or ["error_eigenvalue"]
     full = Level(found.full.solution.median, "full model, one μ")
-    panels = [_panel(found.rows, kind, FRICTION[kind], full, "largest error over |λ|, or over μ  [-]") for kind in kinds]
+    panels = [_panel(found, found.rows, kind, full, "largest error over |λ|, or over μ  [-]") for kind in kinds]
     return Chart(name, f"{title}: error against run time at one μ", panels, len(kinds), LEGEND, NOTE, columns=3)
 
 
-def _chart(name: str, found: Study, title: str, panels: Sequence[Panel], across: int, about: str) -> Chart:
-    head = f"{title}: error against run time, band {found.band[0]:g} to {found.band[1]:.6g} rad/time"
-    return Chart(name, head, panels, across, f"{LEGEND}{about}", NOTE, height=2.7, columns=3)
-
-
-def _runs(studies: Sequence[Study]) -> str:
+def _chart(name: str, studies: Sequence[Study], title: str, panels: Sequence[Panel], across: int,
+           about: Sequence[str] = ()) -> Chart:
+    (lo, hi), runs = studies[0].band, studies[0].repeats
     times = [time for found in studies for row in found.rows for time in (row.reduction, row.solution)]
-    spread = any(time.most > time.least for time in times)
-    runs = studies[0].repeats
-    return (f"\nmedians of {runs} runs" if runs > 1 else "\none run") + (", bars from least to most" if spread else "")
+    spread = ", bars from least to most" if any(time.most > time.least for time in times) else ""
+    about = [LEGEND, (f"medians of {runs} runs" if runs > 1 else "one run") + spread, *about]
+    head = f"{title}: error against run time, band {lo:g} to {hi:.6g} rad/time"
+    return Chart(name, head, panels, across, "\n".join(about), NOTE, height=2.7, columns=3)
 
 
-def _panels(found: Study, rows: Sequence[Row], kinds: Mapping[str, str], drawn: Sequence[str], place: str) -> list[Panel]:
+def _panels(found: Study, rows: Sequence[Row], kinds: Sequence[str], drawn: Sequence[str], place: str) -> list[Panel]:
     """A panel for each error that is known; those that are not drawn are on the page alone."""
     full = Level(found.full.solution.median, f"full model, {found.full.size} DOF")
-    return [_panel(rows, kind, name + (f", {place}" if place else ""), full, "relative error  [-]", place or "errors",
-                   "" if kind in drawn else "page", ring=kind == "error_growth")
-            for kind, name in kinds.items() if kind in drawn or any(np.isfinite(getattr(row, kind)) for row in rows)]
+    panels = [replace(_panel(found, rows, kind, full, "relative error  [-]"), where="" if kind in drawn else "page")
+              for kind in kinds if kind in drawn or any(np.isfinite(getattr(row, kind)) for row in rows)]
+    return [replace(one, title=f"{one.title}, {place}", among=place) for one in panels] if place else panels
 
 
-def _panel(rows: Sequence[Row], kind: str, title: str, full: Level, y: str, place: str = "errors", where: str = "",
-           ring: bool = False) -> Panel:
+def _panel(found: Study, rows: Sequence[Row], kind: str, full: Level, y: str) -> Panel:
     known = [row for row in rows if np.isfinite(getattr(row, kind))]
     series = []
     for method in dict.fromkeys(row.method for row in known):
@@ -104,7 +100,7 @@ def _panel(rows: Sequence[Row], kind: str, title: str, full: Level, y: str, plac
         series += [
             Series(label, solve[:, 0], height, method, "solid", width=0.6, labels=list(map(str, hover["DOF"])), hover=hover),
             Series(label, whole[:, 0], height, method, "solid", width=0.6, hollow=True, legend=False, hover=hover)]
-    front = [row for row in known if row.pareto and ring]
+    front = [row for row in known if row.pareto and kind == "error_growth"]
     misses = [row for row in known if row.missed and kind in FRICTION]
     for which, mark, size, word in ((front, "o", 10.0, "no other is both as fast and as accurate"),
                                     (misses, "x", 9.0, "misses an unstable mode")):
@@ -113,5 +109,6 @@ def _panel(rows: Sequence[Row], kind: str, title: str, full: Level, y: str, plac
                                  marker=mark, size=size, hollow=True))
     times = [time for row in rows for time in (*astuple(row.solution), *astuple(row.whole)) if time > 0] + [full.at]
     limits = {"x": (min(times) / 1.7, max(times) * 1.7)} if min(times) > 0 else {}
+    title = NAMES.get(kind, f"critical {found.symbol or 'slope'}")
     return Panel(series, "run time  [s]", y, title, logs="xy", levels=[full], limits=limits, rounding=True, share={"x": "time"},
-                 among=place, where=where)
+                 among="errors")

@@ -43,6 +43,18 @@ class SelfExcitation:
         The share of xᴴMx that the basis cannot represent; NaN without a basis.
     spurious : ndarray of complex
         Growing λ of the reduced model that match none of the full model.
+    missing : ndarray of complex
+        λ of growing modes of the full model that are missing in the reduced model, or decay there.
+    missing_share : float
+        The share of the full model's growing modes that are missing (0 if none grows).
+    spurious_share : float
+        Σ Re λ of spurious modes over Σ Re λ of the full model's growing modes (inf if only spurious modes grow).
+    growth_error, frequency_error : float
+        The largest |Δ Re λ| / Re λ, and |Δ Im λ| / |λ|, over modes with a counterpart; 0 without any.
+    growth_distance : float
+        (Σ_missing Re λ + Σ_spurious Re λ + Σ_others |Δ Re λ|) / Σ Re λ: 0 for the full model itself.
+    projection_loss : float
+        Σ Re λ loss / Σ Re λ: the share of the growing modes' energy outside the basis; NaN without one.
     compliance_static, compliance_max, compliance_mean : float
         ‖Δh‖ / ‖h‖ at ω = 0; the largest ‖Δh‖ over the largest ‖h‖; the mean of ‖Δh‖ / (‖h‖ + ‖h_r‖), which lies between
         0 and 1 and is not dominated by resonances. Each with the models' own D.
@@ -65,52 +77,18 @@ class SelfExcitation:
     mac: Array
     loss: Array
     spurious: Array
+    missing: Array
+    missing_share: float
+    spurious_share: float
+    growth_error: float
+    frequency_error: float
+    growth_distance: float
+    projection_loss: float
     compliance_static: float
     compliance_max: float
     compliance_mean: float
     omega: Array
     band: tuple[float, float] | None
-
-    @property
-    def missing(self) -> Array:
-        """λ of growing modes of the full model that are missing in the reduced model, or decay there."""
-        return self.growing[~(self.counterpart.real > 0)]
-
-    @property
-    def missing_share(self) -> float:
-        """The share of the full model's growing modes that are missing (0 if none grows)."""
-        return _share(len(self.missing), len(self.growing))
-
-    @property
-    def spurious_share(self) -> float:
-        """Σ Re λ of spurious modes over Σ Re λ of the full model's growing modes (inf if only spurious modes grow)."""
-        return _share(self.spurious.real.sum(), self.growing.real.sum())
-
-    @property
-    def growth_error(self) -> float:
-        """The largest |Δ Re λ| / Re λ over modes with a counterpart; 0 without any."""
-        return self._error(np.abs(self.counterpart.real - self.growing.real) / self.growing.real)
-
-    @property
-    def frequency_error(self) -> float:
-        """The largest |Δ Im λ| / |λ| over modes with a counterpart; 0 without any."""
-        return self._error(np.abs(self.counterpart.imag - self.growing.imag) / np.abs(self.growing))
-
-    @property
-    def growth_distance(self) -> float:
-        """(Σ_missing Re λ + Σ_spurious Re λ + Σ_others |Δ Re λ|) / Σ Re λ: 0 for the full model itself."""
-        paired = self.counterpart.real > 0
-        change = np.abs(self.counterpart.real[paired] - self.growing.real[paired]).sum()
-        return _share(self.missing.real.sum() + self.spurious.real.sum() + change, self.growing.real.sum())
-
-    @property
-    def projection_loss(self) -> float:
-        """Σ Re λ loss / Σ Re λ: the share of the growing modes' energy outside the basis; NaN without one."""
-        return _share(float((self.growing.real * self.loss).sum()), self.growing.real.sum())
-
-    @staticmethod
-    def _error(values: Array) -> float:
-        return float(values[np.isfinite(values)].max(initial=0.0))
 
     @property
     def verdict(self) -> str:
@@ -121,20 +99,20 @@ class SelfExcitation:
         """
         if not len(self.growing) and not len(self.spurious):
             return "nothing grows, in either model"
-        found = [f"{len(self.missing)} of {len(self.growing)} growing modes are missing (ω = {_list(self.missing)})"
-                 if len(self.missing) else f"all {len(self.growing)} growing modes are there"]
+        found = f"all {len(self.growing)} growing modes are there"
+        if len(self.missing):
+            found = f"{len(self.missing)} of {len(self.growing)} growing modes are missing (ω = {_list(self.missing)})"
         if len(self.spurious):
-            found.append(f"{len(self.spurious)} spurious mode{'s' * (len(self.spurious) > 1)} "
-                         f"grow{'s' * (len(self.spurious) == 1)} (ω = {_list(self.spurious)})")
-        found.append(f"growth rates within {100 * self.growth_error:.2g} %")
-        found.append(f"compliance at the contact {100 * self.compliance_mean:.2g} % off on average")
+            word = "mode grows" if len(self.spurious) == 1 else "modes grow"
+            found += f", {len(self.spurious)} spurious {word} (ω = {_list(self.spurious)})"
         if self.missing_share > 0.3 or not len(self.growing):
             expected = "other motions are to be expected"
         elif len(self.missing) or len(self.spurious) or max(self.growth_error, self.compliance_mean) > 0.1:
             expected = "the main motion may be the same, but not all coexisting ones"
         else:
             expected = "the same motions are to be expected"
-        return f"{expected}: {', '.join(found)}"
+        return (f"{expected}: {found}, growth rates within {100 * self.growth_error:.2g} %, "
+                f"compliance at the contact {100 * self.compliance_mean:.2g} % off on average")
 
     def flat(self) -> dict[str, float]:
         """The criteria by name (those of CRITERIA) and the numbers of growing modes, for tables, CSV and JSON."""
@@ -246,8 +224,17 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         error, sizes = (np.linalg.norm(part, axis=(1, 2)) for part in (h - reference, h))
         with np.errstate(divide="ignore", invalid="ignore"):
             even = np.nan_to_num(error / (norm + sizes))
+        # criteria
+        growing, there, spurious = values[grows], counterpart[grows], others[extra]
+        missing, total, change = growing[~(there.real > 0)], float(growing.real.sum()), np.abs((there - growing).real)
+        off = change / growing.real, np.abs((there - growing).imag) / np.abs(growing)
         found.append(SelfExcitation(
-            growing=values[grows], counterpart=counterpart[grows], mac=agreement[grows], loss=loss[grows], spurious=others[extra],
+            growing=growing, counterpart=there, mac=agreement[grows], loss=loss[grows], spurious=spurious, missing=missing,
+            missing_share=_share(len(missing), len(growing)), spurious_share=_share(spurious.real.sum(), total),
+            growth_error=float(off[0][np.isfinite(off[0])].max(initial=0.0)),
+            frequency_error=float(off[1][np.isfinite(off[1])].max(initial=0.0)),
+            growth_distance=_share(missing.real.sum() + spurious.real.sum() + change[there.real > 0].sum(), total),
+            projection_loss=_share(growing.real @ loss[grows], total),
             compliance_static=float(error[0] / norm[0]) if grid[0] == 0 else np.nan,
             compliance_max=float(error.max() / norm.max()), compliance_mean=float(even.mean()), omega=grid, band=limits))
     return tuple(found) if several else found[0]
@@ -289,5 +276,4 @@ def _share(part: float, whole: float) -> float:
 
 
 def _list(values: Array) -> str:
-    shown = ", ".join(f"{value.imag:.4g}" for value in values[:4])
-    return shown + (", …" if len(values) > 4 else "")
+    return ", ".join(f"{value.imag:.4g}" for value in values[:4]) + ", …" * (len(values) > 4)

@@ -6,7 +6,7 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,30 @@ WIDTH = 80  # columns of a terminal that every table fits
 GAPS = ("  ", " ")  # between columns; the second where a table fits with it alone
 NONE = "-"  # where there is no value
 RATE = "rad/time"  # the unit of columns that have one in Hz beside them, where the unit of time is known
-#: of whole systems, which no key of a scene names: label, colour, marker
-SETTLED = {"contact-modes": ("Contact modes", "#c51b7d", "*"),
-           "real-modes": ("Real modes", "#8a8a8a", "o")}
+
+
+class Look(NamedTuple):
+    """How a model is named and drawn."""
+
+    label: str
+    colour: str
+    marker: str
+
+
+#: of whole systems, which no key of a scene names
+SETTLED = {"contact-modes": Look("Contact modes", "#c51b7d", "*"), "real-modes": Look("Real modes", "#8a8a8a", "o")}
+
+
+def look(model: Any) -> Look:
+    """That of a reduced model by its method's key; of the full model, or any other, the key itself and black circles."""
+    method = METHODS.get(model)
+    return SETTLED.get(model, Look(str(model), "black", "o")) if method is None else Look(
+        method.label, method.colour, method.marker)
+
+
+def label(model: Any) -> str:
+    """The name of a model by its method's key; of another, such as 'full', the key itself."""
+    return look(model).label
 
 
 @dataclass(frozen=True)
@@ -196,11 +217,6 @@ class Table:
 def span(band: Sequence[float]) -> str:
     """'0 to 31415.9 rad/time': with digits enough that a band of 5000 Hz is shown as one."""
     return f"{band[0]:.6g} to {band[1]:.6g} rad/time"
-
-
-def label(model: Any) -> str:
-    """The name of a model by its method's key; of another, such as 'full', the key itself."""
-    return METHODS[model].label if model in METHODS else SETTLED[model][0] if model in SETTLED else str(model)
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[str], hertz: Sequence[str] = (), keys: int = 1,
