@@ -14,7 +14,7 @@ import femsub as fs
 from femsub.modes.normal_modes import NormalModes, all_modes
 from femsub.reduction import reduce as part_by_part
 from femsub.reduction.reduce import METHODS
-from femsub.studies import error_vs_time, joint_forces
+from femsub.studies import error_vs_time
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")  # every part has a port
 BAND = (0.0, 0.35)
@@ -22,7 +22,7 @@ ROUNDING = 1e-9
 
 
 def force_error(full: fs.System, reduced: fs.System, band: tuple[float, float]) -> float:
-    return joint_forces.force_error(full, all_modes(full.K, full.M), reduced, all_modes(reduced.K, reduced.M), band)
+    return error_vs_time.force_error(full, all_modes(full.K, full.M), reduced, all_modes(reduced.K, reduced.M), band)
 
 
 def system(pieces: int = 3, n: int = 60) -> fs.System:

@@ -152,28 +152,26 @@ class Case:
             None of these; an entry that is unknown, or no matrix; a cut-off whose square times a mass may overflow; a full model
             that is no `Substructure`.
         """
-        own: dict[str, Any] = {}
         if isinstance(reduced, Mapping):
             given = checks.mapping("reduced", reduced, "names and matrices, as {'M': M, 'K': K}")
             if strange := [key for key in given if key not in ENTRIES]:
                 raise InputError(f"reduced has an entry {strange[0]!r}; known are {', '.join(ENTRIES)}")
             if "M" not in given or "K" not in given:
                 raise InputError(f"reduced needs M and K, but has {', '.join(given) or 'nothing'}")
-            there = {key: value for key, value in given.items() if value is not None}
+            own: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
             own["name"] = str(given.get("name", "model"))
-            for key in [key for key in "MKDV" if key in there]:
-                value = there[key]
+            for key in [key for key in own if key in "MKDV"]:
+                value = own[key]
                 own[key] = checks.real_array(key, value.toarray() if hasattr(value, "toarray") else value, finite=False)
                 if own[key].ndim != 2 or not own[key].size:
                     raise InputError(f"{key} must be a matrix, but its shape is {own[key].shape}")
-            for key in [key for key in ("interface", "full_interface") if key in there]:
-                own[key] = checks.whole_numbers(key, there[key]).astype(np.intp)
-            if "kinds" in there:
-                own["kinds"] = tuple(checks.word("kinds", kind) for kind in checks.items("kinds", there["kinds"], "words"))
-            if "dofs" in there:
-                own["dofs"] = checks.instance("dofs", there["dofs"], DofMap)
-            if "cutoff" in there:
-                own["cutoff"] = np.inf if there["cutoff"] == np.inf else checks.positive_number("cutoff", there["cutoff"])
+            for key in [key for key in own if key.endswith("interface")]:
+                own[key] = checks.whole_numbers(key, own[key]).astype(np.intp)
+            own["kinds"] = tuple(checks.word("kinds", kind) for kind in checks.items("kinds", own.get("kinds", ()), "words"))
+            if "dofs" in own:
+                checks.instance("dofs", own["dofs"], DofMap)
+            if own.get("cutoff", np.inf) != np.inf:
+                own["cutoff"] = checks.positive_number("cutoff", own["cutoff"])
         elif isinstance(reduced, (Substructure, Pencil)):
             own = {"name": getattr(reduced, "name", "model"), **{key: array(getattr(reduced, key)) for key in "MKD"}}
             if isinstance(reduced, Substructure):

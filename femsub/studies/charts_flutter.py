@@ -27,7 +27,7 @@ Points: TypeAlias = Sequence[tuple[float, Array]]  # values of the parameter, an
 class Passage(NamedTuple):
     """Where a branch begins to grow (`lost`) or ceases to, between two computed values of the parameter."""
 
-    after: int  #: the row of the value before it
+    before: int  #: the row of the value after it
     value: float
     eigenvalue: complex
     lost: bool
@@ -44,12 +44,9 @@ def passages(item: Tracked, branch: int, known: Sequence[Crossing] = (), near: f
         share = float(np.clip(-here.real / (there.real - here.real), 0.0, 1.0))
         omega = here.imag + share * (there.imag - here.imag)
         least = max(near * abs(omega), abs(there.imag - here.imag))
-        mine = [one for one in known if left <= one.value <= right and abs(one.omega - omega) <= least]
-        if mine:
-            one = min(mine, key=lambda one: abs(one.omega - omega))
-            found.append(Passage(int(i), one.value, complex(0.0, one.omega), bool(grow[i + 1])))
-        else:
-            found.append(Passage(int(i), float(left + share * (right - left)), complex(0.0, omega), bool(grow[i + 1])))
+        mine = [(one.value, one.omega) for one in known if left <= one.value <= right and abs(one.omega - omega) <= least]
+        value, omega = min(mine, key=lambda one: abs(one[1] - omega), default=(float(left + share * (right - left)), omega))
+        found.append(Passage(int(i) + 1, value, complex(0.0, omega), bool(grow[i + 1])))
     return found
 
 
@@ -73,11 +70,11 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
     for j in range(count):
         passed = passages(item, j, known)
         crossed += passed
-        after = [one.after + 1 for one in passed]
-        places = np.insert(item.values, after, [one.value for one in passed])
-        branch = np.insert(item.eigenvalues[:, j], after, [one.eigenvalue for one in passed])
-        grow = np.insert(item.growing[:, j], after, True)
-        hover = {"branch": [float(j)] * len(branch), "error bar": np.insert(item.error_bar[:, j], after, np.nan)}
+        before = [one.before for one in passed]
+        places = np.insert(item.values, before, [one.value for one in passed])
+        branch = np.insert(item.eigenvalues[:, j], before, [one.eigenvalue for one in passed])
+        grow = np.insert(item.growing[:, j], before, True)
+        hover = {"branch": [float(j)] * len(branch), "error bar": np.insert(item.error_bar[:, j], before, np.nan)}
         thin.append(_pair(branch, places, called if many or count == 1 else f"{called}, mode {j + 1}", hover,
                           line="solid", marker="", colour=STABLE if many else COLOURS[j], width=0.8 if many else 1.2,
                           legend=not many or j == 0))
@@ -86,9 +83,9 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
                               marker="", colour=UNSTABLE, width=1.8 if many else 3.6, legend=not wide))
     pairs = thin + wide if many else wide + thin
     # its losses and regains, and a diamond where two branches meet
-    pairs += [_pair(np.array([one.eigenvalue for one in these]), [one.value for one in these], word, marker=marker, size=5.0)
-              for word, marker, these in (("begins to grow", "^", [one for one in crossed if one.lost]),
-                                          ("ceases to grow", "v", [one for one in crossed if not one.lost])) if these]
+    for word, marker, lost in (("begins to grow", "^", True), ("ceases to grow", "v", False)):
+        if these := [one for one in crossed if one.lost == lost]:
+            pairs.append(_pair(np.array([one.eigenvalue for one in these]), [one.value for one in these], word, marker=marker))
     if met := [one for one in item.meetings if one.kind in ("coalescence", "splitting")]:
         pairs.append(_pair(np.array([one.eigenvalue for one in met]), [one.value for one in met], "coalescence or splitting",
                            {"kind": [one.kind for one in met]}, marker=MEETS, size=10.0, hollow=True))
@@ -120,11 +117,9 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
     panels = []
     for part, axis, lines, about in (("imag", "Im λ  [rad/time]", levels, "Frequencies"),
                                      ("real", "Re λ  [1/time]", [*levels, Level(0.0, "", "y", "solid")], "Growth rates")):
-        values = getattr(every, part)
-        least, most = float(np.nanmin(values)), float(np.nanmax(values))
-        lowest = least
-        if many and part == "real" and 0 < 1.5 * top < -least:  # one that reaches little further down is not cut
-            least, most = max(-top, least), top
+        lowest, most = float(np.nanmin(getattr(every, part))), float(np.nanmax(getattr(every, part)))
+        cut = many and part == "real" and 0 < 1.5 * top < -lowest  # one that reaches little further down is not cut
+        least = -top if cut else lowest
         room = 0.06 * ((most - least) or 1.0)  # around the curves
         low = max(least - room, -room) if part == "imag" else least - room
         if lowest < low:
@@ -137,11 +132,11 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
 def _levels(name: str, crossings: Sequence[Crossing], line: str, colour: str, few: int = 4) -> list[Level]:
     """Lines at a few losses and regains with their values, or at the first loss where there are more."""
     ordered = sorted(crossings, key=lambda one: one.value)
-    hover = [(one, "lost" if one.growth[1] > one.growth[0] else "regained") for one in ordered]
-    if len(hover) > few:
-        hover = [next((one for one in hover if one[1] == "lost"), hover[0])]
-    return [Level(one.value, f"{name}: stability {word} at {one.value:.4g}", "x", line, colour if word == "lost" else REGAINED)
-            for one, word in hover]
+    seen = [(one.value, "lost" if one.growth[1] > one.growth[0] else "regained") for one in ordered]
+    if len(seen) > few:
+        seen = [next((one for one in seen if one[1] == "lost"), seen[0])]
+    return [Level(value, f"{name}: stability {word} at {value:.4g}", "x", line, colour if word == "lost" else REGAINED)
+            for value, word in seen]
 
 
 def _pair(values: Array, places: Any, name: str, hover: Mapping[str, Any] | None = None, **style: Any) \

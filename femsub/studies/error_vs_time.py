@@ -34,7 +34,6 @@ from femsub.modes.normal_modes import normal_modes
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.reduction import ContactModes, Method, Reductor
 from femsub.reduction.reduce import reduce
-from femsub.studies.joint_forces import force_error
 from femsub.studies.losses import Loss, first_belt, first_loss, with_value
 from femsub.studies.results import PHASES, Row, Study, Timing, with_front
 from femsub.studies.tables import label
@@ -122,11 +121,9 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     band = usable_band(instance("model", model, Substructure), band)
     asked_for: list[tuple[Step, ...]] = []
     for method in items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]"):
-        chained = isinstance(method, (list, tuple))
-        asked_for.append(tuple(items("each of methods", method, "steps of a reduction") if chained else [method]))
-        for step in asked_for[-1]:
-            for single in step.values() if isinstance(step, Mapping) else [step]:
-                instance("each of methods", single, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
+        asked_for.append(tuple(method if isinstance(method, (list, tuple)) else [method]))
+        for single in _singles(asked_for[-1]):
+            instance("each of methods", single, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
     if not asked_for:
         raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)
@@ -343,8 +340,7 @@ class Bases:
     """
 
     def __init__(self, methods: Sequence[Sequence[Step]]) -> None:
-        self.asked = [one for steps in methods for step in steps
-                      for one in (step.values() if isinstance(step, Mapping) else [step])]
+        self.asked = [one for steps in methods for one in _singles(steps)]
         self.made: list[tuple[Substructure, Reductor, float]] = []
         self.lent = 0.0
 
@@ -397,6 +393,42 @@ def _all_modes(model: Substructure) -> NormalModes:
     return all_modes(model.K, model.M, carried=model.rigid_motion)
 
 
+def force_error(full: System, ours: NormalModes, reduced: System, theirs: NormalModes, band: tuple[float, float],
+                near: float = 0.5, held: float = 0.5, least: float = 0.1) -> float:
+    """The largest error of the joint forces over the undamped elastic modes of the full system in the band.
+
+    max_j (‖g_j - ḡ_j‖ / ω_j) / max_k (‖g_k‖ / ω_k), g of the full system, ḡ of the reduced one. g are the forces on the
+    interfaces of all parts in a mode of unit modal mass. The joints carry no load in some modes, such as the symmetric ones of
+    two equal parts. So all modes share one scale, which grows with ω. Modes of a cluster are compared as a subspace. NaN if the
+    band holds no mode of the full system, or if one of them has no counterpart. `theirs` are all modes of the reduced one.
+
+    A counterpart is within `near` of ω, as in `match`, and has at least `least` of the largest share of the mode's energy: its
+    cluster counts, noise does not. All counterparts together must have more than `held` of the energy, so that no two modes of
+    the full system claim the same.
+    """
+    at = np.flatnonzero(in_band(ours.frequencies, band) & (np.arange(len(ours.frequencies)) >= ours.rigid))
+    if not len(at):
+        return np.nan
+    x, y = ours.shapes[:, at], full.collected(reduced.expand(theirs.shapes))
+    size = np.sqrt(np.einsum("ij,ij->j", y, full.M @ y))  # 1 but for methods that change the mass, such as MacNeal's
+    share = x.T @ (full.M @ y) / size
+    omega = ours.frequencies[at, None]
+    share[np.abs(theirs.frequencies - omega) > near * omega] = 0.0
+    share[np.abs(share) < least * np.abs(share).max(axis=1, keepdims=True)] = 0.0
+    if ((share**2).sum(axis=1) < held).any():
+        return np.nan
+    own = joint_forces(full, ours, at)
+    found = joint_forces(reduced, theirs, np.arange(len(theirs.frequencies))) @ (share / size).T
+    scale = ours.frequencies[at] * (np.linalg.norm(own, axis=0) / ours.frequencies[at]).max()
+    error = np.linalg.norm(found - own, axis=0)
+    return float((error / scale).max()) if scale.any() else np.nan
+
+
+def joint_forces(system: System, modes: NormalModes, at: Array) -> Array:
+    """All interface forces below each other, shape (Σ n_b, k)."""
+    return np.concatenate(list(system.interface_forces(modes.frequencies[at], modes.shapes[:, at]).values()))
+
+
 def held_frequencies(model: Substructure, band: tuple[float, float] | None = None) -> Array:
     """The undamped frequencies in a band while the interface is held at rest; without a band all, of a small model."""
     if model.size <= len(model.interface_numbers):
@@ -436,11 +468,14 @@ def _released(model: Substructure) -> None:
         _released(part)
 
 
+def _singles(steps: Sequence[Step]) -> list[Method]:
+    """The methods of all steps, part by part."""
+    return [one for step in steps for one in (step.values() if isinstance(step, Mapping) else [step])]
+
+
 def _key(steps: Sequence[Step]) -> str:
     """The key of the first step, or of that of all parts; 'mixed' where they differ, 'full' without any."""
-    if not steps:
-        return "full"
-    keys = {one.row_key for one in (steps[0].values() if isinstance(steps[0], Mapping) else [steps[0]])}
+    keys = {one.row_key for one in _singles(steps[:1])} if steps else {"full"}
     return keys.pop() if len(keys) == 1 else "mixed"
 
 
