@@ -21,9 +21,9 @@ pytest.importorskip("matplotlib")
 
 from femsub import annulus, rectangle
 from femsub.app.figure_style import MANY, PAGE, SIZES, STYLE, draw, label_points, legend_below, new_figure, render
-from femsub.app.figures import belt_sweep_figure, shapes_figure
+from femsub.app.figures import shapes_figure
 from femsub.studies import ROUNDING, Chart, Panel, Series, look
-from femsub.studies.charts_components import eigenvalue_chart, springs_chart
+from femsub.studies.charts_components import belt_sweep_chart, eigenvalue_chart, springs_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
 from femsub.studies.charts_motion import envelope
 
@@ -290,7 +290,7 @@ def test_the_belt_sweep_compares_all_models_in_one_panel() -> None:
     panels = [{"model": model, "interface": place, "growth": np.linspace(-1, 1, 15).reshape(3, 5),
                "critical_slope": [-0.1, -0.02 * (1 + error), -0.01]}
               for place in ("{m1}", "{m1, belt}") for model, error in (("full", 0.0), ("craig-bampton", 1e-2), ("rubin", 1e-4))]
-    left, right = drawn(belt_sweep_figure({"belts": belts, "slopes": slopes, "panels": panels}))[:2]
+    left, right = drawn(draw(belt_sweep_chart({"belts": belts, "slopes": slopes, "panels": panels})))[:2]
     names = [f"{look(model).label}, {place}" for place in ("{m1}", "{m1, belt}") for model in ("craig-bampton", "rubin")]
     assert left.get_legend_handles_labels()[1] == ["full", *names]
     assert [line.get_ydata()[1] for line in right.lines] == pytest.approx([1e-2, 1e-4] * 2)

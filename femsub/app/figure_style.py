@@ -25,7 +25,6 @@ class Sizes(NamedTuple):
     number: float = 8  #: points, of numbers beside marks
     touching: float = 4.0  #: points: marks that are nearer to each other lie on each other
     clearly: float = 1.15  #: how much nearer a number stands to its own mark than to others of its colour
-    decades: int = 3  #: of the scale of spectra over time
     stretch: float = 0.12  #: how far the largest displacement of a solid is drawn, in parts of the mesh's largest side
     pieces: int = 3  #: along an edge, into which the faces of a coarse mesh are cut
     fine: int = 8000  #: cells from which on their edges are not drawn
@@ -111,6 +110,7 @@ def draw(chart: Chart) -> Any:
         for other, which in ((below, "x"), (beside, "y")):
             if other and panel.share.get(which, at) == other[0].share.get(which):
                 axis.tick_params(**{"labelbottom" if which == "x" else "labelleft": False})
+    draw_heats(figure, axes, shown)
     for axis in axes[len(shown):]:
         axis.set_visible(False)
     for axis in {id(axis): axis for axis, panel in zip(axes, shown, strict=False) if "x" in panel.logs}.values():
@@ -145,8 +145,28 @@ def draw_panel(axis: Any, panel: Panel, values: Sequence[float], limits: Mapping
             level.at, color=level.colour, ls=DASHES[level.line], lw=0.9, label=level.text or None, zorder=1.5)
     if panel.rounding:
         rounding_below(axis, values)
-    axis.grid(lw=0.4)
+    if panel.heat is None:
+        axis.grid(lw=0.4)
     return labels
+
+
+def draw_heats(figure: Any, axes: Sequence[Any], panels: Sequence[Panel]) -> None:
+    """Draws values in colours, with one scale beside all panels that have it in common."""
+    from matplotlib.colors import LogNorm, SymLogNorm
+    from matplotlib.ticker import MaxNLocator
+
+    heats, scales = [panel.heat for panel in panels], dict[str, tuple[Any, Any, list[Any]]]()
+    for axis, heat in zip(axes, heats, strict=False):
+        if heat is not None:
+            norm = SymLogNorm(heat.low, vmin=-heat.top, vmax=heat.top) if heat.signed else LogNorm(heat.low, heat.top)
+            values = heat.values if heat.signed else np.maximum(heat.values, heat.low)
+            axis.xaxis.set_major_locator(MaxNLocator(12 // sum(map(bool, heats)), integer=True))  # all have room
+            mesh = axis.pcolormesh(heat.x, heat.y, values, norm=norm, cmap="RdBu_r" if heat.signed else "magma",
+                                   shading="nearest", rasterized=True)
+            decades = 10.0 ** np.arange(np.ceil(np.log10(10 * heat.low)), np.log10(heat.top))  # those at 0 have no room
+            scales.setdefault(heat.label, (mesh, [*-decades, 0.0, *decades] if heat.signed else None, []))[2].append(axis)
+    for label, (mesh, ticks, those) in scales.items():
+        figure.colorbar(mesh, ax=those, label=label, ticks=ticks)
 
 
 def few_decades(axis: Any) -> None:

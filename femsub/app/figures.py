@@ -1,4 +1,4 @@
-"""Pictures that are no charts: fields over two axes, mode shapes on their mesh, the parts of a system in colours."""
+"""Pictures that are no charts: mode shapes on their mesh, the parts of a system in colours."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub import components
-from femsub.app.figure_style import PAGE, SIZES, legend_below, new_figure, rounding_below
-from femsub.studies import ROUNDING, look
+from femsub.app.figure_style import PAGE, SIZES, new_figure
 
 if TYPE_CHECKING:
     from femsub import Mesh
@@ -27,69 +26,6 @@ APART = np.array([0.5, 0.5, 2.5])  # of its distance from the middle that each p
 LEVELS = np.linspace(-1.0, 1.0, 22)
 SHARP = np.cos(np.radians(40.0))  # between the normals of two faces, from which on their edge belongs to the outline
 LIGHT = np.array([0.2, -0.4, 0.9])  # from where it comes, of length 1 but for rounding
-
-
-def belt_sweep_figure(found: Mapping[str, Any]) -> Any:
-    """max Re λ of the full model over the slope and the belt's place with the borders of all models (the paper's Fig. 3a), and
-    beside it the deviation of the reduced models' borders."""
-    from matplotlib.colors import SymLogNorm
-
-    panels, belts, slopes = found["panels"], found["belts"], np.abs(found["slopes"])
-    full = next(panel for panel in panels if panel["model"] == "full")
-    reduced = [panel for panel in panels if panel["model"] != "full"]
-    figure = new_figure(PAGE, 4.0)
-    left, right = figure.subplots(1, 2, sharex=True)
-    growth = np.where(np.isfinite(full["growth"]), full["growth"], np.nan)
-    top = float(np.nanmax(np.abs(growth), initial=0.0)) or 1.0
-    mesh = left.pcolormesh(belts, slopes, growth.T, norm=SymLogNorm(linthresh=1e-3 * top, vmin=-top, vmax=top), cmap="RdBu_r",
-                           shading="nearest", rasterized=True)
-    border = _finite(full["critical_slope"])
-    left.plot(belts, -border, color="black", marker="o", ms=8, mfc="none", lw=1, label="full")
-    for panel in reduced:
-        own, other = look(panel["model"]), panel["interface"] != full["interface"]
-        style: dict[str, Any] = {"color": own.colour, "marker": own.marker, "ms": 4, "lw": 1, "ls": ":" if other else "-",
-                                 "mfc": "white" if other else own.colour, "label": f"{own.label}, {panel['interface']}"}
-        mine = _finite(panel["critical_slope"])
-        left.plot(belts, -mine, **style)
-        right.plot(belts, np.maximum(np.abs(mine / border - 1), ROUNDING), **style)
-    left.set(yscale="log", title="full model: growth, and the borders of all", ylabel="-dμ/dv  [time/length]")
-    right.set(title="error of the reduced models' borders", ylabel="relative error  [-]")
-    rounding_below(right, [value for line in right.lines for value in line.get_ydata()])
-    right.grid(lw=0.4)
-    for axis in (left, right):
-        axis.set_xticks(belts)
-        axis.set_xlabel("belt under mass  [-]")
-    legend_below(figure, (left, right), 3)
-    figure.suptitle("Growth and critical slope over the belt's place; in braces the interface")
-    decades = 10.0 ** np.arange(np.ceil(np.log10(1e-2 * top)), np.log10(top))
-    figure.colorbar(mesh, ax=left, label="max Re λ  [1/time]", ticks=[*-decades[::-1], 0.0, *decades])
-    return figure
-
-
-def _finite(values: Any) -> Array:
-    found = np.asarray(values, dtype=float)
-    return np.where(np.isfinite(found), found, np.nan)
-
-
-def spectrogram_figure(made: Sequence[tuple[Any, Any]], highest: float) -> Any:
-    """Short-time spectra side by side, on one scale (the paper's Fig. 5)."""
-    from matplotlib.colors import LogNorm
-
-    figure = new_figure(PAGE, 3.6)
-    axes = figure.subplots(1, len(made), squeeze=False, sharey=True)[0]
-    top = max(float(found.amplitude.max()) for _, found in made)
-    scale = LogNorm(top / 10**SIZES.decades, top)
-    for axis, (item, found) in zip(axes, made, strict=True):
-        inside = found.omega <= highest
-        values = np.maximum(found.amplitude[inside], top / 10**SIZES.decades)
-        picture = axis.pcolormesh(found.t, found.omega[inside], values, norm=scale, shading="nearest", cmap="magma",
-                                  rasterized=True)
-        axis.set(title=f"{look(item.kind).label}, {item.model.size} DOF", xlabel="t  [time]", ylim=(0, highest))
-        axis.locator_params(axis="x", nbins=4)
-    axes[0].set_ylabel("ω  [rad/time]")
-    figure.colorbar(picture, ax=list(axes), label="amplitude of v under the belt\n[length/time]")
-    figure.suptitle("Spectra over time of the velocity v under the belt")
-    return figure
 
 
 def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, marks: Mapping[str, Array]) -> Any:

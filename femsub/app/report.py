@@ -124,7 +124,7 @@ def results(result: Result, units: Units = UNKNOWN, left_out: Sequence[str] = ()
     if left_out:
         undone.append(f"Outputs of this scene that were not asked for: {', '.join(left_out)}.")
     charts = [units.with_hertz(chart.plain(units.known)) for chart in result.charts]
-    return {**units.with_hertz(result.data), "tables": tables, "charts": charts,
+    return {**units.with_hertz(result.data), "tables": tables, "charts": [one for one in charts if one["places"]],
             "verdict": answer([*result.shown, Remark(unchecked=undone)]).said(units.said)}
 
 

@@ -6,6 +6,7 @@ from .charts import (
 )
 from .charts_components import (
     belt_places_chart as belt_places_chart,
+    belt_sweep_chart as belt_sweep_chart,
     critical_slopes_chart as critical_slopes_chart,
     eigenvalue_chart as eigenvalue_chart,
     friction_chart as friction_chart,
@@ -24,6 +25,7 @@ from .charts_motion import (
     period_chart as period_chart,
     signals_chart as signals_chart,
     spectra_chart as spectra_chart,
+    spectrogram_chart as spectrogram_chart,
 )
 from .error_vs_time import all_frequencies as all_frequencies, elastic as elastic
 from .losses import Loss as Loss, affine_over as affine_over, first_loss as first_loss

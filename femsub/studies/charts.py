@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from femsub.checks import Array
 from femsub.studies.tables import Look, look
 
 ROUNDING = 1e-13  # errors below are rounding, and drawn there
@@ -69,6 +70,21 @@ class Level(NamedTuple):
     colour: str = "black"
 
 
+class Heat(NamedTuple):
+    """Values (n, m) in colours at x (m,) and y (n,) of a figure, logarithmic from `low` to `top`.
+
+    `signed` ones are on both sides of 0, and linear up to `low`. The scale is named by `label`.
+    """
+
+    x: Any
+    y: Any
+    values: Array
+    label: str
+    low: float
+    top: float
+    signed: bool = False
+
+
 @dataclass(frozen=True)
 class Panel:
     """Series on a pair of axes.
@@ -96,6 +112,8 @@ class Panel:
         'figure' or 'page', where it is not drawn on both.
     band : (float, float), optional
         A range of y that is grey.
+    heat : Heat, optional
+        What lies below the series in a figure.
     """
 
     series: Sequence[Series]
@@ -111,6 +129,7 @@ class Panel:
     where: str = ""
     band: tuple[float, float] | None = None
     linear: Mapping[str, float] = field(default_factory=dict)
+    heat: Heat | None = None
 
 
 @dataclass(frozen=True)
@@ -181,6 +200,12 @@ def _plain(values: Iterable[Any]) -> list[Any]:
     """Numbers to the seven digits that a chart can show, None for what no axis has a place for; words as they are."""
     return [value if isinstance(value, str) or value is None else float(f"{value:.7g}") if math.isfinite(value) else None
             for value in values]
+
+
+def finite(values: Any) -> Array:
+    """Numbers, with NaN for those that are infinite."""
+    found = np.asarray(values, dtype=float)
+    return np.where(np.isfinite(found), found, np.nan)
 
 
 def floored(errors: Iterable[float | None]) -> list[float]:

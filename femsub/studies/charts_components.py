@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, hover_of, look
+from femsub.studies.charts import ROUNDING, Chart, Heat, Level, Panel, Series, finite, floored, hover_of, look
 
 SLOPE, ERROR = "critical slope dμ/dv  [time/length]", "relative error  [-]"
 MISSING = "A slope below the border destabilises. Where a point is missing, the band reaches above the model's cut-off."
@@ -32,6 +33,27 @@ def friction_chart(speeds: Any, curves: Sequence[Mapping[str, Any]], titles: Map
     return Chart("friction", "Friction laws", panels, len(panels), height=2.8)
 
 
+def belt_sweep_chart(found: Mapping[str, Any]) -> Chart:
+    """max Re λ of the full model over the slope and the belt's place with the borders of all models (the paper's Fig. 3a), and
+    beside it the deviation of the reduced models' borders."""
+    full, belts, lines, errors = next(panel for panel in found["panels"] if panel["model"] == "full"), found["belts"], [], []
+    growth, border = finite(full["growth"]), finite(full["critical_slope"])
+    top = float(np.nanmax(np.abs(growth), initial=0.0)) or 1.0
+    heat = Heat(belts, np.abs(found["slopes"]), growth.T, "max Re λ  [1/time]", 1e-3 * top, top, signed=True)
+    lines.append(Series("full", belts, -border, "full", "solid", size=8.0, hollow=True))
+    for panel in found["panels"]:
+        if panel["model"] != "full":
+            other, mine = panel["interface"] != full["interface"], finite(panel["critical_slope"])
+            one = Series(f"{look(panel['model']).label}, {panel['interface']}", belts, -mine, panel["model"],
+                         "dot" if other else "solid", size=4.0, hollow=other)
+            lines.append(one)
+            errors.append(replace(one, y=floored(np.abs(mine / border - 1))))
+    x, common = "belt under mass  [-]", {"x": "belt"}
+    return Chart("belt-sweep", "Growth and critical slope over the belt's place; in braces the interface", [
+        Panel(lines, x, "-dμ/dv  [time/length]", "full model: growth, and the borders of all", "y", share=common, heat=heat),
+        Panel(errors, x, ERROR, "error of the reduced models' borders", rounding=True, share=common)], 2, columns=3)
+
+
 def size_sweep_chart(curves: Sequence[Mapping[str, Any]], belt: int) -> Chart:
     """Critical slope, and its relative error, over the size of the reduced model (the paper's Fig. 3b)."""
     places = {name: [curve for curve in curves if curve["interface"] == name] for name in dict.fromkeys(
@@ -41,11 +63,9 @@ def size_sweep_chart(curves: Sequence[Mapping[str, Any]], belt: int) -> Chart:
         for name, mine in places.items():
             series = []
             for at, curve in enumerate(mine):
-                values = np.asarray(curve[key], dtype=float)
                 hover = {"DOF": curve["sizes"], "critical slope": curve["slope"], "relative error": curve["error"]}
-                series.append(Series(look(curve["method"]).label, curve["sizes"], floored(values) if rounding else
-                                     np.where(np.isfinite(values), values, np.nan), curve["method"], "solid", size=nested(at),
-                                     hover=hover))
+                series.append(Series(look(curve["method"]).label, curve["sizes"], (floored if rounding else finite)(curve[key]),
+                                     curve["method"], "solid", size=nested(at), hover=hover))
             levels = [] if rounding else [Level(mine[0]["full"], f"full model: {mine[0]['full']:.6f}", "y")]
             panels.append(Panel(series, "DOF of the reduced model  [-]", label,
                                 "" if rounding else f"belt under m{belt}, interface {name}", "y" * rounding, levels,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array
-from femsub.studies.charts import Chart, Level, Panel, Series, hover_of, look
+from femsub.studies.charts import Chart, Heat, Level, Panel, Series, hover_of, look
 
 WIDTHS = (2.0, 1.0, 1.3)  # of reduced models, in turn: where lines lie on each other, each is seen
 KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch point": "v"}
@@ -76,6 +76,18 @@ def spectra_chart(tracks: Sequence[Any], highest: float, labelled: int = 4) -> C
             "ω  [rad/time]", "amplitude  [length/time]", f"{name}: t = {item.window[0]:g} to {item.window[1]:g}", "y",
             limits={"x": (0, highest), "y": (top * 1e-4, top * 5)}, share={"x": "omega", "y": "amplitude"}))
     return Chart("spectrum", "Spectra of the velocity under the belt", panels, note="Marks are the peaks.", height=1.7)
+
+
+def spectrogram_chart(made: Sequence[tuple[Any, Any]], highest: float, decades: int = 3) -> Chart:
+    """Short-time spectra side by side, on one scale of so many `decades` (the paper's Fig. 5)."""
+    top, panels = max((float(found.amplitude.max()) for _, found in made), default=1.0), []
+    for item, found in made:
+        inside = found.omega <= highest
+        heat = Heat(found.t, found.omega[inside], found.amplitude[inside], "amplitude of v under the belt\n[length/time]",
+                    top / 10**decades, top)
+        panels.append(Panel((), "t  [time]", "ω  [rad/time]", _name(item), limits={"y": (0, highest)}, share={"y": "omega"},
+                            where="figure", heat=heat))
+    return Chart("spectrogram", "Spectra over time of the velocity v under the belt", panels, len(panels), height=2.6)
 
 
 def period_chart(rows: Sequence[Mapping[str, Any]], floor: float = 1e-8) -> Chart:

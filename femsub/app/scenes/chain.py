@@ -10,9 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub import Belt, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, studies, study, sweep
-from femsub.app.figures import belt_sweep_figure
 from femsub.app.keys import key
-from femsub.app.scene import Picture, Progress, Result, Run, Scene, Writer
+from femsub.app.scene import Progress, Result, Run, Scene, Writer
 from femsub.app.scenes.component import NO_GROWTH, comparable, least_stable, page_mode
 from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
@@ -173,7 +172,7 @@ class ChainRun(Run):
                 panels.append({"model": kind, "interface": "{m1, belt}" if widened else masses(scene.interface),
                                "growth": np.array(growth), "critical_slope": border})
         found = {"slopes": slopes, "belts": scene.belts, "panels": panels}
-        return Result({"belt-sweep": found}, [Picture("belt-sweep", lambda: belt_sweep_figure(found))])
+        return Result({"belt-sweep": found}, [studies.belt_sweep_chart(found)])
 
     def size_sweep(self) -> Result:
         scene, curves = self.scene, list[dict[str, Any]]()

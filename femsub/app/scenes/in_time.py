@@ -11,9 +11,8 @@ import numpy as np
 import femsub as fs
 from femsub import growth_rate, studies, transient
 from femsub.algebra import QUADRATIC
-from femsub.app.figures import spectrogram_figure
 from femsub.app.keys import key
-from femsub.app.scene import NO_SLOPE, Picture, Progress, Result, Run, behind
+from femsub.app.scene import NO_SLOPE, Progress, Result, Run, behind
 from femsub.app.scenes.chain import ChainKeys
 from femsub.app.scenes.component import ComponentRun
 from femsub.app.scenes.solid import SolidScene
@@ -161,7 +160,7 @@ class InTime(Run):
                 for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
         return Result({"spectrogram": {"length": length, "strongest": rows}}, [
             Table("spectrogram", rows, title="Strongest frequency over time"),
-            *[Picture("spectrogram", lambda: spectrogram_figure(made, self.highest))] * bool(made)])
+            studies.spectrogram_chart(made, self.highest)])
 
     def quality(self) -> Result:
         """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
