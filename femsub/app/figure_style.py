@@ -87,22 +87,19 @@ def draw(chart: Chart) -> Any:
     down = -(-len(shown) // across)
     figure = new_figure(chart.width * PAGE, chart.height * down + 1.0)
     axes = figure.subplots(down, across, squeeze=False).ravel()
-    shared: dict[tuple[str, str], Any] = {}
     labels: list[Any] = []
     for at, panel in enumerate(shown):
-        axis = axes[at]
-        for which, word in panel.share.items():
-            if (which, word) in shared:
-                getattr(axis, f"share{which}")(shared[which, word])
-            shared.setdefault((which, word), axis)
-        alike = [other for other in shown if other is panel or ("y" in panel.share and other.share.get("y") == panel.share["y"])]
-        values = [value for other in alike for one in other.series for value in np.asarray(one.y, dtype=float)]
-        limits = {}  # those of all panels that have an axis in common: what one of them has would else leave it
-        for which in panel.limits:
-            common = panel.share.get(which)
-            ends = [one.limits[which] for one in shown
-                    if one is panel or (common and one.share.get(which) == common and which in one.limits)]
-            limits[which] = min(low for low, _ in ends), max(high for _, high in ends)
+        axis, limits = axes[at], {}
+        for which in "xy":  # y last: errors on axes in common have one band of rounding
+            # those that have this axis in common: what one of them has within its limits would else leave it
+            alike = [(one, other) for one, other in zip(shown, axes, strict=False)
+                     if one is panel or (which in panel.share and one.share.get(which) == panel.share[which])]
+            if alike[0][0] is not panel:
+                getattr(axis, f"share{which}")(alike[0][1])
+            ends = np.array([one.limits[which] for one, _ in alike if which in one.limits])
+            if which in panel.limits:
+                limits[which] = ends[:, 0].min(), ends[:, 1].max()
+        values = [value for one, _ in alike for series in one.series for value in np.asarray(series.y, dtype=float)]
         labels += draw_panel(axis, panel, values, limits)
         below, beside = shown[at + across:at + across + 1], shown[at - 1:at] if at % across else []
         axis.set(title=panel.title, **{"xlabel": panel.x} if not below or below[0].x != panel.x else {},
@@ -113,8 +110,9 @@ def draw(chart: Chart) -> Any:
     draw_heats(figure, axes, shown)
     for axis in axes[len(shown):]:
         axis.set_visible(False)
-    for axis in {id(axis): axis for axis, panel in zip(axes, shown, strict=False) if "x" in panel.logs}.values():
-        few_decades(axis)
+    for axis, panel in zip(axes, shown, strict=False):
+        if "x" in panel.logs:
+            few_decades(axis)
     legend_below(figure, axes[:len(shown)], chart.columns)
     figure.suptitle("\n".join(filter(None, (chart.title, chart.about))))
     label_points(figure, labels)

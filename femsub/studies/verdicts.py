@@ -176,18 +176,18 @@ def cycles_verdict(rows: Sequence[Mapping[str, Any]], where: str, unchecked: Seq
                     f"{STABLE[full[at]['is_stable']]} in the full model." for at in other]
         if len(both) == len(full) and not other:
             good.append(named(name, size))
-    unchecked = [NEVER, "Cycles that begin from no mode of the band were not sought. Motions that are no cycle were not either.",
-                 *unchecked]
     if not full:
-        return Verdict(decides, unchecked, "open", "The full model's limit cycles are not among the results. Nothing is decided.")
-    if not names:
-        return Verdict(decides, unchecked, "open", f"The full model has {len(full)} limit cycles. No small model was compared.")
-    if good:
-        return Verdict(decides, unchecked, "yes" if len(good) == len(names) else "in part",
-                       f"{' and '.join(good)} may replace the full model for its limit cycles {where}, if the errors shown here "
-                       "will do. The same cycles exist and are stable alike.")
-    return Verdict(decides, unchecked, "no",
-                   f"No small model has all limit cycles of the full model {where} with the same stability.")
+        end = "open", "The full model's limit cycles are not among the results. Nothing is decided."
+    elif not names:
+        end = "open", f"The full model has {len(full)} limit cycles. No small model was compared."
+    elif good:
+        end = "yes" if len(good) == len(names) else "in part", (
+            f"{' and '.join(good)} may replace the full model for its limit cycles {where}, if the errors shown here will do. "
+            "The same cycles exist and are stable alike.")
+    else:
+        end = "no", f"No small model has all limit cycles of the full model {where} with the same stability."
+    sought = "Cycles that begin from no mode of the band were not sought. Motions that are no cycle were not either."
+    return Verdict(decides, [NEVER, sought, *unchecked], *end)
 
 
 def named(model: str, size: int) -> str:
