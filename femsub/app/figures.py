@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub import components
-from femsub.app.figure_style import PAGE, SIZES, new_figure
+from femsub.app.figure_style import PAGE, SIZES, legend_below, new_figure
 
 if TYPE_CHECKING:
     from femsub import Mesh
@@ -57,7 +58,7 @@ def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, 
             scale = axis.tricontourf(Triangulation(x, mesh.points[:, 1], triangles=cells), np.clip(w, -1, 1), levels=LEVELS,
                                      cmap="RdBu_r")
             axis.set_aspect("equal")
-        for name, at in marks.items():
+        for name, at in [(name, at) for name, at in marks.items() if len(at)]:
             colour, marker = MARKS[name]
             place, edge = (w[at], colour) if mesh.dimension == 1 else (mesh.points[at, 1], "white")
             axis.plot(x[at], place, marker, color=colour, mec=edge, ms=6, ls="none", label=name, clip_on=mesh.dimension == 1)
@@ -72,10 +73,7 @@ def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, 
         axis.set_xlabel("x  [length]")
     for axis in axes[:, 0] if flat else ():
         axis.set_ylabel("w / max|w|  [-]" if mesh.dimension == 1 else "y  [length]")
-    shown = {label: line for axis in axes.ravel() for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
-             if len(line.get_xdata()) or line.get_linestyle() == ":"}
-    if shown:
-        figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=max(2, len(shown)))
+    legend_below(figure, axes.ravel(), 5)
     figure.suptitle(title)
     return figure
 
@@ -139,8 +137,10 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
         at = at[np.isin(at, faces)] if np.isin(at, faces).any() else at  # corners will do
         hidden = ~np.isin(at, front)
         style = {"color": colour, "ls": "none", "ms": 5 if len(at) < 30 else 3}
-        axis.plot(*plane[at[~hidden]].T, marker, mec="white", mew=0.5 * (len(at) < 30), label=name, **style)
-        axis.plot(*plane[at[hidden]].T, marker, mfc="none", mew=0.7, label=f"{name}, behind", **style)
+        if not hidden.all():
+            axis.plot(*plane[at[~hidden]].T, marker, mec="white", mew=0.5 * (len(at) < 30), label=name, **style)
+        if hidden.any():
+            axis.plot(*plane[at[hidden]].T, marker, mfc="none", mew=0.7, label=f"{name}, behind", **style)
     axis.set_aspect("equal")
     axis.autoscale_view()
     axis.set_axis_off()
@@ -200,9 +200,8 @@ def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
     from matplotlib.colors import to_rgb
     from matplotlib.patches import Patch
 
-    others = colormaps["tab20"]
-    palette = PARTS if len(meshes) <= len(PARTS) else [others(number) for number in range(others.N)]
-    colours: dict[str, Any] = {name: np.array(to_rgb(palette[number % len(palette)])) for number, name in enumerate(meshes)}
+    palette: Sequence[Any] = PARTS if len(meshes) <= len(PARTS) else [colormaps["tab20"](number) for number in range(20)]
+    colours: dict[str, Any] = {name: np.array(to_rgb(colour)) for name, colour in zip(meshes, cycle(palette), strict=False)}
     solid = next(iter(meshes.values())).dimension == 3
     figure = new_figure(PAGE if solid else 0.8 * PAGE, 4.4 if solid else 5.0)
     axes = figure.subplots(1, 2 if solid else 1, squeeze=False)[0]
