@@ -286,10 +286,10 @@ class Study:
 
     def worth(self, row: Row) -> list[str]:
         """What a model is worth beside its error: run time, forces in the joints, modes that grow, stability."""
-        small, large, said = row.solution.median, self.full.solution.median, []
+        small, large = row.solution.median, self.full.solution.median
         faster = large / small if small > 0 else np.inf
         ratio = f"{float(f'{faster if faster >= 1 else 1 / faster:.2g}'):g} times {'faster' if faster >= 1 else 'slower'}"
-        said.append(f"{seconds(row.reduction.median)} to reduce, {seconds(small)} to solve, {ratio} than the full model")
+        said = [f"it takes {seconds(row.reduction.median)} to reduce and {seconds(small)} to solve, {ratio} than the full model"]
         if not np.isnan(row.error_force):
             # forces that are off by more than a tenth decide no design
             within = "are within" if row.error_force <= 0.1 else "are not to be trusted, they are off by up to"
@@ -302,7 +302,7 @@ class Study:
         else:
             said.append(f"mind: in the band the full model is {STABLE[self.full.stable]} and the small one {STABLE[row.stable]}, "
                         "the border is nearer than the error")
-        if faster > 1:
+        if large > small:
             count = int(np.ceil(row.reduction.median / (large - small)))
             said.append("the reduction pays at once" if count <= 1 else f"the reduction pays from {count} solutions on")
         return said
