@@ -363,6 +363,14 @@ def test_what_its_user_knows_of_a_part_is_checked() -> None:
     assert names(stated) == ["modes below the cut-off", "frequencies within their bounds"]
 
 
+def test_the_rigid_motion_of_a_plate_is_known_by_its_map() -> None:
+    """Its DOF at a node are w, its slopes and its twist, which is 0 in rigid motion."""
+    told = given(fs.reduce(PARTS["plate"](), fs.CraigBampton(4)))
+    found = {one.what: one for one in fs.audit(told, floating=True).findings}["rigid motion strains nothing"]
+    assert (found.verdict, found.said) == ("good", "3 rigid motions are free")
+    assert names(fs.audit(changed(told, "K", grounded), floating=True)) == ["rigid motion strains nothing"]
+
+
 def test_a_part_that_turns_has_an_unsymmetric_damping() -> None:
     told = changed(given(reduced()), "D", put((3, 5, 1.5)))
     assert names(fs.audit(told)) == ["D symmetric", "D takes energy out"] and not fs.audit(told, gyroscopic=True).faults
