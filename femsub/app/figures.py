@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from femsub import components
+from femsub import Mesh, components
 from femsub.app.figure_style import PAGE, SIZES, legend_below, new_figure
-
-if TYPE_CHECKING:
-    from femsub import Mesh
-    from femsub.checks import Array
+from femsub.checks import Array
 
 MARKS = {"contact": ("black", "v"), "interface": ("#0067a5", "s")}
 AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(35.0)  # from where solids are seen

@@ -14,7 +14,6 @@ import numpy as np
 
 from femsub.checks import EPS, EQUAL, Array
 from femsub.model import MOTIONS, rounding_of, units
-from femsub.reduction import FrequencyBounds
 from femsub.studies.audit_case import (
     AGREE,
     FAULT,
@@ -531,7 +530,7 @@ def lowered(case: Case, frequencies: tuple[Array, Array]) -> Sight:
     return Seen(max(1 - own[worst] / there[worst], 0.0), mode=worst + 1, own=own[worst], there=there[worst])
 
 
-def unbounded(case: Case, frequencies: tuple[Array, Array], bounds: FrequencyBounds) -> Sight:
+def unbounded(case: Case, frequencies: tuple[Array, Array], bounds: Any) -> Sight:
     """How far a frequency of the full model lies below its bound from the small matrices alone."""
     there, bound = (values[:min(len(bounds.lower), len(frequencies[1]))] for values in (frequencies[1], bounds.lower))
     if not len(there) or not np.isfinite(case.cutoff) or not case.kinds or bounds.rigid != case.free.rigid.shape[1]:

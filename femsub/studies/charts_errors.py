@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, look
-
-if TYPE_CHECKING:
-    from femsub.studies.results import Row, Study
+from femsub.studies.results import Row, Study
 
 #: the errors of a chart, those that a figure has first
 COMPONENT = ("error_growth", "error_critical", "error_eigenvalue", "error_frequency")
