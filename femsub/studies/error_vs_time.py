@@ -41,7 +41,6 @@ from femsub.studies.tables import label
 Step: TypeAlias = Method | Mapping[str, Method]
 Steps: TypeAlias = Step | Sequence[Step]
 Progress = Callable[[str], None]
-SAME = "without an interface {} make the same models, which are compared once, as {}"
 
 
 def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, float], *, contacts: Contacts = None,
@@ -150,7 +149,6 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     if model.size <= QUADRATIC:
         say(f"{model.name}: complex modes of the full model")
         full.spectra = [complex_modes(model, load, band=band) for load in asked.loads]
-    same: dict[str, dict[str, None]] = {}
     for turn in range(repeats):
         bases = Bases(asked_for) if shared else None
         for one in list(small):
@@ -164,11 +162,12 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
                 refused.append((one.steps, error))
                 small.remove(one)
         # without an interface several methods keep the same shapes: models that others are already are left out
-        for i in reversed(range(len(small))) if not turn and not len(model.interface) else ():
-            if twin := next((one for one in small[:i] if _key(one.steps) != _key(small[i].steps)
-                             and twins(one.model, small[i].model)), None):
-                same.setdefault(_name(twin.steps), {})[_name(small[i].steps)] = None
-                del small[i]
+        for one in list(small) if not turn and not len(model.interface) else ():
+            for other in small[:small.index(one)]:
+                if _key(other.steps) != _key(one.steps) and twins(other.model, one.model):
+                    refused.append((one.steps, InputError(f"without an interface it is the same as {_name(other.steps)}")))
+                    small.remove(one)
+                    break
         if not small:
             raise refused[0][1] if len(refused) == 1 else InputError(
                 f"no method can reduce {model.name!r}: {'; '.join(_left_out(refused, small))}")
@@ -178,9 +177,6 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         for one in small:  # for a small dense model the whole spectrum costs no more than the band
             for _ in range(3 if len(asked.loads) == 1 else 1):  # as `study` says; waking BLAS threads may cost as much as one
                 one.spectra = _solved(one, asked.loads, None if one.model.size <= WIDE else band)
-    several = {name: [name, *reversed(others)] for name, others in same.items()}
-    alike = [SAME.format(f"{', '.join(those[:-1])} and {those[-1]}", name) for name, those in several.items()]
-    left_out = (*alike, *_left_out(refused, small))
     # errors against the full model
     say(f"{model.name}: undamped frequencies")
     own = asked.at_rest(model)
@@ -201,8 +197,8 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         say(f"{model.name}: receptances")
         rows = [replace(row, error_response=error) for row, error in zip(rows, asked.response_errors(models, at), strict=True)]
     return Study(model.name, band, repeats, rows[0], with_front(rows[1:], band[1]), assembly=assembly, parameter=parameter,
-                 values=values, between=between, left_out=left_out, models=models, spectra=tuple(full.spectra),
-                 interface=len(model.interface))
+                 values=values, between=between, left_out=tuple(_left_out(refused, small)), models=models,
+                 spectra=tuple(full.spectra), interface=len(model.interface))
 
 
 @dataclass(eq=False)
