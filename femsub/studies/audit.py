@@ -11,7 +11,7 @@ import numpy as np
 from femsub.checks import Array, Tally, choice, positive_number, truth
 from femsub.studies.audit_case import FAULT, GOOD, UNKNOWN, Case, Finding
 from femsub.studies.audit_checks import SYSTEMS, findings
-from femsub.studies.charts import Chart, Level, Panel, Series
+from femsub.studies.charts import Chart, Level, Panel, Series, floored
 from femsub.studies.tables import Table, column, fitted
 from femsub.studies.verdicts import Verdict
 
@@ -144,12 +144,10 @@ class Audit:
     @property
     def chart(self) -> Chart:
         """Errors of the frequencies, or their bounds, up to the cut-off."""
-        known = np.isfinite(self.error)
         name = "error" if self.full_size else "bound of the error"
-        series = [Series(name, self.omega[known].tolist(), np.maximum(self.error[known], 1e-16).tolist())]
         levels = [Level(self.cutoff, "first mode left out")] if np.isfinite(self.cutoff) else []
-        return Chart("frequencies", f"{self.name}: {name} of frequencies",
-                     [Panel(series, "ω  [rad/time]", name, logs="y", levels=levels, rounding=True)])
+        return Chart("frequencies", f"{self.name}: {name} of frequencies", [Panel(
+            [Series(name, self.omega, floored(self.error))], "ω  [rad/time]", name, "", "y", levels, rounding=True)])
 
     @property
     def text(self) -> str:
