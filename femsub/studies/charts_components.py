@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from femsub.studies.charts import ROUNDING, Chart, Heat, Level, Panel, Series, finite, floored, hover_of, look
+from femsub.studies.tables import grouped
 
 SLOPE, ERROR = "critical slope dμ/dv  [time/length]", "relative error  [-]"
 MISSING = "A slope below the border destabilises. Where a point is missing, the band reaches above the model's cut-off."
@@ -56,9 +57,7 @@ def belt_sweep_chart(found: Mapping[str, Any]) -> Chart:
 
 def size_sweep_chart(curves: Sequence[Mapping[str, Any]], belt: int) -> Chart:
     """Critical slope, and its relative error, over the size of the reduced model (the paper's Fig. 3b)."""
-    places = {name: [curve for curve in curves if curve["interface"] == name] for name in dict.fromkeys(
-        curve["interface"] for curve in curves)}
-    panels = []
+    places, panels = grouped(curves, "interface"), []
     for key, label, rounding in (("slope", SLOPE, False), ("error", ERROR, True)):
         for name, mine in places.items():
             series = []
@@ -76,11 +75,10 @@ def size_sweep_chart(curves: Sequence[Mapping[str, Any]], belt: int) -> Chart:
 
 def critical_slopes_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
     """Critical slopes, or their errors, over the size of the reduced models: for a page."""
-    reduced, full = [row for row in rows if row["model"] != "full"], rows[0]
+    full, *reduced = rows
     levels = [Level(full["slope"], f"full, {full['size']} DOF", "y")] if np.isfinite(full["slope"]) else []
-    curves: list[Curve] = [(look(model).label, model, "solid", sorted((row for row in reduced if row["model"] == model),
-                                                         key=lambda row: row["size"]))
-              for model in dict.fromkeys(row["model"] for row in reduced)]
+    curves: list[Curve] = [(look(model).label, model, "solid", sorted(own, key=lambda row: row["size"]))
+                           for model, own in grouped(reduced, "model").items()]
     return _slopes("Critical slope over the model's size", "DOF of the reduced model  [-]", levels, curves, "size")
 
 
@@ -120,8 +118,7 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str, clump: flo
     row of the figure shows them enlarged: what fills more is seen well enough. Where half of |Re λ| are below `piled` of the
     largest, they would pile up at 0: the axis is logarithmic, with at most so many `decades` on each side of 0.
     """
-    places = {name: [model for model in models if model["panel"] == name] for name in dict.fromkeys(
-        model["panel"] for model in models)}
+    places = grouped(models, "panel")
     # the frames around the reduced models' eigenvalues below their cut-off
     frames: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
     for name, several in places.items():
@@ -186,8 +183,7 @@ def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8)
 
     def panel(kept: Sequence[int], where: str) -> Panel:
         series = []
-        for model, modes in dict.fromkeys((row["model"], row["modes"]) for row in rows if row["modes"] in kept):
-            own = [row for row in rows if (row["model"], row["modes"]) == (model, modes)]
+        for (model, modes), own in grouped((row for row in rows if row["modes"] in kept), "model", "modes").items():
             hover = hover_of(own, {"modes": "modes", "springs": "springs", "error": "error"})
             line, hollow, width = looks.get(modes, STYLES[0])
             series.append(Series(f"{look(model).label}, {own[0]['size']} DOF", hover["springs"], floored(hover["error"]), model,

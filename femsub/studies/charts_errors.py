@@ -10,6 +10,7 @@ import numpy as np
 
 from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, look
 from femsub.studies.results import Row, Study
+from femsub.studies.tables import grouped
 
 #: the errors of a chart, those that a figure has first
 COMPONENT = ("error_growth", "error_critical", "error_eigenvalue", "error_frequency")
@@ -42,8 +43,7 @@ def errors_chart(found: Study, title: str, name: str) -> Chart:
     kinds = [kind for kind in SYSTEM[:4] if any(np.isfinite(getattr(row, kind)) for row in found.rows)]
     about = ["not shown: models of full size, and those with a mode missing or added in the band"]
     drawn = {row.method for row in rows}
-    for method in dict.fromkeys(row.method for row in found.rows if row.method not in drawn):
-        own = [row for row in found.rows if row.method == method]
+    for method, own in grouped((row for row in found.rows if row.method not in drawn), "method").items():
         why = [word for word, hidden in (("of full size", [row.size >= found.full.size for row in own]),
                                          ("a mode missing", [row.missing for row in own]),
                                          ("a mode added", [row.extra for row in own])) if any(hidden)]
@@ -80,9 +80,8 @@ def _panels(found: Study, rows: Sequence[Row], kinds: Sequence[str], drawn: Sequ
 def _panel(found: Study, rows: Sequence[Row], kind: str, full: Level, y: str) -> Panel:
     known = [row for row in rows if np.isfinite(getattr(row, kind))]
     series = []
-    for method in dict.fromkeys(row.method for row in known):
-        own, label = [row for row in known if row.method == method], look(method).label
-        height = floored(getattr(row, kind) for row in own)
+    for method, own in grouped(known, "method").items():
+        label, height = look(method).label, floored(getattr(row, kind) for row in own)
         solve, whole = (np.array([astuple(getattr(row, key)) for row in own]) for key in ("solution", "whole"))
         hover: dict[str, list[Any]] = {word: [getattr(row, key) for row in own] for word, key in (
             ("DOF", "size"), ("modes", "modes"), ("error", kind))}

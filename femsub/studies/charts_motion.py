@@ -9,6 +9,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.studies.charts import Chart, Heat, Level, Panel, Series, hover_of, look
+from femsub.studies.tables import grouped
 
 WIDTHS = (2.0, 1.0, 1.3)  # of reduced models, in turn: where lines lie on each other, each is seen
 KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch point": "v"}
@@ -95,10 +96,9 @@ def period_chart(rows: Sequence[Mapping[str, Any]], floor: float = 1e-8) -> Char
 
     Amplitudes are known to `floor` at best: errors below are drawn there.
     """
-    full = next(row for row in rows if row["model"] == "full")
-    series = []
-    for kind in dict.fromkeys(row["model"] for row in rows if row["model"] != "full"):
-        own = [row for row in rows if row["model"] == kind]
+    models, series = grouped(rows, "model"), []
+    full = models.pop("full")[0]
+    for kind, own in models.items():
         hover = hover_of(own, {"DOF": "size", "error": "amplitude_error", "s per period": "seconds_per_period", "steps": "steps"})
         series.append(Series(look(kind).label, hover["s per period"], [max(error, floor) for error in hover["error"]], kind,
                              "solid", width=0.8, labels=[str(size) for size in hover["DOF"]], hover=hover))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import positive_number
-from femsub.studies.tables import Column, Table, column, fitted, label, span
+from femsub.studies.tables import Column, Table, column, fitted, grouped, label, span
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -310,9 +310,8 @@ class Study:
     def brief(self, tol: float = 1e-3) -> str:
         """The full model, and of each method the model that is recommended, or else the most accurate one; which are left out."""
         best, rows = self.recommended(tol), [self.full]
-        for method in dict.fromkeys(row.method for row in self.rows):
-            own = [row for row in self.rows if row.method == method]
-            rows.append(best if best in own else self._best(own, tol) or min(
+        for own in grouped(self.rows, "method").values():
+            rows.append(best if best is not None and best in own else self._best(own, tol) or min(
                 own, key=lambda row: (not self._sound(row), np.nan_to_num(self._error(row), nan=np.inf))))
         kept = [one for one in self._columns() if one.key in (*BRIEF, self.decisive)
                 and (one.key != "missing" or any(row.missing for row in rows))]
@@ -362,9 +361,8 @@ class Study:
         if short and self.parameter:
             lines.append(f"{what} where the band reaches above the cut-off: {reaching(short)}")
         without = [row for row in (self.full, *self.rows) if row.reason and row not in short]
-        for name, reason in dict.fromkeys((row.label, row.reason) for row in without):
-            sizes = ", ".join(str(row.size) for row in without if (row.label, row.reason) == (name, reason))
-            lines.append(f"{what} of {name} with {sizes} DOF: {reason}")
+        for (name, reason), those in grouped(without, "label", "reason").items():
+            lines.append(f"{what} of {name} with {', '.join(str(row.size) for row in those)} DOF: {reason}")
         if any(np.isnan(row.error_force) for row in self.rows) and self._forces:
             lines.append("no error of the forces where a mode of the full system has no counterpart")
         return fitted("\n".join([*lines, *self.left_out]))
@@ -372,9 +370,8 @@ class Study:
 
 def reaching(rows: Sequence[Row]) -> str:
     """'Craig-Bampton with 2, 3 DOF (cut-off 0.49, 0.8)', method by method."""
-    methods = {row.label: [other for other in rows if other.method == row.method] for row in rows}
     return "; ".join(f"{method} with {', '.join(str(row.size) for row in those)} DOF (cut-off "
-                     f"{', '.join(f'{row.cutoff:.4g}' for row in those)})" for method, those in methods.items())
+                     f"{', '.join(f'{row.cutoff:.4g}' for row in those)})" for method, those in grouped(rows, "label").items())
 
 
 def with_front(rows: Sequence[Row], hi: float = 0.0) -> tuple[Row, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -212,6 +212,15 @@ class Table:
         return table([one.head for one in shown], [[one.printed(row) for one in shown] for row in self.rows[:self.most]],
                      [one.form for one in shown], [one.head for one in shown if one.unit == RATE] if hertz else (), self.keys,
                      self.none)
+
+
+def grouped(rows: Iterable[Any], *keys: str) -> dict[Any, list[Any]]:
+    """Rows by the value of a key, or the values of several, in the order in which these come; keys of objects are attributes."""
+    found: dict[Any, list[Any]] = {}
+    for row in rows:
+        values = tuple(row[key] if isinstance(row, Mapping) else getattr(row, key) for key in keys)
+        found.setdefault(values if len(keys) > 1 else values[0], []).append(row)
+    return found
 
 
 def span(band: Sequence[float]) -> str:
