@@ -16,9 +16,8 @@ from benchmarks import UsageError
 
 #: The module of each command: its docstring says what it does and what its options mean, which are the arguments of its `main`.
 COMMANDS = {name: f"benchmarks.{name.replace('-', '_')}" for name in (
-    "attack", "band", "bases", "brake", "compare-methods", "gallery", "make-meshes", "method-pictures", "page-picture",
-    "paper-figures", "readme-picture", "report", "scaling", "superelements", "tutorial-figures", "users-picture")}
-COMMANDS["extreme"] = "benchmarks.extreme.command"
+    "attack", "bases", "brake", "compare-methods", "gallery", "make-meshes", "method-pictures", "page-picture", "pages",
+    "paper-figures", "readme-picture", "report", "scaling", "tutorial-figures", "users-picture", "extreme")}
 
 
 def first_line(module: str) -> str:

@@ -2,16 +2,15 @@
 
     python -m benchmarks attack SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1] [--limit 600]
 
-SUBJECT is a module of benchmarks/attacks, beside `common`. --cases is their number over all kinds, or of one KIND alone; --seed
-is the first seed; --workers is the number of processes. Each case is compared with a reference of its own. The counts are
-printed by kind and outcome. A case that crashes its process or takes longer than --limit seconds is wrong. Exit status 1 if one
-was.
+SUBJECT is what a function in benchmarks/attacks says that it attacks. --cases is their number over all kinds, or of one KIND
+alone; --seed is the first seed; --workers is the number of processes. Each case is compared with a reference of its own. The
+counts are printed by kind and outcome. A case that crashes its process or takes longer than --limit seconds is wrong. Exit status
+1 if one was.
 """
 
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
@@ -22,22 +21,24 @@ from queue import SimpleQueue
 from typing import Annotated
 
 from benchmarks import UsageError
+from benchmarks.attacks.common import SUBJECTS
 from benchmarks.processes import StoppedError, Worker
 
-SUBJECTS = sorted(item.name for item in iter_modules([str(Path(__file__).parent / "attacks")]) if item.name != "common")
+for item in iter_modules([str(Path(__file__).parent / "attacks")]):
+    import_module(f"benchmarks.attacks.{item.name}")
 
 
 def attacked(subject: str, kind: str, seed: int) -> str:
     """The outcome of one case; an exception is one, too."""
     try:
-        return import_module(f"benchmarks.attacks.{subject}").attacked(kind, seed)
+        return SUBJECTS[subject][1](kind, seed)
     except Exception as error:
         return f"wrong: seed {seed}: {type(error).__name__}: {error}"
 
 
-def main(subject: Annotated[str, SUBJECTS], *, cases: int = 3000, seed: int = 0, kind: str = "", workers: int = 1,
+def main(subject: Annotated[str, sorted(SUBJECTS)], *, cases: int = 3000, seed: int = 0, kind: str = "", workers: int = 1,
          limit: float = 600.0) -> int:
-    kinds = import_module(f"benchmarks.attacks.{subject}").KINDS
+    kinds = SUBJECTS[subject][0]
     if kind and kind not in kinds:
         raise UsageError(f"--kind {kind}: {subject} has {', '.join(kinds)}")
     tasks = [(one, seed + i) for i in range(cases) for one in ([kind] if kind else kinds)][:cases]
@@ -58,12 +59,10 @@ def main(subject: Annotated[str, SUBJECTS], *, cases: int = 3000, seed: int = 0,
     outcomes: Counter[tuple[str, str]] = Counter()
     start = time.perf_counter()
     with ThreadPoolExecutor(workers) as threads:
-        for done, ((kind, _), outcome) in enumerate(zip(tasks, threads.map(outcome_of, tasks), strict=True), 1):
+        for (kind, _), outcome in zip(tasks, threads.map(outcome_of, tasks), strict=True):
             outcomes[kind, outcome.split(":")[0]] += 1
             if outcome.startswith("wrong"):
                 print(f"{kind}: {outcome}", flush=True)
-            if sys.stderr.isatty():
-                print(f"\r{done} of {len(tasks)}", end="" if done < len(tasks) else "\n", file=sys.stderr)
     while not idle.empty():
         idle.get().close()
     for (kind, outcome), count in sorted(outcomes.items()):

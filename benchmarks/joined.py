@@ -7,7 +7,7 @@ beside those that it has.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,9 +17,6 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.attacks.common import grid_pairs, stiffness
 from benchmarks.lattices import lattice
-from femsub.reduction.reduce import METHODS
-
-FLOOR = 1e-14  # what counts as no error
 
 
 @dataclass(frozen=True)
@@ -108,33 +105,3 @@ LARGER: dict[str, Callable[[], Joined]] = {
     "4 chains in a cross": lambda: cross(4, 40), "held truss in 2": lambda: truss(2, 14, held=True),
     "floating truss in 3": lambda: truss(3, 14), "beam in 2": lambda: beams(2, 30), "beam in 4": lambda: beams(4, 30),
     "4 membranes": lambda: membranes(9)}
-
-FREE_MODES = ("rubin", "craig-chang", "macneal", "dual-craig-bampton", "herting")
-
-
-def equal_size(key: str, part: fs.Substructure, coordinates: int) -> fs.ReducedSubstructure:
-    """The part with so many coordinates besides those of its interface: modes of either kind, rigid ones and inertia relief."""
-    rigid = fs.normal_modes(part, count=0).rigid if key in FREE_MODES else 0
-    return fs.reduce(part, METHODS[key](coordinates - rigid))
-
-
-def errors(joined: Joined, key: str, coordinates: int, full: np.ndarray) -> tuple[int, np.ndarray]:
-    """Size of the assembled model, and |ω/ω_full - 1| (k,) of its lowest elastic frequencies."""
-    system = joined.system(lambda part: equal_size(key, part, coordinates))
-    modes = fs.normal_modes(system, count=len(full))
-    assert isinstance(system, fs.System)
-    return system.size + system.spurious, np.abs(modes.frequencies[modes.rigid:] / full - 1)
-
-
-def table(keys: Sequence[str], sizes: Sequence[int], count: int = 8) -> list[dict[str, Any]]:
-    """One row for each problem of LARGER, method and size: the largest and the mean (geometric) error of `count` frequencies."""
-    rows = []
-    for name, make in LARGER.items():
-        joined = make()
-        modes = fs.normal_modes(joined.system(), count=count)
-        for coordinates in sizes:
-            for key in keys:
-                size, error = errors(joined, key, coordinates, modes.frequencies[modes.rigid:])
-                rows.append({"problem": name, "method": key, "coordinates": coordinates, "size": size,
-                             "largest": float(error.max()), "mean": float(np.exp(np.log(np.maximum(error, FLOOR)).mean()))})
-    return rows

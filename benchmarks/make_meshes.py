@@ -1,8 +1,8 @@
-"""Makes the meshes in meshes/.
+"""Makes beam.inp and disc.vtu in meshes/.
 
-Lengths are in m; each comes out the same whenever it is made (Gmsh: with the same version).
+    python -m benchmarks make-meshes [--out DIR]
 
-    python -m benchmarks make-meshes [--out DIR] [NAME ...]
+Lengths are in m; each comes out the same whenever it is made.
 
 ============================  =============  =================================================================
 file                          cells          sets of nodes
@@ -18,27 +18,18 @@ bracket.msh (4.1)             tetra10        bolts (the four holes), tip (the up
   0.01 thick, joined at a right angle
 ============================  =============  =================================================================
 
-brake-disc.vtu, brake-inboard.vtu and brake-outboard.vtu have the nodes of `femsub.coupling.brake_meshes(0.025)`.
-Two come from elsewhere: disc-with-pad.msh by `gmsh -3 -nt 1 disc-with-pad.geo`, calculix/ by CalculiX 2.20 from its
-beam.inp.
-
-beam and disc need femsub alone; the other two need Gmsh: pip install gmsh (made with 4.15.2), and its libraries
-(Debian: libglu1-mesa libxrender1 libxcursor1 libxft2 libxinerama1).
+The last two were made once with Gmsh 4.15.2, by this script as it is in the history at commit e0d65ca. brake-disc.vtu,
+brake-inboard.vtu and brake-outboard.vtu have the nodes of `femsub.coupling.brake_meshes(0.025)`. Two come from elsewhere:
+disc-with-pad.msh by `gmsh -3 -nt 1 disc-with-pad.geo`, calculix/ by CalculiX 2.20 from its beam.inp.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import femsub as fs
-from benchmarks import UsageError
-from femsub.checks import installed_by
 
 MESHES = Path(__file__).resolve().parents[1] / "meshes"
 
@@ -61,68 +52,8 @@ def disc() -> fs.Mesh:
     return fs.Mesh(mesh.points, mesh.cells, mesh.kind, {**sets, "contact": top[near]}, name="disc")
 
 
-@contextmanager
-def gmsh_model(name: str, **options: float) -> Iterator[Any]:
-    """Gmsh with one thread and fixed seeds, so that the mesh is the same each time."""
-    import gmsh
-
-    gmsh.initialize(["gmsh", "-nt", "1"], readConfigFiles=False)
-    try:
-        for option, value in {"Terminal": 0, "RandomSeed": 1, "Binary": 0, **options}.items():
-            gmsh.option.setNumber(f"{'General' if option == 'Terminal' else 'Mesh'}.{option}", value)
-        gmsh.model.add(name)
-        yield gmsh
-    finally:
-        gmsh.finalize()
-
-
-def plate_with_hole(path: Path) -> None:
-    """Plane, z = 0."""
-    with gmsh_model("plate-with-hole", MeshSizeMax=0.015, MeshSizeFromCurvature=24, MshFileVersion=2.2) as gmsh:
-        occ, model = gmsh.model.occ, gmsh.model
-        plate, _ = occ.cut([(2, occ.addRectangle(0, 0, 0, 0.4, 0.2))], [(2, occ.addDisk(0.2, 0.1, 0, 0.04, 0.04))])
-        occ.synchronize()
-        middles = {tag: occ.getCenterOfMass(1, tag) for _, tag in model.getEntities(1)}
-        model.addPhysicalGroup(2, [tag for _, tag in plate], name="plate")
-        model.addPhysicalGroup(1, [tag for tag, x in middles.items() if x[0] < 1e-6], name="clamp")
-        model.addPhysicalGroup(1, [tag for tag, x in middles.items() if x[0] > 0.4 - 1e-6], name="tip")
-        model.addPhysicalGroup(1, [tag for tag in middles if model.getType(1, tag) in ("Circle", "Ellipse")], name="hole")
-        model.mesh.generate(2)
-        gmsh.write(str(path))
-
-
-def bracket(path: Path) -> None:
-    """The foot in the plane z = 0, the upright leg at x = 0, holes of radius 0.006 in the foot."""
-    options = {"MeshSizeMax": 0.014, "MeshSizeFromCurvature": 8, "MshFileVersion": 4.1, "ElementOrder": 2, "HighOrderOptimize": 2}
-    with gmsh_model("bracket", **options) as gmsh:
-        occ, model = gmsh.model.occ, gmsh.model
-        body, _ = occ.fuse([(3, occ.addBox(0, 0, 0, 0.12, 0.08, 0.01))], [(3, occ.addBox(0, 0, 0, 0.01, 0.08, 0.11))])
-        holes = [(3, occ.addCylinder(x, y, -0.01, 0, 0, 0.03, 0.006)) for x in (0.05, 0.1) for y in (0.02, 0.06)]
-        body, _ = occ.cut(body, holes)
-        occ.synchronize()
-        surfaces = [tag for _, tag in model.getEntities(2)]
-        model.addPhysicalGroup(3, [tag for _, tag in body], name="bracket")
-        model.addPhysicalGroup(2, [tag for tag in surfaces if model.getType(2, tag) == "Cylinder"], name="bolts")
-        model.addPhysicalGroup(2, [tag for tag in surfaces if occ.getCenterOfMass(2, tag)[2] > 0.11 - 1e-6], name="tip")
-        model.mesh.generate(3)
-        gmsh.write(str(path))
-
-
-def main(names: tuple[str, ...] = (), *, out: Path = MESHES) -> int:
-    made: dict[str, Callable[[Path], object]] = {
-        "beam.inp": lambda path: fs.write_mesh(path, beam()), "disc.vtu": lambda path: fs.write_mesh(path, disc()),
-        "plate-with-hole.msh": plate_with_hole, "bracket.msh": bracket}
-    if strange := set(names) - set(made):
-        raise UsageError(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(made)}")
+def main(*, out: Path = MESHES) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    for name in names or made:
-        path = out / name
-        try:
-            made[name](path)
-        except (ImportError, OSError) as error:
-            if name.endswith(".msh"):
-                print(f"{name} needs Gmsh ({error}): {installed_by('gmsh')}", file=sys.stderr)
-                return 1
-            raise
-        print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB, {fs.read_mesh(path)!r}")
-    return 0
+    for name, mesh in (("beam.inp", beam()), ("disc.vtu", disc())):
+        fs.write_mesh(out / name, mesh)
+        print(f"{name}: {(out / name).stat().st_size / 1e3:.0f} kB, {fs.read_mesh(out / name)!r}")

@@ -1,5 +1,10 @@
 """Runs the blocks of a page of the documentation, and compares what they print with what the page shows.
 
+    python -m benchmarks pages docs/guide/flutter.md            compares
+    python -m benchmarks pages docs/guide/flutter.md --write    writes what is printed into the page, as ```text blocks
+
+Replace by `…` what another run prints otherwise, and cut long numbers in the code: the page's test compares the rest.
+
 A page runs from top to bottom in a folder of its own, all its ```python blocks in one namespace. A ```toml block is written to
 `my.toml` there. A ```sh block runs if its output is shown. A ```text block that comes next after a ```python block with a print,
 or after a ```sh block, is its output.
@@ -21,6 +26,8 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -151,3 +158,22 @@ def _unit(number: str) -> float:
     digits, _, power = number.lower().partition("e")
     places = len(digits.partition(".")[2])
     return 10.0 ** (int(power or 0) - places) if "." in digits or power else 0.0
+
+
+def main(page: Path, *, write: bool = False) -> int:
+    text, begun = page.read_text(encoding="utf-8"), time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        blocks, printed, fault = run(text, Path(folder))
+    wrong = False
+    for block, output in reversed(list(zip(blocks, printed, strict=False))):
+        told = differences(output, block.shown or "")
+        if told and write:
+            start, end = block.shown_at or (block.end, block.end)
+            text = text[:start] + (output if block.shown_at else f"\n\n```text\n{output}```") + text[end:]
+        elif told:
+            wrong = True
+            print(f"after\n{block.text}\n{told}\n")
+    if write:
+        page.write_text(text, encoding="utf-8")
+    print(fault or f"{len(blocks)} blocks, {time.perf_counter() - begun:.1f} s")
+    return 1 if wrong or fault else 0

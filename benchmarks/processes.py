@@ -8,7 +8,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from functools import partial
@@ -76,28 +76,43 @@ def machine() -> Row:
                                "blas_threads": threads}
 
 
-def fresh(task: Callable[..., Any], *args: Any) -> Any:
-    """task(*args) in a process of its own. It is started by this one, which therefore must stay small: on Linux the peak of a
-    child begins at the size of its parent."""
-    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(task, *args).result()
-
-
 class Worker:
-    """A process that does one task after the other, and is replaced when it crashes or takes too long."""
+    """A process that does one task after the other, and is replaced when it crashes or takes too long; Linux for its memory."""
 
     pool: ProcessPoolExecutor | None = None
+    peak_mb = 0.0  #: of the last task, with all that it started, as far as it was looked at
 
-    def __call__(self, task: Callable[..., Any], *args: Any, limit: float | None = None) -> Any:
+    def __call__(self, task: Callable[..., Any], *args: Any, limit: float = np.inf) -> Any:
+        """What the task returns.
+
+        Raises
+        ------
+        StoppedError
+            The process crashed, or was killed after so many seconds, or because the machine's memory was nearly used up.
+        """
         self.pool = self.pool or ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn"))
+        process, start, due, why = self.pool.submit(os.getpid).result(), time.perf_counter(), 0.0, ""
+        running, self.peak_mb = self.pool.submit(task, *args), 0.0
         try:
-            return self.pool.submit(task, *args).result(timeout=limit)
-        except (BrokenProcessPool, TimeoutError) as error:
-            for process in list(self.pool._processes.values()):
-                process.kill()
+            while not wait([running], min(WATCHED, limit)).done:
+                if (begun := time.perf_counter()) >= due:
+                    self.peak_mb = max(self.peak_mb, together_mb(process))
+                    due = time.perf_counter() + SELDOM * (time.perf_counter() - begun)
+                if time.perf_counter() - start > limit:
+                    why = f"longer than {limit:g} s"
+                elif (available() or np.inf) < 1e6 * LEFT_MB:
+                    why = f"stopped at {self.peak_mb / 1e3:.1f} GB, with no memory left"
+                if why:
+                    os.kill(process, signal.SIGKILL)
+                    break
+            return running.result()
+        except BrokenProcessPool:
             self.close()
-            late = isinstance(error, TimeoutError)
-            raise StoppedError(f"no answer within {limit:g} s" if late else "its process crashed") from None
+            raise StoppedError(why or f"its process crashed, at {self.peak_mb / 1e3:.1f} GB") from None
+        except (KeyboardInterrupt, SystemExit):
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)  # or leaving would wait for it
+            raise
 
     def close(self) -> None:
         """Ends the process; the next task has a new one."""
@@ -106,38 +121,14 @@ class Worker:
             self.pool = None
 
 
-def watched(task: Callable[..., Row], *args: Any, limit: float) -> Row:
-    """The row of `fresh`, whose peak_mb is that of the process with all it started; Linux.
-
-    Raises
-    ------
-    StoppedError
-        The process was killed after so many seconds, or because the memory of the machine was nearly used up.
-    """
-    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
-        process, start = pool.submit(os.getpid).result(), time.perf_counter()
-        running, peak, why, due = pool.submit(task, *args), 0.0, "", 0.0
-        try:
-            while not running.done():
-                time.sleep(WATCHED)
-                if (begun := time.perf_counter()) >= due:
-                    peak = max(peak, together_mb(process))
-                    due = time.perf_counter() + SELDOM * (time.perf_counter() - begun)
-                if time.perf_counter() - start > limit:
-                    why = f"longer than {limit:g} s"
-                elif (available() or np.inf) < 1e6 * LEFT_MB:
-                    why = f"stopped at {peak / 1e3:.1f} GB, with no memory left"
-                if why:
-                    os.kill(process, signal.SIGKILL)
-                    break
-            row: Row = running.result()
-        except BrokenProcessPool:
-            raise StoppedError(why or f"ended by the system at {peak / 1e3:.1f} GB") from None
-        except BaseException:
-            with suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)  # or leaving the pool would wait for it
-            raise
-    return row | {"peak_mb": max(row["peak_mb"], peak)}
+def fresh(task: Callable[..., Any], *args: Any) -> Any:
+    """task(*args) in a process of its own. It is started by this one, which therefore must stay small: on Linux the peak of a
+    child begins at the size of its parent."""
+    worker = Worker()
+    try:
+        return worker(task, *args)
+    finally:
+        worker.close()
 
 
 def together_mb(process: int) -> float:

@@ -1,6 +1,6 @@
 """All pictures and tables of the docs: data and figures of scenes, benchmarks, scaling and extreme cases, and of the pages.
 
-    python -m benchmarks report [NAME ...] [--list] [--work DIR] [--data DIR] [--pictures DIR] [--fresh] [--quick]
+    python -m benchmarks report [NAME ...] [--list] [--work DIR] [--data DIR] [--pictures DIR] [--fresh]
 
 Each step is a command of its own, run in a process of its own, one after the other; --list shows their names. What it prints is
 kept in WORK/NAME/printed.txt, its results beside it. A step that has ended well is not run again: a report that stopped goes on
@@ -17,6 +17,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,78 +35,73 @@ SHOWN = "data.json"  # of the pictures
 
 @dataclass(frozen=True)
 class Step:
-    """One command: {out} in it stands for the step's folder, {work} for that of all steps, {tiny} for the smallest scene."""
+    """One command: {out} in it stands for the step's folder, {work} for that of all steps."""
 
     name: str
-    title: str
     says: str
     command: str  #: of `python -m benchmarks`, or `femsub run ...`
-    quick: str = ""  #: the same at sizes that show that all works; a step without is left out then
     figures: tuple[str, ...] = ()  #: of the files that it leaves
     folder: str = ""  #: of the pictures, for a step that leaves many, all of which are taken
     table: bool = True  #: whether what it prints is kept
 
-    def words(self, quick: bool, **places: Path) -> list[str]:
+    def words(self, **places: Path) -> list[str]:
         """The command line. For the small dense models of scenes the BLAS of NumPy, SciPy and PETSc get one thread each: they
         would wait for each other's core up to ten times as long as the work takes.
         """
-        words = [word.format(**places) for word in (self.quick if quick else self.command).split()]
+        words = [word.format(**places) for word in self.command.split()]
         if words[0] == "femsub":
             return ["env", "OMP_NUM_THREADS=1", str(ROOT / "scripts" / "femsub"), *words[1:], "--out", str(places["out"])]
         return [sys.executable, "-m", "benchmarks", *words]
 
 
-def scene(name: str, title: str, says: str, *figures: str, quick: str = "") -> Step:
-    return Step(Path(name).stem, title, says, f"femsub run -v {name}", quick and f"femsub run -v {quick}",
-                tuple(f"{figure}.png" for figure in figures))
+def scene(name: str, says: str, *figures: str) -> Step:
+    return Step(Path(name).stem, says, f"femsub run -v {name}", figures)
 
 
 STEPS = (
-    scene("chain", "The paper's chain", "Ten masses on a belt: critical slopes, and error against run time.", "error-time",
-          "size-sweep", quick="{tiny}"),
-    scene("beam", "Beam", "A steel beam on a belt, 400 DOF.", "error-time"),
-    scene("plate", "Plate", "A thin plate, 3,200 DOF.", "error-time"),
-    scene("solid", "Solid", "A brake's disc, 7,920 DOF.", "error-time"),
-    scene("scripts/long-chain.toml", "A chain of 100,000 masses", "Beyond its border of stability.", "error-time"),
-    scene("scripts/disc-transient.toml", "A disc in time", "10,800 DOF: what a simulated period costs, full and reduced.",
+    scene("chain", "The paper's chain. Ten masses on a belt: critical slopes, and error against run time.", "error-time",
+          "size-sweep"),
+    scene("beam", "Beam. A steel beam on a belt, 400 DOF.", "error-time"),
+    scene("plate", "Plate. A thin plate, 3,200 DOF.", "error-time"),
+    scene("solid", "Solid. A brake's disc, 7,920 DOF.", "error-time"),
+    scene("scripts/long-chain.toml", "A chain of 100,000 masses. Beyond its border of stability.", "error-time"),
+    scene("scripts/disc-transient.toml", "A disc in time. 10,800 DOF: what a simulated period costs, full and reduced.",
           "error-time"),
-    scene("brake", "A brake", "Disc and two pads with friction between them: full and reduced.", "flutter", "error-time"),
-    Step("brake-mode-and-error", "The README's picture", "A brake's unstable mode, and errors of reduced models; after brake.",
-         "readme-picture --brake {work}/brake --out {out}", "", ("brake-mode-and-error.png",), table=False),
-    Step("report", "The page of a run", "Its verdict, and the least stable mode.", "page-picture --out {out}", "",
-         ("report.png",), table=False),
-    Step("bases", "Bases of a slab", "Ratios against SciPy and plain SLEPc, each in one run.",
-         "bases --defaults --repeats 1 --out {out}", "bases --quick --repeats 1 --out {out}"),
-    Step("bases-bulk", "Bases of a bulky solid", "Quadratic hexahedra, where factors are dense.",
-         "bases --component bulk --defaults --repeats 1 --out {out}"),
-    Step("users", "What users have today", "Time and memory over femsub's, from benchmarks/data/users.json.",
-         "users-picture --out {out}", "", ("users.png", "readme.png"), table=False),
-    Step("scaling-chain", "Size: the chain", "Seconds, memory and error from 10 masses to a million.",
-         "scaling --components chain --repeats 5 --out {out}", "", ("scaling.png",)),
-    Step("scaling", "Size: finite elements", "The same for a beam, a plate to 300,000 DOF and a solid to a million.",
-         "scaling --components beam plate solid --out {out}", "", ("scaling.png",)),
-    Step("extreme", "Stiff and extreme cases", "Each right within the bound that is stated for it, or refused with the reason.",
-         "extreme --out {out}", "", ("extreme.png",)),
-    Step("methods", "Reduction methods", "At equal size, on joined parts.", "compare-methods --out {out}", "", ("methods.png",),
+    scene("brake", "A brake. Disc and two pads with friction between them: full and reduced.", "flutter", "error-time"),
+    Step("brake-mode-and-error", "The README's picture. A brake's unstable mode, and errors of reduced models; after brake.",
+         "readme-picture --brake {work}/brake --out {out}", ("brake-mode-and-error",), table=False),
+    Step("report", "The page of a run. Its verdict, and the least stable mode.", "page-picture --out {out}", ("report",),
          table=False),
-    Step("method-pictures", "What each method keeps", "The shapes of its basis, for the pages of the methods.",
+    Step("bases", "Bases of a slab. Ratios against SciPy and plain SLEPc, each in one run.", "bases --repeats 1 --out {out}"),
+    Step("bases-bulk", "Bases of a bulky solid. Quadratic hexahedra, where factors are dense.",
+         "bases --component bulk --repeats 1 --out {out}"),
+    Step("users", "What users have today. Time and memory over femsub's, from benchmarks/data/users.json.",
+         "users-picture --out {out}", ("users", "readme"), table=False),
+    Step("scaling-chain", "Size: the chain. Seconds, memory and error from 10 masses to a million.",
+         "scaling --components chain --repeats 5 --out {out}", ("scaling",)),
+    Step("scaling", "Size: finite elements. The same for a beam, a plate to 300,000 DOF and a solid to a million.",
+         "scaling --components beam plate solid --out {out}", ("scaling",)),
+    Step("extreme", "Stiff and extreme cases. Each right within the bound that is stated for it, or refused with the reason.",
+         "extreme --out {out}"),
+    Step("methods", "Reduction methods. At equal size, on joined parts.", "compare-methods --out {out}", ("methods",),
+         table=False),
+    Step("method-pictures", "What each method keeps. The shapes of its basis, for the pages of the methods.",
          "method-pictures --out {out}", folder="methods", table=False),
-    Step("paper", "The paper's figures", "2 to 5, from femsub.", "paper-figures --out {out}", folder="paper", table=False),
-    Step("tutorials", "The tutorials' pictures", "Each from the model of its page.", "tutorial-figures --out {out}",
+    Step("paper", "The paper's figures. 2 to 5, from femsub.", "paper-figures --out {out}", folder="paper", table=False),
+    Step("tutorials", "The tutorials' pictures. Each from the model of its page.", "tutorial-figures --out {out}",
          folder="tutorials", table=False),
-    *(Step(f"gallery-{name}", f"The gallery: {name}", line, f"gallery --run {name}", table=False)
+    *(Step(f"gallery-{name}", f"The gallery: {name}. {line}", f"gallery --run {name}", table=False)
       for name, (_, line) in SCENES.items()),
 )
 
 
-class Stopped(Exception):
-    """A step ended with an error."""
+def run(step: Step, folder: Path) -> str:
+    """Runs a step and notes that it ended well, or gives what failed.
 
-
-def run(step: Step, folder: Path, quick: bool) -> None:
-    """Runs a step and notes that it ended well. What it left when it was stopped stays: some scripts go on from there."""
+    What it left when it was stopped stays: some scripts go on from there.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    command = step.words(quick, out=folder, work=folder.parent, tiny=ROOT / "scripts" / "tiny-chain.toml")
+    command = step.words(out=folder, work=folder.parent)
     report.progress(f"{step.name}: {shlex.join(command)}")
     start = time.perf_counter()
     with open(folder / "printed.txt", "wb") as printed:
@@ -117,13 +113,14 @@ def run(step: Step, folder: Path, quick: bool) -> None:
             process.wait()
             raise
     if process.returncode:
-        raise Stopped(f"{step.name} ended with status {process.returncode}: {errors.strip()[-500:]}\n"
-                      f"  {shlex.join(command)}\n  what it printed is in {folder / 'printed.txt'}")
+        return (f"{step.name} ended with status {process.returncode}: {errors.strip()[-500:]}\n"
+                f"  {shlex.join(command)}\n  what it printed is in {folder / 'printed.txt'}")
     shown = shlex.join([part.replace(sys.executable, "python").replace(str(folder), "out").replace(f"{ROOT}/", "")
                         for part in command])
     done = {"command": shown, "commit": commit(), "seconds": time.perf_counter() - start, "date": time.strftime("%Y-%m-%d"),
             "machine": report.machine() | report.versions() | versions(), "warnings": errors.strip().splitlines()}
     put(folder, {"done.json": json.dumps(done, indent=1)})
+    return ""
 
 
 def text(step: Step, folder: Path) -> str:
@@ -132,7 +129,7 @@ def text(step: Step, folder: Path) -> str:
     printed = (folder / "printed.txt").read_text(encoding="utf-8").rstrip()
     table = "\n".join(line.rstrip() for line in printed.splitlines() if not line.startswith("written to ")).rstrip()
     machine = ", ".join(f"{key} {value}" for key, value in done["machine"].items())
-    return (f"# {step.title}. {step.says}\n# {done['command']}\n# {done['seconds']:.0f} s, commit {done['commit']}, "
+    return (f"# {step.says}\n# {done['command']}\n# {done['seconds']:.0f} s, commit {done['commit']}, "
             f"{done['date']}; {machine}\n\n{table}\n")
 
 
@@ -140,9 +137,8 @@ def pictures_of(step: Step, folder: Path) -> dict[str, Path]:
     """The files of a step's figures, by their places in the folder of pictures."""
     if step.folder:
         return {f"{step.folder}/{path.name}": path for path in sorted(folder.glob("*.png"))}
-    stems = {name: Path(name).stem for name in step.figures}
-    return {f"{step.name}.png" if stem in step.name else f"{step.name}-{stem}.png": folder / name
-            for name, stem in stems.items() if (folder / name).exists()}
+    return {f"{step.name}.png" if stem in step.name else f"{step.name}-{stem}.png": folder / f"{stem}.png"
+            for stem in step.figures if (folder / f"{stem}.png").exists()}
 
 
 def numbers(step: Step, folder: Path) -> dict[str, dict[str, Any]]:
@@ -159,7 +155,7 @@ def numbers(step: Step, folder: Path) -> dict[str, dict[str, Any]]:
     return found
 
 
-def write(steps: list[Step], work: Path, data: Path, pictures: Path) -> list[str]:
+def write(steps: Sequence[Step], work: Path, data: Path, pictures: Path) -> list[str]:
     """The texts and figures of the steps that have ended well, each folder whole or not at all; their names."""
     ended = [step for step in steps if (work / step.name / "done.json").exists()]
     put(data, {f"{step.name}.txt": text(step, work / step.name) for step in ended if step.table})
@@ -174,17 +170,16 @@ def write(steps: list[Step], work: Path, data: Path, pictures: Path) -> list[str
 
 
 def main(steps: tuple[str, ...] = (), *, list: bool = False, work: Path = ROOT / "out" / "report",
-         data: Path = ROOT / "benchmarks" / "data", pictures: Path = ROOT / "docs" / "pictures", fresh: bool = False,
-         quick: bool = False) -> int:
+         data: Path = ROOT / "benchmarks" / "data", pictures: Path = ROOT / "docs" / "pictures", fresh: bool = False
+         ) -> int:
     if list:
-        print(*(f"{step.name:22} {step.title}. {step.says}" for step in STEPS), sep="\n")
+        print(*(f"{step.name:22} {step.says}" for step in STEPS), sep="\n")
         return 0
     if strange := set(steps) - {step.name for step in STEPS}:
         raise UsageError(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(step.name for step in STEPS)}")
     begin(work, data, pictures)
-    known = [step for step in STEPS if step.quick or not quick]
     failed = []
-    for step in known:
+    for step in STEPS:
         folder = work.resolve() / step.name
         if steps and step.name not in steps:
             continue
@@ -193,14 +188,10 @@ def main(steps: tuple[str, ...] = (), *, list: bool = False, work: Path = ROOT /
             continue
         if fresh:
             shutil.rmtree(folder, ignore_errors=True)
-        try:
-            run(step, folder, quick)
-        except Stopped as error:
-            failed.append(str(error))
-            print(f"failed: {error}", file=sys.stderr)
-            continue
-        print(f"{step.name}: done")
+        fault = run(step, folder)
+        failed += [fault] * bool(fault)
+        print(f"failed: {fault}" if fault else f"{step.name}: done", file=sys.stderr if fault else sys.stdout)
     report.progress_done()
-    written = write(known, work, data, pictures)
+    written = write(STEPS, work, data, pictures)
     print(f"written to {data}: {', '.join(written) or 'nothing, since no step has ended well'}")
     return 0 if written and not failed else 1

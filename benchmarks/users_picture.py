@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.comparisons import COMPONENTS, NAMES, REFERENCE
+from benchmarks.bases import COMPONENTS, NAMES, REFERENCE
 from benchmarks.pictures import save
 from benchmarks.processes import Row
 from femsub.app.figure_style import PAGE, few_decades, legend_below, new_figure
@@ -23,10 +23,9 @@ DATA = ROOT / "benchmarks" / "data" / "users.json"
 MARKS = "<!-- users -->", "<!-- end of users -->"
 KEPT = ("component", "dof", "interface", "modes", "method", "runs", "seconds", "times", "times_least", "times_most", "peak_mb",
         "error", "missed", "ended")
-LOOKS = {"SciPy, MKL Pardiso": ("#1f6fb4", "o"), "SciPy": ("#6aa5d8", "s"), "SciPy, defaults": ("#9cc3e6", "P"),
-         "SLEPc, CHOLMOD": ("#2a8f4d", "^"), "SLEPc, MUMPS": ("#7cc08b", "v"), "PRIMME": ("#c44e00", "D"),
-         "PRIMME, CHOLMOD": ("#e08a4a", "d")}
-LABELS = {"SciPy": "SciPy, SuperLU", "SciPy, defaults": "SciPy, SuperLU as it comes"}
+LOOKS = {"SciPy, MKL Pardiso": ("#1f6fb4", "o"), "SciPy": ("#6aa5d8", "s"),
+         "SLEPc, CHOLMOD": ("#2a8f4d", "^"), "SLEPc, MUMPS": ("#7cc08b", "v"), "PRIMME": ("#c44e00", "D")}
+LABELS = {"SciPy": "SciPy, SuperLU"}
 NOT_RUN: Row = dict.fromkeys(KEPT) | {"ended": "not run"}
 LANE = 0.15  # inches: of a method in a figure
 
@@ -55,55 +54,48 @@ def fullest(rows: Sequence[Row]) -> list[Row]:
 
 
 def figure(rows: Sequence[Row]) -> Any:
-    """Seconds and memory over femsub's, a mark for each method in each case; bars reach over all rounds."""
+    """Seconds and memory over femsub's, a mark for each method in each case; bars reach over all rounds.
+
+    Beside a mark stands what is wrong with its modes, and without one, why a method has not ended.
+    """
     cases = by_case(rows)
     methods = [name for name in LOOKS if any(name in found for found in cases.values())]
     lanes = len(methods) + 1.5  # of a case, with a gap below
     drawn = new_figure(1.15 * PAGE, LANE * lanes * len(cases) + 1.6)
-    left, right = drawn.subplots(1, 2, sharey=True, width_ratios=[1.5, 1])
-    for at, name in enumerate(methods):
-        colour, marker = LOOKS[name]
-        style = {"color": colour, "marker": marker, "ls": "none", "ms": 5.5, "label": LABELS.get(name, name),
-                 "mfc": colour, "zorder": 3}
-        there = [(case * lanes + at, found[name], found[REFERENCE]) for case, found in enumerate(cases.values()) if name in found]
-        timed = [(y, row) for y, row, _ in there if row["times"]]
-        left.plot([row["times"] for _, row in timed], [y for y, _ in timed], **style)
-        for y, row in timed:
-            left.plot([row["times_least"], row["times_most"]], [y, y], color=colour, lw=1.5, label="_spread", zorder=2)
-        sized = [(y, row["peak_mb"] / ours["peak_mb"]) for y, row, ours in there if row["peak_mb"] and ours["peak_mb"]]
-        right.plot([share for _, share in sized], [y for y, _ in sized], **style)
-    for axis, title, what in ((left, "time", "time over femsub's"), (right, "memory", "peak memory over femsub's")):
+    axes = drawn.subplots(1, 2, sharey=True, width_ratios=[1.5, 1])
+    for axis, title, what in zip(axes, ("time", "memory"), ("time over femsub's", "peak memory over femsub's"), strict=True):
+        for at, name in enumerate(methods):
+            colour, marker = LOOKS[name]
+            marks = []
+            for case, found in enumerate(cases.values()):
+                row, y = found.get(name, NOT_RUN), case * lanes + at
+                memory = row["peak_mb"] and found[REFERENCE]["peak_mb"] and row["peak_mb"] / found[REFERENCE]["peak_mb"]
+                if share := row["times"] if title == "time" else memory:
+                    marks.append((share, y))
+                if title == "time":
+                    axis.plot([row["times_least"], row["times_most"]] if share else [], [y, y] if share else [], color=colour,
+                              lw=1.5, label="_spread", zorder=2)
+                    told = row["ended"] or (f"{row['missed']} missed" if row["missed"] else "")
+                    axis.annotate(told, (row["times_most"] or 1.0, y), (6, 0), textcoords="offset points", va="center",
+                                  fontsize=7, color=colour)
+            axis.plot([x for x, _ in marks], [y for _, y in marks], color=colour, marker=marker, ls="none", ms=5.5, mfc=colour,
+                      zorder=3, label=LABELS.get(name, name))
         axis.set_xscale("log")
-        axis.set_title(title)
         known = [value for line in axis.lines for value in line.get_xdata()]
         low, high = min([0.9, *known]), max([2.0, *known])
-        axis.set(xlabel=f"{what}  [-]", xlim=(low / 1.25, high * (2.5 if axis is left else 1.25)))
+        axis.set(title=title, xlabel=f"{what}  [-]", xlim=(low / 1.25, high * (2.5 if title == "time" else 1.25)))
         axis.axvline(1.0, color="0.2", lw=1.0, ls="--", label="femsub", zorder=1)
         axis.grid(axis="x", lw=0.4)
+        axis.tick_params(axis="y", length=0)
         few_decades(axis)
         for case in range(1, len(cases)):
             axis.axhline(case * lanes - 1.25, color="0.8", lw=0.6, zorder=0)
-    _notes(left, cases, methods, lanes)
-    left.set_yticks([case * lanes + (len(methods) - 1) / 2 for case in range(len(cases))],
-                    [f"{COMPONENTS[name].split(' of ')[0]}\n{dof:,} DOF\n{modes} modes" for name, dof, modes in cases])
-    left.tick_params(axis="y", length=0)
-    right.tick_params(axis="y", length=0)
-    left.set_ylim(len(cases) * lanes - 1.25, -1.25)
-    legend_below(drawn, (left,), 4)
+    axes[0].set_yticks([case * lanes + (len(methods) - 1) / 2 for case in range(len(cases))],
+                       [f"{COMPONENTS[name].split(' of ')[0]}\n{dof:,} DOF\n{modes} modes" for name, dof, modes in cases])
+    axes[0].set_ylim(len(cases) * lanes - 1.25, -1.25)
+    legend_below(drawn, axes[:1], 4)
     drawn.suptitle("Craig-Bampton bases: time and memory over those of femsub, which also proves that no mode is missed")
     return drawn
-
-
-def _notes(axis: Any, cases: dict[tuple[str, int, int], dict[str, Row]], methods: Sequence[str], lanes: float) -> None:
-    """Beside a mark what is wrong with its modes; without one, why a method has not ended."""
-    for case, found in enumerate(cases.values()):
-        for at, name in enumerate(methods):
-            row = found.get(name, NOT_RUN)
-            told = row["ended"] or (f"{row['missed']} missed" if row["missed"] else "")
-            if told:
-                place = row["times_most"] or 1.0
-                axis.annotate(told, (place, case * lanes + at), (6, 0), textcoords="offset points", va="center", fontsize=7,
-                              color=LOOKS[name][0])
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -112,21 +104,15 @@ def table(rows: Sequence[Row]) -> str:
     for (name, dof, modes), found in by_case(rows).items():
         for at, (method, row) in enumerate(found.items()):
             case = [COMPONENTS[name], f"{dof:,}", str(modes)] if at == 0 else [""] * 3
-            ours = method == REFERENCE
+            told = [row["ended"] or "failed", *[""] * 4]
             if row["seconds"]:
-                told = [f"{row['seconds']:.3g}", "" if ours else _spread(row), f"{row['peak_mb'] / 1e3:.1f}",
-                        "" if ours else f"{row['error']:.0e}", str(row["missed"])]
-            else:
-                told = [row["ended"] or "failed", *[""] * 4]
+                ours = method == REFERENCE
+                least, middle, most = (f"{row[key] or 0:.2g}" for key in ("times_least", "times", "times_most"))
+                times = "" if ours or not row["times"] else middle if least == most else f"{middle} ({least} to {most})"
+                told = [f"{row['seconds']:.3g}", times, f"{row['peak_mb'] / 1e3:.1f}", "" if ours else f"{row['error']:.0e}",
+                        str(row["missed"])]
             lines.append([*case, LABELS.get(method, method), *told])
     return "\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines) + "\n"
-
-
-def _spread(row: Row) -> str:
-    if not row["times"]:
-        return ""
-    least, middle, most = (f"{row[key]:.2g}" for key in ("times_least", "times", "times_most"))
-    return middle if least == most else f"{middle} ({least} to {most})"
 
 
 def sentence(rows: Sequence[Row]) -> str:

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzz_ansys import examples
+from fuzz_ansys import examples, full_file
 from test_universal import CORNERS, EDGES
 
 import femsub as fs
-from benchmarks.attacks.files import full_file
 from femsub.checks import installed_by
 from femsub.io.ansys import _axes
 from femsub.io.cdb import read_cdb

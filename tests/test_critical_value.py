@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from benchmarks.attacks import critical_values as attack, kinks
+from benchmarks.attacks import critical_values as attack
+from benchmarks.attacks.borders import kinks
 from femsub.checks import Tally
 from femsub.stability.crossings import Crossing, fed_by
 from femsub.stability.exclusion import Family, _Discs
@@ -43,7 +44,7 @@ def test_an_excluded_interval_holds_no_crossing(seed: int) -> None:
     known = [part for part in parts if part.growing is not None]
     grown = attack.counter(task)
     for share in (1e-3, 0.3, 0.999):
-        counts, _ = grown(np.array([part.begin + share * (part.end - part.begin) for part in known]))
+        counts = np.array([grown(part.begin + share * (part.end - part.begin)) for part in known])
         wide = np.array([part.end - part.begin for part in known]) > 1e-5
         assert np.array_equal(counts[wide], np.array([part.growing for part in known])[wide])
     assert all(one.growing == two.growing for one, two in pairwise(parts) if None not in (one.growing, two.growing))
@@ -507,8 +508,8 @@ def test_what_has_no_answer_is_refused() -> None:
 
 
 def test_kinked_laws_at_random_against_counts() -> None:
-    """Three seeds of benchmarks/attacks/kinks.py; `python -m benchmarks attack kinks` runs thousands."""
-    found = [kinks.attacked(kind, 0) for kind in ("declared", "declared falsely", "stiffness")]
+    """Three seeds of benchmarks/attacks/borders.py; `python -m benchmarks attack kinks` runs thousands."""
+    found = [kinks(kind, 0) for kind in ("declared", "declared falsely", "stiffness")]
     assert found == ["certified", "refused", "confirmed"]
 
 

@@ -12,19 +12,13 @@ import pytest
 import scipy.linalg as la
 
 import femsub as fs
-from benchmarks.extreme.command import evaluate
-from benchmarks.extreme.complex import cea
-from benchmarks.extreme.motion import Chain
-from benchmarks.extreme.reference import Sturm, border, matched, mp, quadratic
-from benchmarks.extreme.spectra import copies, damped, edge, listed, mixed
-from benchmarks.extreme.table import CASES
+from benchmarks.extreme import CASES, Case, copies, damped, edge, evaluate, mixed
+from benchmarks.judges import Found, Sturm, border, cea, matched, modes, mp, quadratic
 
 ROOT = Path(__file__).parent.parent
 
 #: Of the quick ones, those that take longest; a case like each of them remains.
-LONGEST = {"critical damping, 25 models", "alpha, tiny blows", "study beyond the border, half of them",
-           "study at the border, half of them", "CEA, 5 floating with friction, by count", "CEA, sixfold on edges, sparse",
-           "ring of 240, a pair cut", *(f"alpha, 320 masses, blow of {blow:g}" for blow in (1e-9, 1e-3, 0.1))}
+LONGEST = {"CEA, sixfold on edges, sparse", "ring of 240, a pair cut"}
 
 assert set(CASES) >= LONGEST
 
@@ -39,9 +33,9 @@ def test_case(name: str) -> None:
 
 
 def test_the_table_is_long_enough_and_covers_every_group() -> None:
-    assert len(CASES) >= 200
-    groups = ["ratios", "units", "massless", "rigid", "interface", "repeated", "edges", "border", "motion", "damping",
-              "defective", "slender", "large"]
+    assert len(CASES) >= 165
+    groups = ["ratios", "units", "massless", "rigid", "interface", "repeated", "edges", "border", "damping", "defective",
+              "slender", "large"]
     assert {case.group for case in CASES.values()} == {*groups, "modes 0, 1, all"}
 
 
@@ -65,14 +59,6 @@ def test_companion_matrix_and_border_are_right() -> None:
     assert min(abs(mp.re(value)) for value in spectrum) < 1e-16 and 1e-17 < moved < 1e-12
 
 
-def test_the_last_pivot_is_the_border_of_a_chain() -> None:
-    sub = fs.chain(9, belt=4)
-    omega = fs.critical_slope(sub).omega * (1 + 1e-7)
-    whole, moved = border(sub.M, sub.D, sub.K, sub.port("belt"), omega)
-    c, other = border(sub.M, sub.D, sub.K, sub.port("belt"), omega, sparse=True)
-    assert abs(c / whole - 1) < 1e-30 and other == pytest.approx(moved, rel=1e-6)
-
-
 def test_companion_matrix_where_mass_and_stiffness_are_singular() -> None:
     M, K = np.diag([1.0, 0.0, 2.0]), np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
     found = sorted((complex(value) for value in quadratic(M, 0 * K, K)), key=abs)
@@ -86,37 +72,26 @@ def test_sets_are_compared_one_to_one_and_edges_belong_to_the_band() -> None:
     band = (0.0, edge(omega[3], 1e-3))
     top = np.argmin(np.abs(values - (-5e-4 + 1j * band[1])))
     near = values * np.where(np.arange(len(values)) == top, 1 + 1e-3, 1)
-    assert cea(lambda: (pencil, values), closed=True, band=band).ratio < 1
-    assert "do not exist" in cea(lambda: (pencil, values[values.imag < band[1] * (1 - 1e-9)][-3:]), closed=True, band=band).lie
-    assert cea(lambda: (pencil, np.append(values, values[top])), closed=True, band=band).missed == 1
-    assert "outside" in cea(lambda: (pencil, near), closed=True, band=band).lie
-    assert cea(lambda: (pencil, near), closed=True).ratio > 1
+    assert cea(lambda: (pencil, values), band=band).ratio < 1
+    assert "do not exist" in cea(lambda: (pencil, values[values.imag < band[1] * (1 - 1e-9)][-3:]), band=band).lie
+    assert cea(lambda: (pencil, np.append(values, values[top])), band=band).missed == 1
+    assert "outside" in cea(lambda: (pencil, near), band=band).lie
+    assert cea(lambda: (pencil, near)).ratio > 1
     sub, exact = copies(12, 1, sparse=False)
-    assert listed(lambda: (sub, np.append(exact, exact[2])), band=(0.0, exact[3])).missed == 1
-    assert "counted below" in listed(lambda: (sub, exact[1:]), band=(0.0, exact[3])).lie
+    assert modes(lambda: (sub, np.append(exact, exact[2])), band=(0.0, exact[3])).missed == 1
+    assert "counted below" in modes(lambda: (sub, exact[1:]), band=(0.0, exact[3])).lie
 
 
-def test_mixed_oscillators_and_friction_are_what_they_say() -> None:
+def test_mixed_oscillators_are_what_they_say() -> None:
     pencil, values = mixed([(1.0, 0.5, 4.0), (0.0, 3.0, 1.0), (0.0, 0.0, 2.0)], 3)
     assert sorted(values.real) == pytest.approx([-1 / 3, -0.25, -0.25])
     assert matched(values, quadratic(pencil.M, pencil.D, pencil.K))[0].max() < 1e-12
-    for odd in (False, True):
-        chain = Chain(3, 2, 0.1, 0.2, 0.01, odd)
-        law = chain.model()[1].law
-        for v in (-0.3, 0.002, 0.19):
-            assert chain.friction(v) == pytest.approx(law.value(v)) and chain.slope(v) == pytest.approx(law.slope(v))
-            if not odd:
-                assert chain.less(v) == pytest.approx(chain.friction(0.2 - v) - chain.friction(0.2), abs=1e-14)
-    assert chain.slope(0.2) != pytest.approx(Chain(3, 2, 0.1, 0.2, 0.01).slope(0.2))
 
 
 @pytest.mark.parametrize(("worse", "reason"), [
     ({"ratio": 1.1}, "1.1 times its bound"), ({"missed": 1}, "1 missed"), ({"lie": "no"}, "no"), ({"bound": 1.0}, "says nothing"),
     ({"orthogonality": 1e-7}, "ΦᵀMΦ"), ({"backward": 1e-8}, "backward error")])
 def test_what_is_wrong_is_called_wrong(worse: dict, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from benchmarks.extreme.cases import Case
-    from benchmarks.extreme.reference import Found
-
     good = {"computed": "", "error": 0.0, "bound": 1e-12, "ratio": 0.1, "why": ""}
     monkeypatch.setitem(CASES, "planted", Case("planted", "ratios", lambda: Found(**(good | worse))))
     assert evaluate("planted")["verdict"] == "wrong" and reason in evaluate("planted")["reason"]
@@ -133,7 +108,7 @@ def test_script(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "3 cases in" in done.stdout and "2 right within their bounds, 1 refused with the reason, 0 wrong" in done.stdout
-    assert {path.name for path in tmp_path.iterdir()} == {"extreme.csv", "extreme.json", "extreme.png"}
+    assert {path.name for path in tmp_path.iterdir()} == {"extreme.csv", "extreme.json"}
     rows = {row["case"]: row for row in json.loads((tmp_path / "extreme.json").read_text())["rows"]}
     assert rows["a negative spring"]["reason"].startswith("SingularMatrixError: K - σM is not positive definite")
     assert rows["triple eigenvalue"]["error"] < rows["triple eigenvalue"]["bound"] < 1e-3

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from benchmarks import users_picture as users
-from benchmarks.extreme.table import CASES
+from benchmarks.extreme import CASES
 from benchmarks.pictures import FACTOR, differences, lines, plain, shown
 from femsub.app.cli import main
 from femsub.app.scene import SCENES

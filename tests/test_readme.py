@@ -2,8 +2,8 @@
 
 A page is one test: it runs from top to bottom, its ```python blocks in one namespace and in a folder of its own. A ```text block
 that follows is their output, and is compared by the rules of benchmarks/pages.py: numbers to the digits shown, `…` stands for
-anything. A block that prints must show what. `scripts/run_page.py docs/x.md` does the same for one page, and `--write` puts the
-output into it. A page of more than some 3 s has a comment `<!-- slow -->`.
+anything. A block that prints must show what. `python -m benchmarks pages docs/x.md` does the same for one page, and `--write`
+puts the output into it. A page of more than some 3 s has a comment `<!-- slow -->`.
 """
 
 from __future__ import annotations
@@ -217,7 +217,7 @@ def test_a_page_runs_in_one_namespace_and_a_fault_tells_its_block(tmp_path: Path
 
 def test_the_output_of_a_page_is_written_into_it(tmp_path: Path) -> None:
     def run_page(*options: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([sys.executable, str(ROOT / "scripts" / "run_page.py"), str(page), *options], capture_output=True,
+        return subprocess.run([sys.executable, "-m", "benchmarks", "pages", str(page), *options], capture_output=True,
                               text=True, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)})
 
     page = tmp_path / "page.md"

@@ -10,10 +10,10 @@ from typing import Any
 import fuzz_measured
 import numpy as np
 import pytest
+from fuzz_ansys import full_file
 from matrixhelp import Op2Writer, sierra_netcdf, sierra_text
 
 import femsub as fs
-from benchmarks.attacks.files import full_file
 from femsub.app.cli import main
 
 

@@ -8,30 +8,31 @@ import scipy.sparse as sp
 from scipy.optimize import brentq
 
 import femsub as fs
-from benchmarks.attacks import critical_values as attack, solvers
+from benchmarks.attacks import critical_values as attack
+from benchmarks.attacks.borders import SOLVERS, model_for_all, solvers
 from femsub.modes.quadratic import complex_modes, search
 from femsub.stability import discs, followed
 from femsub.stability.critical_value import first_value
 
 
-@pytest.mark.parametrize("kind", solvers.KINDS)
+@pytest.mark.parametrize("kind", SOLVERS)
 def test_all_solvers_agree_on_random_models(kind: str) -> None:
-    """Two seeds of benchmarks/attacks/solvers.py; `python -m benchmarks attack solvers` runs thousands."""
-    found = [solvers.attacked(kind, seed) for seed in (0, 4)]
+    """Two seeds of benchmarks/attacks/borders.py; `python -m benchmarks attack solvers` runs thousands."""
+    found = [solvers(kind, seed) for seed in (0, 4)]
     assert set(found) <= {"agree", "none"} and "agree" in found
 
 
 @pytest.mark.parametrize("seed", [2, 9, 17, 24])
 def test_a_coalescence_without_damping_is_followed_to_its_place(seed: int) -> None:
     """Every mode is on the axis at any value: Newton's method for iω alone stopped at the first, up to 4e-4 of the range off."""
-    assert solvers.attacked("undamped", seed) == "agree"
+    assert solvers("undamped", seed) == "agree"
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_coalescence_without_damping_lies_within_a_narrow_width(seed: int) -> None:
     """Beside its value ∓ width the full matrices have different numbers of complex ω²; by iω alone the width was up to 9 %."""
-    rng = np.random.default_rng([seed, solvers.KINDS.index("undamped")])
-    model, _, name, between, top = solvers._model("undamped", rng)
+    rng = np.random.default_rng([seed, SOLVERS.index("undamped")])
+    model, _, name, between, top = model_for_all("undamped", rng)
     M, K, turning = model.M[0][1], model.K[0][1], model.K[1][1]
     found = fs.critical_value(model, None, name, between=between, band=(0.0, top), solver="followed")
     for one in [*found.losses, *found.regains]:

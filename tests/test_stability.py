@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from scipy.linalg import null_space
 
 import femsub as fs
-from benchmarks.attacks import twins
+from benchmarks.attacks.borders import twins
 from benchmarks.lattices import lattice
 from femsub.modes.quadratic.dense import modal_form
 from femsub.modes.receptance import port_responses
@@ -436,7 +436,7 @@ def test_what_harmonic_forces_move_is_the_same_dense_sparse_and_in_modes(unsymme
 @pytest.mark.parametrize(("kind", "seeds"), [("twin beams", 8), ("joined", 2), ("tolerance", 2), ("free interface", 2)])
 def test_a_border_that_twin_frequencies_move_is_told(kind: str, seeds: int) -> None:
     """Two beams of nearly one frequency on a foot: no slope is off by more than 3.5 % of the full model's without a warning."""
-    outcomes = [twins.attacked(kind, seed) for seed in range(seeds)]
+    outcomes = [twins(kind, seed) for seed in range(seeds)]
     assert not [one for one in outcomes if one.startswith("wrong") or one == "needless"]
     assert "told" in outcomes or kind != "twin beams"
 

@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.attacks import meetings
+from benchmarks.attacks.borders import meetings
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.components import two_mode, two_mode_critical, ziegler, ziegler_critical
@@ -83,7 +83,7 @@ def test_a_value_at_the_exceptional_point_itself_breaks_no_branch() -> None:
 def test_a_mode_that_looks_rigid_beside_its_coalescence_breaks_no_branch() -> None:
     """Where a step was halved it had ω = 7e-6, was taken for rigid motion there, and its branch ended."""
     with pytest.warns(fs.ConditionWarning, match="rigid"):
-        assert meetings.attacked("symmetric", 2) == "certified"
+        assert meetings("symmetric", 2) == "certified"
 
 
 @pytest.mark.parametrize("rigid", [0, 1])

@@ -22,6 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks.common import SUBJECTS
 from femsub.checks import shown
 
 KINDS = ("numbers", "arrays", "sparse", "containers", "texts", "dressed")
@@ -282,3 +283,6 @@ def judged(function: Callable[..., Any], given: dict[str, Any], argument: str, v
         at = traceback.extract_tb(error.__traceback__)[-1]
         return f"wrong: {what}: {type(error).__name__}: {error!s:.90} ({Path(at.filename).name}:{at.lineno})"
     return f"wrong: {what}: the mask was lost" if masks(value) and argument not in LATER else "answered"
+
+
+SUBJECTS["arguments"] = KINDS, attacked

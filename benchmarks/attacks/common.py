@@ -18,9 +18,13 @@ from femsub.checks import Array
 Random = np.random.Generator
 
 
-def attack(kinds: Sequence[str], seed_first: bool = False, silent: bool = True) -> Callable[[Callable[[str, Random], str]],
-                                                                                           Callable[[str, int], str]]:
-    """Makes `attacked(kind, seed)` of a function of a kind and a generator; what is wrong begins with the seed.
+#: what can be attacked: by name the kinds of cases, and the function of a kind and a seed
+SUBJECTS: dict[str, tuple[Sequence[str], Callable[[str, int], str]]] = {}
+
+
+def attack(subject: str, kinds: Sequence[str], seed_first: bool = False, silent: bool = True) -> Callable[
+        [Callable[[str, Random], str]], Callable[[str, int], str]]:
+    """Puts a function of a kind and a generator among the SUBJECTS, as one of a kind and a seed; what is wrong begins with it.
 
     The generator is seeded with the place of the kind and the seed, in this order or, with `seed_first`, in the other one.
     """
@@ -35,6 +39,7 @@ def attack(kinds: Sequence[str], seed_first: bool = False, silent: bool = True) 
             word, colon, text = found.partition(":")
             return f"{word}: seed {seed}{colon}{text}" if colon else f"{word}, seed {seed}" if word == "wrong" else word
 
+        SUBJECTS[subject] = kinds, attacked
         return attacked
 
     return made
@@ -81,36 +86,6 @@ def row_of_springs(springs: Array) -> Array:
     return stiffness(n, [(i - 1, i if i < n else -1) for i in range(n + 1)], springs)
 
 
-def component(random: Random, mapped: bool = False) -> fs.Substructure:
-    """A solid, beam, plate or chain, held, floating or pinned, with any ends as interface; `mapped`: a chain in space, too."""
-    which, scale = int(random.integers(6)), 10.0 ** random.uniform(-2, 2)
-    E, rho = 10.0 ** random.uniform(5, 12), 10.0 ** random.uniform(2, 4)
-    if which <= 1:
-        cells = int(random.integers(2, 9)), int(random.integers(1, 3)), 1
-        size = scale, scale * random.uniform(0.05, 0.4), scale * random.uniform(0.05, 0.4)
-        sets = [["left"], ["right"], ["left", "right"]][int(random.integers(3))]
-        held = ["left"] if sets == ["right"] and random.random() < 0.7 else []
-        return fs.solid(fs.block(size, cells, "hexahedron"), fs.Material(E, 0.3, rho), supports=held, interface=sets,
-                        name="solid")
-    if which == 2:
-        supports: dict[str, str] = [{}, {"left": "clamped"}, {"left": "pinned"}][int(random.integers(3))]
-        ends = ["right"] if supports else ["left", "right"]
-        return fs.beam(scale, int(random.integers(3, 12)), E=E, I=1e-6 * scale**4, rho=rho, A=1e-2 * scale**2, supports=supports,
-                       interface=ends, name="beam")
-    if which == 3:
-        return fs.plate(fs.rectangle((scale, 0.6 * scale), (int(random.integers(2, 5)), 2), "quad"), E=E, nu=0.3, rho=rho,
-                        thickness=0.02 * scale, interface=["left", "right"][:int(random.integers(1, 3))], name="plate")
-    n = int(random.integers(6, 20))
-    places = [int(i) for i in random.choice(np.arange(1, n + 1), int(random.integers(0, 4)), replace=False)]
-    one = fs.chain(n, masses=random.lognormal(0, 1, n), springs=random.lognormal(0, 1, n), interface=places,
-                   belt=int(random.integers(1, n + 1)), damping=0.0)
-    if which == 4 or not places or not mapped:
-        return one
-    # with a map of its own: motions of nodes in three directions, of which some are held
-    dofs = fs.DofMap(np.arange(1, n + 1), random.integers(0, 3, n), ("ux", "uy", "uz"), random.uniform(-1, 1, (n, 3)))
-    return fs.Substructure(one.M, one.K, one.D, one.interface, one.ports, "mapped", dofs)
-
-
 def null_space(B: Array, basis: Array, rank: float) -> Array:
     """The motions of a basis that B annuls: its singular values up to `rank` are 0."""
     if not len(B) or not basis.shape[1]:
@@ -145,6 +120,20 @@ def crossings(found: fs.CriticalValue) -> tuple[Array, Array]:
     events = sorted([(one.value, 2 if one.omega else 1) for one in found.losses]
                     + [(one.value, -2 if one.omega else -1) for one in found.regains])
     return np.array([value for value, _ in events]), np.cumsum([0, *(step for _, step in events)])
+
+
+def miscounted(found: fs.CriticalValue, points: Any, count: Callable[[float], int | None]) -> list[str]:
+    """Where other numbers grow than the losses and regains add up to, up to three places.
+
+    `count` gives the number at a value, None where rounding decides. Open intervals are left out.
+    """
+    values, change = crossings(found)
+    told = list[str]()
+    for p in np.sort(np.asarray(points, dtype=float)).tolist():
+        if len(told) < 3 and not any(a <= p <= b for a, b in found.open) and (number := count(p)) is not None:
+            claimed = found.growing + int(change[np.searchsorted(values, p)])
+            told += [f"{number} grow at p = {p:.17g}, but {claimed} are claimed"] * (number != claimed)
+    return told
 
 
 def misfit(found: Array, bars: Array, exact: Sequence[Any]) -> str:

@@ -21,7 +21,16 @@ import numpy as np
 from mpmath import mp
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack, crossings, eigenvalues, exact_eigenvalues, positive, row_of_springs
+from benchmarks.attacks.common import (
+    Random,
+    attack,
+    crossings,
+    eigenvalues,
+    exact_eigenvalues,
+    miscounted,
+    positive,
+    row_of_springs,
+)
 from femsub.checks import Array
 
 SCANNED = ("circulatory", "damped", "gyroscopic", "negative damping", "not affine")  # by a dense scan, in floating point
@@ -45,7 +54,7 @@ class Problem(NamedTuple):
     undamped: bool
 
 
-@attack(KINDS, seed_first=True, silent=False)
+@attack("critical_values", KINDS, seed_first=True, silent=False)
 def attacked(kind: str, rng: Random) -> str:
     """One random case: the evidence, or a text that begins with 'wrong'."""
     families = {"units": _units, "sweeping": _sweeping, "cancelling": _cancelling, **dict.fromkeys(SCANNED, _scanned),
@@ -85,25 +94,16 @@ def problem(seed: int) -> Problem:
     return Problem(kind, fs.Affine(M, *terms[kind]), between, kind in ("circulatory", "gyroscopic"))
 
 
-def counter(task: Problem) -> Callable[[Array], tuple[Array, Array]]:
-    """p (k,) ↦ the number of growing eigenvalues, and how clear it is: the smallest |Re λ| that counted, relative."""
-    n, inverse = task.family.size, np.linalg.inv(task.family.M[0][1])
-
-    def summed(terms: Any, p: Array) -> Array:
-        found = np.zeros((len(p), n, n))
-        for theta, A in terms:
-            found += np.broadcast_to(p if theta == "p" else theta(p) if callable(theta) else theta, p.shape)[:, None, None] * A
-        return found
-
-    def grown(p: Array) -> tuple[Array, Array]:
-        state = np.zeros((len(p), 2 * n, 2 * n))
-        state[:, :n, n:] = np.eye(n)
-        state[:, n:, :n], state[:, n:, n:] = -inverse @ summed(task.family.K, p), -inverse @ summed(task.family.D, p)
-        z = np.linalg.eigvals(state)
-        rate = z.real / np.abs(z).max(axis=1)[:, None]
+def counter(task: Problem) -> Callable[[float], int | None]:
+    """How many eigenvalues grow at p, None where their real parts are rounding."""
+    def grown(p: float) -> int | None:
+        M, D, K = (sum(((p if theta == "p" else theta(p) if callable(theta) else theta) * A for theta, A in terms),
+                       np.zeros((task.family.size,) * 2)) for terms in (task.family.M, task.family.D, task.family.K))
+        z = eigenvalues(M, D, K)
+        rate = z.real / np.abs(z).max()
         if task.undamped:
-            return (rate > ON_AXIS).sum(axis=1), np.ones(len(p))
-        return (rate > 0).sum(axis=1), np.abs(rate).min(axis=1)
+            return int((rate > ON_AXIS).sum())
+        return int((rate > 0).sum()) if np.abs(rate).min() > 1e-11 else None
 
     return grown
 
@@ -111,14 +111,10 @@ def counter(task: Problem) -> Callable[[Array], tuple[Array, Array]]:
 def differences(task: Problem, found: fs.CriticalValue) -> list[str]:
     """Where the result and the scan disagree, up to three places; nothing if they agree."""
     lo, hi = task.between
-    values, change = crossings(found)
-    near = NEAR * (hi - lo)
+    values, near = crossings(found)[0], NEAR * (hi - lo)
     grid = np.concatenate([np.linspace(lo, hi, GRID), (values[1:] + values[:-1]) / 2, values - 2 * near, values + 2 * near])
-    grid = np.sort(grid[(grid >= lo) & (grid <= hi)])
-    counts, clear = counter(task)(grid)
-    claimed = found.growing + change[np.searchsorted(values, grid)]
-    wrong = (claimed != counts) & (clear > 1e-11) & (np.abs(grid[:, None] - values).min(axis=1, initial=np.inf) > near)
-    return [f"{counts[i]} grow at p = {grid[i]:.9g}, but {claimed[i]} are claimed" for i in np.flatnonzero(wrong)][:3]
+    apart = np.abs(grid[:, None] - values).min(axis=1, initial=np.inf) > near
+    return miscounted(found, grid[(grid >= lo) & (grid <= hi) & apart], counter(task))
 
 
 # -- exact counts
@@ -177,19 +173,15 @@ def exactly_growing(family: fs.Affine, p: float, undamped: bool) -> int | None:
 def _by_counts(family: fs.Affine, found: fs.CriticalValue, undamped: bool) -> list[str]:
     """Where the result differs from exact counts, up to three places."""
     lo, hi = found.searched
-    values, change = crossings(found)
+    values = crossings(found)[0]
     every = (*found.losses, *found.regains)
     points = [*np.linspace(lo, hi, 21), *((values[1:] + values[:-1]) / 2)]
     points += [one.value + side * max(one.width, 1e-12 * (hi - lo)) for one in every for side in (-1, 1)]
-    told = []
-    for p in sorted(points):
-        if not lo < p < hi or any(a <= p <= b for a, b in found.open) or any(abs(p - one.value) < 0.9 * one.width
-                                                                             for one in every):
-            continue
-        count = exactly_growing(family, float(p), undamped)
-        claimed = found.growing + int(change[np.searchsorted(values, p)])
-        if count is not None and ((claimed != count and not found.open) or (count and p < found.value)):
-            told.append(f"{count} grow at p = {p:.17g}, but {claimed} are claimed")
+    points = [p for p in points if lo < p < hi and not any(abs(p - one.value) < 0.9 * one.width for one in every)
+              and not any(a <= p <= b for a, b in found.open)]
+    grown = {float(p): exactly_growing(family, float(p), undamped) for p in points}
+    told = [] if found.open else miscounted(found, points, grown.__getitem__)
+    told += [f"{count} grow at p = {p:.17g}, before the first loss" for p, count in grown.items() if count and p < found.value]
     for one in every if found.open else ():  # each of them is there, though others may be missing
         half = max(one.width, 1e-10 * (hi - lo))
         alone = sum(abs(one.value - other.value) <= 2 * half for other in every) == 1

@@ -20,7 +20,6 @@ from femsub.checks import EPS, Array
 
 DIGITS = 1e-9  # relative error of frequencies by LAPACK, beside what its norm costs
 
-Parts = dict[str, fs.Substructure]
 Case = tuple[fs.Substructure, Callable[[Any], fs.Substructure]]  # a full model, and what reduces it
 
 
@@ -131,7 +130,7 @@ def _scaled(random: Random) -> Case:
 
 def _system(random: Random, count: int, part: Callable[[Random], fs.Substructure] = _part) -> fs.System:
     """Parts in a row by springs or rigid joints, with an interface here and there."""
-    parts: Parts = {}
+    parts: dict[str, fs.Substructure] = {}
     for i in range(count):  # each interface DOF is a set of its own, so that joints find it in a part that was reduced twice
         sub = part(random)
         parts[f"p{i}"] = fs.Substructure(sub.M, sub.K, None, {f"at {dof}": [int(dof)] for dof in sub.interface}, sub.ports,
@@ -253,7 +252,7 @@ CASES = {"scaled": _scaled, "nested": _nested, "equal": _equal, "soft": _soft, "
 KINDS = tuple(CASES)
 
 
-@attack(KINDS)
+@attack("frequency_bounds", KINDS)
 def attacked(kind: str, random: Random) -> str:
     """The evidence of bounds that hold; 'refused', or what is wrong."""
     full, reductions = CASES[kind](random)

@@ -129,13 +129,6 @@ def damping(rng: Random, way: str, M: Array, K: Array) -> tuple[Array, Array | N
     return D, H
 
 
-def contact(rng: Random, M: Array, K: Array) -> tuple[Array, Array]:
-    unit = np.median(K.diagonal()) * 10.0 ** rng.uniform(-3, 1)
-    rate = unit * np.sqrt(np.median(M.diagonal()) / np.median(K.diagonal()))
-    C_K = unit * rng.standard_normal((2, 2)) * rng.integers(0, 2, (2, 2))
-    return rate * rng.standard_normal((2, 2)) * rng.integers(0, 2, (2, 2)), C_K
-
-
 def alone(kind: str, rng: Random) -> str:
     n = int(rng.integers(14, 110))
     if kind == "rows":
@@ -157,7 +150,10 @@ def alone(kind: str, rng: Random) -> str:
     acts, W = None, np.column_stack(list(ports.values()))
     Ds, Ks, Ws = D.astype(np.longdouble), K.astype(np.longdouble), W.astype(np.longdouble)
     if rng.random() < (0.5 if kind == "rows" else 0.2):
-        C_D, C_K = contact(rng, M, K)
+        unit = np.median(K.diagonal()) * 10.0 ** rng.uniform(-3, 1)
+        C_K = unit * rng.standard_normal((2, 2)) * rng.integers(0, 2, (2, 2))
+        rate = unit * np.sqrt(np.median(M.diagonal()) / np.median(K.diagonal()))
+        C_D = rate * rng.standard_normal((2, 2)) * rng.integers(0, 2, (2, 2))
         acts = fs.LinearContact(("a", "b"), damping=C_D, stiffness=C_K)
         Ds, Ks = Ds + Ws @ C_D @ Ws.T, Ks + Ws @ C_K @ Ws.T
     own = undamped(M, K)
@@ -284,6 +280,6 @@ def point(rng: Random) -> str:
     return f"wrong: {what}" if (what := fault(found, T @ Y @ T.T)) else "bounded"
 
 
-@attack(KINDS)
+@attack("receptances", KINDS)
 def attacked(kind: str, rng: Random) -> str:
     return point(rng) if kind == "points" else joined(kind, rng) if kind in ("coupled", "units") else alone(kind, rng)

@@ -10,8 +10,7 @@ springs and dashpots make of it. All damping takes energy away, so that no mode 
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +20,8 @@ import scipy.sparse as sp
 from mpmath import mp
 
 import femsub as fs
-from benchmarks.attacks.common import Random, attack, dense, null_space
+from benchmarks.attacks.common import Random, attack, dense, heard, null_space
+from femsub.checks import EPS
 
 KINDS = ("part", "system", "guided", "soft", "fine")
 METHODS = (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.Rubin, fs.MacNeal, fs.Herting, fs.DualCraigBampton,
@@ -29,7 +29,6 @@ METHODS = (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.Rubin, fs.MacNeal, fs.He
 # relative error of the next frequency, beyond which its own rounding must say so; a reduced K does not know that of the full one
 CLOSE = {"own": 1e-6, "joined": 1e-6, "reduced": 1e-6, "whole": 1e-4}
 FEW = 10.0  # roundings of K's entries in its making
-EPS = float(np.finfo(float).eps)
 LOUD = 1e-8  # backward error of an eigenpair that is none
 RANK = 1e-7  # singular values of conditions in units of length below which they are 0
 
@@ -45,7 +44,7 @@ class Part:
     unit: np.ndarray  # what a motion of 1 in Z is in each DOF
 
 
-@attack(KINDS)
+@attack("rigid", KINDS)
 def attacked(kind: str, random: Random) -> str:
     """The evidence of a reduced model that has the rigid motion of its geometry; 'refused', 'undecided', or what is wrong."""
     if kind == "soft":
@@ -85,22 +84,17 @@ def _judged(what: str, models: Sequence[fs.Substructure], parts: list[Part], equ
     words = []
     for name, model in zip(("full", "reduced", "nested"), models, strict=False):
         try:
-            modes = fs.complex_modes(model)
-            undamped = fs.normal_modes(model, count=0)
+            modes, undamped = fs.complex_modes(model), fs.normal_modes(model, count=0)
         except fs.FemsubError as error:
             if name == "full":
                 return f"refused in full: {what}: {error}"
             words.append(f"refused: {what}: {error}")
             continue
-        told = f"{what}, {name} ({rigid} rigid, {zeros} at 0)"
-        if undamped.rigid != rigid and undamped.evidence == "certified":
-            return f"wrong{' in full' * (name == 'full')}: {told}: normal_modes has {undamped.rigid} rigid"
-        if modes.rigid.sum() != zeros and modes.evidence == "certified":
-            return f"wrong{' in full' * (name == 'full')}: {told}: {modes.rigid.sum()} at 0, {modes!r}"
-        if modes.backward_error.max(initial=0.0) > LOUD and modes.evidence == "certified":
-            return f"wrong{' in full' * (name == 'full')}: {told}: {modes!r}"
-        if modes.is_stable is False:
-            return f"wrong{' in full' * (name == 'full')}: {told}: {modes!r}"
+        certified = modes.evidence == "certified"
+        if modes.is_stable is False or (undamped.rigid != rigid and undamped.evidence == "certified") or (
+                certified and (modes.rigid.sum() != zeros or modes.backward_error.max(initial=0.0) > LOUD)):
+            return (f"wrong{' in full' * (name == 'full')}: {what}, {name} ({rigid} rigid, {zeros} at 0): normal_modes has "
+                    f"{undamped.rigid} rigid, {modes.rigid.sum()} at 0, {modes!r}")
         if name != "full":
             words.append(modes.evidence)
     return next((word for word in words if word.startswith("refused")), words[-1])
@@ -116,6 +110,7 @@ def _part(random: Random, shape: str, units: tuple[float, float, float]) -> Part
     """A free part with rounding in all of its numbers, stiffer or softer than others by up to four orders of magnitude."""
     E, L, rho = units[0] * 10.0 ** random.uniform(-2, 2), units[1] * random.uniform(0.5, 2.0), units[2] * random.uniform(0.5, 2)
     groups: tuple[tuple[int, ...], ...]
+    dofs: Any
     if shape == "chain":
         n = int(random.integers(3, 15))
         sub = fs.chain(n, fixed=False, damping=0.0)
@@ -124,13 +119,15 @@ def _part(random: Random, shape: str, units: tuple[float, float, float]) -> Part
     elif shape == "beam":
         n = int(random.integers(2, 12))
         sub = fs.beam(L, n, E=E, I=(0.03 * L) ** 4 * random.uniform(0.5, 2.0), rho=rho, A=(0.1 * L) ** 2)
-        x, angle = _points(sub)[:, 0] / L, _directions(sub) == 1
+        dofs = sub.dofs
+        x, angle = dofs.points[:, 0] / L, dofs.components == 1
         Z, unit = np.stack([~angle, np.where(angle, 1.0, x - 0.5)], axis=1).astype(float), np.where(angle, 1.0, L)
         groups = ((0, 1), (2 * n, 2 * n + 1))
     elif shape == "plate":
         mesh = fs.rectangle((L, 0.6 * L), (int(random.integers(1, 4)), 2), "quad")
         sub = fs.plate(mesh, E=E, nu=0.3, rho=rho, thickness=0.02 * L)
-        (x, y), kind = _points(sub).T / L, _directions(sub)
+        dofs = sub.dofs
+        (x, y), kind = dofs.points.T / L, dofs.components
         Z = np.stack([kind == 0, np.select([kind == 0, kind == 1], [x - 0.5, 1.0]),
                       np.select([kind == 0, kind == 2], [y - 0.3, 1.0])], axis=1).astype(float)
         unit = np.select([kind == 0, kind == 3], [L, 1 / L], 1.0)
@@ -138,29 +135,19 @@ def _part(random: Random, shape: str, units: tuple[float, float, float]) -> Part
     else:
         mesh = fs.block((L, 0.4 * L, 0.3 * L), (int(random.integers(1, 4)), 1, 1), "hexahedron")
         sub = fs.solid(mesh, fs.Material(E, 0.3, rho))
-        p, kind = _points(sub) / L - [0.5, 0.2, 0.15], _directions(sub)
+        dofs = sub.dofs
+        p, kind = dofs.points / L - [0.5, 0.2, 0.15], dofs.components
         turn = np.stack([np.cross(axis, p)[np.arange(len(p)), kind] for axis in np.eye(3)], axis=1)
         Z, unit = np.hstack([np.eye(3)[kind], turn]), np.full(len(p), L)
         groups = tuple(tuple(int(i) for i in np.flatnonzero(np.abs(p[:, 0] - at) < 1e-9)) for at in (-0.5, 0.5))
     Z = Z * np.where(unit == L, L / units[1], 1.0)[:, None]  # of all parts in one unit of length
     common = np.where(unit == L, units[1], 1.0)
     damping, braked = _damping(random, sub, Z, unit)
-    dofs = list(dict.fromkeys([*groups[0], *groups[1]]))
-    chosen = list(groups[0]) if random.random() < 0.15 else dofs
+    chosen = list(groups[0]) if random.random() < 0.15 else list(dict.fromkeys([*groups[0], *groups[1]]))
     if random.random() < 0.3:
         chosen += [int(i) for i in random.choice(sub.size, 2, replace=False) if i not in chosen]
     own = fs.Substructure(sub.M, sub.K, damping, chosen, name=shape)
     return Part(own, Z, braked, groups, common)
-
-
-def _points(sub: fs.Substructure) -> np.ndarray:
-    assert sub.dofs is not None and sub.dofs.points is not None
-    return sub.dofs.points
-
-
-def _directions(sub: fs.Substructure) -> np.ndarray:
-    assert sub.dofs is not None
-    return sub.dofs.components
 
 
 def _damping(random: Random, sub: fs.Substructure, Z: np.ndarray, unit: np.ndarray) -> tuple[object, np.ndarray]:
@@ -333,17 +320,14 @@ def _soft(random: Random) -> str:
     method, twice = METHODS[int(random.integers(len(METHODS)))], bool(random.random() < 0.4)
     what = f"{form}{', ' + method.__name__ if form in ('reduced', 'whole') else ''}{', complex' * twice}"
     alone = form in ("own", "whole")  # K's rounding is all that is known
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            model = _as_one(random, row, method, form == "whole") if alone else _as_system(random, row, method, form == "reduced")
-            found, lowest, bar, evidence = _by_complex_modes(model) if twice else _by_normal_modes(model)
-        except fs.FemsubError as refusal:
-            # a piece that springs keep from some of its own rigid motions: K Z = 0 of the whole does not hold for these
-            held = max(motion.shape[1] for *_, motion in row.pieces) > rigid
-            return f"{'beyond K' if (alone or held) and energy < FEW * EPS else 'refused'}: {what}: {refusal}"
-    if any(issubclass(warning.category, fs.ConditionWarning) for warning in caught):
-        evidence = "told"
+    make, reduced = (_as_one, form == "whole") if alone else (_as_system, form == "reduced")
+    try:
+        found, lowest, bar, evidence, told = _lowest_of(lambda: make(random, row, method, reduced), twice)
+    except fs.FemsubError as refusal:
+        # a piece that springs keep from some of its own rigid motions: K Z = 0 of the whole does not hold for these
+        held = max(motion.shape[1] for *_, motion in row.pieces) > rigid
+        return f"{'beyond K' if (alone or held) and energy < FEW * EPS else 'refused'}: {what}: {refusal}"
+    evidence = "told" if told else evidence
     if found != (2 * rigid if twice else rigid):
         known = "told" if evidence == "told" else "beyond K" if alone and energy < FEW * EPS else "wrong"
         return f"{known}: {what}: {found} at 0; next energy {energy:.0e}"
@@ -372,22 +356,25 @@ def _as_system(random: Random, row: Row, method: Any, reduced: bool) -> fs.Subst
     return fs.couple(parts, joints)
 
 
-def _by_complex_modes(model: fs.Substructure) -> tuple[int, float, float, str]:
-    """How many eigenvalues are at 0; the lowest other frequency, inf if there is none; its relative error bar; the evidence."""
-    modes = fs.complex_modes(model)
-    if modes.rigid.all():
-        return len(modes.rigid), np.inf, 0.0, modes.evidence
-    low = int(np.where(modes.rigid, np.inf, np.abs(modes.eigenvalues)).argmin())
-    lowest = float(np.abs(modes.eigenvalues[low]))
-    return int(modes.rigid.sum()), lowest, float(modes.error_bar[low]) / lowest, modes.evidence
+def _lowest_of(build: Callable[[], fs.Substructure], twice: bool) -> tuple[int, float, float, str, bool]:
+    """How many ω, or λ if `twice`, are at 0; the lowest other ω, inf if there is none; its relative error bar; the evidence; and
+    whether a warning names lost digits.
+    """
+    def ask() -> tuple[int, float, float, str]:
+        modes: Any = fs.complex_modes(build()) if twice else fs.normal_modes(build(), count=1)
+        zeros = int(np.sum(modes.rigid))
+        if zeros == (len(modes.rigid) if twice else len(modes.frequencies)):
+            return zeros, np.inf, 0.0, modes.evidence
+        if not twice:
+            return zeros, float(modes.frequencies[-1]), float(modes.rounding[-1]), modes.evidence
+        low = int(np.where(modes.rigid, np.inf, np.abs(modes.eigenvalues)).argmin())
+        lowest = float(np.abs(modes.eigenvalues[low]))
+        return zeros, lowest, float(modes.error_bar[low]) / lowest, modes.evidence
 
-
-def _by_normal_modes(model: fs.Substructure) -> tuple[int, float, float, str]:
-    """The same of the undamped modes."""
-    modes = fs.normal_modes(model, count=1)
-    if modes.rigid == len(modes.frequencies):
-        return modes.rigid, np.inf, 0.0, modes.evidence
-    return modes.rigid, float(modes.frequencies[-1]), float(modes.rounding[-1]), modes.evidence
+    found, refusal, said = heard(ask)
+    if refusal:
+        raise refusal
+    return *found, any(isinstance(one, fs.ConditionWarning) for one in said)
 
 
 def _fine(random: Random) -> str:
@@ -416,14 +403,11 @@ def _fine(random: Random) -> str:
     what = f"{shape}, {n} elements, {ends}, springs {springs[0]:.0e} {springs[1]:.0e}, energy {omega**2 / size:.0e}"
     twice = bool(random.random() < 0.3) and model.size < 500
     reduced = bool(random.random() < 0.3)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            model = fs.reduce(model, METHODS[int(random.integers(len(METHODS) - 1))](4)) if reduced else model
-            found, lowest, bar, evidence = _by_complex_modes(model) if twice else _by_normal_modes(model)
-        except fs.FemsubError as refusal:
-            return f"{'beyond K' if omega**2 < 100 * EPS * size else 'refused'}: {what}: {refusal}"
-    told = any(issubclass(warning.category, fs.ConditionWarning) for warning in caught)
+    try:
+        found, lowest, bar, evidence, told = _lowest_of(lambda: fs.reduce(
+            model, METHODS[int(random.integers(len(METHODS) - 1))](4)) if reduced else model, twice)
+    except fs.FemsubError as refusal:
+        return f"{'beyond K' if omega**2 < 100 * EPS * size else 'refused'}: {what}: {refusal}"
     right = found == (2 * rigid if twice else rigid)
     close = abs(lowest / omega - 1) < {"euler": 1e-3, "timoshenko": 0.02}.get(shape, 0.05) + FEW * bar
     if not (right and close) and not told and evidence == "certified":
@@ -438,15 +422,10 @@ def _of_elements(random: Random, shape: str, n: int, held: bool) -> tuple[fs.Sub
     slender = 10.0 ** random.uniform(-3, -1)  # thickness beside the length
     if shape == "strip":
         mesh = fs.rectangle((1.0, 0.05), (n, 1), "quad")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            part = fs.plate(mesh, E=1.0, nu=0.0, rho=1.0, thickness=slender, supports={"left": "clamped"} if held else {},
-                            interface=["right"])
-        return part, 1, slender / np.sqrt(12)
+        return fs.plate(mesh, E=1.0, nu=0.0, rho=1.0, thickness=slender, supports={"left": "clamped"} if held else {},
+                        interface=["right"]), 1, slender / np.sqrt(12)
     mesh = fs.block((1.0, slender, 0.7 * slender), (n, 1, 1), "hexahedron20")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        part = fs.solid(mesh, fs.Material(1.0, 0.0, 1.0), supports=["left"] if held else [], interface=["right"])
+    part = fs.solid(mesh, fs.Material(1.0, 0.0, 1.0), supports=["left"] if held else [], interface=["right"])
     return part, 4, 0.7 * slender / np.sqrt(12)
 
 

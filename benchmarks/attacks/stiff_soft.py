@@ -4,8 +4,6 @@ bodies whose K was written with few digits.
 
 from __future__ import annotations
 
-from typing import Any
-
 import mpmath
 import numpy as np
 import scipy.linalg as la
@@ -22,12 +20,6 @@ HOLDS = 1e-3  # ratio of the lowest ω² of a mount to its highest
 EXACT = 1e-12  # relative error of ω² that lumps may have beside their rounding
 DUST = 4e-15  # of the energy of the forces that cancel: what is left in a mode below it is within the rounding of K
 LEAST = 1e-14  # of K: a mount of less than a hundred times that is within the rounding of an assembly
-
-
-@attack(KINDS)
-def attacked(kind: str, rng: Random) -> str:
-    """One random case: the evidence, 'told' where a warning tells of digits, 'refused', or what was wrong."""
-    return CASES[kind](rng)
 
 
 def _chain(rng: Random) -> str:
@@ -130,7 +122,14 @@ def _written(rng: Random) -> str:
         if springs.max() <= 1e-4 * K.diagonal().max() and held[0] > HOLDS * held[-1]:  # no motion is free, or nearly
             K, low = K + sp.diags_array(springs), held
     elastic = la.eigh(K.toarray(), M.toarray(), eigvals_only=True, subset_by_index=[6, 8])
-    K = _rounded(K, way, digits, unit, rng)
+    K = sp.csr_array(sp.triu(K))
+    if way == "single":
+        K.data = K.data.astype(np.float32).astype(float)
+    elif way == "digits":
+        K.data = np.array([float(f"{value:.{digits - 1}e}") for value in K.data])
+    else:
+        K.data = K.data * (1 + unit * rng.uniform(-1, 1, len(K.data)))
+    K = sp.csr_array(K + sp.triu(K, 1).T)
     modes, told = _modes(fs.Substructure(M, K), 9)
     if modes is None:
         return "refused"
@@ -145,21 +144,14 @@ def _written(rng: Random) -> str:
     return modes.evidence if off < 0.1 + 1e3 * unit else f"wrong: ω² {given} for {wanted}, {way} {digits} ({unit:.0e})"
 
 
-def _rounded(K: Any, way: str, digits: int, unit: float, rng: Random) -> Any:
-    if way == "single":
-        return sp.csr_array(K.astype(np.float32).astype(float))
-    upper = sp.csr_array(sp.triu(K))
-    if way == "digits":
-        upper.data = np.array([float(f"{value:.{digits - 1}e}") for value in upper.data])
-    else:
-        upper.data = upper.data * (1 + unit * rng.uniform(-1, 1, len(upper.data)))
-    return sp.csr_array(upper + sp.triu(upper, 1).T)
-
-
 def _modes(sub: fs.Substructure, count: int) -> tuple[fs.NormalModes | None, bool]:
     """The modes, None if they were refused, and whether a warning tells of digits."""
     modes, _, said = heard(fs.normal_modes, sub, count=count)
     return modes, any(isinstance(one, fs.ConditionWarning) for one in said)
 
 
-CASES = {"stiff-soft chains": _chain, "random stiff-soft": _random, "written with few digits": _written, "free lumps": _lumps}
+@attack("stiff_soft", KINDS)
+def attacked(kind: str, rng: Random) -> str:
+    """One random case: the evidence, 'told' where a warning names lost digits, 'refused', or what was wrong."""
+    return {"stiff-soft chains": _chain, "random stiff-soft": _random, "written with few digits": _written,
+            "free lumps": _lumps}[kind](rng)

@@ -1,1 +1,0 @@
-"""The stiff and extreme cases of `python -m benchmarks extreme`: models, references, verdicts."""
