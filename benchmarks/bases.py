@@ -91,10 +91,9 @@ def disc(size: float, nodes: int) -> fs.Substructure:
     The interface are the `nodes` nodes about the middles of the pads' backs, half of them on each. It holds the pads, so that the
     springs of the scene's brake are left out.
     """
-    from benchmarks.brake import brake
-    from femsub.app.scenes.brake import PADS
+    from femsub.app.scenes.brake import PADS, Brake, BrakeScene
 
-    made = brake(size)
+    made = Brake(BrakeScene(size=size), lambda _: None)
     system = fs.couple({name: made.part(name) for name in ("disc", *PADS)}, made.contacts(0.0), DISC)
     contact = system.linearised(made.contacts(0.0)).K - system.K
     # normals are tilted by rounding, so that DOF along the contact would join the parts for nothing

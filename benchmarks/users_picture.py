@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.bases import COMPONENTS, NAMES, REFERENCE
-from benchmarks.pictures import save
+from benchmarks.pictures import plain, save
 from benchmarks.processes import Row
 from femsub.app.figure_style import PAGE, few_decades, legend_below, new_figure
 
@@ -32,10 +32,8 @@ LANE = 0.15  # inches: of a method in a figure
 
 def taken(told: dict[str, Any]) -> dict[str, Any]:
     """Of the bases.json of a run what is kept: the machine, and the rows of bases."""
-    rows = [{key: row.get(key) for key in KEPT} for row in told["rows"]]
     host = {key: told["machine"].get(key) for key in ("cpu", "cores", "OMP_NUM_THREADS", "commit")}
-    return {"machine": host, "rows": [{key: float(f"{value:.4g}") if isinstance(value, float) else value
-                                       for key, value in row.items()} for row in rows]}
+    return {"machine": host, "rows": [{key: plain(row.get(key)) for key in KEPT} for row in told["rows"]]}
 
 
 def by_case(rows: Sequence[Row]) -> dict[tuple[str, int, int], dict[str, Row]]:

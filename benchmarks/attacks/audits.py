@@ -1,0 +1,150 @@
+"""`audit` of femsub's own reductions, which have no fault, and of the same with one fault planted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import femsub as fs
+from benchmarks.attacks.common import Random, attack
+from femsub.checks import Array
+from femsub.reduction import METHODS
+
+KINDS = ("sound", "planted with V", "planted without V")
+LEAST = 1e-5  # relative change of an entry, of which a fault is made at least
+
+
+@attack("audits", KINDS, seed_first=True)
+def attacked(kind: str, rng: Random) -> str:
+    """One random case: 'certified' if nothing is said of a sound model, or a fault is found; 'missed: …' by kind of fault."""
+    full = component(rng)
+    name = str(rng.choice(list(METHODS)))
+    method = METHODS[name]() if name == "guyan" else METHODS[name](int(rng.integers(0 if name == "hurty" else 1, 9)))
+    try:
+        rom = fs.reduce(full, method, ports=bool(full.ports) and rng.random() < 0.3)
+    except fs.FemsubError as error:
+        return f"not reduced: {str(error)[:60]}"
+    if kind == "sound":
+        given: Any = rom if rng.random() < 0.5 else as_matrices(rom, *(key for key in ("V", "kinds", "dofs", "cutoff")
+                                                                       if rng.random() < 0.3))
+        faults = [f"{one.what}: {one.said}" for whole in (full, None) for one in fs.audit(given, whole).faults]
+        return f"wrong: {name} of {full.name}: {'; '.join(faults)}" if faults else "certified"
+    given = as_matrices(rom, *(() if kind == "planted with V" else ("V",)))
+    what = ""
+    for _ in range(50):
+        changed = {key: value.copy() if key in "MKD" else value for key, value in given.items()}
+        what = plant(changed, rng)
+        if is_fault(given, changed, rom, full):
+            break
+    else:
+        return "nothing to plant"
+    given = changed
+    found = fs.audit(given, full)
+    return "certified" if found.faults else f"missed {what} of {name} ({full.name})"
+
+
+def component(random: Random) -> fs.Substructure:
+    """A solid, beam, plate or chain, held, floating or pinned, with any ends as interface."""
+    which, scale = int(random.integers(6)), 10.0 ** random.uniform(-2, 2)
+    E, rho = 10.0 ** random.uniform(5, 12), 10.0 ** random.uniform(2, 4)
+    if which <= 1:
+        cells = int(random.integers(2, 9)), int(random.integers(1, 3)), 1
+        size = scale, scale * random.uniform(0.05, 0.4), scale * random.uniform(0.05, 0.4)
+        sets = [["left"], ["right"], ["left", "right"]][int(random.integers(3))]
+        held = ["left"] if sets == ["right"] and random.random() < 0.7 else []
+        return fs.solid(fs.block(size, cells, "hexahedron"), fs.Material(E, 0.3, rho), supports=held, interface=sets,
+                        name="solid")
+    if which == 2:
+        supports: dict[str, str] = [{}, {"left": "clamped"}, {"left": "pinned"}][int(random.integers(3))]
+        ends = ["right"] if supports else ["left", "right"]
+        return fs.beam(scale, int(random.integers(3, 12)), E=E, I=1e-6 * scale**4, rho=rho, A=1e-2 * scale**2, supports=supports,
+                       interface=ends, name="beam")
+    if which == 3:
+        return fs.plate(fs.rectangle((scale, 0.6 * scale), (int(random.integers(2, 5)), 2), "quad"), E=E, nu=0.3, rho=rho,
+                        thickness=0.02 * scale, interface=["left", "right"][:int(random.integers(1, 3))], name="plate")
+    n = int(random.integers(6, 20))
+    places = [int(i) for i in random.choice(np.arange(1, n + 1), int(random.integers(0, 4)), replace=False)]
+    return fs.chain(n, masses=random.lognormal(0, 1, n), springs=random.lognormal(0, 1, n), interface=places,
+                    belt=int(random.integers(1, n + 1)), damping=0.0)
+
+
+def as_matrices(rom: fs.ReducedSubstructure, *left_out: str) -> dict[str, Any]:
+    """The model as another program gives it."""
+    told = {"M": rom.M.copy(), "K": rom.K.copy(), "D": rom.D.copy(), "V": rom.V.copy(), "kinds": list(rom.kinds),
+            "full_interface": rom.full_interface.copy(), "dofs": rom.interface_dofs, "cutoff": rom.cutoff}
+    if len(rom.interface):
+        told["interface"] = rom.interface.copy()
+    return {key: value for key, value in told.items() if key not in left_out}
+
+
+def is_fault(given: dict[str, Any], changed: dict[str, Any], rom: fs.ReducedSubstructure,
+             full: fs.Substructure) -> bool:
+    """Whether a change exceeds rounding, and without V is more than another order, sign or scale of coordinates."""
+    for key in "MK":
+        A, B = given[key], changed[key]
+        size = np.sqrt(np.abs(np.outer(A.diagonal(), A.diagonal())))
+        V = np.abs(rom.V)
+        rounding = 1e4 * np.finfo(float).eps * (V.T @ (abs(getattr(full, key)) @ V))
+        if (np.abs(A - B) > LEAST * size + rounding).any():
+            break
+    else:
+        return False
+    if "V" in given:
+        return True
+    r = len(given["M"])
+    moved = [j for j in range(r) if any((given[key][j] != changed[key][j]).any() for key in "MK")]
+    pairs = [(i, j) for i in moved for j in moved if i < j]
+    turns = []
+    for i, j in pairs:
+        at = np.arange(r)
+        at[[i, j]] = j, i
+        turns.append(np.eye(r)[at])
+    for j in range(r):
+        turn = np.eye(r)
+        scale = np.sqrt(max(changed["M"][j, j], 0.0) / given["M"][j, j]) if given["M"][j, j] > 0 else 1.0
+        for turn[j, j] in (-1.0, scale, -scale):
+            turns.append(turn.copy())
+    return not any(all(np.allclose(turn @ given[key] @ turn.T, changed[key], rtol=1e-9, atol=1e-12 * np.abs(given[key]).max())
+                       for key in "MK") for turn in turns)
+
+
+def plant(given: dict[str, Any], rng: Random) -> str:
+    """Puts one fault into the matrices, and names it."""
+    r = len(given["M"])
+    fault = str(rng.choice(["entry", "sign", "mass", "stiffness", "order", "units", "scale"]))
+    key = str(rng.choice(["M", "K"]))
+    A: Array = given[key]
+    by = 1 + float(rng.choice([-1, 1])) * 10.0 ** rng.uniform(np.log10(LEAST) + 1, -0.1)
+    size = np.sqrt(np.abs(np.outer(A.diagonal(), A.diagonal())))
+    j = int(rng.integers(r))
+    kind = given["kinds"][j]
+    off = np.argwhere(np.triu(np.abs(A) > 1e-3 * size, 1))
+    if fault in ("entry", "sign") and not len(off):
+        fault = "mass"
+    if fault in ("entry", "sign"):
+        i, j = off[rng.integers(len(off))]
+        by = -1.0 if fault == "sign" else by
+        A[i, j] *= by
+        A[j, i] *= by
+        return f"{fault} of {key} between {given['kinds'][i]} and {given['kinds'][j]}"
+    if fault in ("mass", "stiffness"):
+        A = given["M" if fault == "mass" else "K"]
+        if not A[j, j]:
+            j = int(np.argmax(np.abs(A.diagonal())))
+        A[j, j] *= by
+        return f"{fault} of {given['kinds'][j]}"
+    if fault == "order":
+        i = int(rng.integers(r))
+        if np.allclose(A[i], A[j]) or i == j:
+            i, j = int(np.argmin(A.diagonal())), int(np.argmax(A.diagonal()))
+        A[[i, j]] = A[[j, i]]
+        A[:, [i, j]] = A[:, [j, i]]
+        return f"order of {given['kinds'][i]} and {given['kinds'][j]} in {key}"
+    if fault == "units":
+        by = float(rng.choice([1e-3, 1e3, 9.80665, 1e6, 25.4]))
+        given[key] = by * A
+        return f"units of {key}"
+    A[j] *= by
+    A[:, j] *= by
+    return f"scale of {kind} in {key}"
