@@ -24,14 +24,12 @@ import numpy as np
 import femsub as fs
 from benchmarks.joined import LARGER
 from benchmarks.pictures import save
-from femsub.app.figure_style import PAGE, legend_below, new_figure
+from femsub.app.figure_style import draw
 from femsub.app.report import table_csv
 from femsub.reduction.reduce import METHODS
-from femsub.studies import look
+from femsub.studies.charts import Chart, Panel, Series, look
 
 KEYS = ("craig-bampton", "macneal", "dual-craig-bampton", "rubin", "herting")
-
-
 FREE_MODES = ("rubin", "craig-chang", "macneal", "dual-craig-bampton", "herting")
 FLOOR = 1e-14  # what counts as no error
 
@@ -59,31 +57,18 @@ def table(keys: Sequence[str], sizes: Sequence[int], count: int) -> list[dict[st
 
 def figure(rows: Sequence[dict[str, Any]]) -> Any:
     """For each problem the mean error (lines) and the largest one (dotted) over the size, one line per method."""
-    problems = list(dict.fromkeys(row["problem"] for row in rows))
-    across, keys = min(len(problems), 3), list(dict.fromkeys(row["method"] for row in rows))
-    drawn = new_figure(PAGE, 2.5 * -(-len(problems) // across) + 0.9)
-    axes = drawn.subplots(-(-len(problems) // across), across, squeeze=False)
-    for axis in axes.ravel()[len(problems):]:
-        axis.remove()
-    for axis, problem in zip(axes.ravel(), problems, strict=False):
-        for at, key in enumerate(keys):
-            mine, seen = [row for row in rows if (row["problem"], row["method"]) == (problem, key)], look(key)
-            sizes = [row["size"] for row in mine]
+    panels = []
+    for problem in dict.fromkeys(row["problem"] for row in rows):
+        series = []
+        for at, key in enumerate(dict.fromkeys(row["method"] for row in rows)):
+            mine = [row for row in rows if (row["problem"], row["method"]) == (problem, key)]
+            sizes, mean, largest = ([row[what] for row in mine] for what in ("size", "mean", "largest"))
             # thinner on wider lines, smaller on larger marks: methods of equal error are all seen
-            axis.semilogy(sizes, [row["mean"] for row in mine], color=seen.colour, marker=seen.marker, ms=10 - 1.6 * at,
-                          mfc=seen.colour if at == len(keys) - 1 else "none", mew=1.2, lw=2.8 - 0.5 * at, zorder=3,
-                          label=f"{seen.label}, mean")
-            axis.semilogy(sizes, [row["largest"] for row in mine], color=seen.colour, ls=(3.0 * at, (1.5, 6.0)), lw=1.4,
-                          label="largest (dotted)" if at == 0 else None)
-        axis.set(title=problem)
-        axis.grid()
-    for axis in axes[:, 0]:
-        axis.set_ylabel("relative error of ω  [-]")
-    for axis in axes.ravel()[:len(problems)][-across:]:
-        axis.set_xlabel("DOF of the system  [-]")
-    legend_below(drawn, axes[0, :1], 3)
-    drawn.suptitle("Error of the lowest frequencies of joined parts over the size of the reduced system")
-    return drawn
+            series += [Series(f"{look(key).label}, mean", sizes, mean, key, "solid", size=10 - 1.6 * at, width=2.8 - 0.5 * at,
+                              hollow=True), Series("largest (dotted)", sizes, largest, key, "dot", "", legend=at == 0)]
+        panels.append(Panel(series, "DOF of the system  [-]", "relative error of ω  [-]", problem, "y"))
+    return draw(Chart("methods", "Error of the lowest frequencies of joined parts over the size of the reduced system", panels, 3,
+                      height=2.5, columns=3))
 
 
 def main(*, methods: Annotated[tuple[str, ...], sorted(METHODS)] = KEYS, coordinates: tuple[int, ...] = (4, 6, 8, 12),

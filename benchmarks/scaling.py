@@ -29,9 +29,9 @@ from benchmarks import UsageError
 from benchmarks.pictures import save
 from benchmarks.processes import Row, StoppedError, begin, fresh, machine, peak_mb, warm_up
 from femsub.app import report
-from femsub.app.figure_style import PAGE, legend_below, new_figure
+from femsub.app.figure_style import draw
 from femsub.app.scene import Result
-from femsub.studies import look
+from femsub.studies.charts import Chart, Panel, Series
 from femsub.studies.tables import Table, table
 
 # ---- the components: the chain has unit masses and springs and a dashpot; the others are of steel, in m, kg and s, without
@@ -183,32 +183,23 @@ def exponents(rows: list[Row]) -> dict[str, float]:
     return found
 
 
-def draw(rows: list[Row]) -> Any:
-    """Seconds (least to most as bars) above, peak memory below, one column for each component, all axes logarithmic."""
-    hcb, cc = (look(key) for key in ("craig-bampton", "craig-chang"))
-    looks = {"assembly": ("0.55", "v", "-", "assembly"), "HCB": (hcb.colour, hcb.marker, "-", f"reduce: {hcb.label}"),
-             "CC": (cc.colour, cc.marker, "-", f"reduce: {cc.label}"), "CEA full": ("black", "o", "-", "solve: full model"),
-             "CEA HCB": (hcb.colour, "x", ":", f"solve: {hcb.label}"), "CEA CC": (cc.colour, "+", ":", f"solve: {cc.label}")}
+def figure(rows: list[Row]) -> Any:
+    """Median seconds above, peak memory below, one column for each component, all axes logarithmic."""
+    looks = {"assembly": ("assembly", "full", "v", "solid"), "HCB": ("reduce: Craig-Bampton", "craig-bampton", None, "solid"),
+             "CC": ("reduce: Craig-Chang", "craig-chang", None, "solid"), "CEA full": ("solve: full model", "full", "o", "solid"),
+             "CEA HCB": ("solve: Craig-Bampton", "craig-bampton", "x", "dot"),
+             "CEA CC": ("solve: Craig-Chang", "craig-chang", "+", "dot")}
     kinds = list(dict.fromkeys(row["component"] for row in rows))
-    figure = new_figure(PAGE if len(kinds) > 1 else 0.7 * PAGE, 7.0)
-    panels = figure.subplots(2, len(kinds), sharex=True, sharey="row", squeeze=False)
-    for (times, memory), kind in zip(panels.T, kinds, strict=True):
-        for step, (colour, marker, line, label) in looks.items():
-            mine = [row for row in rows if (row["component"], row["step"]) == (kind, step)]
-            if mine:
-                dof, least, middle, most, peak = np.array([[row[key] for key in ("dof", "least", "seconds", "most", "peak_mb")]
-                                                           for row in mine]).T
-                style = {"color": colour, "marker": marker, "markersize": 5, "lw": 1.3, "linestyle": line}
-                times.errorbar(dof, middle, [middle - least, most - middle], capsize=2, **style)[0].set_label(label)
-                memory.plot(dof, peak, label=label, **style)
-        times.set(xscale="log", yscale="log", title=kind)
-        memory.set(yscale="log", xlabel="DOF n  [-]")
-        for panel in (times, memory):
-            panel.grid(alpha=0.3)
-    panels[0, 0].set_ylabel("run time, median; bars: least to most  [s]")
-    panels[1, 0].set_ylabel("peak resident memory  [MB]")
-    legend_below(figure, panels[0, :1], 3)
-    return figure
+    panels = []
+    for key, label in (("seconds", "run time, median  [s]"), ("peak_mb", "peak resident memory  [MB]")):
+        for kind in kinds:
+            series = []
+            for step, (name, model, marker, line) in looks.items():
+                mine = [row for row in rows if (row["component"], row["step"]) == (kind, step)]
+                if mine:
+                    series.append(Series(name, [row["dof"] for row in mine], [row[key] for row in mine], model, line, marker))
+            panels.append(Panel(series, "DOF n  [-]", label, kind if key == "seconds" else "", "xy", share={"x": kind, "y": key}))
+    return draw(Chart("scaling", "Run time and memory over the size", panels, len(kinds), height=3.2, columns=3))
 
 
 def main(*, components: Annotated[tuple[str, ...], KINDS] = tuple(KINDS), largest: int = 1_000_000, repeats: int = 1,
@@ -232,5 +223,5 @@ def main(*, components: Annotated[tuple[str, ...], KINDS] = tuple(KINDS), larges
           *(f"failed: {line}" for line in failed), sep="\n")
     report.write(result, out, figures=False, name="scaling")
     if rows:
-        save(out / "scaling.png", lambda: draw(rows))
+        save(out / "scaling.png", lambda: figure(rows))
     return 1 if failed else 0
