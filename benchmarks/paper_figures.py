@@ -23,7 +23,8 @@ from femsub.app.figures import spectrogram_figure
 from femsub.studies import friction_chart, look
 from femsub.studies.charts import Chart, Level, Panel, Series
 
-BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-3))
+SPEED = 0.19113
+BELT = fs.Belt(speed=SPEED, law=fs.StribeckArctan(eps=1e-3))
 SIZE = 5  # DOF of the reduced models but in Fig. 3b
 LEFT = -0.03  # end of the axis of Fig. 4
 
@@ -49,7 +50,7 @@ def figure_2() -> Any:
     v = np.concatenate([-side[::-1], [0.0], side])
     curves = [{"law": "arctan", "eps": eps, "value": fs.StribeckArctan(eps=eps).value(v)} for eps in (1e-1, 1e-2, 1e-3)]
     titles = {"arctan": "with the working point (the paper's Fig. 2)"}
-    return draw(friction_chart(v, curves, titles, BELT.speed, BELT.slope or 0.0))
+    return draw(friction_chart(v, curves, titles, SPEED, BELT.slope or 0.0))
 
 
 def figure_3() -> Any:

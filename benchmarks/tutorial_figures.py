@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks.common import dense
 from benchmarks.pages import blocks_of
 from benchmarks.pictures import draw_all
-from femsub.app.figure_style import new_figure
+from femsub.app.figure_style import draw, new_figure
 from femsub.app.figures import shapes_figure
-from femsub.studies import look
+from femsub.studies.charts import Chart, Level, Panel, Series, look
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -56,52 +57,35 @@ def disc() -> Any:
 def matrices() -> Any:
     """What a force at the tip moves it by, over the frequency: the full beam and the reduced one, and the difference."""
     full, band, reduced = from_page("matrices", "beam", "band", "rom")
-    omega = 2 * np.pi * np.linspace(1.0, 3600.0, 1500)
-    figure = new_figure(7.5, 5)
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-    responses = {}
+    hertz = np.linspace(1.0, 3600.0, 1500)
+    series, responses = [], {}
     for kind, model in (("full", full), ("craig-bampton", reduced)):
-        M, K = (A.toarray() if hasattr(A, "toarray") else A for A in (model.M, model.K))
-        w = model.port("belt").ravel()
-        responses[kind] = np.array([w @ np.linalg.solve(K * (1 + 0.01j) - at**2 * M, w) for at in omega])
-        style = {"color": look(kind).colour, "lw": 3.5 if kind == "full" else 1.4, "alpha": 0.4 if kind == "full" else 1.0}
-        upper.semilogy(omega / 2 / np.pi, np.abs(responses[kind]), label=f"{look(kind).label}, {model.size} DOF", **style)
+        M, K, w = dense(model.M), dense(model.K), model.port("belt").ravel()
+        responses[kind] = np.array([w @ np.linalg.solve(K * (1 + 0.01j) - (2 * np.pi * at) ** 2 * M, w) for at in hertz])
+        series.append(Series(f"{look(kind).label}, {model.size} DOF", hertz, np.abs(responses[kind]), kind, "solid", "",
+                             "#999999" if kind == "full" else "", width=3.5 if kind == "full" else 1.4))
     error = np.abs(responses["craig-bampton"] / responses["full"] - 1)
-    lower.semilogy(omega / 2 / np.pi, error, color=look("craig-bampton").colour)
-    for axis in (upper, lower):
-        axis.axvline(band[1] / 2 / np.pi, color="grey", lw=0.8, ls="--")
-        axis.grid()
-    upper.set(ylabel="|wᵀu| / force  [m/N]", title="belt's port at the tip; 1 % structural damping; dashed: end of the band")
-    upper.legend()
-    lower.set(xlabel="f  [Hz]", ylabel="relative error  [-]")
-    return figure
+    end = [Level(band[1] / 2 / np.pi, "end of the band", colour="#808080")]
+    return draw(Chart("matrices", "belt's port at the tip; 1 % structural damping", [
+        Panel(series, "f  [Hz]", "|wᵀu| / force  [m/N]", logs="y", levels=end, share={"x": "f"}),
+        Panel([Series("error", hertz, error, "craig-bampton", "solid", "", legend=False)], "f  [Hz]", "relative error  [-]",
+              logs="y", levels=end, share={"x": "f"})], height=2.3))
 
 
 def how_many_modes() -> Any:
-    """Errors of HCB and CC over the size, and what a tolerance chooses."""
+    """Errors of HCB and CC over the size, and what a tolerance chooses for HCB."""
     full, belt, band = from_page("how-many-modes", "full", "belt", "band")
-    kinds = {"error_frequency": "error of ω", "error_growth": "error of Re λ", "error_critical": "error of the critical slope"}
-    figure = new_figure(10, 4)
-    axes = figure.subplots(1, 3, sharex=True, sharey=True)
-    for method in (fs.CraigBampton, fs.CraigChang):
-        rows = fs.study(full, [method(count) for count in (13, 14, 16, 18, 21, 25, 30, 36, 43, 52, 62)], band, contacts=belt,
-                        repeats=1).rows
-        chosen = [fs.reduce(full, method(band=band, tol=tol), contacts=belt).size for tol in (1e-2, 1e-3, 1e-4)]
-        seen = look(rows[0].method)
-        for axis, kind in zip(axes, kinds, strict=True):
-            axis.semilogy([row.size for row in rows], [getattr(row, kind) for row in rows], color=seen.colour, marker=seen.marker,
-                          ms=5, lw=1, label=seen.label)
-            if method is fs.CraigBampton:
-                for size, tol in zip(chosen, ("1e-2", "1e-3", "1e-4"), strict=True):
-                    axis.axvline(size, color=seen.colour, lw=0.8, ls=":")
-                    axis.annotate(f"tol={tol}", (size, 0.36), xycoords=("data", "axes fraction"), xytext=(-2, 0),
-                                  textcoords="offset points", rotation=90, ha="right", va="top", fontsize=8, color=seen.colour)
-    for axis, title in zip(axes, kinds.values(), strict=True):
-        axis.set(title=title, xlabel="DOF of the reduced model  [-]", ylim=(1e-16, 1e1))
-        axis.grid()
-    axes[0].set_ylabel("relative error  [-]")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    return figure
+    studies = [fs.study(full, [method(count) for count in (13, 14, 16, 18, 21, 25, 30, 36, 43, 52, 62)], band, contacts=belt,
+                        repeats=1).rows for method in (fs.CraigBampton, fs.CraigChang)]
+    chosen = [Level(fs.reduce(full, fs.CraigBampton(band=band, tol=tol), contacts=belt).size, f"tol={tol:g}", line=line,
+                    colour=look("craig-bampton").colour) for tol, line in ((1e-2, "dot"), (1e-3, "dash"), (1e-4, "solid"))]
+    return draw(Chart("how-many-modes", "Errors over the size, and what a tolerance chooses for Craig-Bampton", [
+        Panel([Series(look(rows[0].method).label, [row.size for row in rows], [getattr(row, key) for row in rows],
+                      rows[0].method, "solid", width=1.0) for rows in studies],
+              "DOF of the reduced model  [-]", "relative error  [-]", title, "y", chosen, {"y": (1e-16, 1e1)},
+              share={"x": "size", "y": "error"})
+        for key, title in (("error_frequency", "error of ω"), ("error_growth", "error of Re λ"),
+                           ("error_critical", "error of the critical slope"))], 3, height=3.2, columns=5))
 
 
 def superelements() -> Any:
@@ -109,55 +93,45 @@ def superelements() -> Any:
     system, band = from_page("superelements", "system", "band")
     theirs = np.sqrt(np.loadtxt(ROOT / "meshes" / "nastran" / "eigenvalues.txt")[6:])
     ours = fs.normal_modes(system, count=48).frequencies[6:]
-    figure = new_figure(8, 4.2)
-    axis = figure.subplots()
-    axis.loglog(theirs, np.abs(ours / theirs - 1), "k.", ms=5, label=f"joined, {system.size} DOF, against Nastran")
+    series = [Series(f"joined, {system.size} DOF, against Nastran", theirs, np.abs(ours / theirs - 1), marker=".")]
+    levels = [Level(band[1], "end of the band", colour="#555555")]
     for tol, colour in ((1e-2, "#882255"), (1e-3, "#cc6677"), (1e-4, "#ddcc77")):
         small = fs.reduce(system, dict.fromkeys(system.parts, fs.CraigBampton(band=band, tol=tol)))
-        found = fs.normal_modes(small, count=10).frequencies[6:]
-        axis.loglog(ours[:10], np.abs(found / ours[:10] - 1), "s-", color=colour, ms=4, lw=1,
-                    label=f"tol={tol:g}, {small.size} DOF")
-        axis.axhline(tol, color=colour, lw=0.8, ls=":")
-    axis.axvline(band[1], color="#555555", lw=1, ls="--", label="end of the band")
-    axis.set(xlabel="frequency ω  [rad/s]", ylabel="relative error of ω  [-]", ylim=(1e-14, 1e1))
-    axis.grid()
-    figure.legend(loc="outside lower center", ncols=3)
-    return figure
+        error = np.abs(fs.normal_modes(small, count=10).frequencies[6:] / ours[:10] - 1)
+        series.append(Series(f"tol={tol:g}, {small.size} DOF", ours[:10], error, "", "solid", "s", colour, 4.0, 1.0))
+        levels.append(Level(tol, "", "y", "dot", colour))
+    return draw(Chart("superelements", "", [Panel(series, "frequency ω  [rad/s]", "relative error of ω  [-]", "", "xy", levels,
+                                                  {"y": (1e-14, 1e1)})], height=3.6, columns=3))
 
 
 def beyond_the_border() -> Any:
     """Limit cycles over the belt's speed, full and reduced, and runs in time with rising and falling speed."""
     full, reduced, belt = from_page("beyond-the-border", "full", "rom", "belt")
-    figure = new_figure(8, 5)
-    axis = figure.subplots()
+    series = list[Series]()
     for kind, model in (("full", full), ("craig-chang", reduced)):
         found = fs.branch(model, belt, "speed", between=(0.4, 1.0))
-        turn = int(np.argmax(found.values))
-        style = {"color": look(kind).colour, "lw": 4 if kind == "full" else 1.5, "alpha": 0.35 if kind == "full" else 1.0}
-        axis.plot(found.values[turn:], found.rms[turn:], label=f"{look(kind).label}, {model.size} DOF: stable cycle", **style)
-        axis.plot(found.values[:turn + 1], found.rms[:turn + 1], ls="--", label="unstable cycle", **style)
-        if kind != "full":
-            assert found.hopf is not None
-            hopf, fold = found.hopf.value, found.special[0]
-    axis.plot([hopf, 0.75], [0, 0], color="black", lw=1.5, label="steady sliding, stable")
-    axis.plot([0.4, hopf], [0, 0], color="black", lw=1.5, ls="--", label="steady sliding, unstable")
+        turn, name = int(np.argmax(found.values)), f"{look(kind).label}, {model.size} DOF: stable cycle"
+        style: dict[str, Any] = {"colour": "#a6a6a6", "width": 4.0} if kind == "full" else {"width": 1.5}
+        series += [Series(name, found.values[turn:], found.rms[turn:], kind, "solid", "", **style),
+                   Series("unstable cycle", found.values[:turn + 1], found.rms[:turn + 1], kind, "dash", "", **style)]
+    assert found.hopf is not None
+    hopf, fold = found.hopf.value, found.special[0]
+    series += [Series("steady sliding, stable", [hopf, 0.75], [0, 0], "full", "solid", "", width=1.5),
+               Series("steady sliding, unstable", [0.4, hopf], [0, 0], "full", "dash", "", width=1.5)]
     speeds = np.arange(0.47, 0.711, 0.02)
     for order, marker, name in ((speeds, "^", "rising"), (speeds[::-1], "v", "falling")):
         levels, last = [], None
         for speed in order:
-            here = replace(belt, speed=float(speed))
             begin: dict[str, Any] = {"impulse": 1.0} if last is None else {"start": last}
-            run = fs.transient(full, here, time=(0.0, 40000.0), record_from=39000.0, **begin)
+            run = fs.transient(full, replace(belt, speed=float(speed)), time=(0.0, 40000.0), record_from=39000.0, **begin)
             last = run.final
             levels.append(fs.rms(run.t, run.velocity("belt")))
-        axis.plot(order, levels, marker, color="#555555", mfc="none", ms=8, zorder=4, label=f"in time, full, {name} speed")
-    for name, value, height in (("Hopf point", hopf, 0.0), ("fold", fold.value, fold.rms)):
-        axis.plot(value, height, "*", color="#c44e00", ms=12, zorder=5)
-        axis.annotate(f"{name} {value:.3f}", (value, height), (8, 8), textcoords="offset points", color="#c44e00")
-    axis.set(xlim=(0.44, 0.73), xlabel="belt speed v0  [length/time]", ylabel="rms of the speed at the belt  [length/time]")
-    axis.grid()
-    figure.legend(loc="outside lower center", ncols=2)
-    return figure
+        series.append(Series(f"in time, full, {name} speed", order, levels, "", "", marker, "#555555", 8.0, hollow=True))
+    series += [Series(f"{name} {value:.3f}", [value], [height], "", "", marker, "#c44e00", 10.0)
+               for name, value, height, marker in (("Hopf point", hopf, 0.0, "*"), ("fold", fold.value, fold.rms, "D"))]
+    return draw(Chart("beyond-the-border", "", [Panel(
+        series, "belt speed v0  [length/time]", "rms of the speed at the belt  [length/time]", limits={"x": (0.44, 0.73)})],
+        height=4.2, columns=2))
 
 
 def flutter() -> Any:
