@@ -7,6 +7,7 @@ kept in WORK/NAME/printed.txt, its results beside it. A step that has ended well
 where it was, and --fresh repeats what is named. DATA/NAME.txt holds what a step has printed, below its command, its seconds, the
 commit and the machine. PICTURES gets its figures, and PICTURES/data.json for each of them the step, the commit and the numbers
 that are drawn: tests/test_pictures.py compares them with a run of that day. The pages with the conclusions are written by hand.
+The picture of a run's page, report.png, was made by benchmarks/page_picture.py as it is in the history at commit e0d65ca.
 """
 
 from __future__ import annotations
