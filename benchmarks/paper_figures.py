@@ -19,8 +19,7 @@ import numpy as np
 import femsub as fs
 from benchmarks.pictures import draw_all
 from femsub.app.figure_style import draw
-from femsub.app.figures import spectrogram_figure
-from femsub.studies import friction_chart, look
+from femsub.studies import friction_chart, look, spectrogram_chart
 from femsub.studies.charts import Chart, Level, Panel, Series
 
 SPEED = 0.19113
@@ -93,7 +92,7 @@ def figure_5() -> Any:
     for kind, model in models(2).items():
         run = fs.transient(model, BELT, time=(0.0, 20000.0), step=0.2, impulse=1e-3)
         made.append((SimpleNamespace(kind=kind, model=model), fs.spectrogram(run.t, run.velocity("belt"), 400.0)))
-    return spectrogram_figure(made, 2.5)
+    return draw(spectrogram_chart(made, 2.5))
 
 
 FIGURES: dict[str, Callable[[], Any]] = {"figure-2": figure_2, "figure-3": figure_3, "figure-4": figure_4, "figure-5": figure_5}

@@ -86,7 +86,7 @@ def test_both_sides_of_an_unsymmetric_mobility_come_from_one_factor(monkeypatch:
             made.append(A.shape[0])
             super().__init__(A)
 
-    monkeypatch.setattr("femsub.modes.receptance.ComplexFactor", Counted)
+    monkeypatch.setattr("femsub.modes.quadratic.correction.ComplexFactor", Counted)
     s, h = np.array([0.3j, 0.8j]), 1e-6
     W = plain.port("belt")[:, None]
     Y, slope = Solved(pencil, W).mobility(s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from femsub.algebra.subspace import orthonormal
 
@@ -51,3 +52,14 @@ def test_what_holds_nothing_new_is_left_out() -> None:
         assert Q.shape == (60, rank) and off(V, Q, A) < 1e-11
     A[:, 7] = A[7] = 0.0  # what has no length in A has none
     assert orthonormal(np.eye(60)[:, [7, 8]], A.__matmul__)[0].shape == (60, 1)
+
+
+def test_sums_of_many_terms_make_no_direction_of_their_rounding() -> None:
+    """Dependent columns of a large model: their Gram matrix has the rounding of 30,000 terms, above that of its own entries."""
+    n, three = 30_000, np.arange(30_000)[:, None] % 3 == np.arange(3)
+    columns = np.hstack([np.ones((n, 1)), three.astype(float)])
+    for size in np.random.default_rng(0).uniform(0.1, 1.0, 30):
+        M = sp.csr_array(sp.diags_array([np.full(n - 3, size / 6), np.full(n, size * 4 / 6), np.full(n - 3, size / 6)],
+                                        offsets=[-3, 0, 3]))
+        Q, MQ = orthonormal(columns, M.__matmul__)
+        assert Q.shape == (n, 3) and np.abs(Q.T @ MQ - np.eye(3)).max() < 1e-10

@@ -34,7 +34,6 @@ from femsub.algebra.processes.stored import load, store
 from femsub.algebra.processes.system import LAUNCHER, ONE
 from femsub.algebra.processes.threads import libraries, one_thread
 from femsub.algebra.processes.waiting import is_stopped
-from femsub.reduction import parts
 from femsub.reduction.method import Method
 
 ROOT = Path(__file__).parent.parent
@@ -437,7 +436,7 @@ def test_bad_methods_are_told_beforehand() -> None:
 def test_parts_that_do_not_fit_side_by_side_are_told_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, made = system(), SparseFactor.made
     monkeypatch.setattr(workers, "at_hand", lambda need: workers.BASE)
-    monkeypatch.setattr(parts, "LARGE", 100)
+    monkeypatch.setattr(sys.modules["femsub.reduction.reduce"], "LARGE", 100)  # the function hides the module
     with pytest.warns(fs.FemsubWarning, match=r"only 1 of 2 workers run: 2 parts side by side need about 0.6\d* GB"):
         found = fs.reduce(whole, methods(whole), workers=2)
     assert SparseFactor.made > made  # in this process

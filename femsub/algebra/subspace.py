@@ -32,13 +32,13 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
     ----------
     L. Giraud, J. Langou, M. Rozložník, J. van den Eshof, Numer. Math. 101 (2005) 87 (two passes are enough).
     """
-    x, image, least = columns, product(columns), 0.0
+    x, image = columns, product(columns)
     for last in (False, True):
+        # the second pass begins with columns of unit length, but for those that are what rounding left of dependent ones
+        x, image, length = _longer(x, image, 0.5 if last else 0.0)
         if V is not None and V.shape[1]:
-            x, image, length = _longer(x, image, 0.0)
             x = x / length - V @ ((V.T @ image) / length)
-            image, least = product(x), 0.0 if last else inside
-        x, image, length = _longer(x, image, least)
+            x, image, length = _longer(x, product(x), 0.0 if last else inside)
         if not x.shape[1]:
             break
         gram = x.T @ image / np.outer(length, length)

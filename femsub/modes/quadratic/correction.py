@@ -53,7 +53,10 @@ def inverse_at(pencil: Pencil, s: complex, H: Matrix | None = None) -> Inverse:
         s is an eigenvalue.
     """
     P = pencil.at(s) if H is None else pencil.at(s) + 1j * H
-    return ComplexFactor(P) if pencil.is_sparse else _Dense(P)
+    try:
+        return ComplexFactor(P) if pencil.is_sparse else _Dense(P)
+    except SingularMatrixError as error:
+        raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g} ({error})") from None
 
 
 def solver_near(pencil: Pencil, value: complex) -> Inverse | None:
