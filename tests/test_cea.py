@@ -225,6 +225,12 @@ def test_a_pencil_without_mass() -> None:
     assert np.allclose(np.sort(modes.eigenvalues.real), [-3, -1], rtol=1e-14)
 
 
+def test_a_defective_eigenvalue_without_a_neighbour_has_an_infinite_bar() -> None:
+    pencil = fs.Pencil(np.eye(1), 2 * np.eye(1), np.eye(1))
+    found = with_bars(pencil, np.array([-1.0 + 0j]), np.ones((1, 1)), np.ones((1, 1)))
+    assert found.error_bar.tolist() == [np.inf] and found.is_stable is None
+
+
 @pytest.mark.parametrize("n", [8, 250])
 def test_repeated_semisimple_pairs_keep_small_error_bars(n: int) -> None:
     one = fs.chain(n, belt=1)

@@ -101,9 +101,9 @@ def test_a_factorisation_that_broke_down_is_told_of() -> None:
 @pytest.mark.slow
 def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
     sub = long_chain()
-    assert made(lambda: fs.complex_modes(sub, BELT, band=BAND)) == 4
+    assert made(lambda: fs.complex_modes(sub, BELT, band=BAND)) == 2
     other = fs.Belt("belt", force=2.0, slope=-1e-4)
-    assert made(lambda: fs.complex_modes(sub, other, band=BAND)) == 2  # they bound its damping
+    assert made(lambda: fs.complex_modes(sub, other, band=BAND)) == 0  # its damping is that of one column
     assert made(lambda: fs.normal_modes(sub, 10)) == 0
     belt = fs.Belt(slope=0.0)
     assert made(lambda: fs.sweep(long_chain(), belt, "slope", np.linspace(0, -1e-3, 20), band=BAND)) <= 3  # one bounds Re λ

@@ -79,7 +79,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     bar = np.divide(spread, sensitivity, out=np.full(len(values), np.inf), where=sensitivity > 0)
     # With a neighbour at distance g the first-order bar b becomes d from d (g - d) = b g. If b is not small compared with
     # g, the two eigenvalues may coalesce, and first-order theory is not valid.
-    close = bar > gap / 8
+    close = ~(bar < gap / 8)  # two infinite ones as well
     share = np.divide(bar, gap, out=np.zeros_like(bar), where=~close & (gap > 0))
     bar = np.where(close, bar + gap, 2 * bar / (1 + np.sqrt(1 - 4 * share)))
     left, terms = (np.einsum("ij,ij->j", np.abs(Y), part) for part in (np.abs(residual), whole))
