@@ -135,7 +135,7 @@ def test_models_in_units_of_their_own_share_too() -> None:
     sub = plate()
     first = made(lambda: fs.complex_modes(sub, BELT, band=(0.0, 1500.0)))
     other = made(lambda: fs.complex_modes(sub, fs.Belt("belt", force=2.0, slope=-1.0), band=(0.0, 1500.0)))
-    assert other <= 3 <= first - 2  # of the bounds of damping
+    assert first <= 3 and other == 0  # damping is proportional beside the belt, whatever rounding left of small αM in it
 
 
 def test_the_compliance_of_a_cycle_takes_one() -> None:

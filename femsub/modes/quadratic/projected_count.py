@@ -248,9 +248,9 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
     rest = damping
     for C, _, one in pencil.contacts:
         rest = rest - contact_matrix(one, C if isinstance(C, float) else (C + C.T) / 2)
-    size = abs(damping) + abs(rest)
+    size, own = abs(damping) + abs(rest), np.sqrt(np.abs(damping.diagonal()))
     alpha = beta = 0.0
-    columns = _few_columns(_cleared(rest, size), most)
+    columns = _few_columns(_cleared(rest, size, own), most)
     if columns is None:
         mass, stiffness, d = (np.append(A.diagonal(), A @ np.ones(len(A.indptr) - 1)) for A in (M, K, rest))
         scale = np.array([mass.max(), stiffness.max()])
@@ -262,16 +262,21 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
             fit[np.abs(fit) <= SINGULAR * np.abs(fit).max()] = 0.0  # of one kind alone
             off = np.abs(d - unit @ fit)
         alpha, beta = (fit / scale).tolist()
-        columns = _few_columns(_cleared(rest - alpha * M - beta * K, size + abs(alpha) * abs(M) + abs(beta) * abs(K)), most)
+        whole = size + abs(alpha) * abs(M) + abs(beta) * abs(K)
+        columns = _few_columns(_cleared(rest - alpha * M - beta * K, whole, own), most)
     W = [*W, columns] if columns is not None else W
     return (alpha, beta, np.hstack(W)) if columns is not None and sum(one.shape[1] for one in W) <= most else None
 
 
-def _cleared(A: Matrix, size: Matrix) -> Matrix:
-    """A without entries that are rounding beside those of `size`."""
-    found, beside = sp.csr_array(A), sp.csr_array(size)
-    found = found.multiply(abs(found) > ROUNDING * beside)
-    return sp.csr_array(found)
+def _cleared(A: Matrix, size: Matrix, own: Array) -> Matrix:
+    """A without entries that are rounding beside those of `size`, or beside √(d_ii d_jj) = `own`_i `own`_j of D's diagonal.
+
+    Where αM is small beside βK, α is known to the rounding of βK alone.
+    """
+    found, beside = sp.coo_array(A), sp.csr_array(size)
+    row, column = found.coords
+    keep = np.abs(found.data) > ROUNDING * (np.asarray(beside[row, column]).ravel() + own[row] * own[column])
+    return sp.csr_array((found.data[keep], (row[keep], column[keep])), shape=A.shape)
 
 
 def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
