@@ -68,6 +68,13 @@ def listed(values: Array) -> int:
     return len(values) + int(np.count_nonzero(values.imag))
 
 
+def sizes_up_to(values: Array, count: int) -> tuple[Array, int]:
+    """|λ| of those with Im λ ≥ 0, ascending, and the place of the last of the `count` nearest to 0, conjugates included."""
+    upper = values[values.imag >= 0]
+    upper = upper[np.argsort(np.abs(upper), kind="stable")]
+    return np.abs(upper), int(np.searchsorted(np.cumsum(1 + (upper.imag != 0)), count))
+
+
 @dataclass(frozen=True)
 class Count:
     """`number` eigenvalues lie inside the contour, conjugates included, by an independent count.
@@ -120,7 +127,6 @@ class Region:
             return order
         split = values[order[self.count]].imag < 0 and values[order[self.count]] == values[order[self.count - 1]].conj()
         return order[:self.count + split]
-
 
     def upper(self, values: Array) -> Array:
         """Indices of those values, Im λ ≥ 0, that are in the region or whose conjugates are, ascending."""

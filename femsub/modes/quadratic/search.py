@@ -35,7 +35,7 @@ from femsub.modes.quadratic.bars import mended
 from femsub.modes.quadratic.matching import clear_radius, distinct
 from femsub.modes.quadratic.projected_count import Projection, Varied, about_radius
 from femsub.modes.quadratic.projected_pairs import TOGETHER, left_vectors, right_pairs
-from femsub.modes.quadratic.region import Box, Contour, Count, Region, listed
+from femsub.modes.quadratic.region import Box, Contour, Count, Region, listed, sizes_up_to
 from femsub.modes.quadratic.singular_mass import finite
 from femsub.modes.quadratic.sparse import Shifted
 
@@ -212,14 +212,12 @@ def _inside(region: Region, outer: Contour, values: Array) -> Contour:
 
     LinAlgError, as where there is no projection, if the disc has fewer. An edge of a box moves out by up to 2 %.
     """
-    upper = values[values.imag >= 0]
     if region.box is None:
-        upper = upper[outer.encloses(upper)]
-        upper = upper[np.argsort(np.abs(upper), kind="stable")]
-        last = int(np.searchsorted(np.cumsum(1 + (upper.imag != 0)), region.count or 0))
-        if last + 1 >= len(upper):
+        size, last = sizes_up_to(values[outer.encloses(values)], region.count or 0)
+        if last + 1 >= len(size):
             raise LinAlgError(FEWER)
-        return Contour(clear_radius(np.abs(upper), last + 1))
+        return Contour(clear_radius(size, last + 1))
+    upper = values[values.imag >= 0]
     a, b, _, hi = region.box
     moves = np.linspace(0.002, 0.02, 10) * hi
 
@@ -237,9 +235,7 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
     small = copy(projection.counted)
     if small is not None:
         if region.box is None:
-            upper = small.values[small.values.imag >= 0]
-            upper = np.sort_complex(upper)[np.argsort(np.abs(np.sort_complex(upper)), kind="stable")]
-            size, last = np.abs(upper), int(np.searchsorted(np.cumsum(1 + (upper.imag != 0)), region.count or 0))
+            size, last = sizes_up_to(small.values, region.count or 0)
             apart = np.flatnonzero(np.diff(size[last:]) > TOGETHER * size[last + 1:])
             beyond = size[last + (apart[0] if len(apart) else 0)] * (1 + TOGETHER / 2)
             small.contour = Contour(max(small.contour.radius, float(beyond)))
