@@ -369,12 +369,13 @@ class Coupling:
         return self.each[self.nu != 0]
 
     @cached_property
-    def _all(self) -> tuple[Array, Array]:
+    def both_products(self) -> tuple[Array, Array]:
+        """`_products` of all right and all left vectors."""
         return self._products(self.x), self._products(self.z)
 
     def lengths(self, s: complex) -> tuple[Array, Array]:
         """‖P_LU x_k‖ and ‖z_kᴴP_UL‖ at s, of all eigenvectors, (2m,) each."""
-        right, left = self._lengths(np.array([s]), np.zeros((1, 1)), self._all)
+        right, left = self._lengths(np.array([s]), np.zeros((1, 1)), self.both_products)
         return right[0], left[0]
 
     def excludes(self, s: complex, limit: float, thorough: bool = True) -> bool:
@@ -384,7 +385,7 @@ class Coupling:
         eigenvalues meet, by the Frobenius norm, if it is to be `thorough`. So, too, where the sum is not the inverse: of a double
         eigenvalue whose left and right vectors do not belong together.
         """
-        if self.wrong < RIGHT and self._shares(np.array([s]), np.zeros(1), slice(None), self._all).sum() < limit:
+        if self.wrong < RIGHT and self._shares(np.array([s]), np.zeros(1), slice(None), self.both_products).sum() < limit:
             return True
         if not thorough:
             return False
@@ -398,16 +399,13 @@ class Coupling:
         Eigenpairs far from the contour, |s - λ| > away |λ - σ| on all of it, count together, by the norms of their images: there
         are many, and each has a small share. Each near one counts by its residual.
         """
-        s, reach = _discs(contour, *_pieces(BATCH))
-        near = (self._apart(s, slice(None)) - reach[:, None] * np.abs(self.nu)).min(axis=0)
-        far, wide = self._far(contour, c, np.flatnonzero(near > away), near[near > away])
-        at = np.flatnonzero(near <= away)
+        at, far, wide = self.near_and_far(contour, c, away)
         products = self._products(self.x[:, at]), self._products(self.z[:, at])
         room, worst, seen = SAFE - min(far, SAFE / 2), 0.0, 0
         most, where = np.zeros(len(at)), np.zeros(len(at), dtype=complex)
-        start, stop = _pieces(128)
+        start, stop = pieces(128)
         while len(start):
-            s, reach = _discs(contour, start, stop)
+            s, reach = discs_on(contour, start, stop)
             total, seen = self._shares(s, reach, at, products).sum(axis=1) / c, seen + len(s)
             good = total < room
             worst = max(worst, float(total[good].max(initial=0.0)))
@@ -431,6 +429,12 @@ class Coupling:
             s = where[order]
             new += [self.basis.residuals(s, x[:, at[order]], bool(i)) for i, x in enumerate((self.x, self.z)[:both])]
         return far + worst, new
+
+    def near_and_far(self, contour: Contour, c: float, away: float = 0.1) -> tuple[Array, float, list[tuple[int, Array]]]:
+        """The eigenpairs near the contour, and what `_far` returns of the others."""
+        s, reach = discs_on(contour, *pieces(BATCH))
+        near = (self._apart(s, slice(None)) - reach[:, None] * np.abs(self.nu)).min(axis=0)
+        return np.flatnonzero(near <= away), *self._far(contour, c, np.flatnonzero(near > away), near[near > away])
 
     def _far(self, contour: Contour, c: float, at: Array, near: Array) -> tuple[float, list[tuple[int, Array]]]:
         """The share of the eigenpairs `at`, |1 - tν| ≥ near on the contour; for P_LU and P_UL the term with most, and directions.
@@ -506,12 +510,13 @@ def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> fl
     return float(found)
 
 
-def _pieces(number: int) -> tuple[Array, Array]:
+def pieces(number: int) -> tuple[Array, Array]:
+    """Begins and ends of so many equal pieces of a contour, 0 to 1."""
     ends = np.linspace(0.0, 1.0, number + 1)
     return ends[:-1], ends[1:]
 
 
-def _discs(contour: Contour, start: Array, stop: Array) -> tuple[Array, Array]:
+def discs_on(contour: Contour, start: Array, stop: Array) -> tuple[Array, Array]:
     """Middles and radii of discs that cover pieces of the contour."""
     s = contour.at((start + stop) / 2)
     return s, np.maximum(np.abs(contour.at(start) - s), np.abs(contour.at(stop) - s))

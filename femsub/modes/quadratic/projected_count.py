@@ -41,6 +41,7 @@ from femsub.checks import EPS, Array, Matrix
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.model import contact_matrix
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
+from femsub.modes.quadratic.cells import CellBound, Change, images
 from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights
 from femsub.modes.quadratic.region import Contour, Count
 from femsub.modes.shift_invert import ShiftInvert
@@ -56,6 +57,7 @@ MOTION = 1e-9  # quotient relative to the largest up to which a shape is rigid m
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
 COLUMNS = 500  # of n numbers that are needed at most while a process looks for strong damping
 DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
+CHANGED = 0.05  # the same share of what a parameter changes
 
 
 Bounds = tuple[Array, float, float]  # shapes of strong damping, d and g: see `Projection`
@@ -94,6 +96,7 @@ class Projection(EnergyBasis):
             raise SingularMatrixError("M is unsymmetric")
         self.outer, self.most, M = outer, most, pencil.M
         self.why = ""  #: there is no count
+        self.blamed = np.zeros(len(changes))  #: shares of the changes where a proof for all θ ± half failed
         none = sp.csr_array(M.shape)
         damping, gyroscopic = (pencil.D, none) if pencil.symmetric[1] else halves(pencil.D)
         stiffness, circulatory = (pencil.K, none) if pencil.symmetric[2] else (
@@ -111,7 +114,7 @@ class Projection(EnergyBasis):
                 first = looked()
                 damped = none if simple is not None else damping
                 return (*_strong(self.A, damped, solve, outer.side, first, modes, most),
-                        _bound_of_skew(self.A, gyroscopic if turned is None else none, solve))
+                        _bound(self.A, gyroscopic if turned is None else none, solve, -1.0))
 
             with _none_strong(self.A, damping if simple is None else none, outer.side, handle.factor) as looked:
                 yield found
@@ -157,28 +160,50 @@ class Projection(EnergyBasis):
                 if columns is not None:
                     joining.append(self.factor.solve(columns))
                     bound = 0.0
-                elif sign > 0:
-                    known = signs(self.A.formed(), half, DAMPED[0] / weight)
-                    shapes, bound = _strong(self.A, half, self.factor.solve, weight, known, sum(x.shape[1] for x in joining),
-                                            most)
-                    joining.append(shapes)
+                elif sign < 0 and not power:
+                    bound = np.inf  # xᴴTx is imaginary
                 else:
-                    bound = _bound_of_skew(self.A, half, self.factor.solve) if power else np.inf  # xᴴTx is imaginary
+                    bound = _bound(self.A, half, self.factor.solve, sign, np.inf if sign < 0 else CHANGED / weight)
+                    if not np.isfinite(bound):
+                        known = signs(self.A.formed(), half, CHANGED / weight)
+                        shapes, bound = _strong(self.A, half, self.factor.solve, weight, known,
+                                                sum(x.shape[1] for x in joining), most, (CHANGED, *DAMPED))
+                        joining.append(shapes)
                 terms.append(Term(half, (0.0, 0.0, 0.0), sign, (-bound, bound), spanned=columns is not None))
                 self._weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=True)
         self.counted: Coupling | None = None  # the last one, if the count was proved
+        self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
+        self._parts: tuple[int, list[Change], tuple[Array, float]] = (-1, [], (np.zeros(0), 0.0))  # of so many columns of V
         self.add(rest, modes=True)
         for shapes in joining[1:]:
             if shapes.shape[1]:
                 self.add(shapes)
 
-    def changed(self, theta: Sequence[float]) -> Projection:
-        """The projection for P(s) + Σ θ_q s^q T_q, with one θ for each of the `changes`."""
-        found = self.at([own if place is None else (theta[place] * own[0], theta[place] * own[1], theta[place] * own[2])
-                         for place, own in self._weights])
+    def changed(self, theta: Sequence[float], half: Sequence[float] = ()) -> Projection:
+        """The projection for P(s) + Σ θ_q s^q T_q, with one θ for each of the `changes`; `on` counts for all θ ± `half` then."""
+        found = self.at(self._weighted(theta))
         found.counted, found.why = None, ""
+        found.theta, found.half = np.array(theta, dtype=float), np.array(half or np.zeros(len(theta)))
         return found
+
+    def _weighted(self, theta: Sequence[float]) -> list[Weights]:
+        return [own if place is None else (theta[place] * own[0], theta[place] * own[1], theta[place] * own[2])
+                for place, own in self._weights]
+
+    @property
+    def least(self) -> float:
+        """c for all θ."""
+        return self.at(self._weighted(np.abs(self.theta) + self.half)).coercivity(self.outer.side, self.outer.top)
+
+    def _varied(self) -> tuple[list[Change], tuple[Array, float]]:
+        """Each change as a whole, and the `images` of all terms, at their largest weights."""
+        if self._parts[0] != self.size:
+            halves = [[i for i, (place, _) in enumerate(self._weights) if place == q] for q in range(len(self.changes))]
+            whole = [Change.of(self, several, change.power) for several, change in zip(halves, self.changes, strict=True)]
+            largest = self.at(self._weighted([change.size for change in self.changes]))
+            self._parts = self.size, whole, images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
+        return self._parts[1:]
 
     def add(self, new: Array, *, modes: bool = False, unit: bool = False) -> bool:
         """Append directions without the free rigid motion."""
@@ -187,13 +212,14 @@ class Projection(EnergyBasis):
         check_room("the count by projection", 8.0 * (3 * p * p + 24) * (m + new.shape[1])**2)  # products, and the eigenproblem
         return super().add(new - self.free @ (self.momenta.T @ new), modes=modes, unit=unit)
 
-    def on(self, choose: Callable[[Array], Contour], rounds: int = 8) -> Count | None:
+    def on(self, choose: Callable[[Array, Array], Contour], rounds: int = 8) -> Count | None:
         """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without.
 
-        `rounds` of enrichment at most. One is usual, and each makes the eigenproblem of VᵀPV larger.
+        `choose` takes the eigenvalues, and how far the changes move each of them. `rounds` of enrichment at most. One is usual,
+        and each makes the eigenproblem of VᵀPV larger.
         """
-        self.why = ""
-        c = self.coercivity(self.outer.side, self.outer.top)
+        self.why, self.blamed = "", np.zeros(len(self.changes))
+        c = self.least
         if c <= 0:
             self.why = f"damping or gyroscopic forces may outweigh the stiffness of other shapes by {1 - c:.2g}"
             return None
@@ -203,7 +229,7 @@ class Projection(EnergyBasis):
         for _ in range(rounds):
             try:
                 small = Coupling.of(self, self.outer.size)
-                contour = choose(small.values)
+                contour = choose(small.values, self._moved(small)[small.nu != 0])
             except la.LinAlgError as error:
                 self.why = str(error)
                 return None
@@ -211,6 +237,10 @@ class Projection(EnergyBasis):
                 self.why = f"eigenpairs of the projection have errors of {small.wrong:.0e}"
                 return None
             margin, new = small.margin(contour, c)
+            if margin < SAFE and self.half.any():
+                changes, outside = self._varied()
+                margin, new, self.blamed = CellBound(small, contour, c, list(zip(changes, self.half, strict=True)),
+                                                     outside).margin()
             if margin < SAFE:
                 self.counted, small.contour = small, contour
                 values = np.append(small.values, np.zeros(2 * self.free.shape[1]))
@@ -222,6 +252,16 @@ class Projection(EnergyBasis):
             if not new or not self.add(np.hstack(new)):
                 break
         return None
+
+    def _moved(self, small: Coupling) -> Array:
+        """How far the changes, θ ± half, move each eigenvalue to first order: Σ half_q |λ^k zᴴT_qx|, (2m,)."""
+        found = np.zeros(len(small.nu))
+        for (place, own), inside in zip(self._weights, self.inside, strict=True):
+            if place is not None and self.half[place]:
+                size = np.abs(np.einsum("ik,ik->k", small.z.conj(), inside @ small.x))
+                with np.errstate(invalid="ignore"):
+                    found += self.half[place] * np.nan_to_num(np.abs(small.each)) ** self.changes[place].power * size
+        return found
 
 
 def _few_columns(T: Matrix, most: int = 40) -> Array | None:
@@ -361,7 +401,7 @@ def _none_strong(A: Difference, D: Matrix, side: float, factor: Handle) -> Itera
 
 
 def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: float, first: tuple[bool, bool],
-            modes: int, most: int) -> tuple[Array, float]:
+            modes: int, most: int, shares: Sequence[float] = DAMPED) -> tuple[Array, float]:
     """Shapes U (n, k) such that |xᵀDx| ≤ d xᵀAx wherever UᵀAx = 0, and d; D symmetric; `first` is what `_none_strong` found.
 
     Raises
@@ -372,7 +412,7 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
     none = np.zeros((A.shape[0], 0))
     if not D.nnz:
         return none, 0.0
-    for tried, d in enumerate(share / side for share in DAMPED):
+    for tried, d in enumerate(share / side for share in shares):
         definite = signs(A.formed(), D, d) if tried else first  # half of the time of an inertia
         if all(definite):
             return none, d
@@ -400,22 +440,27 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
     return shapes, d
 
 
-def _bound_of_skew(A: Difference, G: Matrix, solve: Callable[[Array], Array]) -> float:
-    """g with |xᴴGx| ≤ g xᴴAx: gA + iG is positive definite, by a Cholesky factor of its real form.
+def _bound(A: Difference, T: Matrix, solve: Callable[[Array], Array], sign: float, most: float = np.inf) -> float:
+    """g with |xᴴTx| ≤ g xᴴAx of a symmetric or skew T, by Cholesky factors of gA ± T, or of the real form of gA + iT.
+
+    Infinite where it is larger than `most`.
 
     Raises
     ------
     NotConvergedError
         None was found.
     """
-    if not G.nnz:
+    if not T.nnz:
         return 0.0
     x = np.random.default_rng(4).standard_normal((A.shape[0], 4))
     for _ in range(6):
-        x = orthonormal(solve(G @ x), A.__matmul__)[0]
-    image, matrix = G @ x, A.formed()
+        x = orthonormal(solve(T @ x), A.__matmul__)[0]
+    image, matrix = T @ x, A.formed()
     estimate = float(np.sqrt(la.norm(image.T @ solve(image), 2)))
     for g in (1.2 * estimate, 2 * estimate, 4 * estimate):
-        if all(are_definite([sp.csr_array(sp.block_array([[g * matrix, -G], [G, g * matrix]]))])):
+        if g > most:
+            return np.inf
+        if all(signs(matrix, T, g) if sign > 0 else are_definite(
+                [sp.csr_array(sp.block_array([[g * matrix, -T], [T, g * matrix]]))])):
             return g
-    raise NotConvergedError("the gyroscopic part is not bounded by the stiffness")
+    raise NotConvergedError("a gyroscopic part, or the change that a parameter makes, is not bounded by the stiffness")

@@ -207,8 +207,10 @@ def _counted(pencil: Pencil, region: Region, projection: Projection | None) -> t
     return None, None, why
 
 
-def _inside(region: Region, outer: Contour, values: Array) -> Contour:
+def _inside(region: Region, outer: Contour, values: Array, moved: Array) -> Contour:
     """The contour that is counted in, between eigenvalues of the projection: just behind the nearest, or around the box.
+
+    A parameter has `moved` each of them by so much.
 
     LinAlgError, as where there is no projection, if the disc has fewer. An edge of a box moves out by up to 2 %.
     """
@@ -217,12 +219,12 @@ def _inside(region: Region, outer: Contour, values: Array) -> Contour:
         if last + 1 >= len(size):
             raise LinAlgError(FEWER)
         return Contour(clear_radius(size, last + 1))
-    upper = values[values.imag >= 0]
+    upper, moved = values[values.imag >= 0], moved[values.imag >= 0]
     a, b, _, hi = region.box
     moves = np.linspace(0.002, 0.02, 10) * hi
 
     def best(edges: Array, coordinates: Array) -> float:
-        return float(edges[np.argmax(np.abs(edges[:, None] - coordinates).min(axis=1, initial=np.inf))])
+        return float(edges[np.argmax((np.abs(edges[:, None] - coordinates) - moved).min(axis=1, initial=np.inf))])
 
     return Contour(sides=(best(a - moves, upper.real), best(b + moves, upper.real), best(hi + moves, upper.imag)))
 
