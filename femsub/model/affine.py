@@ -12,8 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Frozen, as_matrix, weighted
-from femsub.checks import Array, Matrix, finite_number, limit_of, shown
+from femsub.checks import Array, Matrix, finite_number, items, limit_of, shown
 from femsub.errors import FemsubError, InputError, InputTypeError, unknown_name
+from femsub.model.intervals import range_of
 from femsub.model.pencil import Pencil, basis_of, look_at_the_order, projected
 
 Theta: TypeAlias = float | str | Callable[..., float]
@@ -106,8 +107,7 @@ class Affine(Frozen):
             A parameter is missing or unknown, or a θ is not finite there.
         """
         self._check(values)
-        if rest := [name for name in self.parameters if name not in values]:
-            raise InputError(f"no value is given for {', '.join(rest)}. Give all of {', '.join(self.parameters)}")
+        self._check_all("value", values)
         factor = iter(self.factors(**values))
         return Pencil(*(weighted([(next(factor), A) for _, A in terms]) if terms else None
                         for terms in (self.M, self.D, self.K))).below(self.cutoff)
@@ -122,6 +122,56 @@ class Affine(Frozen):
             if name not in self.parameters:
                 raise unknown_name("parameter", name, self.parameters)
             finite_number(name, value)
+
+    def _check_all(self, what: str, given: Mapping[str, Any]) -> None:
+        if rest := [name for name in self.parameters if name not in given]:
+            raise InputError(f"no {what} is given for {', '.join(rest)}. Give all of {', '.join(self.parameters)}")
+
+    def factor_ranges(self, ranges: Mapping[str, tuple[float, float]]) -> tuple[Array, Array, Array]:
+        """(lo, hi, proved): lo ≤ θ(p) ≤ hi for all p in a box of all parameters; shapes (q,), in the order M, D, K of `factors`.
+
+        Numbers and names have their own bounds. A function is evaluated with `Interval`, rounded outwards: that is proved. It is
+        infinite if there may be a pole in the box. A function that cannot take an `Interval`, such as a table, a branch or one of
+        `math`, is sampled: then `proved` is False.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            A parameter without a range or unknown; lo > hi; a function that is sampled has no value in the box.
+
+        Examples
+        --------
+        >>> import femsub as fs
+        >>> family = fs.Affine([[1]], [(lambda speed: 1 / speed, [[2]])], [(1.0, [[3]]), ("mu", [[1]])])
+        >>> lo, hi, proved = family.factor_ranges({"speed": (2, 4), "mu": (0, 0.5)})
+        >>> print(lo.round(3), hi.round(3), proved)
+        [1.   0.25 1.   0.  ] [1.  0.5 1.  0.5] [ True  True  True  True]
+        """
+        for name, ends in ranges.items():
+            what = f"the range of {name}"
+            bounds = [finite_number(f"an end of {what}", end) for end in items(what, ends, "two numbers (lo, hi)")]
+            self._check({name: bounds[0] if bounds else np.nan})
+            if len(bounds) != 2 or bounds[0] > bounds[1]:
+                raise InputError(f"{what} must be (lo, hi) with lo ≤ hi, not {shown(ends)}")
+        self._check_all("range", ranges)
+        found: list[tuple[Any, Any, bool]] = []
+        for theta, _ in self._all:
+            box = {name: (float(ranges[name][0]), float(ranges[name][1])) for name in _names(theta)}
+            if callable(theta) and box:
+                found.append(range_of(theta, box, partial(_fixed, theta)))
+            else:
+                found.append((*box[theta], True) if isinstance(theta, str) else (_fixed(theta, {}), _fixed(theta, {}), True))
+        lo, hi, proved = zip(*found, strict=True)
+        return np.array(lo), np.array(hi), np.array(proved)
+
+    def deviation(self, ranges: Mapping[str, tuple[float, float]], centre: Mapping[str, float]) -> tuple[Array, Array]:
+        """(bound, proved): |θ(p) - θ(p_c)| ≤ bound for all p in a box of all parameters; shapes (q,), see `factor_ranges`.
+
+        `centre` has the values p_c of all parameters.
+        """
+        (lo, hi, proved), at = self.factor_ranges(ranges), self.factors(**centre)
+        most = np.maximum(hi - at, at - lo)
+        return np.where(most > 0, np.nextafter(most, np.inf), 0.0), proved
 
     def below(self, cutoff: float) -> Affine:
         """A copy whose modes count up to this cut-off."""
