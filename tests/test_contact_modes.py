@@ -13,9 +13,9 @@ import femsub as fs
 from femsub.algebra import memory, petsc
 from femsub.checks import Tally
 from femsub.coupling.contacts.friction_contact import FrictionContact
-from femsub.model import contacts_at
+from femsub.model import contacts_at, family_of
 from femsub.stability.question import CriticalValue, LossQuestion
-from femsub.studies.losses import affine_over, first_loss
+from femsub.studies.losses import first_loss
 
 BAND = (1e3, 1.2e5)
 
@@ -99,7 +99,7 @@ def test_systems_of_reduced_parts_are_reduced_further(method: type) -> None:
 
 def test_the_pencil_over_mu_is_that_of_the_contact() -> None:
     system, _ = pad()
-    exact, found = system.linearised(at(0.35)), affine_over(system, at(0.0), "mu", (0.0, 2.0)).at(mu=0.35)
+    exact, found = system.linearised(at(0.35)), family_of(system, at(0.0), ["mu"], {"mu": (0.0, 2.0)}).at(mu=0.35)
     assert abs(exact.K - found.K).max() <= 1e-12 * abs(exact.K).max()
 
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import femsub as fs
+from femsub.model import family_of
 from femsub.model.intervals import RISING, UFUNCS, Interval, range_of
 
 ONE = np.eye(1)
@@ -132,3 +136,140 @@ def test_a_factor_that_takes_no_interval_is_sampled() -> None:
 def test_ranges_are_checked(ranges: dict[str, Any], words: str) -> None:
     with pytest.raises(fs.InputError, match=words):
         fs.Affine(ONE, None, [("x", ONE), ("y", ONE)]).factor_ranges(ranges)
+
+
+def same_pencil(family: fs.Affine, model: Any, contacts: list[Any], ranges: dict[str, tuple[float, float]], tol: float = 1e-13,
+                turns: int = 8) -> None:
+    """The family's matrices at random values are those of the model under the changed contacts, to rounding."""
+    rng = np.random.default_rng(7)
+    for _ in range(turns):
+        p = {name: float(rng.uniform(*ends)) for name, ends in ranges.items()}
+        changed = [replace(one, **{name: value for name, value in p.items() if hasattr(one, name)}) for one in contacts]
+        exact, found = model.linearised(changed), family.at(**p)
+        for name in "MDK":
+            A, B = getattr(exact, name), getattr(found, name)
+            assert abs(A - B).max() <= tol * abs(A).max(), (name, p)
+        assert np.greater_equal(found.symmetric, exact.symmetric).all()
+
+
+@dataclass(frozen=True)
+class Turning:
+    """C_D = (μ/Ω) d d^T + Ω G and C_K = k [[1, 0], [μ, 0]], with all of it declared."""
+
+    ports: tuple[str, ...] = ("n", "t")
+    k: float = 2.0
+    mu: float = 0.3
+    speed: float = 4.0
+
+    affine: ClassVar[tuple[str, ...]] = ("k", "mu")
+    affine_through: ClassVar[dict[str, Any]] = {"speed": (np.reciprocal, None)}
+
+    def linearised(self, model: Any) -> tuple[Any, Any]:
+        turned = np.array([[0.0, 1.0], [-1.0, 0.0]])
+        return self.mu / self.speed * np.diag([1.0, 3.0]) + self.speed * turned, self.k * np.array([[1.0, 0.0], [self.mu, 0.0]])
+
+
+def beam() -> fs.Substructure:
+    part = fs.chain(20, belt=5)
+    return fs.Substructure(part.M, part.K, 1e-3 * part.K, ports={"n": np.eye(20)[2], "t": np.eye(20)[7], "belt": np.eye(20)[11]})
+
+
+RANGES = {"k": (0.5, 4.0), "mu": (0.0, 0.6), "speed": (2 * np.pi, 8 * np.pi)}
+
+
+@pytest.mark.parametrize("names", [["mu"], ["speed"], ["k", "mu"], ["mu", "speed"], ["speed", "k", "mu"]])
+def test_a_model_with_contacts_is_a_sum_over_their_parameters(names: list[str]) -> None:
+    model, contacts, ranges = beam(), [Turning(), fs.Belt(slope=-0.1)], {name: RANGES[name] for name in names}
+    family = family_of(model, contacts, names, ranges)
+    assert set(family.parameters) == set(names) and family.size == 20
+    same_pencil(family, model, contacts, ranges)
+    assert pickle.loads(pickle.dumps(family)).at(**dict.fromkeys(names, 2.5)).K.shape == (20, 20)
+    assert family.factor_ranges(ranges)[2].all()
+
+
+def test_the_terms_are_those_of_the_formula_and_no_rounding() -> None:
+    """μ/Ω, Ω and kμ, k: four matrices, each of the rank and the entries that the formula has."""
+    family = family_of(beam(), Turning(), ["k", "mu", "speed"], RANGES)
+    values = {"k": 3.0, "mu": 0.5, "speed": 10.0}
+    assert [len(terms) for terms in (family.M, family.D, family.K)] == [1, 3, 3]
+    np.testing.assert_allclose(sorted(family.factors(**values)), sorted([1.0, 1.0, 1.0, 0.05, 10.0, 3.0, 1.5]), rtol=1e-14)
+    assert all(A.nnz <= 2 for _, A in (*family.D[1:], *family.K[1:]))
+    assert "k" in [theta for theta, _ in family.K]
+
+
+def test_contacts_share_a_term_and_what_has_no_parameter_stays_constant() -> None:
+    model = beam()
+    contacts = [fs.Belt(slope=-0.2, force=2.0), fs.Belt("n", slope=0.3, force=1.0), Turning()]
+    family = family_of(model, contacts, ["force"], {"force": (0.0, 3.0)})
+    assert [theta for theta, _ in family.D] == [1.0, "force"] and len(family.K) == 1 and family.affine_in("force")
+    same_pencil(family, model, contacts, {"force": (0.0, 3.0)})
+    law = fs.StribeckArctanOdd(eps=0.05)
+    several = [fs.Belt("belt", 1.0, 0.5, law), fs.Belt("n", 2.0, 0.5, law), fs.Belt("t", 2.0, slope=-0.1)]
+    ranges = {"speed": (0.2, 2.0), "force": (0.5, 3.0)}
+    family = family_of(model, several, ["speed", "force"], ranges)
+    assert len(family.D) == 3  # constant, force of the belt without a law, and force times the slope of both laws
+    same_pencil(family, model, several, ranges)
+
+
+def test_matrices_stay_sparse_and_symmetric_ones_symmetric() -> None:
+    """A contact with many columns and a C_K that BLAS would make unsymmetric in the last digit."""
+    rng = np.random.default_rng(5)
+    W, A = rng.standard_normal((40, 13)), rng.standard_normal((2, 13, 13))
+
+    @dataclass(frozen=True)
+    class Pressed:
+        ports: tuple[str, ...] = ("w",)
+        p: float = 1.0
+        q: float = 1.0
+        affine = ("p", "q")
+
+        def linearised(self, model: Any) -> tuple[Any, Any]:
+            B, C = A + np.swapaxes(A, 1, 2)
+            return None, sp.csr_array(B + self.p * C + self.p * self.q * np.outer(W[0], W[0]))
+
+    model = fs.Substructure(sp.eye_array(40), fs.chain(40).K, ports={"w": W})
+    family = family_of(model, Pressed(), ["p", "q"], {"p": (0.3, 1.7), "q": (1.0, 2.0)})
+    assert len(family.K) == 3 and not family.D and all(sp.issparse(K) and abs(K - K.T).max() == 0 for _, K in family.K)
+    same_pencil(family, model, [Pressed()], {"p": (0.3, 1.7), "q": (1.0, 2.0)})
+    rom = fs.reduce(fs.Substructure(model.M, model.K, interface=[0, 39], ports=dict(model.ports)), fs.CraigBampton(6), ports=True)
+    small = family_of(rom, Pressed(), ["p", "q"], {"p": (0.3, 1.7), "q": (1.0, 2.0)})
+    assert small.cutoff == rom.cutoff and not any(sp.issparse(K) for _, K in small.K)
+    same_pencil(small, rom, [Pressed()], {"p": (0.3, 1.7), "q": (1.0, 2.0)})
+
+
+def test_what_is_not_declared_or_not_true_is_refused() -> None:
+    model, law = beam(), fs.StribeckArctan(eps=0.1)
+
+    @dataclass(frozen=True)
+    class Silent(Turning):
+        """A subclass declares anew."""
+
+    @dataclass(frozen=True)
+    class Wrong(Turning):
+        affine = ("k", "speed")
+        affine_through = {"mu": lambda mu: mu**2}  # noqa: RUF012
+
+    @dataclass(frozen=True)
+    class Twice(Turning):
+        affine_through = {"speed": (None, lambda speed: 2 * speed)}  # noqa: RUF012
+
+    for contact, names, words in (
+            (Silent(), ["speed"], r"Silent does not declare how .* 'speed'. .*{'speed': np.reciprocal}"),
+            (Wrong(), ["speed"], r"affine in 'speed', but at .* off a straight line .* out of `affine`"),
+            (Wrong(), ["k", "mu"], r"affine in functions of 'mu', but at .* off that .* out of `affine_through`"),
+            (Twice(), ["speed"], r"functions of 'speed' in `affine_through` of Twice depend on each other"),
+            (Turning(), ["pressure"], "unknown parameter 'pressure'"),
+            (fs.Belt("n", 1.0, 0.5, law), ["mu"], "unknown parameter")):
+        with pytest.raises(fs.InputError, match=words):
+            family_of(model, contact, names, RANGES)
+    with pytest.raises(fs.InputError, match="no range is given for mu"):
+        family_of(model, Turning(), ["mu"], {})
+    with pytest.raises(fs.InputError):
+        family_of(model, Turning(), ["mu"], {"mu": (1.0, 1.0)})
+    family = fs.Affine(ONE, None, [(1.0, ONE), ("mu", ONE), ("a", ONE)])
+    assert family_of(family, None, ["mu", "a"], {}) is family
+    for given, contacts, names, words in ((family, Turning(), ["mu", "a"], "no ports"),
+                                          (family, None, ["mu"], "must have values"),
+                                          (family, None, ["mu", "b"], "unknown parameter 'b'")):
+        with pytest.raises(fs.InputError, match=words):
+            family_of(given, contacts, names, RANGES)

@@ -12,6 +12,7 @@ import pytest
 
 import femsub as fs
 from femsub.coupling.contacts.friction_contact import contact_points
+from femsub.model import family_of
 from femsub.model.contact import small_matrices
 
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
@@ -306,6 +307,26 @@ def test_it_is_affine_in_what_it_declares_and_in_nothing_else(way: dict[str, Any
                 first, middle, last = (one.toarray() if hasattr(one, "toarray") else np.array(one) for one in C)
                 straight &= bool(np.abs(middle - (2 * first + last) / 3).max() <= 1e-10 * np.abs(last).max(initial=1e-300))
             assert straight == (name in contact.affine) or (name == "speed" and speed is None), name
+
+
+@pytest.mark.parametrize(("names", "terms"), [
+    (["mu", "speed"], (2, 3)), (["stiffness", "mu"], (2, 4)), (["slope", "speed"], (3, 2)), (["pressure", "speed", "mu"], (3, 4)),
+    (["stiffness", "mu", "pressure", "slope", "speed"], (3, 5))])
+def test_it_is_a_sum_of_products_of_its_numbers(names: list[str], terms: tuple[int, int]) -> None:
+    """K = K₀ + k N + kμ T - μp S + μ'pΩ R and D = D₀ + μ'p T + μp/Ω S, at random numbers against the contact itself."""
+    system, meshes = pair()
+    contact = rubbing(meshes, pressure=P, speed=V, slope=SLOPE, **ABOUT)
+    box = {"mu": (0.0, 0.7), "speed": (1.0, 9.0), "stiffness": (K / 10, 2 * K), "slope": (-0.1, 0.0), "pressure": (0.0, P)}
+    family = family_of(system, contact, names, box)
+    assert (len(family.D), len(family.K)) == terms
+    rng = np.random.default_rng(2)
+    for _ in range(3):
+        p = {name: float(rng.uniform(*box[name])) for name in names}
+        found, exact = family.at(**{name: p[name] for name in family.parameters}), system.linearised(replace(contact, **p))
+        for name in "DK":
+            A = getattr(exact, name) - getattr(system, name)
+            assert abs(getattr(found, name) - getattr(exact, name)).max() <= 1e-12 * abs(A).max()
+    assert family.factor_ranges({name: box[name] for name in family.parameters})[2].all()
 
 
 def test_contacts_on_the_same_surfaces_do_not_share_their_directions() -> None:

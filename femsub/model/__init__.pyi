@@ -16,6 +16,7 @@ from .contact import (
     Contacts as Contacts,
     LinearContact as LinearContact,
     affine_fields as affine_fields,
+    affine_functions as affine_functions,
     columns_of as columns_of,
     contacts_at as contacts_at,
     contacts_of as contacts_of,
@@ -26,6 +27,16 @@ from .contact import (
 from .digits import rounding_of as rounding_of
 from .dof_map import LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, Estimate as Estimate
+from .families import (
+    COLUMNS_ALONE as COLUMNS_ALONE,
+    DUST as DUST,
+    IRREGULAR as IRREGULAR,
+    SAMPLES as SAMPLES,
+    check_affine as check_affine,
+    coefficients as coefficients,
+    family_of as family_of,
+)
+from .intervals import Interval as Interval
 from .origin import Origin as Origin
 from .pencil import (
     Pencil as Pencil,

@@ -8,7 +8,7 @@ contact serves the full and the reduced model.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Frozen, as_matrix
-from femsub.checks import Array, Matrix, items, naming, real_array, shown, word
+from femsub.checks import Array, Matrix, items, mapping, naming, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 
 log = logging.getLogger(__name__)
@@ -46,6 +46,9 @@ class Contact(Protocol):
     affine                 names of the fields in which C_D and C_K are affine, a + b p with all other fields as they are: a tuple
                            of str, an attribute of the class or a property. Without it `critical_value` is at most 'confirmed'.
                            Samples check it. A subclass declares anew, since it may change the matrices.
+    affine_through         functions of fields in which C_D and C_K are affine, a + Σ b_i f_i(p): a dict of names, each with one
+                           function, as {"speed": np.reciprocal}, or a tuple of several; None is the field itself. Else as
+                           `affine`. Products such as mu / speed need no more, since one field at a time changes.
     kinks(parameter)       values of a field at which C_D or C_K has a kink or a jump, a sequence of numbers. `critical_value` and
                            `track` look there.
     =====================  ================================================================================================
@@ -177,10 +180,33 @@ def affine_fields(contact: Any) -> tuple[str, ...]:
     if "affine" not in vars(type(contact)):
         return ()
     what = f"`affine` of {type(contact).__name__}"
-    names = tuple(word(what, name) for name in items(what, contact.affine, "names of its fields"))
-    if missing := [name for name in names if not hasattr(contact, name)]:
+    return _its_fields(contact, what, items(what, contact.affine, "names of its fields"))
+
+
+def affine_functions(contact: Any, field: str) -> tuple[Callable[[Any], Any] | None, ...]:
+    """The functions of a field in which a contact's own class says that its matrices are affine.
+
+    None stands for the field itself. There are none if the contact declares nothing for the field.
+    """
+    if field in affine_fields(contact):
+        return (None,)
+    if "affine_through" not in vars(type(contact)):
+        return ()
+    what = f"`affine_through` of {type(contact).__name__}"
+    known = mapping(what, contact.affine_through, "its fields' names and functions")
+    _its_fields(contact, what, known)
+    given = known.get(field, ())
+    functions = (given,) if callable(given) else tuple(items(f"{field!r} in {what}", given, "functions"))
+    if unfit := [function for function in functions if function is not None and not callable(function)]:
+        raise InputTypeError(f"{field!r} in {what} must be a function of the field, or a tuple of such, not {shown(unfit[0])}")
+    return functions
+
+
+def _its_fields(contact: Any, what: str, names: Iterable[Any]) -> tuple[str, ...]:
+    checked = tuple(word(what, name) for name in names)
+    if missing := [name for name in checked if not hasattr(contact, name)]:
         raise InputError(f"{what} names {missing[0]!r}, which it has not")
-    return names
+    return checked
 
 
 def kinks_of(contact: Any, parameter: str) -> tuple[float, ...]:

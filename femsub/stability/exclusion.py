@@ -31,8 +31,9 @@ import scipy.linalg as la
 from femsub.algebra import equilibration, scaled
 from femsub.checks import EPS, Array
 from femsub.errors import InputError
+from femsub.model import SAMPLES
 from femsub.modes import REGULAR, definite_form
-from femsub.stability.parameter import SAMPLES, PencilOver
+from femsub.stability.parameter import PencilOver
 
 if TYPE_CHECKING:
     from femsub.model import Pencil

@@ -15,18 +15,24 @@ from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
-import scipy.sparse as sp
 
-from femsub.checks import EPS, EQUAL, Array, Matrix, instance, word
+from femsub.checks import Array, Matrix, instance, word
 from femsub.errors import InputError, unknown_name
 from femsub.model import (
+    COLUMNS_ALONE,
+    DUST,
+    IRREGULAR,
     Affine,
     Contacts,
     Pencil,
     Substructure,
     affine_fields,
+    affine_functions,
+    check_affine,
+    coefficients,
     columns_of,
     contacts_of,
+    family_of,
     fields_of,
     kinks_of,
     projected,
@@ -35,11 +41,7 @@ from femsub.model import (
 
 log = logging.getLogger(__name__)
 
-SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where a declaration is checked
-DUST = 512 * EPS  # of the largest entry of C: what is left of others by the rounding of terms that cancel
-COLUMNS_ALONE = 8  # columns of a contact up to which each entry of C is a coefficient; above, as many random combinations are
 SAMPLED_AT = 2048  # values of the range at which a coefficient is known; an eighth for contacts of more columns
-IRREGULAR = (5**0.5 - 1) / 2  # samples at even distances would miss what is periodic
 Terms: TypeAlias = tuple[Matrix, float | Matrix, float | Matrix]
 
 
@@ -59,21 +61,6 @@ class Share:
     few: bool = True
     terms: Callable[[float], Terms] | None = None
 
-    def check(self, parameter: str, between: tuple[float, float], sign: float) -> None:
-        """An error if the coefficients contradict the declaration that they are affine."""
-        lo, hi = between
-        share = np.array(SAMPLES)
-        found = [self.coefficients(sign * (lo + at * (hi - lo))) for at in SAMPLES]
-        for block in zip(*found, strict=True):
-            c = np.array([np.ravel(numbers) for numbers in block])
-            off = np.abs(c - c[0] - share[:, None] * (c[-1] - c[0]))
-            excess = off - EQUAL * np.abs(c).max(axis=0) - DUST * np.abs(c).max(initial=0.0)
-            if excess.size and excess.max() > 0:
-                row, column = np.unravel_index(int(excess.argmax()), excess.shape)
-                where, part = lo + share[row] * (hi - lo), off[row, column] / np.abs(c[:, column]).max()
-                raise InputError(f"{self.owner} declares that it is affine in {parameter!r}, but at {where:.6g} an entry of its "
-                                 f"matrices is off a straight line by {part:.1e} of its size. Take {parameter!r} out of `affine`")
-
 
 @dataclass(frozen=True, eq=False)
 class PencilOver:
@@ -86,7 +73,8 @@ class PencilOver:
     at: Callable[[float], Pencil]
     shares: tuple[Share, ...]
     sign: float = 1.0
-    named: tuple[tuple[int, Matrix, Callable[[float], float]], ...] | None = None  #: the terms θ(p) λ^power T of an `Affine`
+    #: the pencil over a range as a sum of matrices; None where a contact declares nothing
+    family: Callable[[tuple[float, float]], Affine | None] = lambda between: None
 
     def __call__(self, p: float) -> Pencil:
         return self.at(self.sign * p)
@@ -108,15 +96,14 @@ class PencilOver:
     def terms(self, between: tuple[float, float]) -> list[tuple[int, Matrix, Callable[[float], float]]] | None:
         """(power, T, θ) of all terms θ(p) λ^power T that depend on the parameter; None if they are not known.
 
-        They are known of an `Affine`, and of contacts that are affine in the parameter from the pencils at both ends.
+        They are known of an `Affine`, and of contacts that declare how they depend on the parameter (`family_of`).
         """
-        if not self.affine(between):
-            return None if self.named is None else [(power, T, lambda p, theta=theta: theta(self.sign * p))  # type: ignore[misc]
-                                                    for power, T, theta in self.named]
-        first, last = self(between[0]), self(between[1])
-        slopes = [(power, (getattr(last, name) - getattr(first, name)) / (between[1] - between[0]))
-                  for power, name in enumerate("KD")]
-        return [(power, slope, lambda p: p) for power, slope in slopes if abs(slope).max()]
+        lo, hi = sorted(self.sign * p for p in between)
+        if (family := self.family((lo, hi))) is None:
+            return None
+        every = [(power, theta, T) for power, terms in ((2, family.M), (1, family.D), (0, family.K)) for theta, T in terms]
+        return [(power, T, lambda p, at=at: float(family.factors(**{self.parameter: self.sign * p})[at]))  # type: ignore[misc]
+                for at, (power, theta, T) in enumerate(every) if callable(theta) or isinstance(theta, str)]
 
     def affine(self, between: tuple[float, float]) -> bool:
         """Whether M is constant, and D and K are affine, as all declare on whom they depend.
@@ -128,7 +115,8 @@ class PencilOver:
         """
         for share in self.shares:
             if share.affine:
-                share.check(self.parameter, between, self.sign)
+                check_affine(share.owner, self.parameter, (None,), share.coefficients,
+                             (self.sign * between[0], self.sign * between[1]))
         return all(share.affine for share in self.shares)
 
     def kinks(self, between: tuple[float, float]) -> list[float]:
@@ -221,12 +209,9 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
             raise unknown_name("parameter", parameter, model.parameters)
         if rest := [name for name in model.parameters if name != parameter]:
             raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
-        every = [(power, theta, T) for name, power in (("M", 2), ("D", 1), ("K", 0)) for theta, T in getattr(model, name)]
-        named = tuple((power, T, lambda p, at=at: float(model.factors(**{parameter: p})[at]))
-                      for at, (power, theta, T) in enumerate(every) if callable(theta) or isinstance(theta, str))
         return PencilOver(parameter, lambda p: model.at(**{parameter: p}).below(np.inf),
                           (Share("the Affine", lambda p: (model.factors(**{parameter: p}),), model.affine_in(parameter)),),
-                          named=named)
+                          family=lambda between: model)
     instance("model", model, Substructure, "or an Affine").viscous_only("an analysis over a parameter")
     given = contacts_of(contacts)
     known = [fields_of(contact) for contact in given]
@@ -246,17 +231,14 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
         def terms(p: float) -> Terms:
             return small_matrices(model, replace(contact, **{parameter: p}))
 
-        return Share(type(contact).__name__, lambda p: _coefficients(*terms(p)), parameter in affine_fields(contact),
+        return Share(type(contact).__name__, lambda p: coefficients(*terms(p)), parameter in affine_fields(contact),
                      kinks_of(contact, parameter), small_matrices(model, contact)[0].shape[1] <= COLUMNS_ALONE, terms)
 
-    return PencilOver(parameter, at, tuple(share(contact) for contact, names in zip(given, known, strict=True)
-                                           if parameter in names))
+    changing = [contact for contact, names in zip(given, known, strict=True) if parameter in names]
 
+    def family(between: tuple[float, float]) -> Affine | None:
+        middle = {parameter: (between[0] + between[1]) / 2}
+        declared = all(affine_functions(replace(contact, **middle), parameter) for contact in changing)  # type: ignore[type-var]
+        return family_of(model, given, [parameter], {parameter: between}) if declared else None
 
-def _coefficients(W: Matrix, *terms: float | Matrix) -> tuple[Array, ...]:
-    """The entries of C_D and of C_K; of large ones random combinations xᵀCy."""
-    columns = W.shape[1]
-    if columns <= COLUMNS_ALONE:
-        return tuple(C * np.eye(columns) if isinstance(C, float) else C.toarray() if sp.issparse(C) else C for C in terms)
-    x, y = np.random.default_rng(columns).standard_normal((2, columns, COLUMNS_ALONE))
-    return tuple(np.einsum("ij,ij->j", x, C * y if isinstance(C, float) else C @ y) for C in terms)
+    return PencilOver(parameter, at, tuple(map(share, changing)), family=family)

@@ -28,7 +28,7 @@ from .charts_motion import (
     spectrogram_chart as spectrogram_chart,
 )
 from .error_vs_time import all_frequencies as all_frequencies, elastic as elastic
-from .losses import Loss as Loss, affine_over as affine_over, first_loss as first_loss
+from .losses import Loss as Loss, first_loss as first_loss
 from .results import Row as Row, Study as Study
 from .self_excitation import table_rows as table_rows
 from .tables import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from femsub.coupling import Belt
 from femsub.errors import CutoffWarning, FemsubError, InputError
-from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, contacts_of
+from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, contacts_of, family_of
 from femsub.stability import critical_slope, first_value, pencil_over
 
 UNKNOWN = ("stability is lost beyond {} = {:.6g}, at a place that is not known: more modes grow there, but none was found to "
@@ -47,7 +47,7 @@ def first_loss(model: Substructure, contacts: Contacts, parameter: str, between:
             acting: Contacts = given
             asked: Substructure | Affine = model
             if pencil_over(model, given, parameter).affine(between):  # its matrices are made once
-                asked, acting = affine_over(model, given, parameter, between), None
+                asked, acting = family_of(model, given, [parameter], {parameter: (min(between), max(between))}), None
             # all modes of a model would be excluded at a price that a table of many models need not pay
             found = first_value(asked, acting, parameter, between, band, near)
             if np.isfinite(found.value) and not found.first and not found.growing:
@@ -67,16 +67,3 @@ def with_value(contacts: Sequence[Contact], parameter: str, value: float) -> lis
     belt = first_belt(contacts) if parameter == "slope" else None
     return [replace(one, slope=value) if one is belt else one for one in contacts] if belt is not None else \
         contacts_at(contacts, parameter, value)
-
-
-def affine_over(model: Substructure, contacts: Contacts, parameter: str, between: tuple[float, float]) -> Affine:
-    """The pencil M, D₀ + p D₁, K₀ + p K₁ over a parameter p in which the contacts are affine: its matrices are made once."""
-    over = pencil_over(model, contacts, parameter)
-    if not over.affine(between):
-        raise InputError(f"the contacts are not affine in {parameter!r}; critical_value(...) takes such a parameter")
-    first, last = over(between[0]), over(between[1])
-    terms = []
-    for a, b in ((first.D, last.D), (first.K, last.K)):
-        slope = (b - a) / (between[1] - between[0])
-        terms.append([(1.0, a - between[0] * slope), (parameter, slope)])
-    return Affine(first.M, *terms).below(model.cutoff)

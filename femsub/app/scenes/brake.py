@@ -20,6 +20,7 @@ from femsub.app.scenes.joined_parts import by_kind, contact_modes, with_contact_
 from femsub.checks import NOT_CHECKED, Array
 from femsub.coupling import brake_meshes, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
+from femsub.model import family_of
 from femsub.reduction import METHODS
 from femsub.studies import Loss, Remark, Row, Study, Table, column, span
 
@@ -139,7 +140,7 @@ class Brake(Run):
     @cached_property
     def affine(self) -> fs.Affine:
         """The best reduced model over μ."""
-        return studies.affine_over(self.best, self.contacts(0.0), "mu", self.range)
+        return family_of(self.best, self.contacts(0.0), ["mu"], {"mu": self.range})
 
     @cached_property
     def all_critical(self) -> fs.CriticalValue:

@@ -300,6 +300,11 @@ class Belt:
         """F μ' is affine in each factor. Over the speed a law is no straight line; without a law the speed has no effect."""
         return ("force", "slope", *(("speed",) if self.law is None else ()))
 
+    @property
+    def affine_through(self) -> dict[str, Callable[[Any], Any]]:
+        """F μ' is affine in μ'(v0) of the law, as a function of the speed."""
+        return {} if self.law is None else {"speed": self.law.slope}
+
     def kinks(self, parameter: str) -> tuple[float, ...]:
         """The knots of the law, for the speed; a law with a width ε that names none changes most at 0."""
         if parameter != "speed" or self.law is None:

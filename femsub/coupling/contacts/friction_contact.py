@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -168,6 +168,12 @@ class FrictionContact(Joint):
         """μ, k, p and μ' are factors, each alone; V divides a term, which is there with μ and p only."""
         free = self.speed is None or not self.pressure or not self.mu
         return ("mu", "stiffness", "pressure", "slope", *(("speed",) if free else ()))
+
+    @property
+    def affine_through(self) -> dict[str, tuple[Callable[[Any], Any] | None, ...]]:
+        """1/V multiplies the damping by friction itself, and Ω what μ' does to the material that moves through the contact."""
+        carried = self.axis is not None and self.slope
+        return {"speed": tuple(of for of, there in ((np.reciprocal, self.mu), (None, carried)) if there)}
 
     def link(self, parts: Mapping[str, Substructure]) -> Link:
         """No equation and no spring: among the joints of `couple` it says that these parts meet, and checks that they do."""

@@ -1,0 +1,237 @@
+"""`family_of`: a model with contacts as an `Affine` over several of their parameters, and the check of what contacts declare.
+
+A contact declares in `affine` and `affine_through` that its C_D and C_K are affine in each parameter p_i, or in functions f(p_i),
+while the others stay. So each is a sum Σ c_S Π f(p_i) over sets S of parameters. The values at the corners of a box give all c_S,
+and each becomes one matrix W c_S Wᵀ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from inspect import Parameter, Signature
+from itertools import product
+from operator import mul
+from typing import Any, TypeAlias
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.algebra import without_rounding
+from femsub.checks import EPS, EQUAL, Array, Matrix, instance, interval, items, mapping, word
+from femsub.errors import InputError, unknown_name
+from femsub.model.affine import Affine, Theta
+from femsub.model.contact import Contacts, affine_functions, columns_of, contacts_of, fields_of, small_matrices
+from femsub.model.pencil import contact_matrix
+from femsub.model.substructure import Substructure
+
+Function: TypeAlias = Callable[[Any], Any] | None  # of one parameter; None is the parameter itself
+Key: TypeAlias = tuple[tuple[str, Function], ...]  # factors of a product
+
+SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where a declaration is checked
+IRREGULAR = (5**0.5 - 1) / 2  # samples at even distances would miss what is periodic
+DUST = 512 * EPS  # of the largest entry of C: what is left of others by the rounding of terms that cancel
+COLUMNS_ALONE = 8  # columns of a contact up to which each entry of C is a coefficient; above, as many random combinations are
+
+
+@dataclass(frozen=True)
+class Product:
+    """θ(p) = Π f_i(p_i), a factor of an `Affine`; f None is the parameter itself."""
+
+    factors: Key
+
+    @property
+    def __name__(self) -> str:
+        return " * ".join(name if function is None else f"{getattr(function, '__name__', 'f')}({name})"
+                          for name, function in self.factors)
+
+    @property
+    def __signature__(self) -> Signature:
+        return Signature([Parameter(name, Parameter.KEYWORD_ONLY) for name, _ in self.factors])
+
+    def __call__(self, **values: Any) -> Any:
+        return reduce(mul, (values[name] if function is None else function(values[name]) for name, function in self.factors))
+
+
+def theta_of(key: Key) -> Theta:
+    """The factor of an `Affine` for a product: a number, a name or a `Product`."""
+    return 1.0 if not key else key[0][0] if len(key) == 1 and key[0][1] is None else Product(key)
+
+
+def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequence[str],
+              ranges: Mapping[str, tuple[float, float]]) -> Affine:
+    """M, D + Σ θ_S(p) W c_S Wᵀ and K + Σ θ_S(p) W c_S Wᵀ over parameters p of the contacts: the pencil as an `Affine`.
+
+    Parameters
+    ----------
+    model : Substructure or Affine
+        An `Affine`, which takes no contacts and must have these parameters, is returned as it is.
+    contacts : contact or sequence of contacts
+        Each parameter changes in all that have it. Those that have none stay as they are.
+    parameters : sequence of str
+        Fields of the contacts.
+    ranges : mapping of str to (lo, hi)
+        The range of each parameter. The contacts are asked at a few values in it, and samples check there what they declare.
+
+    Returns
+    -------
+    Affine
+        Its factors are products of parameters, or of the functions of them that contacts declare. Terms with the same factor are
+        one matrix. What does not depend on the parameters is one matrix as well. The cut-off is that of the model.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A parameter that no contact has, or in which one is not declared to be affine; a declaration that samples contradict; a
+        range without lo < hi; structural damping.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> from femsub.model import family_of
+    >>> family_of(fs.chain(3, belt=1), fs.Belt(slope=-0.1), ["force", "slope"], {"force": (1, 2), "slope": (-0.3, 0)})
+    Affine: 3 DOF, sparse, parameters force, slope
+    """
+    names = [word("each of parameters", name) for name in items("parameters", parameters, "names")]
+    if isinstance(model, Affine):
+        if contacts is not None:
+            raise InputError("an Affine has no ports for contacts. Put them into its matrices, or use a Substructure")
+        if unknown := [name for name in names if name not in model.parameters]:
+            raise unknown_name("parameter", unknown[0], model.parameters)
+        if rest := [name for name in model.parameters if name not in names]:
+            raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
+        return model
+    instance("model", model, Substructure, "or an Affine").viscous_only("a model over parameters")
+    given: Sequence[Any] = contacts_of(contacts)
+    known = [fields_of(contact) for contact in given]
+    if unknown := [name for name in names if not any(name in fields for fields in known)]:
+        raise unknown_name("parameter", unknown[0], sorted(set().union(*known)))
+    mapping("ranges", ranges, "names and pairs (lo, hi)")
+    if missing := [name for name in names if name not in ranges]:
+        raise InputError(f"no range is given for {', '.join(missing)}. Give all of {', '.join(names)}")
+    box = {name: interval(f"the range of {name}", ranges[name]) for name in names}
+    model.refuse_empty(model.D, *(columns_of(model, contact) for contact in given))
+
+    own = [{name: ends for name, ends in box.items() if name in fields} for fields in known]
+    constant = model.linearised([contact for contact, changing in zip(given, own, strict=True) if not changing])
+    sums: tuple[dict[Key, Matrix], dict[Key, Matrix]] = {(): constant.D}, {(): constant.K}
+    for contact, changing in zip(given, own, strict=True):
+        if changing:
+            for into, found in zip(sums, _terms_of(model, contact, changing), strict=True):
+                for key, A in found.items():
+                    into[key] = into[key] + A if key in into else A
+    D, K = ([(theta_of(key), A) for key, A in terms.items() if abs(A).max()] for terms in sums)
+    return Affine(constant.M, D, K).below(model.cutoff)
+
+
+def check_affine(owner: str, parameter: str, functions: Sequence[Function], at: Callable[[float], tuple[Array, ...]],
+                 between: tuple[float, float]) -> None:
+    """An error if coefficients contradict the declaration that they are affine in functions of the parameter.
+
+    `at` gives them at one value, in blocks of one unit each.
+    """
+    lo, hi = between
+    places = [lo + share * (hi - lo) for share in SAMPLES]
+    found, nodes = [at(p) for p in places], _nodes(functions)[1:]
+    moved = _basis(owner, parameter, functions, places)[:, 1:]
+    moved = moved - moved[0]
+    weights = moved @ np.linalg.inv(moved[nodes])
+    for block in zip(*found, strict=True):
+        c = np.array([np.ravel(numbers) for numbers in block])
+        off = np.abs(c - c[0] - weights @ (c[nodes] - c[0]))
+        excess = off - EQUAL * np.abs(c).max(axis=0) - DUST * np.abs(c).max(initial=0.0)
+        if excess.size and excess.max() > 0:
+            row, column = np.unravel_index(int(excess.argmax()), excess.shape)
+            part = off[row, column] / np.abs(c[:, column]).max()
+            straight = tuple(functions) == (None,)
+            raise InputError(f"{owner} declares that it is affine in {'' if straight else 'functions of '}{parameter!r}, but at "
+                             f"{places[row]:.6g} an entry of its matrices is off {'a straight line' if straight else 'that'} by "
+                             f"{part:.1e} of its size. Take {parameter!r} out of `{'affine' if straight else 'affine_through'}`")
+
+
+def coefficients(W: Matrix, *terms: float | Matrix) -> tuple[Array, ...]:
+    """The entries of C_D and of C_K; of large ones random combinations xᵀCy."""
+    columns = W.shape[1]
+    if columns <= COLUMNS_ALONE:
+        return tuple(C * np.eye(columns) if isinstance(C, float) else C.toarray() if sp.issparse(C) else C for C in terms)
+    x, y = np.random.default_rng(columns).standard_normal((2, columns, COLUMNS_ALONE))
+    return tuple(np.einsum("ij,ij->j", x, C * y if isinstance(C, float) else C @ y) for C in terms)
+
+
+def _nodes(functions: Sequence[Function]) -> list[int]:
+    """As many of `SAMPLES` as there are coefficients: the constant, and one of each function."""
+    if len(functions) + 1 >= len(SAMPLES):
+        raise InputError(f"a field may have at most {len(SAMPLES) - 2} functions in `affine_through`, not {len(functions)}")
+    return [round(at) for at in np.linspace(0, len(SAMPLES) - 1, len(functions) + 1)]
+
+
+def _basis(owner: str, parameter: str, functions: Sequence[Function], places: Sequence[float]) -> Array:
+    """1 and the functions at some places, shape (places, 1 + functions)."""
+    one = [[1.0]]
+    family = Affine(one, None, [(theta_of(((parameter, function),)), one) for function in functions])
+    found = np.array([family.factors(**{parameter: p}) for p in places])
+    if np.linalg.matrix_rank(found / np.maximum(np.abs(found).max(axis=0), np.finfo(float).tiny)) < found.shape[1]:
+        raise InputError(f"the functions of {parameter!r} in `affine_through` of {owner} depend on each other from "
+                         f"{places[0]:g} to {places[-1]:g}, or one is constant")
+    return found
+
+
+def _terms_of(model: Substructure, contact: Any, box: Mapping[str, tuple[float, float]]) -> list[dict[Key, Matrix]]:
+    """W c_S Wᵀ of all products S, for C_D and for C_K."""
+    owner = type(contact).__name__
+    middle = replace(contact, **{name: (lo + hi) / 2 for name, (lo, hi) in box.items()})
+    functions = {name: affine_functions(middle, name) for name in box}
+    if silent := [name for name, declared in functions.items() if not declared]:
+        raise InputError(f"{owner} does not declare how its matrices depend on {silent[0]!r}. Name it in `affine` if they are "
+                         f"affine in it, or in `affine_through` if in a function of it, as {{{silent[0]!r}: np.reciprocal}}")
+
+    inside = {name: lo + IRREGULAR * (hi - lo) for name, (lo, hi) in box.items()}
+    for name, declared in functions.items():
+        check_affine(owner, name, declared, lambda p, name=name: coefficients(  # type: ignore[misc]
+            *small_matrices(model, replace(contact, **{**inside, name: p}))), box[name])
+
+    # the matrices at all corners, of which a product has the same place as its row in `keys`
+    places = {name: [lo + SAMPLES[at] * (hi - lo) for at in _nodes(functions[name])] for name, (lo, hi) in box.items()}
+    keys: list[Key] = [tuple(factor for factor in row if factor is not None)
+                       for row in product(*([None, *((name, function) for function in functions[name])] for name in box))]
+    basis = reduce(np.kron, (_basis(owner, name, functions[name], places[name]) for name in box))
+    corners = [small_matrices(model, replace(contact, **dict(zip(box, point, strict=True))))
+               for point in product(*places.values())]
+    sparse = sp.issparse(model.K)
+    W = sp.csr_array(corners[0][0]) if sparse else corners[0][0]
+    found: list[dict[Key, Matrix]] = []
+    for at in (1, 2):
+        added: dict[Key, Matrix] = {}
+        for row, fitted in _fitted(basis, [corner[at] for corner in corners], W.shape[1]).items():
+            c, symmetric = without_rounding(fitted)
+            A = contact_matrix(W, c)
+            A = A if sparse or not sp.issparse(A) else A.toarray()
+            added[keys[row]] = (A + A.T) / 2 if symmetric else A
+        found.append(added)
+    return found
+
+
+def _fitted(basis: Array, values: Sequence[float | Matrix], size: int) -> dict[int, Matrix]:
+    """c_S of C = Σ_S basis[corner, S] c_S at all corners, sparse, shape (size, size), without what is rounding."""
+    flat = [sp.csr_array(C * sp.eye_array(size) if isinstance(C, float) else C).reshape((1, -1)) for C in values]
+    together = sp.csr_array(sp.vstack(flat))
+    used, column = np.unique(together.indices, return_inverse=True)
+    C = sp.csr_array((together.data, column, together.indptr), shape=(len(values), len(used))).toarray()
+    inverse = np.linalg.inv(basis)
+
+    def times(A: Array, rows: Array) -> Array:
+        """A @ rows, which BLAS rounds by the place of a column: it would make what is symmetric unsymmetric."""
+        return np.array([sum((a * row for a, row in zip(weights, rows, strict=True)), np.zeros(len(used))) for weights in A])
+
+    c = times(inverse, C - C[0])  # an entry that does not change has no other terms
+    c[0] += C[0]
+    c += times(inverse, C - times(basis, c))
+    acting = np.abs(c) * np.abs(basis).max(axis=0)[:, None]
+    c[acting <= DUST * np.abs(C).max(axis=0)] = 0.0
+    terms = {}
+    for row, found in enumerate(c):
+        if acting[row].max(initial=0.0) > DUST * np.abs(C).max(initial=0.0):
+            there = np.flatnonzero(found)
+            terms[row] = sp.csr_array((found[there], np.divmod(used[there], size)), shape=(size, size))
+    return terms
