@@ -185,21 +185,31 @@ class FrictionContact(Joint):
         return Link(motions={owner: sp.csr_array((0, parts[owner].size)) for owner in owners}, grounded=self.second == GROUND)
 
     def linearised(self, model: Substructure) -> tuple[Matrix | None, Matrix]:
-        """(C_D, C_K), sparse, shape (p, p), on the DOF of both sets: at rest, minus the tangents of what it exerts in motion."""
+        """(C_D, C_K), sparse, shape (p, p), on the DOF of both sets: at rest, minus the tangents of what it exerts in motion.
+
+        K = k (A + μ B) + p (μ C + μ' Ω E) and D = p (μ/Ω F + μ' G), of which the matrices A to G are kept.
+        """
         points = self._points()
         sides = [model.sets[name].tobytes() if name in model.sets else None for name in self.sets]
         ways = [np.array(way, dtype=float).tobytes() for way in (self.direction, self.axis, self.centre)]  # None is NaN
-        key = (self.sets, self.stiffness, self.pressure, self.speed, self.slope, *sides, *ways)
+        key = (self.sets, *sides, *ways)
         directions, dofs = self._directions(points), model.interface_dofs
-        known, terms = (None, []) if dofs is None else points.terms.get(dofs, (None, []))
-        if known != key:
-            exerting = self._exerting(model, points, *directions)
-            without, full = (replace(exerting, mu=mu).at_rest() for mu in (0.0, 1.0))
-            terms = [(A, B - A) for A, B in zip(without, full, strict=True)]  # all are affine in μ
+        known, pressed, moving = (None, [], []) if dofs is None else points.terms.get(dofs, (None, [], []))
+        slides = self.speed is not None and self.pressure > 0
+        if known != key or (slides and not moving):
+            exerting = replace(replace(self, pressure=float(slides), speed=1.0)._exerting(model, points, *directions), slope=0.0)
+            still = replace(exerting, speed=None, stiffness=1.0)
+            (A,), (both,) = (replace(still, mu=mu).at_rest() for mu in (0.0, 1.0))
+            pressed = [A, both - A]
+            moving = [replace(exerting, stiffness=0.0, mu=mu, slope=1.0 - mu).at_rest() for mu in (1.0, 0.0)] if slides else []
             assert dofs is not None  # its places are known, or the motions had refused it
-            points.terms[dofs] = key, terms
-        K, *D = [sp.csr_array(A + float(self.mu) * B) for A, B in terms]
-        return D[0] if D else None, K
+            points.terms[dofs] = key, pressed, moving
+        K = float(self.stiffness) * (pressed[0] + float(self.mu) * pressed[1])
+        if not slides:
+            return None, sp.csr_array(K)
+        (C, F), (E, G) = moving
+        speed, p, mu, slope = (float(value or 0.0) for value in (self.speed, self.pressure, self.mu, self.slope))
+        return sp.csr_array(p * (mu / speed * F + slope * G)), sp.csr_array(K + p * (mu * C + slope * speed * E))
 
     def _exerting(self, model: Substructure, points: Points, n: Array, t: Array, s: Array, r: Array) -> FrictionInMotion:
         move = self._motions(model, points)
@@ -453,8 +463,8 @@ class Points:
     x: Array
     weight: Array
     share: float = 1.0
-    #: those of the last contact of each model that is in use, by its DOF, since a sweep over μ makes a contact for each value
-    terms: WeakKeyDictionary[DofMap, tuple[Any, list[tuple[Matrix, Matrix]]]] = field(default_factory=WeakKeyDictionary)
+    #: the matrices of the last contact of each model that is in use, by its DOF, since a sweep makes a contact for each value
+    terms: WeakKeyDictionary[DofMap, tuple[Any, list[Matrix], list[list[Matrix]]]] = field(default_factory=WeakKeyDictionary)
 
     @cached_property
     def normal(self) -> Array:
