@@ -13,8 +13,10 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
+from femsub.app.expressions import Expression, Factor
 from femsub.model import family_of
 from femsub.model.intervals import RISING, UFUNCS, Interval, range_of
+from femsub.stability import pencil_over
 
 ONE = np.eye(1)
 BOX = {"a": (0.4, 2.5), "b": (-1.5, 0.7)}
@@ -114,6 +116,17 @@ def test_a_variable_that_stands_twice_costs_little_and_a_pole_has_no_bound() -> 
     lo, hi, proved = family.factor_ranges({"x": (0.0, 1.0)})
     np.testing.assert_allclose([lo[1:3], hi[1:3]], [[0.0, 0.0], [0.5, 0.25]], atol=0.02)
     assert hi[1] >= 0.5 and hi[2] >= 0.25 and proved.all() and (lo[3], hi[3]) == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize("law", [fs.StribeckArctan(eps=0.05), fs.StribeckArctanOdd(eps=0.05)])
+def test_the_slope_of_a_friction_law_and_a_factor_of_a_scene_have_proved_ranges(law: fs.FrictionLaw) -> None:
+    written = Factor(Expression("mu * (1 - speed / 40) + sqrt(speed) * exp(-speed)", "K[0]"), "speed", (("mu", 0.3),))
+    family = fs.Affine(ONE, [(lambda speed: law.slope(speed), ONE)], [(written, ONE)])
+    for ends in ((0.0, 0.3), (0.1, 2.0)):
+        lo, hi, proved = family.factor_ranges({"speed": ends})
+        values = np.array([family.factors(speed=p) for p in np.linspace(*ends, 200)])
+        assert proved.all() and (lo <= values.min(axis=0)).all() and (values.max(axis=0) <= hi).all()
+        assert (hi - lo <= 1.5 * np.ptp(values, axis=0)).all()
 
 
 def test_a_factor_that_takes_no_interval_is_sampled() -> None:
@@ -273,3 +286,25 @@ def test_what_is_not_declared_or_not_true_is_refused() -> None:
                                           (family, None, ["mu", "b"], "unknown parameter 'b'")):
         with pytest.raises(fs.InputError, match=words):
             family_of(given, contacts, names, RANGES)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_terms_over_one_parameter_give_every_pencil(sign: float) -> None:
+    """θ(p) λ^q T of contacts that are affine in functions, the parameter with either sign; none where nothing is declared."""
+    model, between = beam(), (5.0, 20.0)
+    for contacts in ([Turning(), fs.Belt(slope=-0.1)], [fs.Belt("t", 2.0, 0.5, fs.StribeckArctan(eps=0.05)), Turning()]):
+        over = replace(pencil_over(model, contacts, "speed"), sign=sign)
+        ends = tuple(sorted(sign * p for p in between))
+        terms = over.terms((ends[0], ends[1]))
+        assert terms and not over.affine((ends[0], ends[1]))
+        first, last = over(ends[0]), over(ends[1])
+        for q, name in enumerate("KD"):
+            moved = sum((theta(ends[1]) - theta(ends[0])) * T for power, T, theta in terms if power == q)
+            difference = getattr(last, name) - getattr(first, name)
+            assert abs(difference - moved).max() <= 1e-13 * abs(getattr(first, name)).max()
+
+    @dataclass(frozen=True)
+    class Silent(Turning):
+        """A subclass declares anew."""
+
+    assert pencil_over(model, Silent(), "speed").terms(between) is None

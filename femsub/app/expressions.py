@@ -1,7 +1,7 @@
 """Factors of matrices in scene files: arithmetic of parameters' names, as "1 / speed" or "mu * (1 - speed / 40)".
 
 An expression is parsed by Python's `ast`, of which only numbers, names, + - * / **, parentheses and a few functions are taken.
-Nothing is ever run as code. One walk over the tree serves floats, ranges (is it defined everywhere?) and straight lines.
+Nothing is ever run as code. One walk over the tree serves floats, an `Interval` (is it defined everywhere?) and straight lines.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ from functools import cached_property
 from inspect import Parameter, Signature
 from typing import Any
 
+import numpy as np
 from numpy.polynomial import Polynomial
 
 from femsub.checks import EQUAL, parsing
 from femsub.errors import InputError
+from femsub.model import Interval
 
 LONGEST = 500  # characters of an expression: no factor of a model needs more, and Python's parser may fail on much longer ones
 OPERATORS: dict[type, Callable[[Any, Any], Any]] = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
@@ -81,14 +83,16 @@ class Expression:
         found.sort(key=lambda node: (node.lineno, node.col_offset))
         return tuple(dict.fromkeys(node.id for node in found if node.id not in CONSTANTS))
 
-    def __call__(self, values: Mapping[str, float]) -> float:
-        """The value at given values of all parameters.
+    def __call__(self, values: Mapping[str, Any]) -> Any:
+        """The value at given values of all parameters; an `Interval` if one of them is.
 
         Raises
         ------
         InputError
             It has none: a division by zero, the root of a negative number, a value that is not finite.
         """
+        if any(isinstance(value, Interval) for value in values.values()):
+            return self._walk(values)
         try:
             found = self._walk(values)
             if not math.isfinite(found):
@@ -109,12 +113,13 @@ class Expression:
         for end in between:
             self({**values, parameter: end})
         left, tried = [between], 0
-        points = {name: _Range.at(value) for name, value in values.items()}
         while left and tried < most:
             lo, hi = left.pop()
             tried += 1
             try:
-                self._walk({**points, parameter: _Range(lo, hi)}, _Range.at)
+                found = self._walk({**values, parameter: Interval(lo, hi)})
+                if isinstance(found, Interval) and not math.isfinite(found.hi - found.lo):
+                    raise ArithmeticError("it is not finite")
             except _RapidError as error:
                 raise InputError(f"scene key {self.where!r}: {self.text!r} has a {error} with more than 100 periods for "
                                  f"{parameter} from {lo:g} to {hi:g}. Change the expression or the range") from None
@@ -135,14 +140,14 @@ class Expression:
         terms: list[float] = [*(found.coef.tolist() if isinstance(found, Polynomial) else [found]), 0.0]
         return (terms[0], terms[1]) if all(map(math.isfinite, terms[:2])) and not any(terms[2:]) else None
 
-    def _walk(self, values: Mapping[str, Any], number: Callable[[float], Any] = float) -> Any:
-        """The value where names have these values; `number` makes a constant one of their kind."""
+    def _walk(self, values: Mapping[str, Any]) -> Any:
+        """The value where names have these values: floats, an `Interval` or a polynomial."""
         def value(node: ast.expr) -> Any:
             match node:
                 case ast.Constant():
-                    return number(float(node.value))  # type: ignore[arg-type]
+                    return float(node.value)  # type: ignore[arg-type]
                 case ast.Name():
-                    return number(CONSTANTS[node.id]) if node.id in CONSTANTS else values[node.id]
+                    return CONSTANTS[node.id] if node.id in CONSTANTS else values[node.id]
                 case ast.BinOp():
                     found = OPERATORS[type(node.op)](value(node.left), value(node.right))
                     if isinstance(found, complex):
@@ -152,7 +157,9 @@ class Expression:
                     return SIGNS[type(node.op)](value(node.operand))
                 case ast.Call(func=ast.Name(id=name)):
                     argument = value(node.args[0])
-                    return FUNCTIONS[name](argument) if isinstance(argument, float) else argument.function(name)
+                    if name in ("sin", "cos") and isinstance(argument, Interval) and argument.hi - argument.lo > 200 * math.pi:
+                        raise _RapidError(name)
+                    return FUNCTIONS[name](argument) if isinstance(argument, float) else getattr(np, name)(argument)
             raise AssertionError(node)
 
         return value(self._tree)
@@ -175,68 +182,9 @@ class Factor:
     def __signature__(self) -> Signature:
         return Signature([Parameter(self.parameter, Parameter.KEYWORD_ONLY)])
 
-    def __call__(self, **given: float) -> float:
+    def __call__(self, **given: Any) -> Any:
         return self.expression({**dict(self.values), **given})
 
 
 class _RapidError(Exception):
     """A sine or cosine of so wide a range that it says nothing."""
-
-
-@dataclass(frozen=True)
-class _Range:
-    """All values between lo and hi. Rounding is not counted.
-
-    Where a range reaches a place without a value, an ArithmeticError is raised; a ZeroDivisionError, if values have no bound
-    beside it: the place of such a pole is refused even if no sample hits it.
-    """
-
-    lo: float
-    hi: float
-
-    @classmethod
-    def at(cls, value: float) -> _Range:
-        """A range of one value."""
-        return cls(value, value)
-
-    def __neg__(self) -> _Range:
-        return _Range(-self.hi, -self.lo)
-
-    def __add__(self, other: _Range) -> _Range:
-        return _Range(self.lo + other.lo, self.hi + other.hi)
-
-    def __sub__(self, other: _Range) -> _Range:
-        return self + -other
-
-    def __mul__(self, other: _Range) -> _Range:
-        ends = [a * b for a in (self.lo, self.hi) for b in (other.lo, other.hi)]
-        return _Range(min(ends), max(ends))
-
-    def __truediv__(self, other: _Range) -> _Range:
-        if other.lo <= 0 <= other.hi:
-            raise ZeroDivisionError("division by zero")
-        return self * _Range(1 / other.hi, 1 / other.lo)
-
-    def __pow__(self, other: _Range) -> _Range:
-        if other.lo < other.hi:  # for a positive base only
-            return (other * self.function("log")).function("exp")
-        exponent = other.lo
-        if exponent < 0:
-            return _Range.at(1.0) / self**-other
-        if not exponent.is_integer() and self.lo < 0:
-            raise ArithmeticError(BROKEN)
-        ends = [self.lo**exponent, self.hi**exponent]
-        even = exponent > 0 and exponent % 2 == 0 and self.lo <= 0 <= self.hi
-        return _Range(0.0 if even else min(ends), max(ends))
-
-    def function(self, name: str) -> _Range:
-        if name in ("sin", "cos"):
-            middle, half = FUNCTIONS[name]((self.lo + self.hi) / 2), (self.hi - self.lo) / 2
-            if half > 100 * math.pi:
-                raise _RapidError(name)
-            return _Range(max(middle - half, -1.0), min(middle + half, 1.0))
-        if name == "sqrt" and self.lo < 0:
-            raise ArithmeticError("root of a negative number")
-        if name == "log" and self.lo <= 0:
-            raise ZeroDivisionError("logarithm of a number that is not positive")
-        return _Range(FUNCTIONS[name](self.lo), FUNCTIONS[name](self.hi))

@@ -113,12 +113,13 @@ def _outwards(ends: Array, units: int) -> Interval:
 
     A bound that is no number, as of 0 · inf, is infinite.
     """
+    lo, hi = ends.min(axis=0), ends.max(axis=0)
     with np.errstate(invalid="ignore", over="ignore"):
-        lo, hi = ends.min(axis=0), ends.max(axis=0)
-        lo, hi = lo - units * np.spacing(np.abs(lo)), hi + units * np.spacing(np.abs(hi))
+        below, above = lo - units * np.spacing(np.abs(lo)), hi + units * np.spacing(np.abs(hi))
     negative = np.signbit(ends)  # -0.0 as well, which a negative product of small numbers is
-    lo, hi = np.where(negative.any(axis=0), lo, np.maximum(lo, 0.0)), np.where(negative.all(axis=0), np.minimum(hi, 0.0), hi)
-    return Interval(np.where(np.isnan(lo), -np.inf, lo), np.where(np.isnan(hi), np.inf, hi))
+    below = np.where(negative.any(axis=0), below, np.maximum(below, 0.0))
+    above = np.where(negative.all(axis=0), np.minimum(above, 0.0), above)
+    return Interval(np.where(np.isnan(below), -np.inf, below), np.where(np.isnan(above), np.inf, above))
 
 
 def _combined(operation: np.ufunc, one: Any, other: Any) -> Any:
@@ -131,14 +132,14 @@ def _combined(operation: np.ufunc, one: Any, other: Any) -> Any:
     if operation is np.divide and np.any(np.less_equal(lo, 0) & np.greater_equal(hi, 0)):
         raise ZeroDivisionError("division by zero")
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        return _outwards(np.stack(np.broadcast_arrays(*(operation(a, b) for a in ours for b in (lo, hi)))), 1)
+        return _outwards(np.array([operation(a, b) for a in ours for b in (lo, hi)]), 1)
 
 
 def _rising(function: Callable[[Any], Any], x: Interval) -> Interval:
     """The range of a function that never falls."""
     try:
         with np.errstate(divide="raise", invalid="raise", over="ignore", under="ignore"):
-            ends = np.stack([function(x.lo), function(x.hi)])
+            ends = np.array([function(x.lo), function(x.hi)])
     except FloatingPointError as error:  # log(0) is a division for NumPy
         raise (ZeroDivisionError if "divide" in str(error) else ArithmeticError)(str(error)) from None
     return _outwards(ends, CLOSEST)
@@ -153,9 +154,15 @@ def _holds(x: Interval, place: float, period: float) -> Array:
 def _waves(function: np.ufunc, top: float, x: Interval) -> Interval:
     """The range of sin or cos, which is 1 at `top` and -1 half a period later."""
     with np.errstate(invalid="ignore"):
-        found = _outwards(np.stack([function(x.lo), function(x.hi)]), CLOSEST)
+        found = _outwards(np.array([function(x.lo), function(x.hi)]), CLOSEST)
     low, high = (_holds(x, place, 2 * np.pi) for place in (top + np.pi, top))
     return Interval(np.where(low, -1.0, np.maximum(found.lo, -1.0)), np.where(high, 1.0, np.minimum(found.hi, 1.0)))
+
+
+def _log(x: Interval) -> Interval:
+    if np.any(np.less_equal(x.lo, 0) & np.greater_equal(x.hi, 0)):
+        raise ZeroDivisionError("log of 0")
+    return _rising(np.log, x)
 
 
 def _tan(x: Interval) -> Interval:
@@ -165,13 +172,13 @@ def _tan(x: Interval) -> Interval:
 
 
 #: NumPy's functions that never fall where they are defined.
-RISING = {np.sqrt, np.cbrt, np.exp, np.expm1, np.log, np.log2, np.log10, np.log1p, np.sinh, np.tanh, np.arcsinh, np.arcsin,
+RISING = {np.sqrt, np.cbrt, np.exp, np.expm1, np.log2, np.log10, np.log1p, np.sinh, np.tanh, np.arcsinh, np.arcsin,
           np.arctan, np.sign}
 #: Operations and the other functions, by what NumPy calls for them, as where a NumPy number stands on the left.
 UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
     np.add: operator.add, np.subtract: operator.sub, np.multiply: operator.mul, np.divide: operator.truediv,
     np.power: operator.pow, np.negative: operator.neg, np.positive: operator.pos, np.absolute: abs, np.fabs: abs,
-    np.square: lambda x: x**2, np.reciprocal: lambda x: 1.0 / x, np.tan: _tan,
+    np.square: lambda x: x**2, np.reciprocal: lambda x: 1.0 / x, np.log: _log, np.tan: _tan,
     np.sin: lambda x: _waves(np.sin, np.pi / 2, x), np.cos: lambda x: _waves(np.cos, 0.0, x)}
 
 

@@ -96,18 +96,18 @@ class StribeckArctan:
 
     def value(self, v: Any) -> Any:
         """μ(v)."""
-        return self._formulas(np.arctan, np.exp, np.copysign)[0](v)
+        return self._formulas(np.arctan, np.exp, np.sign)[0](v)
 
     def slope(self, v: Any) -> Any:
         """μ'(v); at v = 0 the mean of both sides."""
-        return self._formulas(np.arctan, np.exp, np.copysign)[1](v)
+        return self._formulas(np.arctan, np.exp, np.sign)[1](v)
 
     def scalar(self) -> tuple[Scalar, Scalar]:
         """μ and μ' for one Python float: ten times faster than NumPy, for the integrators."""
-        return self._formulas(math.atan, math.exp, math.copysign)
+        return self._formulas(math.atan, math.exp, _sign)
 
     def _formulas(self, atan: Callable[..., Any], exp: Callable[..., Any],
-                  copysign: Callable[..., Any]) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+                  sign: Callable[..., Any]) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
         """μ(v), and μ'(v) = c (2/π) ε/(ε² + v²) - d r sign(v) exp(-r|v|), by functions of NumPy or of floats."""
         c, eps, drop, decay = self.coulomb * 2 / math.pi, self.eps, self.drop, self.decay
 
@@ -116,7 +116,7 @@ class StribeckArctan:
 
         def slope(v: Any) -> Any:
             ratio = v / eps
-            return c / eps / (1 + ratio * ratio) - copysign(1.0, v) * (v != 0) * drop * decay * exp(-decay * abs(v))
+            return c / eps / (1 + ratio * ratio) - sign(v) * drop * decay * exp(-decay * abs(v))
 
         return value, slope
 
@@ -155,7 +155,7 @@ class StribeckArctanOdd(StribeckArctan):
     label: ClassVar[str] = "odd variant"
 
     def _formulas(self, atan: Callable[..., Any], exp: Callable[..., Any],
-                  copysign: Callable[..., Any]) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+                  sign: Callable[..., Any]) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
         """μ(v), and μ'(v), even in v and smooth."""
         two, c, eps, drop, decay = 2 / math.pi, self.coulomb, self.eps, self.drop, self.decay
 
@@ -181,6 +181,11 @@ def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
             return value, slope
         return lambda v: asked(law, "value", v, value), lambda v: asked(law, "slope", v, slope)
     return lambda v: _number(law, "value", v), lambda v: _number(law, "slope", v)
+
+
+def _sign(v: float) -> float:
+    """The sign of one float, 0 at 0; NumPy's takes several times as long."""
+    return math.copysign(1.0, v) if v else 0.0
 
 
 def asked(law: FrictionLaw | None, name: str, v: Any, function: Callable[[Any], Any] | None = None) -> Any:
