@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import operator
 import pickle
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any, ClassVar
 
+import mpmath
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -64,6 +67,29 @@ def test_each_function_holds_its_values_and_no_more(function: np.ufunc) -> None:
         values = np.concatenate([function(x, *(np.full(400, end) for _ in others)) for end in (0.3, 0.7)])
         assert found.lo <= values.min() and values.max() <= found.hi
         assert found.hi - found.lo <= np.ptp(values) + 1e-4 * (1 + np.abs(values).max())
+
+
+@pytest.mark.parametrize("name", ["add", "sub", "mul", "truediv"])
+def test_bounds_are_rounded_outwards(name: str) -> None:
+    """Of single numbers: the exact result, a fraction, lies between the bounds, which are two or three roundings apart."""
+    operation, rng = getattr(operator, name), np.random.default_rng(2)
+    strict = 0
+    for x, y in rng.standard_normal((300, 2)).tolist():
+        exact, found = operation(Fraction(x), Fraction(y)), operation(Interval(x, x), y)
+        assert Fraction(float(found.lo)) <= exact <= Fraction(float(found.hi))
+        assert 0 < found.hi - found.lo <= 4 * np.spacing(abs(float(exact)))
+        strict += operation(x, y) != exact
+    assert strict > 100
+
+
+@pytest.mark.parametrize("name", ["sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "arctan", "cbrt", "sinh"])
+def test_functions_are_rounded_outwards(name: str) -> None:
+    """The value by 40 digits lies between the bounds of a single number."""
+    function = getattr(mpmath, {"arctan": "atan"}.get(name, name))
+    for x in np.random.default_rng(3).uniform(0.1, 50.0, 300).tolist():
+        found = getattr(np, name)(Interval(x, x))
+        with mpmath.workdps(40):
+            assert float(found.lo) < function(mpmath.mpf(x)) < float(found.hi) or name == "tanh"
 
 
 def test_a_wave_has_its_highest_and_lowest_value_where_its_crest_and_its_trough_are() -> None:
@@ -156,7 +182,7 @@ def same_pencil(family: fs.Affine, model: Any, contacts: list[Any], ranges: dict
     """The family's matrices at random values are those of the model under the changed contacts, to rounding."""
     rng = np.random.default_rng(7)
     for _ in range(turns):
-        p = {name: float(rng.uniform(*ends)) for name, ends in ranges.items()}
+        p = {name: float(rng.uniform(*ranges[name])) for name in family.parameters}
         changed = [replace(one, **{name: value for name, value in p.items() if hasattr(one, name)}) for one in contacts]
         exact, found = model.linearised(changed), family.at(**p)
         for name in "MDK":
@@ -198,6 +224,14 @@ def test_a_model_with_contacts_is_a_sum_over_their_parameters(names: list[str]) 
     same_pencil(family, model, contacts, ranges)
     assert pickle.loads(pickle.dumps(family)).at(**dict.fromkeys(names, 2.5)).K.shape == (20, 20)
     assert family.factor_ranges(ranges)[2].all()
+
+
+def test_a_narrow_range_far_from_zero_costs_no_digits() -> None:
+    """Constants are then differences of numbers a thousand times as large, which cancel in the sum at every value."""
+    ranges = {"k": (1000.0, 1000.5), "mu": (0.6, 0.6003), "speed": (20.0, 20.1)}
+    model, contact = beam(), Turning()
+    family = family_of(model, contact, list(ranges), ranges)
+    same_pencil(family, model, [contact], ranges)
 
 
 def test_the_terms_are_those_of_the_formula_and_no_rounding() -> None:
@@ -248,6 +282,29 @@ def test_matrices_stay_sparse_and_symmetric_ones_symmetric() -> None:
     small = family_of(rom, Pressed(), ["p", "q"], {"p": (0.3, 1.7), "q": (1.0, 2.0)})
     assert small.cutoff == rom.cutoff and not any(sp.issparse(K) for _, K in small.K)
     same_pencil(small, rom, [Pressed()], {"p": (0.3, 1.7), "q": (1.0, 2.0)})
+
+
+def test_a_false_declaration_shows_although_the_other_factor_is_0_at_the_end() -> None:
+    """μ/Ω said to be affine in Ω, over μ from 0: where the range begins, there is nothing to see."""
+    @dataclass(frozen=True)
+    class Hidden(Turning):
+        affine = ("mu", "speed")
+
+    with pytest.raises(fs.InputError, match="affine in 'speed'"):
+        family_of(beam(), Hidden(), ["mu", "speed"], {**RANGES, "mu": (0.0, 0.5)})
+
+
+def test_what_a_contact_declares_is_asked_within_the_range() -> None:
+    """Without friction a contact is affine in the speed, and over a range of μ it is not."""
+    @dataclass(frozen=True)
+    class Asking(Turning):
+        @property
+        def affine(self) -> tuple[str, ...]:  # type: ignore[override]
+            return ("k", "mu", *(("speed",) if not self.mu else ()))
+
+        affine_through = {"speed": (np.reciprocal, None)}  # noqa: RUF012
+
+    same_pencil(family_of(beam(), Asking(mu=0.0), ["mu", "speed"], RANGES), beam(), [Asking()], RANGES)
 
 
 def test_what_is_not_declared_or_not_true_is_refused() -> None:

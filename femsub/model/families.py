@@ -226,7 +226,8 @@ def _fitted(basis: Array, values: Sequence[float | Matrix], size: int) -> dict[i
 
     c = times(inverse, C - C[0])  # an entry that does not change has no other terms
     c[0] += C[0]
-    c += times(inverse, C - times(basis, c))
+    for _ in range(3):  # over a narrow range the inverse has few digits, and each turn adds as many
+        c += times(inverse, C - times(basis, c))
     acting = np.abs(c) * np.abs(basis).max(axis=0)[:, None]
     c[acting <= DUST * np.abs(C).max(axis=0)] = 0.0
     terms = {}
