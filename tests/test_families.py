@@ -110,10 +110,18 @@ def test_an_interval_is_refused_where_no_range_can_be_computed(unfit: Callable[[
         unfit(Interval(0.5, 2.0))
 
 
-@pytest.mark.parametrize("pole", [lambda x: 1 / x, lambda x: x**-2, np.log, lambda x: np.tan(x + 1.5), lambda x: 1 / np.sin(x)])
+@pytest.mark.parametrize("pole", [lambda x: 1 / x, lambda x: x**-2, np.log, lambda x: np.tan(x + 1.5), lambda x: 1 / np.sin(x),
+                                  lambda x: np.log(x - 0.25)])
 def test_a_pole_between_the_bounds_is_an_error(pole: Callable[[Any], Any]) -> None:
     with pytest.raises(ZeroDivisionError):
         pole(Interval(0.0, 0.5))
+
+
+def test_a_square_is_not_negative_and_a_range_below_zero_has_its_size() -> None:
+    whole = Interval(np.array([0.0, -2.0]), np.array([1.0, -1.0]))
+    assert (np.sqrt(whole * whole).lo >= [0.0, 0.999]).all() and (np.exp(-1000.0 * abs(whole)).lo == 0.0).all()
+    assert abs(whole).lo.tolist() == [0.0, 1.0] and (whole**2).lo[0] == 0.0 and (-(whole**2)).hi[0] == 0.0
+    assert (whole * whole * -1.0).hi[0] == 0.0
 
 
 @pytest.mark.parametrize("root", [np.sqrt, lambda x: x**0.5, np.log, np.arcsin, lambda x: x**x])
@@ -163,6 +171,8 @@ def test_a_factor_that_takes_no_interval_is_sampled() -> None:
     assert proved.tolist() == [True, False, False, False]
     assert (lo[1:] <= [-1.0, 1.0, -9.0]).all() and (hi[1:] >= [1.0, 2.0, 18.0]).all()
     assert (lo[1:] > [-1.3, 0.0, -13.0]).all() and (hi[1:] < [1.3, 3.1, 22.0]).all()
+    looked_up = fs.Affine(ONE, None, [(lambda x: {"1.0": 5.0}.get(repr(x), 2.0), ONE)])  # asks what the argument is
+    assert not looked_up.factor_ranges({"x": (1.0, 2.0)})[2][1] and looked_up.factor_ranges({"x": (1.0, 2.0)})[1][1] >= 5.0
     branching = fs.Affine(ONE, None, [(lambda x: 1 / x if x > 1 else float("nan"), ONE)])
     with pytest.raises(fs.InputError, match="factor <lambda>"):
         branching.factor_ranges({"x": (0.0, 2.0)})
@@ -250,6 +260,9 @@ def test_contacts_share_a_term_and_what_has_no_parameter_stays_constant() -> Non
     family = family_of(model, contacts, ["force"], {"force": (0.0, 3.0)})
     assert [theta for theta, _ in family.D] == [1.0, "force"] and len(family.K) == 1 and family.affine_in("force")
     same_pencil(family, model, contacts, {"force": (0.0, 3.0)})
+    idle = family_of(model, contacts[0], ["speed"], {"speed": (1.0, 2.0)})  # without a law it has no effect
+    assert idle.parameters == ("speed",) and abs(idle.at(speed=1.5).D - model.linearised(contacts[0]).D).max() < 1e-15
+    assert pencil_over(model, contacts[0], "speed").terms((1.0, 2.0)) == []
     law = fs.StribeckArctanOdd(eps=0.05)
     several = [fs.Belt("belt", 1.0, 0.5, law), fs.Belt("n", 2.0, 0.5, law), fs.Belt("t", 2.0, slope=-0.1)]
     ranges = {"speed": (0.2, 2.0), "force": (0.5, 3.0)}
@@ -282,6 +295,18 @@ def test_matrices_stay_sparse_and_symmetric_ones_symmetric() -> None:
     small = family_of(rom, Pressed(), ["p", "q"], {"p": (0.3, 1.7), "q": (1.0, 2.0)})
     assert small.cutoff == rom.cutoff and not any(sp.issparse(K) for _, K in small.K)
     same_pencil(small, rom, [Pressed()], {"p": (0.3, 1.7), "q": (1.0, 2.0)})
+
+
+def test_a_term_that_is_rounding_of_others_is_none() -> None:
+    @dataclass(frozen=True)
+    class Cancelling(Turning):
+        affine = ("k", "mu")
+
+        def linearised(self, model: Any) -> tuple[Any, Any]:
+            return None, np.array([[self.k, (self.mu + 300.0) - 300.0 - self.mu], [0.0, 0.0]])
+
+    family = family_of(beam(), Cancelling(), ["k", "mu"], RANGES)
+    assert [theta for theta, A in family.K if abs(A).max()] == [1.0, "k"] and family.parameters == ("k", "mu")
 
 
 def test_a_false_declaration_shows_although_the_other_factor_is_0_at_the_end() -> None:

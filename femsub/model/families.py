@@ -78,7 +78,8 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
     -------
     Affine
         Its factors are products of parameters, or of the functions of them that contacts declare. Terms with the same factor are
-        one matrix. What does not depend on the parameters is one matrix as well. The cut-off is that of the model.
+        one matrix. What does not depend on the parameters is one matrix as well. A parameter without effect has a matrix of zeros
+        in K. The cut-off is that of the model.
 
     Raises
     ------
@@ -122,7 +123,9 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
                 for key, A in found.items():
                     into[key] = into[key] + A if key in into else A
     D, K = ([(theta_of(key), A) for key, A in terms.items() if abs(A).max()] for terms in sums)
-    return Affine(constant.M, D, K).below(model.cutoff)
+    family = Affine(constant.M, D, K)
+    without = [(name, constant.K - constant.K) for name in names if name not in family.parameters]
+    return (Affine(constant.M, D, [*K, *without]) if without else family).below(model.cutoff)
 
 
 def check_affine(owner: str, parameter: str, functions: Sequence[Function], at: Callable[[float], tuple[Array, ...]],

@@ -103,7 +103,7 @@ class PencilOver:
             return None
         every = [(power, theta, T) for power, terms in ((2, family.M), (1, family.D), (0, family.K)) for theta, T in terms]
         return [(power, T, lambda p, at=at: float(family.factors(**{self.parameter: self.sign * p})[at]))  # type: ignore[misc]
-                for at, (power, theta, T) in enumerate(every) if callable(theta) or isinstance(theta, str)]
+                for at, (power, theta, T) in enumerate(every) if (callable(theta) or isinstance(theta, str)) and abs(T).max()]
 
     def affine(self, between: tuple[float, float]) -> bool:
         """Whether M is constant, and D and K are affine, as all declare on whom they depend.
