@@ -68,6 +68,7 @@ from .motion.transient import Transient as Transient, transient as transient
 from .reduction.estimates.joined import system_estimate as system_estimate
 from .reduction.frequency_bounds import FrequencyBounds as FrequencyBounds, frequency_bounds as frequency_bounds
 from .reduction.levels import Levels as Levels, reduce_by_levels as reduce_by_levels
+from .reduction.parameter_box import BoxModel as BoxModel, Cell as Cell, ParameterBox as ParameterBox
 from .reduction.reduce import (
     ContactModes as ContactModes,
     CraigBampton as CraigBampton,

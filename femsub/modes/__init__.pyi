@@ -23,7 +23,13 @@ from .quadratic.dense import (
     modal_form as modal_form,
     solve as solve,
 )
-from .quadratic.energy_basis import Coupling as Coupling, EnergyBasis as EnergyBasis, Term as Term, terms_of as terms_of
+from .quadratic.energy_basis import (
+    Coupling as Coupling,
+    EnergyBasis as EnergyBasis,
+    Term as Term,
+    eigenpairs as eigenpairs,
+    terms_of as terms_of,
+)
 from .quadratic.matching import (
     NEAR as NEAR,
     assigned as assigned,
@@ -38,7 +44,9 @@ from .quadratic.matching import (
     turnover as turnover,
 )
 from .quadratic.port_function import PortFunction as PortFunction
-from .quadratic.region import Region as Region, region_of as region_of
+from .quadratic.projected_count import Projection as Projection, Varied as Varied
+from .quadratic.region import Contour as Contour, Count as Count, Region as Region, region_of as region_of
+from .quadratic.search import count_over as count_over, projection_over as projection_over
 from .quadratic.singular_mass import REGULAR as REGULAR
 from .receptance import (
     FrequencyResponse as FrequencyResponse,

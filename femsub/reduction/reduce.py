@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from typing import overload
+from typing import Any, overload
 
 import scipy.sparse as sp
 
@@ -15,7 +15,7 @@ from femsub.algebra import LARGE, WORK, check_workers, kept_free, one_thread, re
 from femsub.checks import DENSE, choice, instance, shown
 from femsub.coupling import Belt, System
 from femsub.errors import InputError, InputTypeError, WorkerError
-from femsub.model import ReducedSubstructure, Substructure
+from femsub.model import Affine, Contacts, ReducedSubstructure, Substructure, family_of
 from femsub.reduction.basis import assembled
 from femsub.reduction.contact_modes import ContactModes
 from femsub.reduction.craig_bampton import CraigBampton
@@ -29,6 +29,8 @@ from femsub.reduction.hurty import Hurty
 from femsub.reduction.interface_modes import InterfaceModes, with_common_shapes
 from femsub.reduction.macneal import MacNeal
 from femsub.reduction.method import FIRST, METHODS, PORT_LIMIT, Method, checked, finished, reduced, whole_basis
+from femsub.reduction.over_box import over_box
+from femsub.reduction.parameter_box import BoxModel, ParameterBox
 from femsub.reduction.rubin import Rubin
 from femsub.reduction.wider import Wider
 
@@ -46,14 +48,17 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = ...,
 
 
 @overload
+def reduce(sub: Substructure | Affine, method: ParameterBox, *, contacts: Contacts = ...) -> BoxModel: ...
+
+
+@overload
 def reduce(sub: Substructure, method: Mapping[str, Method | ReducedSubstructure], ports: bool = ...,
            contacts: Belt | Sequence[Belt] | None = ..., *, workers: int | None = ...,
            executor: Executor | None = ...) -> System: ...
 
 
-def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubstructure], ports: bool | Sequence[str] = False,
-           contacts: Belt | Sequence[Belt] | None = None, *, workers: int | None = None,
-           executor: Executor | None = None) -> ReducedSubstructure | System:
+def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts: Any = None, *, workers: int | None = None,
+           executor: Executor | None = None) -> ReducedSubstructure | System | BoxModel:
     """Replace a component by a small one: project it onto the basis V of a reduction method.
 
     The result has the matrices VᵀMV, VᵀDV, VᵀKV (r, r) and the ports Vᵀw, with V (n, r) from the method.
@@ -126,6 +131,10 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubs
     >>> fs.reduce(sub, fs.CraigBampton(modes=4))
     ReducedSubstructure 'chain': 5 of 10 DOF by Craig-Bampton with 4 fixed-interface modes, cut-off 1.355 rad/time
     """
+    if isinstance(method, ParameterBox):
+        if ports is not False or workers is not None or executor is not None:
+            raise InputError("ports, workers and executor are not for a ParameterBox: the box has the contacts themselves")
+        return over_box(family_of(sub, contacts, list(method.ranges), method.ranges), method)
     if isinstance(method, Mapping):
         return _part_by_part(sub, method, ports, contacts, workers, executor)
     if workers is not None or executor is not None:

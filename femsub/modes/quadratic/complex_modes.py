@@ -9,9 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra import reused_memory, unit_length
+from femsub.algebra import SMALL, reused_memory, unit_length
 from femsub.checks import NOT_CHECKED, Array, Matrix, Tally, check_band, instance, truth, until
-from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
+from femsub.errors import (
+    ConditionWarning,
+    FemsubWarning,
+    InputError,
+    MissedModesError,
+    NotConvergedError,
+    NotEnoughMemoryError,
+    SingularMatrixError,
+    warn,
+)
 from femsub.model import Pencil, RigidMotion, Substructure, beyond, look_at_the_order, usable_band
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
@@ -256,10 +265,14 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
     middle = pencil_at(m)
     if terms is None:
         log.info("a contact is not affine in the parameter, so that each value is solved alone")
-    else:
+    elif middle.is_sparse and middle.size > SMALL:  # LAPACK finds all eigenvalues of others
         theta = np.array([[of(p) - of(m) for *_, of in terms] for p in values]).reshape(len(values), -1)
         sizes = np.abs(theta).max(axis=0).tolist()
-        projection = projection_over(middle, [Varied(T, q, size) for (q, T, _), size in zip(terms, sizes, strict=True)], band)
+        changes = [Varied(T, q, size) for (q, T, _), size in zip(terms, sizes, strict=True)]
+        try:
+            projection = projection_over(middle, changes, band)
+        except (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError) as error:
+            log.info("no projection for all values of the parameter, so that each is solved alone: %s", error)
     for p, weights in zip(values, theta.tolist(), strict=True):
         pencil = pencil_at(p)
         if projection is not None:  # in its units; the shapes that one value adds are there for the next

@@ -334,22 +334,9 @@ class Coupling:
 
         There rigid motion does not swamp the rest.
         """
-        m = basis.size
-        K, D, M = basis.matrices
-        one, T = np.eye(m), la.inv(la.cholesky(np.eye(m) + unit**2 * (M + M.T) / 2))
-        K, D, M = T.T @ K @ T, T.T @ D @ T, T.T @ M @ T
-        shift = AWAY * unit
-        P, slope = K + shift * D + shift**2 * M, D + 2 * shift * M
-        companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * M]))], [one, np.zeros((m, m))]])
-        with one_thread(m < FEW):
-            nu, right = la.eig(companion, check_finite=False)
-            right = right.astype(complex)  # LAPACK's are real where all λ are
-            left = np.linalg.inv(right)[:, :m].conj().T  # LAPACK's own do not belong together where λ is multiple
-        x, z = right[m:], np.linalg.solve(P.T, left) * unit
-        even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
-        x, z = x * even, z / even
-        found = cls(basis, shift, nu / unit, T @ x, T @ z, unit)
-        found.wrong = _wrong((K, D, M), x, z, found)
+        (shift, nu, x, z), inner, scaled = eigenpairs(basis.matrices, unit)
+        found = cls(basis, shift, nu, x, z, unit)
+        found.wrong = _wrong(inner, *scaled, found)
         return found
 
     @cached_property
@@ -496,6 +483,29 @@ class Coupling:
                 share = size / np.where(near > 0, near, np.nan) * right * left
             found[rows] = np.where(np.isfinite(share), share, np.inf)
         return found
+
+
+def eigenpairs(matrices: Sequence[Array], unit: float) -> tuple[tuple[float, Array, Array, Array], tuple[Array, ...],
+                                                               tuple[Array, Array]]:
+    """σ, ν = 1/(λ - σ) (2m,), X and Z (m, 2m) of K + sD + s²M (m, m), see `Coupling`; the matrices and vectors in other coordinates.
+
+    There K + unit²M is about I.
+    """
+    m = len(matrices[0])
+    K, D, M = matrices
+    one, T = np.eye(m), la.inv(la.cholesky(np.eye(m) + unit**2 * (M + M.T) / 2))
+    K, D, M = T.T @ K @ T, T.T @ D @ T, T.T @ M @ T
+    shift = AWAY * unit
+    P, slope = K + shift * D + shift**2 * M, D + 2 * shift * M
+    companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * M]))], [one, np.zeros((m, m))]])
+    with one_thread(m < FEW):
+        nu, right = la.eig(companion, check_finite=False)
+        right = right.astype(complex)  # LAPACK's are real where all λ are
+        left = np.linalg.inv(right)[:, :m].conj().T  # LAPACK's own do not belong together where λ is multiple
+    x, z = right[m:], np.linalg.solve(P.T, left) * unit
+    even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
+    x, z = x * even, z / even
+    return (shift, nu / unit, T @ x, T @ z), (K, D, M), (x, z)
 
 
 def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> float:

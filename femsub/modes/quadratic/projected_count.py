@@ -143,7 +143,7 @@ class Projection(EnergyBasis):
                  Term(gyroscopic, (0.0, 1.0, 0.0), -1.0, (-g, g), spanned=turned is not None),
                  Term(circulatory, (1.0, 0.0, 0.0), -1.0))
         terms = [term for term in given if term.matrix is M or term.matrix.nnz]
-        self._weights: list[tuple[int | None, Weights]] = [(None, term.weights) for term in terms]
+        self.own_weights: list[tuple[int | None, Weights]] = [(None, term.weights) for term in terms]
         joining = [rest, strong]
         few = [W for W in (None if simple is None else simple[2], turned) if W is not None and W.shape[1]]
         if few:  # A⁻¹ of them joins V, without rigid motion, which is there: A is nearly singular in it
@@ -170,7 +170,7 @@ class Projection(EnergyBasis):
                                                 sum(x.shape[1] for x in joining), most, (CHANGED, *DAMPED))
                         joining.append(shapes)
                 terms.append(Term(half, (0.0, 0.0, 0.0), sign, (-bound, bound), spanned=columns is not None))
-                self._weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
+                self.own_weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=True)
         self.counted: Coupling | None = None  # the last one, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
@@ -189,17 +189,21 @@ class Projection(EnergyBasis):
 
     def _weighted(self, theta: Sequence[float]) -> list[Weights]:
         return [own if place is None else (theta[place] * own[0], theta[place] * own[1], theta[place] * own[2])
-                for place, own in self._weights]
+                for place, own in self.own_weights]
 
     @property
     def least(self) -> float:
         """c for all θ."""
         return self.at(self._weighted(np.abs(self.theta) + self.half)).coercivity(self.outer.side, self.outer.top)
 
+    def images_outside(self) -> Array:
+        """H (p, h, m), see `images`."""
+        return self._varied()[1][0]
+
     def _varied(self) -> tuple[list[Change], tuple[Array, float]]:
         """Each change as a whole, and the `images` of all terms, at their largest weights."""
         if self._parts[0] != self.size:
-            halves = [[i for i, (place, _) in enumerate(self._weights) if place == q] for q in range(len(self.changes))]
+            halves = [[i for i, (place, _) in enumerate(self.own_weights) if place == q] for q in range(len(self.changes))]
             whole = [Change.of(self, several, change.power) for several, change in zip(halves, self.changes, strict=True)]
             largest = self.at(self._weighted([change.size for change in self.changes]))
             self._parts = self.size, whole, images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
@@ -256,7 +260,7 @@ class Projection(EnergyBasis):
     def _moved(self, small: Coupling) -> Array:
         """How far the changes, θ ± half, move each eigenvalue to first order: Σ half_q |λ^k zᴴT_qx|, (2m,)."""
         found = np.zeros(len(small.nu))
-        for (place, own), inside in zip(self._weights, self.inside, strict=True):
+        for (place, own), inside in zip(self.own_weights, self.inside, strict=True):
             if place is not None and self.half[place]:
                 size = np.abs(np.einsum("ik,ik->k", small.z.conj(), inside @ small.x))
                 with np.errstate(invalid="ignore"):

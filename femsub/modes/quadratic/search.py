@@ -17,6 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.linalg import LinAlgError
 
 from femsub.algebra import FEW, QUADRATIC, SMALL, WIDE, one_thread, scaled
@@ -249,23 +250,29 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
     return None
 
 
-def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float, float]) -> Projection | None:
-    """One projection that counts in a band for all values of a parameter, which makes these changes of a pencil; None if none.
+def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float, float]) -> Projection:
+    """One projection that counts in a band for all values of parameters, which make these changes of a pencil.
 
     `search` takes it where it is `Projection.changed` for a value, and `pencil` has the units of that value's pencil.
+
+    Raises
+    ------
+    SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError
+        There is none, see `Projection`.
     """
-    why = "LAPACK finds all of its eigenvalues" if not pencil.is_sparse or pencil.size <= SMALL else \
-        "it has Lagrange multipliers" if pencil.freed is not None else ""
-    alike = pencil if why else pencil.alike()
-    if alike is not pencil:
-        changes = [change._replace(matrix=scaled(change.matrix, *pencil.units)) for change in changes]
-    try:
-        if not why:
-            return Projection(alike, _around((-band[1], band[1], *band)), _most_shapes(pencil.size), changes)
-    except (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError) as error:
-        why = str(error)
-    log.info("no projection for all values of the parameter, each is solved alone: %s", why)
-    return None
+    if pencil.freed is not None:
+        raise SingularMatrixError("the pencil has Lagrange multipliers")
+    sparse = pencil.sparse()
+    alike = sparse.alike()
+    changes = [change._replace(matrix=sp.csr_array(change.matrix) if alike is sparse else
+                               scaled(sp.csr_array(change.matrix), *sparse.units)) for change in changes]
+    return Projection(alike, _around((-band[1], band[1], *band)), _most_shapes(pencil.size), changes)
+
+
+def count_over(projection: Projection, band: tuple[float, float]) -> Count | None:
+    """The number of eigenvalues in a contour around a band, for all changes θ ± half of the projection; None without."""
+    box = (-band[1], band[1], *band)
+    return projection.on(partial(_inside, Region(box=box), _around(box)))
 
 
 def _around(box: Box) -> Contour:

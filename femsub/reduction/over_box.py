@@ -1,0 +1,225 @@
+"""How a `BoxModel` is made: the count is proved in cells of the box, and vectors are taken where the error is largest.
+
+One `Projection` serves the whole box: its reference has the middle of the range of each factor, and what parameters change is a
+term with |θ| ≤ half of the range. The number of eigenvalues in the band is proved for a cell of the box at once
+(`femsub.modes.quadratic.cells`); a cell where it is not is halved in the parameter that would gain most.
+
+Inside the proved space a smaller basis gives the speed: right and left eigenvectors of VᵀPV at a few values, as in N. Gräbner,
+V. Mehrmann, S. Quraishi, C. Schröder, U. von Wagner, ZAMM 96 (2016) 1388, here with a control of the error (`Radii`). Values are
+added where that is largest (greedy algorithm: A. T. Patera, G. Rozza 2007, ch. 3).
+"""
+
+from __future__ import annotations
+
+import logging
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+from scipy.stats import qmc
+
+from femsub.algebra import orthonormal, weighted
+from femsub.checks import CERTIFIED, CONFIRMED, EPS, NOT_CHECKED, Array
+from femsub.errors import FemsubWarning, NotConvergedError, warn
+from femsub.model import Affine, Pencil, projected
+from femsub.modes import Contour, Coupling, Projection, Varied, count_over, projection_over
+from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+log = logging.getLogger(__name__)
+
+PLACES = 64  #: at which the error is looked at, for each parameter
+NODES = 12  #: values whose vectors are taken, for each parameter, at most
+
+
+class Node(NamedTuple):
+    """Values of the parameters, and the eigenpairs of VᵀPV inside the contour there, |zᴴP'(λ)x| = 1, x and z of equal length."""
+
+    values: Mapping[str, float]
+    theta: Array
+    lam: Array
+    x: Array
+    z: Array
+
+
+def over_box(family: Affine, box: ParameterBox) -> BoxModel:
+    """The small model of a family over a box; see `reduce`."""
+    return _Maker(family, box).made()
+
+
+class _Maker:
+    """One projection for the box, its cells, and the nodes whose vectors span the small model."""
+
+    def __init__(self, family: Affine, box: ParameterBox) -> None:
+        self.family, self.box = family, box
+        lo, hi, self.proved = family.factor_ranges(box.ranges)
+        if not np.isfinite([lo, hi]).all():
+            raise NotConvergedError("a factor of the model may be infinite in the box. Take a range without its pole")
+        self.middle, half = (lo + hi) / 2, (hi - lo) / 2
+        self.varied = np.flatnonzero(half > 0)
+        terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
+        of = iter(self.middle)
+        reference = Pencil(*(weighted([(next(of), A) for _, A in several]) if several else None
+                             for several in (family.M, family.D, family.K)))
+        self.projection = projection_over(reference, [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(half[q]))
+                                                      for q in self.varied], box.band)
+        units = reference.sparse().units[1]
+        self.unit = units if reference.sparse().alike() is not reference.sparse() else np.ones(reference.size)
+
+    def theta(self, **values: float) -> Array:
+        """Factors that vary, less those of the reference."""
+        return (self.family.factors(**values) - self.middle)[self.varied]
+
+    # the count
+
+    def cells(self) -> list[Cell]:
+        """The box in cells, each with the number of eigenvalues inside a contour, if that is proved."""
+        waiting, done, tried = [dict(self.box.ranges)], [], 0
+        whole = Cell(self.box.ranges, None, None, np.inf, NOT_CHECKED).volume
+        while waiting and tried < self.box.cells:
+            ranges = waiting.pop(0)
+            lo, hi, proved = self.family.factor_ranges(ranges)
+            theta, half = ((lo + hi) / 2 - self.middle)[self.varied], (hi - lo)[self.varied] / 2
+            self.projection = self.projection.changed(theta.tolist(), half.tolist())
+            count, tried = count_over(self.projection, self.box.band), tried + 1
+            if count is not None:
+                log.info("%d eigenvalues in %s for all of %s, margin %.2g", count.number, count.contour.where, ranges, count.margin)
+                done.append(Cell(ranges, count.contour, count.number, count.margin, CERTIFIED if proved.all() else CONFIRMED))
+            else:
+                log.info("%s is not proved: %s", ranges, self.projection.why)
+                waiting += self._halves(ranges, half)
+        done += [Cell(ranges, None, None, np.inf, NOT_CHECKED) for ranges in waiting]
+        if waiting:
+            share = sum(cell.volume for cell in done if cell.number is None) / whole
+            warn(f"{share:.1%} of the box is not proved after {tried} cells: {self.projection.why or 'the limit was reached'}. Take "
+                 f"a smaller box or band, or cells={4 * self.box.cells}", FemsubWarning)
+        return done
+
+    def _halves(self, ranges: Ranges, half: Array) -> list[Ranges]:
+        """The cell halved in the parameter whose halving would lower most what failed."""
+        blamed = self.projection.blamed if self.projection.blamed.any() else np.ones(len(half))
+        best: tuple[float, list[Ranges]] = (-1.0, [])
+        for name, (lo, hi) in ranges.items():
+            parts = [{**ranges, name: ends} for ends in ((lo, (lo + hi) / 2), ((lo + hi) / 2, hi))]
+            left = np.max([np.subtract(*self.family.factor_ranges(part)[1::-1])[self.varied] / 2 for part in parts], axis=0)
+            gain = float(blamed @ (1 - left / np.where(half > 0, half, np.inf)))
+            best = max(best, (gain, parts), key=lambda one: one[0])
+        return best[1]
+
+    # the basis
+
+    def node(self, values: Mapping[str, float], contour: Contour) -> Node:
+        """The eigenpairs of VᵀPV at these values."""
+        theta = self.theta(**values)
+        small = Coupling.of(self.projection.changed(theta.tolist()), self.projection.outer.size)
+        lam = small.each
+        at = np.flatnonzero(contour.encloses(np.nan_to_num(lam, nan=np.inf, posinf=np.inf)) & (lam.imag >= 0))
+        x, z = small.x[:, at], small.z[:, at]
+        even = np.sqrt(la.norm(z, axis=0) / la.norm(x, axis=0))
+        return Node(values, theta, lam[at], x * even, z / even)
+
+    def enriched(self, nodes: list[Node], c: float) -> bool:
+        """Whether A⁻¹ times residuals of these pairs had to join V."""
+        columns = []
+        for node in nodes:
+            here = self.projection.changed(node.theta.tolist())
+            here.lost  # noqa: B018  (before `residuals`)
+            scale = np.sqrt(c * self.box.tol * np.abs(node.lam))
+            scale[scale == 0] = np.inf
+            for vectors, adjoint in ((node.x, False), (node.z, True)):
+                columns.append(here.residuals(node.lam, vectors / scale, adjoint))
+        R = np.hstack(columns)
+        size, mix = la.eigh(R.T @ self.projection.product(R))
+        keep = size > 0.03
+        return bool(keep.any()) and self.projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
+
+    def made(self) -> BoxModel:
+        """The model."""
+        box, names = self.box, list(self.box.ranges)
+        cells = self.cells()
+        lo, hi = np.array(list(box.ranges.values())).T
+        contours = [cell.contour for cell in cells if cell.contour is not None]
+        band = box.band[1]
+        sides = [contour.sides for contour in contours if contour.sides is not None] or [(-1.02 * band, 1.02 * band, 1.02 * band)]
+        contour = Contour(sides=(min(side[0] for side in sides), *(max(side[k] for side in sides) for k in (1, 2))))
+        self.projection = self.projection.changed(np.zeros(len(self.varied)), [change.size for change in self.projection.changes])
+        c = self.projection.least
+        values = [dict(zip(names, place, strict=True)) for place in
+                  [(lo + hi) / 2, *(np.array(corner) for corner in product(*zip(lo, hi, strict=True)))]]
+        train = qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES * len(names)), lo, hi)
+        places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
+        self.projection.lost  # noqa: B018
+        nodes = [self.node(one, contour) for one in values]
+        if self.enriched(nodes, c):
+            self.projection.lost  # noqa: B018
+            nodes = [self.node(one, contour) for one in values]
+        self.least = c
+        self.learn(self.small(nodes[1:], cells, c), nodes[0])
+        while True:
+            model = self.small(nodes, cells, c)
+            errors = np.array([_error(model, place) for place in places])
+            log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
+            if errors.max() <= box.tol or len(nodes) >= NODES * len(names):
+                break
+            place = places[int(errors.argmax())]
+            new = self.node(place, contour)
+            self.learn(model, new)
+            m = self.projection.size
+            if self.enriched([new], c):
+                self.projection.lost  # noqa: B018
+                new = self.node(place, contour)
+                more = self.projection.size - m
+                nodes = [node._replace(x=np.pad(node.x, ((0, more), (0, 0))), z=np.pad(node.z, ((0, more), (0, 0))))
+                         for node in nodes]
+            nodes.append(new)
+        if errors.max() > box.tol:
+            warn(f"the error over the box is estimated as {errors.max():.1e} |λ|, but {box.tol:g} was asked for, on {model.size} "
+                 f"shapes from {len(nodes)} values. Take a smaller box", FemsubWarning)
+        return model._with(error=float(errors.max()))
+
+    def small(self, nodes: list[Node], cells: list[Cell], c: float) -> BoxModel:
+        """The model on the vectors of these nodes."""
+        projection = self.projection
+        columns = []
+        for node in nodes:
+            scale = np.sqrt(c * self.box.tol * np.abs(node.lam))
+            scale[scale == 0] = np.inf
+            for part in (node.x, node.z):
+                turned = part * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", part, part))) / scale
+                columns += [turned.real, turned.imag]
+        U, size, _ = la.svd(np.hstack(columns), full_matrices=False)
+        W = U[:, size > 0.1]
+        inside = projection.inside
+        d = W.shape[1]
+        outside = projection.images_outside() @ W  # (p, h, d)
+        blocks = np.concatenate([np.vstack([projection.energy @ W, np.zeros((outside.shape[1], d))])[None],
+                                 np.concatenate([inside @ W, outside], axis=1)])
+        joined = np.vstack(list(blocks.transpose(0, 2, 1))).T  # (m + h, (p + 1)d)
+        if joined.shape[0] > joined.shape[1]:
+            blocks = la.qr(joined, mode="r")[0][:joined.shape[1]].reshape(-1, len(blocks), d).transpose(1, 0, 2)
+        places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
+        base = np.array([weights for _, weights in projection.own_weights])
+        signs = np.array([term.sign for term in projection.terms])
+        radii = Radii(blocks, signs, places, base, np.array([la.norm(part, 2) for part in inside]), self.least)
+        V = self.unit[:, None] * np.hstack([projection.free, projection.V @ W])
+        family = self.family._each(lambda theta, A: (theta, projected(A, V)))
+        return BoxModel(family.below(self.box.band[1]), box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
+                        varied=self.varied, free=projection.free.shape[1], error=np.inf,
+                        values=np.array([list(node.values.values()) for node in nodes]))
+
+    def learn(self, model: BoxModel, node: Node) -> None:
+        """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
+        found = model.modes(**node.values)
+        far = np.abs(found.eigenvalues[:, None] - node.lam).min(axis=1, initial=np.inf)
+        seen = far > EPS**0.75 * np.abs(found.eigenvalues)  # others are rounding
+        self.least = min(self.least, float(np.min(found.error_bar[seen] / far[seen], initial=np.inf)) * model.radii.least / 3)
+
+
+def _error(model: BoxModel, place: Mapping[str, float]) -> float:
+    found = model.modes(**place)
+    size = np.abs(found.eigenvalues)
+    return float(np.max(found.error_bar[size > 0] / size[size > 0], initial=0.0))

@@ -1,0 +1,298 @@
+"""A small model over a box of parameters, whose number of eigenvalues in a band is proved for all values at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from femsub.algebra import Frozen
+from femsub.checks import (
+    CERTIFIED,
+    CONFIRMED,
+    EPS,
+    NOT_CHECKED,
+    Array,
+    Tally,
+    check_band,
+    finite_number,
+    items,
+    mapping,
+    positive_number,
+    whole_number,
+)
+from femsub.errors import InputError
+from femsub.model import Affine, in_band
+from femsub.modes import ComplexModes, Contour, eigenpairs
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
+
+Ranges = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class ParameterBox:
+    """Ranges of parameters, and what `reduce` is to prove and keep for all values in them: a small model of λ² M + λ D + K.
+
+    Parameters
+    ----------
+    ranges : mapping of str to (lo, hi)
+        lo < hi, in the units of each parameter.
+    band : (lo, hi)
+        In radians per unit of time: every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi is kept.
+    tol : float
+        The largest distance of a λ of the small model from one of the full model, relative to |λ|. It is estimated.
+    cells : int
+        So many cells of the box are tried at most. What is not proved then is open, and a warning gives its share.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        No range, lo ≥ hi, a band without an end.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.ParameterBox({"speed": (1, 4), "mu": (0, 0.6)}, band=(0, 2e4))
+    ParameterBox: speed from 1 to 4, mu from 0 to 0.6; band 0 to 20000 rad/time, tol 1e-06
+    """
+
+    ranges: Ranges
+    band: tuple[float, float]
+    tol: float = 1e-6
+    cells: int = 32
+
+    def __post_init__(self) -> None:
+        found = {}
+        for name, pair in mapping("ranges", self.ranges, "names and pairs (lo, hi)").items():
+            ends = [finite_number(f"the range of {name}", end) for end in items(f"the range of {name}", pair, "(lo, hi)")]
+            if len(ends) != 2 or ends[0] >= ends[1]:
+                raise InputError(f"the range of {name} must be (lo, hi) with lo < hi, not {pair!r}")
+            found[name] = (ends[0], ends[1])
+        if not found:
+            raise InputError('ranges has no parameter. Give one, e.g. {"speed": (1.0, 4.0)}')
+        band = check_band(self.band)
+        if not np.isfinite(band[1]):
+            raise InputError("band must end: give (lo, hi) in rad per unit of time")
+        for name, value in (("ranges", found), ("band", band), ("tol", positive_number("tol", self.tol)),
+                            ("cells", whole_number("cells", self.cells))):
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        ranges = ", ".join(f"{name} from {lo:g} to {hi:g}" for name, (lo, hi) in self.ranges.items())
+        return f"ParameterBox: {ranges}; band {self.band[0]:g} to {self.band[1]:g} rad/time, tol {self.tol:g}"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A part of a box of parameters, and the number of eigenvalues in a contour for all values in it.
+
+    `number` eigenvalues of the full model, conjugates included, lie inside the contour; None where that is not proved. `margin` is
+    the bound of `femsub.modes.quadratic.cells`, whose limit is 1. 'confirmed': a factor was sampled, for it takes no `Interval`.
+    """
+
+    ranges: Ranges
+    contour: Contour | None
+    number: int | None
+    margin: float
+    evidence: str
+
+    @property
+    def volume(self) -> float:
+        return prod(hi - lo for lo, hi in self.ranges.values())
+
+    def holds(self, values: Mapping[str, float]) -> bool:
+        """Whether the values are in it."""
+        return all(lo <= values[name] <= hi for name, (lo, hi) in self.ranges.items())
+
+
+@dataclass(frozen=True)
+class Radii:
+    """How far each λ of the small model is from one of the full model, by residuals of its pairs, to first order.
+
+    |δλ| ≤ ‖R‖ ‖L‖ / (c |zᴴP'(λ)x|) with the residuals R and L of right and left vectors in the norm of A⁻¹, if P(λ) outside the
+    basis has an inverse of at most 1/c in the norm of A. c is an estimate: a third of the least that was seen at values of the
+    parameters whose eigenvectors are not in the basis. `blocks` (p + 1, k, d) are images of the basis by A and by the terms, `weights` those of
+    the terms' halves: which factor, with sign and power of s.
+    """
+
+    blocks: Array
+    signs: Array
+    places: Array  #: of each term: the change that it follows, or -1
+    base: Array  #: (p, 3): weights c_0, c_1, c_2
+    inner: Array  #: (p,): ‖T_i‖ inside the basis
+    least: float  #: c
+
+    def weights(self, theta: Array, s: Array) -> Array:
+        """w_i(s), shape (p, k)."""
+        scale = np.where(self.places < 0, 1.0, np.append(theta, 1.0)[self.places])
+        return scale[:, None] * (self.base @ np.stack([np.ones_like(s), s, s * s]))
+
+    def lengths(self, theta: Array, s: Array, x: Array, adjoint: bool = False) -> Array:
+        """‖P(s_k; θ)x_k‖ or that of Pᴴ, (k,)."""
+        weights = self.weights(theta, s)
+        if adjoint:
+            weights = self.signs[:, None] * weights.conj()
+        whole = self.blocks[0] @ x
+        for block, own in zip(self.blocks[1:], weights, strict=True):
+            whole = whole + block @ (x * own)
+        return np.linalg.norm(whole, axis=0)
+
+
+    def of(self, theta: Array, values: Array, x: Array, z: Array) -> Array:
+        """The radius of each λ, with its x and z of |zᴴP'(λ)x| = 1; where circles meet, that of one around them all."""
+        size = self.lengths(theta, values, x) * self.lengths(theta, values, z, adjoint=True) / self.least
+        size += EPS * len(x) * np.linalg.norm(x, axis=0) * np.linalg.norm(z, axis=0) * (
+            1 + self.inner @ np.abs(self.weights(theta, values)))
+        # Σ_j η_j / |s - λ_j| < 1 on the circle: to first order η_k / (1 - what the others take)
+        apart = np.abs(values[:, None] - values) + np.diag(np.full(len(values), np.inf))
+        radius = size
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for _ in range(3):
+                room = 1 - np.where(apart > radius[:, None], size / (apart - radius[:, None]), np.inf).sum(axis=1)
+                radius = np.where(room > 0.5, size / room, np.inf)
+        for k in np.flatnonzero(~np.isfinite(radius)):
+            near = apart[k] <= 4 * (size[k] + size)
+            radius[k] = 2 * (size[k] + size[near].sum()) + apart[k][near].max(initial=0.0)
+        return np.asarray(radius)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BoxModel(Affine):
+    """A small `Affine` for all parameters in a box, made by `reduce`, with the number of eigenvalues proved and the error estimated.
+
+    Its matrices are VᵀA_iV (r, r), each with the factor θ_i(p) of the full model.
+
+    Attributes
+    ----------
+    box : ParameterBox
+    cells : tuple of Cell
+        They cover the box.
+    V : ndarray, shape (n, r)
+    evidence : str
+        'certified': in each cell the number of eigenvalues in the band is proved for all values. 'confirmed': the same, but a
+        factor of the model was sampled, since it takes no interval. 'not checked': some cells are open.
+    open_share : float
+        The share of the box's volume that is open.
+    error : float
+        The largest estimated |δλ| / |λ| at the places where it was looked at.
+    values : ndarray, shape (k, number of parameters)
+        The values of the parameters whose eigenvectors span V. They were chosen where the error was largest.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> chain = fs.chain(60, belt=5)
+    >>> box = fs.ParameterBox({"slope": (-0.02, 0.0)}, band=(0.0, 0.5))
+    >>> small = fs.reduce(chain, box, contacts=fs.Belt(slope=0.0))
+    >>> small.evidence, small.modes(slope=-0.01).is_stable
+    ('certified', False)
+    """
+
+    box: ParameterBox = field(init=False)
+    cells: tuple[Cell, ...] = field(init=False)
+    V: Array = field(init=False)
+    radii: Radii = field(init=False)
+    middle: Array = field(init=False)  #: factors of the reference
+    varied: Array = field(init=False)  #: which factors vary
+    free: int = field(init=False)  #: columns of V that move freely: λ = 0, twice each
+    error: float = field(init=False)
+    values: Array = field(init=False)
+
+    def __init__(self, family: Affine, **fields: Any) -> None:
+        self._set(M=family.M, D=family.D, K=family.K, cutoff=family.cutoff, **fields)
+
+    def __repr__(self) -> str:
+        inside = f"{len(self.cells)} cell{'s' * (len(self.cells) != 1)}"
+        share = f", {self.open_share:.1%} of it open" if self.open_share else ""
+        return (f"BoxModel: {self.size} of {len(self.V)} DOF, {', '.join(self.box.ranges)} in {inside}, {self.evidence}{share}; "
+                f"λ within {self.error:.1e}")
+
+    @property
+    def evidence(self) -> str:
+        kinds = {cell.evidence for cell in self.cells}
+        return next(kind for kind in (NOT_CHECKED, CONFIRMED, CERTIFIED) if kind in kinds)
+
+    @property
+    def open_share(self) -> float:
+        whole = sum(cell.volume for cell in self.cells)
+        return sum(cell.volume for cell in self.cells if cell.number is None) / whole
+
+    def at(self, **values: float) -> Pencil:
+        """The small pencil at values of all parameters.
+
+        Raises
+        ------
+        InputError
+            A value is outside the box, missing or unknown.
+        """
+        self._inside(values)
+        return super().at(**values)
+
+    def fixed(self, **values: float) -> BoxModel:
+        """The same for given values of some of the parameters."""
+        self._inside(values)
+        found = super().fixed(**values)
+        rest = {name: ends for name, ends in self.box.ranges.items() if name not in values}
+        box = ParameterBox(rest, self.box.band, self.box.tol, self.box.cells) if rest else self.box
+        cells = tuple(Cell({name: ends for name, ends in cell.ranges.items() if name not in values} or cell.ranges, cell.contour,
+                           cell.number, cell.margin, cell.evidence) for cell in self.cells
+                      if all(cell.ranges[name][0] <= value <= cell.ranges[name][1] for name, value in values.items()))
+        return found._with(box=box, cells=cells)
+
+    def _inside(self, values: Mapping[str, float]) -> None:
+        self._check(values)
+        for name, value in values.items():
+            lo, hi = self.box.ranges[name]
+            if not lo <= value <= hi:
+                raise InputError(f"{name} = {value:g} is outside the box, whose {'lower' if value < lo else 'upper'} bound is "
+                                 f"{lo if value < lo else hi:g}. Make a model of a larger box")
+
+    def cell(self, **values: float) -> Cell:
+        """The cell in which these values are: of several, one that is proved."""
+        self._inside(values)
+        return max((cell for cell in self.cells if cell.holds(values)), key=lambda cell: cell.number is not None)
+
+    def number(self, **values: float) -> int | None:
+        """Eigenvalues of the full model inside the contour of the cell, conjugates included; None where that is open."""
+        return self.cell(**values).number
+
+    def modes(self, **values: float) -> ComplexModes:
+        """The complex modes in the band at values of all parameters; the error bars are distances from λ of the full model.
+
+        Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
+        """
+        cell, hi = self.cell(**values), self.box.band[1]
+        theta = (self.factors(**values) - self.middle)[self.varied]
+        pencil, free = super().at(**values), self.free
+        matrices = [part[free:, free:] for part in (pencil.K, pencil.D, pencil.M)]
+        (shift, nu, x, z), *_ = eigenpairs(matrices, float(np.hypot(hi, hi)))
+        with np.errstate(all="ignore"):
+            lam = shift + 1 / nu
+        lam[~np.isfinite(lam)] = np.inf
+        contour = cell.contour or Contour(sides=(-1.02 * hi, 1.02 * hi, 1.02 * hi))
+        found = int(np.count_nonzero(contour.encloses(lam))) + 2 * free
+        near = np.flatnonzero(in_band(lam, self.box.band, (-hi, hi)) & (lam.imag >= 0))
+        near = near[np.argsort(lam[near].imag, kind="stable")]
+        values_, x, z = lam[near], x[:, near], z[:, near]
+        bar = self.radii.of(theta, values_, x, z)
+        zeros = np.zeros(2 * free * (self.box.band[0] == 0))
+        shapes = np.zeros((self.size, len(zeros) + len(near)), dtype=complex)
+        shapes[np.arange(len(zeros)) // 2, np.arange(len(zeros))] = 1.0
+        shapes[free:, len(zeros):] = x / np.linalg.norm(x, axis=0)
+        values_, bar = np.append(zeros, values_), np.append(zeros, bar)
+        rigid = np.arange(len(values_)) < len(zeros)
+        tally = Tally(found, cell.number, sampled=cell.evidence != CERTIFIED)
+        residual = pencil.residual(values_, shapes)
+        scale = np.abs(values_)**2 * pencil.norms[0] + np.abs(values_) * pencil.norms[1] + pencil.norms[2]
+        return ComplexModes(values_, shapes, np.linalg.norm(residual, axis=0) / scale, bar, rigid, np.zeros(len(bar), dtype=bool),
+                            searched=(-hi, hi, *self.box.band), tally=tally, cutoff=self.cutoff,
+                            full_growth=np.stack([values_.real - bar, values_.real + bar], axis=1))
+
+    def expand(self, shapes: Array) -> Array:
+        """Shapes of the full model, Vq (n, ...), of those of the small one."""
+        return self.V @ shapes
