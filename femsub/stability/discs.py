@@ -11,7 +11,7 @@ from femsub.checks import Tally
 from femsub.errors import InputError
 from femsub.model import in_band
 from femsub.stability.crossings import ASIDE, Found, change, extrapolated, settled
-from femsub.stability.exclusion import Family, Interval
+from femsub.stability.exclusion import Family, Stretch
 from femsub.stability.question import CriticalValue, LossQuestion, fastest
 
 LARGEST = WIDE  # DOF of a model
@@ -89,7 +89,7 @@ class Discs:
             return CriticalValue.of(question, *found, tally, method="discs", growing=len(z), lost=lost, open=left,
                                     solved=family.solved, fastest=fastest(z))
 
-    def _seen(self, family: Family, part: Interval, room: tuple[float, float], before: int,
+    def _seen(self, family: Family, part: Stretch, room: tuple[float, float], before: int,
               after: int | None) -> tuple[Found, float | None]:
         """What is certain of the crossings in an open interval, and from where on one is lost at an unknown place, if so.
 

@@ -53,8 +53,8 @@ class Decomposition(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Interval:
-    """An interval without a crossing (`growing` eigenvalues throughout), or not excluded, with the z that may touch the axis."""
+class Stretch:
+    """A part of the range without a crossing (`growing` eigenvalues throughout), or not excluded; z that may touch the axis."""
 
     begin: float
     end: float
@@ -154,7 +154,7 @@ class Family:
         x: Array = self.shapes @ (found.V[:len(self.omega), at] / self.omega)
         return x / np.linalg.norm(x)
 
-    def tested(self, begin: float, end: float) -> list[Interval]:
+    def tested(self, begin: float, end: float) -> list[Stretch]:
         """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out.
 
         Where its discs are too large, the same decomposition excludes a shorter interval around the middle.
@@ -165,10 +165,10 @@ class Family:
         for share in SHARES:
             a, b = m - share * (m - begin), m + share * (end - m)
             if b - a > self.least and (len(inner := self._excluded(a, b, m)) > 1 or inner[0].growing is not None):
-                return [Interval(begin, a, None), *inner, Interval(b, end, None)]
+                return [Stretch(begin, a, None), *inner, Stretch(b, end, None)]
         return whole
 
-    def _excluded(self, begin: float, end: float, m: float | None = None) -> list[Interval]:
+    def _excluded(self, begin: float, end: float, m: float | None = None) -> list[Stretch]:
         """The interval by discs around the eigenvalues at m, its middle: as one part, or what remains cut out."""
         m, h = (begin + end) / 2 if m is None else m, (end - begin) / 2
         found = self.spectrum(m)
@@ -183,15 +183,15 @@ class Family:
                 towards = self.safety * np.abs(np.einsum("kii->ki", rest).real).max(axis=0)
             discs = _discs(found.z, h, found.inverse @ slope @ found.V, found.noise + curved, found.noise.diagonal() + towards)
         if discs is None:
-            return [Interval(begin, end, None, tuple(found.z))]
+            return [Stretch(begin, end, None, tuple(found.z))]
         touching, on_axis = _touching(discs, self.mirrored)
         growing = int(np.count_nonzero(found.z.real[~on_axis & ~touching] > 0))
         if not touching.any():
-            return [Interval(begin, end, growing)]
+            return [Stretch(begin, end, growing)]
         cut = self._cut(discs, touching, growing, begin, end)
-        return [Interval(begin, end, None, tuple(found.z[touching]))] if cut is None else cut
+        return [Stretch(begin, end, None, tuple(found.z[touching]))] if cut is None else cut
 
-    def _cut(self, discs: _Discs, touching: Array, growing: int, begin: float, end: float) -> list[Interval] | None:
+    def _cut(self, discs: _Discs, touching: Array, growing: int, begin: float, end: float) -> list[Stretch] | None:
         """The interval without the places where no clear disc reaches the axis; None if a disc is not clear or much would remain.
 
         The centre of a disc moves evenly, z_i + t b_i. So its eigenvalue crosses only where |Re(z_i + t b_i)| is below what else
@@ -215,7 +215,7 @@ class Family:
         for i, (lo, hi) in enumerate(pairwise(edges)):
             inner = growing + int(np.count_nonzero(rate + ((lo + hi) / 2 - middle) * speed > 0))
             if lo < hi:
-                result.append(Interval(lo, hi, None, tuple(discs.z[touching])) if i % 2 else Interval(lo, hi, inner))
+                result.append(Stretch(lo, hi, None, tuple(discs.z[touching])) if i % 2 else Stretch(lo, hi, inner))
         return result
 
     def grown(self, p: float) -> tuple[Array, bool]:
@@ -228,7 +228,7 @@ class Family:
         touching, on_axis = _touching(discs, self.mirrored)
         return (found.z.real > 0) & ~on_axis & ~touching, bool(touching.any())
 
-    def parts(self, most: int) -> list[Interval]:
+    def parts(self, most: int) -> list[Stretch]:
         """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
         (lo, hi), least = self.between, self.least
         # 32 intervals at first if A is not affine: samples a whole range apart would show little
@@ -249,16 +249,16 @@ class Family:
                     m = (a + b) / 2
                     for begin, end in ((a, m), (m, b)):
                         heapq.heappush(waiting, (begin - end, begin, end))
-        done += [Interval(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
+        done += [Stretch(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
         # Neighbours that are not excluded become one. Between two that are, with different numbers, is a crossing in a point.
-        result: list[Interval] = []
+        result: list[Stretch] = []
         for part in sorted(done, key=lambda part: part.begin):
             last = result[-1] if result else None
             if last is not None and last.growing is None and part.growing is None:
-                result[-1] = Interval(last.begin, part.end, None, (*last.touching, *part.touching))
+                result[-1] = Stretch(last.begin, part.end, None, (*last.touching, *part.touching))
                 continue
             if last is not None and None not in (last.growing, part.growing) and last.growing != part.growing:
-                result.append(Interval(last.end, last.end, None))
+                result.append(Stretch(last.end, last.end, None))
             result.append(part)
         return result
 
