@@ -390,3 +390,25 @@ def test_the_terms_over_one_parameter_give_every_pencil(sign: float) -> None:
         """A subclass declares anew."""
 
     assert pencil_over(model, Silent(), "speed").terms(between) is None
+
+
+def test_a_law_with_one_slope_throughout_is_solved_value_by_value_and_a_family_over_it_refused() -> None:
+    @dataclass(frozen=True)
+    class Falling:
+        def value(self, v: Any) -> Any:
+            return 0.5 - 0.1 * np.asarray(v)
+
+        def slope(self, v: Any) -> Any:
+            return -0.1 + 0 * np.asarray(v)
+
+    belt, between = fs.Belt("t", 1.0, 0.5, Falling()), (0.1, 1.0)
+    assert pencil_over(beam(), belt, "speed").terms(between) is None
+    with pytest.raises(fs.InputError, match="or one is constant"):
+        family_of(beam(), belt, ["speed"], {"speed": between})
+
+    @dataclass(frozen=True)
+    class Wrong(Turning):
+        affine = ("speed",)
+
+    with pytest.raises(fs.InputError, match="off a straight line"):
+        pencil_over(beam(), Wrong(), "speed").terms(between)

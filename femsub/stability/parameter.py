@@ -239,6 +239,13 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
     def family(between: tuple[float, float]) -> Affine | None:
         middle = {parameter: (between[0] + between[1]) / 2}
         declared = all(affine_functions(replace(contact, **middle), parameter) for contact in changing)  # type: ignore[type-var]
-        return family_of(model, given, [parameter], {parameter: between}) if declared else None
+        try:
+            return family_of(model, given, [parameter], {parameter: between}) if declared else None
+        except InputError as error:  # such as a law with one slope throughout; the pencil at each value is known all the same
+            if all(one.affine for one in shares):
+                raise
+            log.info("no sum of matrices over %s: %s", parameter, error)
+            return None
 
-    return PencilOver(parameter, at, tuple(map(share, changing)), family=family)
+    shares = tuple(map(share, changing))
+    return PencilOver(parameter, at, shares, family=family)
