@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
 from numbers import Real
@@ -196,14 +197,14 @@ def range_of(function: Callable[..., Any], box: Mapping[str, tuple[float, float]
              for side, ends in enumerate(box.values())]
     lows, highs = ([np.take(edge, rows, axis=side) for side, edge in enumerate(edges)]
                    for rows in (np.arange(each), np.arange(1, each + 1)))
-    try:
-        found = function(**{name: Interval(lo, hi) for name, lo, hi in zip(box, lows, highs, strict=True)})
+    whole = {name: Interval(lo, hi) for name, lo, hi in zip(box, lows, highs, strict=True)}
+    with suppress(Exception):  # a user's function may raise anything where it gets no number; what it raises for one is reported
+        try:
+            found = function(**whole)
+        except ZeroDivisionError:
+            return -np.inf, np.inf, True
         if isinstance(found, Interval):  # else it asked what the argument is
             return float(np.min(found.lo)), float(np.max(found.hi)), True
-    except ZeroDivisionError:
-        return -np.inf, np.inf, True
-    except Exception:  # a user's function may raise anything where it gets no number
-        pass
     each = max(round(samples ** (1 / sides)), 3)
     places = [(lo + hi) / 2 - (hi - lo) / 2 * np.cos(np.linspace(0.0, np.pi, each)) for lo, hi in box.values()]
     values = np.reshape([value(dict(zip(box, point, strict=True))) for point in product(*(x.tolist() for x in places))],
