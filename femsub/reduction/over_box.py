@@ -20,11 +20,11 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.stats import qmc
 
-from femsub.algebra import orthonormal, weighted
+from femsub.algebra import weighted
 from femsub.checks import CERTIFIED, CONFIRMED, EPS, NOT_CHECKED, Array
 from femsub.errors import FemsubWarning, NotConvergedError, warn
 from femsub.model import Affine, Pencil, projected
-from femsub.modes import Contour, Coupling, Projection, Varied, count_over, projection_over
+from femsub.modes import Contour, Coupling, Varied, count_over, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ class _Maker:
             raise NotConvergedError("a factor of the model may be infinite in the box. Take a range without its pole")
         self.middle, half = (lo + hi) / 2, (hi - lo) / 2
         self.varied = np.flatnonzero(half > 0)
+        self.half = half[self.varied]
         terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
         of = iter(self.middle)
         reference = Pencil(*(weighted([(next(of), A) for _, A in several]) if several else None
@@ -78,16 +79,17 @@ class _Maker:
 
     def cells(self) -> list[Cell]:
         """The box in cells, each with the number of eigenvalues inside a contour, if that is proved."""
-        waiting, done, tried = [dict(self.box.ranges)], [], 0
+        waiting: list[Ranges] = [self.box.ranges]
+        done, tried = [], 0
         whole = Cell(self.box.ranges, None, None, np.inf, NOT_CHECKED).volume
         while waiting and tried < self.box.cells:
             ranges = waiting.pop(0)
             lo, hi, proved = self.family.factor_ranges(ranges)
             theta, half = ((lo + hi) / 2 - self.middle)[self.varied], (hi - lo)[self.varied] / 2
-            self.projection = self.projection.changed(theta.tolist(), half.tolist())
+            self.projection = self.projection.changed(theta, half)
             count, tried = count_over(self.projection, self.box.band), tried + 1
             if count is not None:
-                log.info("%d eigenvalues in %s for all of %s, margin %.2g", count.number, count.contour.where, ranges, count.margin)
+                log.info("%d eigenvalues in %s over %s, margin %.2g", count.number, count.contour.where, ranges, count.margin)
                 done.append(Cell(ranges, count.contour, count.number, count.margin, CERTIFIED if proved.all() else CONFIRMED))
             else:
                 log.info("%s is not proved: %s", ranges, self.projection.why)
@@ -95,27 +97,27 @@ class _Maker:
         done += [Cell(ranges, None, None, np.inf, NOT_CHECKED) for ranges in waiting]
         if waiting:
             share = sum(cell.volume for cell in done if cell.number is None) / whole
-            warn(f"{share:.1%} of the box is not proved after {tried} cells: {self.projection.why or 'the limit was reached'}. Take "
-                 f"a smaller box or band, or cells={4 * self.box.cells}", FemsubWarning)
+            warn(f"{share:.1%} of the box is not proved after {tried} cells: {self.projection.why or 'the limit was reached'}. "
+                 f"Take a smaller box or band, or cells={4 * self.box.cells}", FemsubWarning)
         return done
 
     def _halves(self, ranges: Ranges, half: Array) -> list[Ranges]:
         """The cell halved in the parameter whose halving would lower most what failed."""
         blamed = self.projection.blamed if self.projection.blamed.any() else np.ones(len(half))
-        best: tuple[float, list[Ranges]] = (-1.0, [])
+        gains, halves = [], []
         for name, (lo, hi) in ranges.items():
-            parts = [{**ranges, name: ends} for ends in ((lo, (lo + hi) / 2), ((lo + hi) / 2, hi))]
+            parts: list[Ranges] = [{**ranges, name: ends} for ends in ((lo, (lo + hi) / 2), ((lo + hi) / 2, hi))]
             left = np.max([np.subtract(*self.family.factor_ranges(part)[1::-1])[self.varied] / 2 for part in parts], axis=0)
-            gain = float(blamed @ (1 - left / np.where(half > 0, half, np.inf)))
-            best = max(best, (gain, parts), key=lambda one: one[0])
-        return best[1]
+            gains.append(float(blamed @ (1 - left / np.where(half > 0, half, np.inf))))
+            halves.append(parts)
+        return halves[int(np.argmax(gains))]
 
     # the basis
 
     def node(self, values: Mapping[str, float], contour: Contour) -> Node:
         """The eigenpairs of VᵀPV at these values."""
         theta = self.theta(**values)
-        small = Coupling.of(self.projection.changed(theta.tolist()), self.projection.outer.size)
+        small = Coupling.of(self.projection.changed(theta), self.projection.outer.size)
         lam = small.each
         at = np.flatnonzero(contour.encloses(np.nan_to_num(lam, nan=np.inf, posinf=np.inf)) & (lam.imag >= 0))
         x, z = small.x[:, at], small.z[:, at]
@@ -126,7 +128,7 @@ class _Maker:
         """Whether A⁻¹ times residuals of these pairs had to join V."""
         columns = []
         for node in nodes:
-            here = self.projection.changed(node.theta.tolist())
+            here = self.projection.changed(node.theta)
             here.lost  # noqa: B018  (before `residuals`)
             scale = np.sqrt(c * self.box.tol * np.abs(node.lam))
             scale[scale == 0] = np.inf
@@ -142,11 +144,9 @@ class _Maker:
         box, names = self.box, list(self.box.ranges)
         cells = self.cells()
         lo, hi = np.array(list(box.ranges.values())).T
-        contours = [cell.contour for cell in cells if cell.contour is not None]
-        band = box.band[1]
-        sides = [contour.sides for contour in contours if contour.sides is not None] or [(-1.02 * band, 1.02 * band, 1.02 * band)]
-        contour = Contour(sides=(min(side[0] for side in sides), *(max(side[k] for side in sides) for k in (1, 2))))
-        self.projection = self.projection.changed(np.zeros(len(self.varied)), [change.size for change in self.projection.changes])
+        sides = np.array([cell.contour.sides for cell in cells if cell.contour is not None] or [self.projection.outer.sides])
+        contour = Contour(sides=(sides[:, 0].min(), sides[:, 1].max(), sides[:, 2].max()))
+        self.projection = self.projection.changed(np.zeros(len(self.varied)), self.half)
         c = self.projection.least
         values = [dict(zip(names, place, strict=True)) for place in
                   [(lo + hi) / 2, *(np.array(corner) for corner in product(*zip(lo, hi, strict=True)))]]

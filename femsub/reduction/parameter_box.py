@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from femsub.algebra import Frozen
 from femsub.checks import (
     CERTIFIED,
     CONFIRMED,
@@ -91,8 +90,9 @@ class ParameterBox:
 class Cell:
     """A part of a box of parameters, and the number of eigenvalues in a contour for all values in it.
 
-    `number` eigenvalues of the full model, conjugates included, lie inside the contour; None where that is not proved. `margin` is
-    the bound of `femsub.modes.quadratic.cells`, whose limit is 1. 'confirmed': a factor was sampled, for it takes no `Interval`.
+    `number` eigenvalues of the full model, conjugates included, lie inside the contour; None where that is not proved.
+    `margin` is the bound of `femsub.modes.quadratic.cells`, whose limit is 1. 'confirmed': a factor was sampled, since it takes
+    no `Interval`.
     """
 
     ranges: Ranges
@@ -116,8 +116,8 @@ class Radii:
 
     |δλ| ≤ ‖R‖ ‖L‖ / (c |zᴴP'(λ)x|) with the residuals R and L of right and left vectors in the norm of A⁻¹, if P(λ) outside the
     basis has an inverse of at most 1/c in the norm of A. c is an estimate: a third of the least that was seen at values of the
-    parameters whose eigenvectors are not in the basis. `blocks` (p + 1, k, d) are images of the basis by A and by the terms, `weights` those of
-    the terms' halves: which factor, with sign and power of s.
+    parameters whose eigenvectors are not in the basis. `blocks` (p + 1, k, d) are images of the basis by A and by the terms,
+    real columns that have their lengths and angles.
     """
 
     blocks: Array
@@ -163,7 +163,7 @@ class Radii:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BoxModel(Affine):
-    """A small `Affine` for all parameters in a box, made by `reduce`, with the number of eigenvalues proved and the error estimated.
+    """A small `Affine` over a box of parameters, made by `reduce`, with the number of eigenvalues proved and the error estimated.
 
     Its matrices are VᵀA_iV (r, r), each with the factor θ_i(p) of the full model.
 
@@ -236,7 +236,7 @@ class BoxModel(Affine):
     def fixed(self, **values: float) -> BoxModel:
         """The same for given values of some of the parameters."""
         self._inside(values)
-        found = super().fixed(**values)
+        found = cast(BoxModel, super().fixed(**values))
         rest = {name: ends for name, ends in self.box.ranges.items() if name not in values}
         box = ParameterBox(rest, self.box.band, self.box.tol, self.box.cells) if rest else self.box
         cells = tuple(Cell({name: ends for name, ends in cell.ranges.items() if name not in values} or cell.ranges, cell.contour,
@@ -269,7 +269,7 @@ class BoxModel(Affine):
         cell, hi = self.cell(**values), self.box.band[1]
         theta = (self.factors(**values) - self.middle)[self.varied]
         pencil, free = super().at(**values), self.free
-        matrices = [part[free:, free:] for part in (pencil.K, pencil.D, pencil.M)]
+        matrices = np.stack([part[free:, free:] for part in (pencil.K, pencil.D, pencil.M)])
         (shift, nu, x, z), *_ = eigenpairs(matrices, float(np.hypot(hi, hi)))
         with np.errstate(all="ignore"):
             lam = shift + 1 / nu

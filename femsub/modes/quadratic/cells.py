@@ -12,10 +12,10 @@ T = P_U⁻¹ at θ_c, R = P_LU, L = P_UL and c for the whole cell, P(s; θ) is r
     ξ ‖N‖ < 1,   N = | ‖RTL‖/c      ‖RTQ_L‖/√c |,   ξ = 1 + f²/2 + f √(1 + f²/4),   f² = ‖B_R‖ ‖B_L‖ / c:
                      | ‖Q_RᵀTL‖/√c  ‖Q_RᵀTQ_L‖ |
 
-the Schur complement is P_U + [L Q_L] X [R; Q_Rᵀ], where X has the norm ξ in these units. At θ_c it is that of `Coupling.margin`.
-Singular values of T_qV that are too small to matter join as a third kind of column, √ρ I. On a closed curve this shows that as many
-eigenvalues are inside for all θ in the cell as at θ_c. N is evaluated in the middle of pieces of the curve; what it changes over a
-piece is bounded by sums over eigenpairs.
+the Schur complement is P_U + [L Q_L] X [R; Q_Rᵀ], where X has the norm ξ in these units. At θ_c it is `Coupling.margin`.
+Singular values of T_qV that are too small to matter join as a third kind of column, √ρ I. On a closed curve this shows that as
+many eigenvalues are inside for all θ in the cell as at θ_c. N is evaluated in the middle of pieces of the curve; what it changes
+over a piece is bounded by sums over eigenpairs.
 
 References: T. Kato, Math. Ann. 125 (1952) 208 (mixed Schwarz inequality); A. T. Patera, G. Rozza (2007), see `energy_basis`.
 """
@@ -38,9 +38,9 @@ LEFT = 0.005  # share of the bound that singular values which are left out may t
 
 
 class Change(NamedTuple):
-    """A whole term T that a parameter changes: singular values of TᵀV and TV in the norm of A, their vectors, and what is outside V.
+    """A whole term T s^power that a parameter changes, by TᵀV and TV in the norm of A.
 
-    `power` is k of its factor s^k.
+    Of each: its singular values and vectors, and the Gram matrix of what is outside V.
     """
 
     power: int
@@ -74,7 +74,7 @@ class Change(NamedTuple):
 
 
 def images(basis: EnergyBasis, sizes: Array) -> tuple[Array, float]:
-    """H (p, h, m) with products H_iᵀH_j = `basis.lost` of images outside V, of terms of these sizes; and what rounding leaves out.
+    """H (p, h, m) with H_iᵀH_j = `basis.lost` of terms of these sizes, and the norm of what it lacks.
 
     By Cholesky with pivots, which ends at three quarters of the digits.
     """
@@ -113,8 +113,8 @@ class CellBound:
         self.lengths = [np.linalg.norm(part, axis=0) for part in (small.x, small.z)]
         whole = max(float((np.abs(self._coefficients(s)) * self.lengths[0] * self.lengths[1]).sum())
                     for s in contour.at(np.linspace(0.0, 1.0, 64)))  # about the largest ‖T‖
-        sides: list[list[Array]] = [[np.zeros((len(small.x), 0))], [np.zeros((len(small.x), 0))]]
-        powers: list[list[int]] = [[], []]
+        sides = [[np.zeros((len(small.x), 0))], [np.zeros((len(small.x), 0))]]
+        powers = [[np.zeros(0)], [np.zeros(0)]]
         square, self.rest = np.zeros(2), 0.0
         for change, delta in changes:
             size = delta * contour.size**change.power
@@ -123,13 +123,13 @@ class CellBound:
             Q, norms, rest = change.columns(LEFT / (whole * len(changes) * size))
             for side, power, part in zip(sides, powers, Q, strict=True):
                 side.append(part * np.sqrt(delta))
-                power += [change.power] * part.shape[1]
+                power.append(np.full(part.shape[1], float(change.power)))
             square, self.rest = square + size * np.square(norms), self.rest + size * rest
         self.Q = []
         for side, own in zip(sides, powers, strict=True):  # the larger columns first
-            Q, power = np.hstack(side), np.array(own, dtype=float)
-            order = np.argsort(-np.linalg.norm(Q, axis=0) * contour.size ** (power / 2))
-            self.Q.append((Q[:, order], power[order]))
+            columns, degrees = np.hstack(side), np.concatenate(own)
+            order = np.argsort(-np.linalg.norm(columns, axis=0) * contour.size ** (degrees / 2))
+            self.Q.append((columns[:, order], degrees[order]))
         self.QX, self.QZ = self.Q[1][0].T @ small.x, self.Q[0][0].T @ small.z
         self.HX, self.HZ = self.H @ small.x, self.H @ small.z
         f = float(np.sqrt(np.sqrt(np.prod(square + self.rest)) / c))
@@ -140,8 +140,8 @@ class CellBound:
     def at(self, s: complex, reach: float, share: float) -> tuple[Array, float]:
         """N for |s' - s| ≤ reach, ‖RTL‖/c there being `share`; and ξ‖N‖ at s itself.
 
-        Its rows and columns: outside V, the larger and the smaller columns of Q, and √ρ I. The norms of blocks with smaller columns
-        are those of Frobenius.
+        Its rows and columns: outside V, the larger and the smaller columns of Q, and √ρ I. Blocks with smaller columns have the
+        norm of Frobenius.
         """
         small, basis, root = self.small, self.small.basis, self.c**-0.5
         few = min(WIDER, len(self.QX), len(self.QZ))
@@ -184,7 +184,7 @@ class CellBound:
             return np.where(np.isfinite(distance), reach / (distance * (distance - reach)), 0.0)
 
     def margin(self) -> tuple[float, list[Array], Array]:
-        """ξ‖N‖ on the contour, at most; directions that lower it where V lacks some; and the share of each change where it is largest.
+        """ξ‖N‖ on the contour, at most; directions that lower it; and the share of each change where it fails.
 
         Infinite where it cannot be shown to be below `SAFE`.
         """
@@ -217,9 +217,10 @@ class CellBound:
         """δ_q ‖|T_qV|^½ T |T_qᵀV|^½‖ of each change at s, about: what halving its range would gain."""
         middle, found = self._coefficients(s), []
         for change, delta in self.changes:
-            left, right = (vectors[:, :1] * size[:1] ** 0.5 for size, vectors, _ in (change.left, change.right))
-            found.append(delta * abs(s) ** change.power * abs(((right.T @ self.small.x) * middle) @ (self.small.z.conj().T @ left)))
-        return np.array(found).ravel()
+            left, right = (vectors[:, 0] * size[0] ** 0.5 for size, vectors, _ in (change.left, change.right))
+            inner = ((right @ self.small.x) * middle) @ (self.small.z.conj().T @ left)
+            found.append(delta * abs(s) ** change.power * abs(inner))
+        return np.array(found)
 
     def _directions(self, s: complex, N: Array) -> list[Array]:
         """Residuals of what the changes move most, if the coupling with the outside has the larger share in N."""

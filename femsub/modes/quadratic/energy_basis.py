@@ -485,11 +485,10 @@ class Coupling:
         return found
 
 
-def eigenpairs(matrices: Sequence[Array], unit: float) -> tuple[tuple[float, Array, Array, Array], tuple[Array, ...],
-                                                               tuple[Array, Array]]:
-    """σ, ν = 1/(λ - σ) (2m,), X and Z (m, 2m) of K + sD + s²M (m, m), see `Coupling`; the matrices and vectors in other coordinates.
+def eigenpairs(matrices: Array, unit: float) -> tuple[tuple[float, Array, Array, Array], tuple[Array, ...], tuple[Array, Array]]:
+    """σ, ν = 1/(λ - σ) (2m,), X and Z (m, 2m) of K + sD + s²M, matrices (3, m, m), see `Coupling`; matrices and vectors inside.
 
-    There K + unit²M is about I.
+    These are in coordinates in which I + unit²M is I.
     """
     m = len(matrices[0])
     K, D, M = matrices

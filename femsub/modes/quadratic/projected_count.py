@@ -180,14 +180,14 @@ class Projection(EnergyBasis):
             if shapes.shape[1]:
                 self.add(shapes)
 
-    def changed(self, theta: Sequence[float], half: Sequence[float] = ()) -> Projection:
+    def changed(self, theta: Sequence[float] | Array, half: Sequence[float] | Array = ()) -> Projection:
         """The projection for P(s) + Σ θ_q s^q T_q, with one θ for each of the `changes`; `on` counts for all θ ± `half` then."""
         found = self.at(self._weighted(theta))
         found.counted, found.why = None, ""
-        found.theta, found.half = np.array(theta, dtype=float), np.array(half or np.zeros(len(theta)))
+        found.theta, found.half = np.array(theta, dtype=float), np.array(half if len(half) else np.zeros(len(theta)), dtype=float)
         return found
 
-    def _weighted(self, theta: Sequence[float]) -> list[Weights]:
+    def _weighted(self, theta: Sequence[float] | Array) -> list[Weights]:
         return [own if place is None else (theta[place] * own[0], theta[place] * own[1], theta[place] * own[2])
                 for place, own in self.own_weights]
 
@@ -260,7 +260,7 @@ class Projection(EnergyBasis):
     def _moved(self, small: Coupling) -> Array:
         """How far the changes, θ ± half, move each eigenvalue to first order: Σ half_q |λ^k zᴴT_qx|, (2m,)."""
         found = np.zeros(len(small.nu))
-        for (place, own), inside in zip(self.own_weights, self.inside, strict=True):
+        for (place, _), inside in zip(self.own_weights, self.inside, strict=True):
             if place is not None and self.half[place]:
                 size = np.abs(np.einsum("ik,ik->k", small.z.conj(), inside @ small.x))
                 with np.errstate(invalid="ignore"):
