@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-PLACES = 64  #: at which the error is looked at, for each parameter
+WIDER = 0.2  #: of the band's top: how far the contour may move out, into gaps that no eigenvalue crosses
+PLACES = 64  #: at which the error is looked at
 NODES = 12  #: values whose vectors are taken, for each parameter, at most
 
 
@@ -67,7 +68,7 @@ class _Maker:
         reference = Pencil(*(weighted([(next(of), A) for _, A in several]) if several else None
                              for several in (family.M, family.D, family.K)))
         self.projection = projection_over(reference, [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(half[q]))
-                                                      for q in self.varied], box.band)
+                                                      for q in self.varied], box.band, WIDER)
         units = reference.sparse().units[1]
         self.unit = units if reference.sparse().alike() is not reference.sparse() else np.ones(reference.size)
 
@@ -87,7 +88,7 @@ class _Maker:
             lo, hi, proved = self.family.factor_ranges(ranges)
             theta, half = ((lo + hi) / 2 - self.middle)[self.varied], (hi - lo)[self.varied] / 2
             self.projection = self.projection.changed(theta, half)
-            count, tried = count_over(self.projection, self.box.band), tried + 1
+            count, tried = count_over(self.projection, self.box.band, WIDER), tried + 1
             if count is not None:
                 log.info("%d eigenvalues in %s over %s, margin %.2g", count.number, count.contour.where, ranges, count.margin)
                 done.append(Cell(ranges, count.contour, count.number, count.margin, CERTIFIED if proved.all() else CONFIRMED))
@@ -150,7 +151,7 @@ class _Maker:
         c = self.projection.least
         values = [dict(zip(names, place, strict=True)) for place in
                   [(lo + hi) / 2, *(np.array(corner) for corner in product(*zip(lo, hi, strict=True)))]]
-        train = qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES * len(names)), lo, hi)
+        train = qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES), lo, hi)
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
         self.projection.lost  # noqa: B018
         nodes = [self.node(one, contour) for one in values]

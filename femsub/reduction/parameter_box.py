@@ -274,7 +274,7 @@ class BoxModel(Affine):
         with np.errstate(all="ignore"):
             lam = shift + 1 / nu
         lam[~np.isfinite(lam)] = np.inf
-        contour = cell.contour or Contour(sides=(-1.02 * hi, 1.02 * hi, 1.02 * hi))
+        contour = cell.contour or Contour(sides=(-hi, hi, hi))
         found = int(np.count_nonzero(contour.encloses(lam))) + 2 * free
         near = np.flatnonzero(in_band(lam, self.box.band, (-hi, hi)) & (lam.imag >= 0))
         near = near[np.argsort(lam[near].imag, kind="stable")]

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 KEPT = 200_000  # DOF up to which a `count` of eigenvalues is counted unasked, for its second factor takes memory
+ROOM = 0.02  # of the top of a box: how far its edges may move out, to keep clear of eigenvalues
 FEWER = "too few eigenvalues in the disc"
 
 
@@ -208,12 +209,12 @@ def _counted(pencil: Pencil, region: Region, projection: Projection | None) -> t
     return None, None, why
 
 
-def _inside(region: Region, outer: Contour, values: Array, moved: Array) -> Contour:
+def _inside(region: Region, outer: Contour, values: Array, moved: Array, room: float = ROOM) -> Contour:
     """The contour that is counted in, between eigenvalues of the projection: just behind the nearest, or around the box.
 
-    A parameter has `moved` each of them by so much.
+    Parameters move each of them by up to `moved`.
 
-    LinAlgError, as where there is no projection, if the disc has fewer. An edge of a box moves out by up to 2 %.
+    LinAlgError, as where there is no projection, if the disc has fewer. An edge of a box moves out by up to `room`.
     """
     if region.box is None:
         size, last = sizes_up_to(values[outer.encloses(values)], region.count or 0)
@@ -222,7 +223,7 @@ def _inside(region: Region, outer: Contour, values: Array, moved: Array) -> Cont
         return Contour(clear_radius(size, last + 1))
     upper, moved = values[values.imag >= 0], moved[values.imag >= 0]
     a, b, _, hi = region.box
-    moves = np.linspace(0.002, 0.02, 10) * hi
+    moves = np.linspace(room / 10, room, 10 * round(room / ROOM)) * hi
 
     def best(edges: Array, coordinates: Array) -> float:
         return float(edges[np.argmax((np.abs(edges[:, None] - coordinates) - moved).min(axis=1, initial=np.inf))])
@@ -250,7 +251,7 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
     return None
 
 
-def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float, float]) -> Projection:
+def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float, float], room: float = ROOM) -> Projection:
     """One projection that counts in a band for all values of parameters, which make these changes of a pencil.
 
     `search` takes it where it is `Projection.changed` for a value, and `pencil` has the units of that value's pencil.
@@ -266,19 +267,22 @@ def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float
     alike = sparse.alike()
     changes = [change._replace(matrix=sp.csr_array(change.matrix) if alike is sparse else
                                scaled(sp.csr_array(change.matrix), *sparse.units)) for change in changes]
-    return Projection(alike, _around((-band[1], band[1], *band)), _most_shapes(pencil.size), changes)
+    return Projection(alike, _around((-band[1], band[1], *band), room), _most_shapes(pencil.size), changes)
 
 
-def count_over(projection: Projection, band: tuple[float, float]) -> Count | None:
-    """The number of eigenvalues in a contour around a band, for all changes θ ± half of the projection; None without."""
+def count_over(projection: Projection, band: tuple[float, float], room: float) -> Count | None:
+    """The number of eigenvalues in a contour around a band, for all changes θ ± half of the projection; None without.
+
+    Edges may move out by up to `room` times the top of the band, into gaps between eigenvalues that parameters move.
+    """
     box = (-band[1], band[1], *band)
-    return projection.on(partial(_inside, Region(box=box), _around(box)))
+    return projection.on(partial(_inside, Region(box=box), _around(box, room), room=room))
 
 
-def _around(box: Box) -> Contour:
-    """The contour around a rectangle whose edges may move by up to 2 %, from the real axis on."""
+def _around(box: Box, room: float = ROOM) -> Contour:
+    """The contour around a rectangle whose edges may move out by up to `room` of its top, from the real axis on."""
     a, b, _, hi = box
-    return Contour(sides=(a - 0.02 * hi, b + 0.02 * hi, 1.02 * hi))
+    return Contour(sides=(a - room * hi, b + room * hi, (1 + room) * hi))
 
 
 def _most_shapes(size: int) -> int:

@@ -1,0 +1,178 @@
+"""A small model over a box of parameters: its numbers of eigenvalues are right for all values, and its error bars hold."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+from scipy.io import loadmat
+
+import femsub as fs
+from femsub.errors import FemsubWarning, InputError
+
+
+def truth(pencil: fs.Pencil) -> np.ndarray:
+    """All eigenvalues by LAPACK on a companion form."""
+    M, D, K = (np.asarray(part.toarray() if sp.issparse(part) else part) for part in (pencil.M, pencil.D, pencil.K))
+    n = len(M)
+    return la.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]]),
+                      np.block([[np.eye(n), np.zeros((n, n))], [np.zeros((n, n)), M]]))
+
+
+def inverse(speed):
+    return 1 / speed
+
+
+def together(mu, speed):
+    return mu / speed
+
+
+def family(seed: int, n: int = 60) -> fs.Affine:
+    """A damped net of springs with a circulatory, a gyroscopic and a damping term that depend on μ and a speed."""
+    rng = np.random.default_rng(seed)
+    M, K = fs.chain(n).M, fs.chain(n).K
+    extra = sp.random_array((n, n), density=3 / n, rng=rng)
+    K = sp.csr_array(K + sp.diags_array(rng.uniform(0.0, 0.2, n)) + 0.1 * extra @ extra.T)
+    rub = sp.random_array((n, n), density=2 / n, rng=rng)
+    dashpots = sp.diags_array(rng.uniform(0.0, 0.1, n) * (rng.random(n) < 0.2))
+    turn = sp.random_array((n, n), density=1 / n, rng=rng)
+    return fs.Affine(M, [(1.0, 1e-3 * K), (inverse, dashpots), ("speed", sp.csr_array(0.01 * (turn - turn.T)))],
+                     [(1.0, K), ("mu", sp.csr_array(0.01 * rub)), (together, sp.csr_array(0.005 * rub.T))])
+
+
+def check(small: fs.BoxModel, full, band: tuple[float, float], places: list[dict[str, float]]) -> None:
+    """Numbers inside the cells' contours, and every λ in the band within the error bar of one of the small model, and the reverse."""
+    for place in places:
+        cell, every, found = small.cell(**place), truth(full(**place)), small.modes(**place)
+        if cell.number is not None:
+            assert np.count_nonzero(cell.contour.encloses(every)) == cell.number, place
+        lam, bar = found.eigenvalues, found.error_bar
+        rounding = 1e-12 * band[1]
+        assert (np.abs(lam[:, None] - every).min(axis=1) <= bar + rounding).all(), place
+        deep = every[(every.imag >= band[0] + 1e-4) & (every.imag <= band[1] - 1e-4) & (np.abs(every.real) <= band[1] - 1e-4)]
+        assert (np.abs(deep[:, None] - lam).min(axis=1, initial=np.inf) <= bar.max() + rounding).all(), place
+        growing = every[(np.abs(every.imag) <= band[1]) & (np.abs(every.imag) >= band[0])].real.max()
+        if found.is_stable is not None and abs(growing) > 1e-10:
+            assert found.is_stable == (growing < 0), place
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_families(seed):
+    band, ranges = (0.0, 0.5), {"mu": (0.0, 1.0), "speed": (0.5, 2.0)}
+    full = family(seed)
+    small = fs.reduce(full, fs.ParameterBox(ranges, band))
+    assert small.evidence == "certified" and small.open_share == 0
+    rng = np.random.default_rng(seed)
+    corners = [{"mu": mu, "speed": speed} for mu in (0.0, 1.0) for speed in (0.5, 2.0)]
+    places = [{name: float(rng.uniform(*ends)) for name, ends in ranges.items()} for _ in range(4)]
+    check(small, full.at, band, corners + places)
+    assert small.error < 1e-6
+
+
+def test_chain_on_a_belt_and_its_loss():
+    chain, band = fs.chain(60, belt=5, damping=0.1), (0.0, 0.5)
+    small = fs.reduce(chain, fs.ParameterBox({"slope": (-0.02, 0.0)}, band), contacts=fs.Belt(slope=0.0))
+    check(small, lambda slope: chain.linearised(fs.Belt(slope=slope)), band, [{"slope": p} for p in (-0.02, -0.013, -0.004, 0.0)])
+    ours = fs.critical_value(small, None, "slope", between=(0.0, -0.02))
+    full = fs.critical_value(chain, fs.Belt(slope=0.0), "slope", between=(0.0, -0.02), band=band)
+    assert len(ours.losses) == len(full.losses) > 1
+    np.testing.assert_allclose([one.value for one in ours.losses], [one.value for one in full.losses], rtol=1e-6)
+
+
+def test_shapes_of_the_full_model():
+    full = family(7)
+    small = fs.reduce(full, fs.ParameterBox({"mu": (0.0, 0.5), "speed": (1.0, 2.0)}, (0.0, 0.4)))
+    modes = small.modes(mu=0.3, speed=1.3)
+    pencil = full.at(mu=0.3, speed=1.3)
+    X = small.expand(modes.shapes)
+    residual = np.linalg.norm(pencil.residual(modes.eigenvalues, X), axis=0)
+    assert (residual < 1e-4 * pencil.norms[2] * np.linalg.norm(X, axis=0)).all()
+
+
+def test_an_eigenvalue_that_crosses_every_contour_is_not_promised():
+    # the second mass moves from ω = 0.9 to 1.2: across all edges that a contour around the band may have
+    full = fs.Affine(np.eye(3), 0.01 * np.eye(3), [(1.0, np.diag([0.3, 0.0, 9.0])), ("k", np.diag([0.0, 1.0, 0.0]))])
+    with pytest.warns(FemsubWarning, match="of the box is not proved"):
+        small = fs.reduce(full, fs.ParameterBox({"k": (0.81, 1.44)}, (0.0, 1.0), cells=9))
+    assert 0 < small.open_share < 0.5 and small.evidence == "not checked"
+    check(small, full.at, (0.0, 1.0), [{"k": k} for k in (0.81, 0.9, 0.99, 1.01, 1.06, 1.1, 1.3, 1.44)])
+    assert small.number(k=0.81) == 4 and small.number(k=1.44) == 2
+
+
+def test_a_factor_that_takes_no_interval_is_sampled():
+    sampled = (lambda k: math.sin(k), np.diag([0.0, 1.0, 0.0]))
+    full = fs.Affine(np.eye(3), 0.01 * np.eye(3), [(1.0, np.diag([0.3, 0.5, 9.0])), sampled])
+    small = fs.reduce(full, fs.ParameterBox({"k": (0.0, 0.2)}, (0.0, 1.0)))
+    assert small.evidence == "confirmed" and small.modes(k=0.1).evidence == "confirmed"
+    check(small, full.at, (0.0, 1.0), [{"k": k} for k in (0.0, 0.13, 0.2)])
+
+
+def test_rigid_motion_stays_at_zero():
+    full = fs.Affine(np.eye(3), None, [(1.0, np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]])),
+                                       ("k", np.array([[1.0, -1, 0], [-1, 1, 0], [0, 0, 0]]))])
+    small = fs.reduce(full, fs.ParameterBox({"k": (0.0, 0.5)}, (0.0, 1.3)))
+    modes = small.modes(k=0.25)
+    assert (modes.eigenvalues[:2] == 0).all() and modes.rigid[:2].all() and modes.evidence == "certified"
+    assert small.number(k=0.1) == 4
+
+
+def test_some_of_the_parameters_may_be_fixed():
+    full = family(3)
+    small = fs.reduce(full, fs.ParameterBox({"mu": (0.0, 1.0), "speed": (0.5, 2.0)}, (0.0, 0.5)))
+    part = small.fixed(speed=1.0)
+    assert part.parameters == ("mu",) and part.evidence == small.evidence
+    np.testing.assert_allclose(part.modes(mu=0.4).eigenvalues, small.modes(mu=0.4, speed=1.0).eigenvalues, rtol=1e-12)
+    assert part.number(mu=0.4) == small.number(mu=0.4, speed=1.0)
+    again = pickle.loads(pickle.dumps(part))
+    assert repr(again) == repr(part) and again.number(mu=0.4) == part.number(mu=0.4)
+    found = fs.complex_modes(small.at(mu=0.4, speed=1.0), band=(0.0, 0.5))
+    np.testing.assert_allclose(np.sort_complex(found.eigenvalues), np.sort_complex(part.modes(mu=0.4).eigenvalues), rtol=1e-9)
+
+
+def test_values_outside_the_box_are_refused():
+    small = fs.reduce(family(3), fs.ParameterBox({"mu": (0.0, 1.0), "speed": (0.5, 2.0)}, (0.0, 0.5)))
+    for ask in (small.at, small.modes, small.number):
+        with pytest.raises(InputError, match=r"mu = 1\.5 is outside the box, whose upper bound is 1\."):
+            ask(mu=1.5, speed=1.0)
+        with pytest.raises(InputError, match=r"speed = 0\.1 is outside the box, whose lower bound is 0\.5"):
+            ask(mu=0.5, speed=0.1)
+    with pytest.raises(InputError, match="speed"):
+        small.modes(mu=0.5)
+
+
+@pytest.mark.parametrize(("ranges", "band", "says"), [
+    ({}, (0, 1), "ranges has no parameter"), ({"mu": (1, 1)}, (0, 1), r"the range of mu must be \(lo, hi\) with lo < hi"),
+    ({"mu": (0, 1)}, (0, np.inf), "band"), ({"mu": (0, np.nan)}, (0, 1), "range of mu"),
+])
+def test_a_bad_box_is_refused(ranges, band, says):
+    with pytest.raises((InputError, TypeError), match=says):
+        fs.ParameterBox(ranges, band)
+
+
+def test_a_pole_in_the_box_is_refused():
+    with pytest.raises(fs.errors.FemsubError, match="infinite in the box"):
+        fs.reduce(family(3), fs.ParameterBox({"mu": (0.0, 1.0), "speed": (-1.0, 2.0)}, (0.0, 0.5)))
+
+
+M0 = Path(__file__).parents[2] / "shared" / "brake-m0"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not M0.exists(), reason="the matrices of brake M0 are not there")
+def test_brake_m0_over_all_speeds():
+    read = {name: sp.csr_array(next(value for key, value in loadmat(M0 / f"{name}.mat").items() if key[0] != "_")).astype(float)
+            for name in ("BMLL", "BDLL", "BDIWLL", "BYLL", "BHLL", "BKLL", "BKQLL", "BWLL")}
+    full = fs.Affine(read["BMLL"], [(1.0, read["BDLL"]), (inverse, read["BDIWLL"]), ("speed", read["BYLL"]),
+                                    (1 / 1600, read["BHLL"])],
+                     [(1.0, read["BKLL"]), (1.0, read["BKQLL"]), (lambda speed: speed**2, read["BWLL"])])
+    small = fs.reduce(full, fs.ParameterBox({"speed": (2 * np.pi, 8 * np.pi)}, (0.0, 2e4)))
+    assert small.evidence == "certified" and max(cell.margin for cell in small.cells) <= 0.9 and small.error <= 1e-6
+    for speed, growth in ((2 * np.pi, 0.000250), (4 * np.pi, 0.000193), (8 * np.pi, 0.000049)):  # printed by others
+        modes = small.modes(speed=speed)
+        assert len(modes) == 37 and modes.evidence == "certified"
+        assert abs(modes.growth - growth) < 1e-6 and (modes.error_bar <= 1e-6 * np.abs(modes.eigenvalues)).all()
