@@ -150,19 +150,28 @@ def draw_panel(axis: Any, panel: Panel, values: Sequence[float], limits: Mapping
 
 def draw_heats(figure: Any, axes: Sequence[Any], panels: Sequence[Panel]) -> None:
     """Draws values in colours, with one scale beside all panels that have it in common."""
-    from matplotlib.colors import LogNorm, SymLogNorm
+    from matplotlib import colormaps
+    from matplotlib.colors import BoundaryNorm, LogNorm, SymLogNorm
     from matplotlib.ticker import MaxNLocator
 
     heats, scales = [panel.heat for panel in panels], dict[str, tuple[Any, Any, list[Any]]]()
     for axis, heat in zip(axes, heats, strict=False):
         if heat is not None:
-            norm = SymLogNorm(heat.low, vmin=-heat.top, vmax=heat.top) if heat.signed else LogNorm(heat.low, heat.top)
-            values = heat.values if heat.signed else np.maximum(heat.values, heat.low)
-            axis.xaxis.set_major_locator(MaxNLocator(12 // sum(map(bool, heats)), integer=True))  # all have room
-            mesh = axis.pcolormesh(heat.x, heat.y, values, norm=norm, cmap="RdBu_r" if heat.signed else "magma",
-                                   shading="nearest", rasterized=True)
-            decades = 10.0 ** np.arange(np.ceil(np.log10(10 * heat.low)), np.log10(heat.top))  # those at 0 have no room
-            scales.setdefault(heat.label, (mesh, [*-decades, 0.0, *decades] if heat.signed else None, []))[2].append(axis)
+            numbers = np.arange(heat.low, heat.top + 1) if heat.whole else np.zeros(0)
+            colours = colormaps["YlOrRd"].resampled(max(len(numbers), 2)) if heat.whole else "RdBu_r" if heat.signed else "magma"
+            norm = BoundaryNorm(np.append(numbers, heat.top + 1) - 0.5, len(numbers)) if heat.whole else \
+                SymLogNorm(heat.low, vmin=-heat.top, vmax=heat.top) if heat.signed else LogNorm(heat.low, heat.top)
+            values = heat.values if heat.signed or heat.whole else np.maximum(heat.values, heat.low)
+            whole_x = np.array_equal(heat.x, np.rint(heat.x))  # as numbers of belts
+            beside = min(sum(map(bool, heats)), axis.get_subplotspec().get_gridspec().ncols)
+            axis.xaxis.set_major_locator(MaxNLocator(12 // beside, integer=whole_x))  # all have room
+            mesh = axis.pcolormesh(heat.x, heat.y, values, norm=norm, cmap=colours, shading="nearest", rasterized=True)
+            decades = 10.0 ** np.arange(np.ceil(np.log10(10 * heat.low)), np.log10(heat.top)) if heat.low else numbers
+            ticks = numbers[::-(-len(numbers) // 12)] if heat.whole else [*-decades, 0.0, *decades] if heat.signed else None
+            scales.setdefault(heat.label, (mesh, ticks, []))[2].append(axis)
+            if np.any(heat.hatched):
+                axis.contourf(heat.x, heat.y, np.asarray(heat.hatched, dtype=float), [0.5, 1.5], colors="none", hatches=["////"])
+                axis.fill([], [], fill=False, hatch="////", label="undecided")
     for label, (mesh, ticks, those) in scales.items():
         figure.colorbar(mesh, ax=those, label=label, ticks=ticks)
 

@@ -73,7 +73,8 @@ class Level(NamedTuple):
 class Heat(NamedTuple):
     """Values (n, m) in colours at x (m,) and y (n,) of a figure, logarithmic from `low` to `top`.
 
-    `signed` ones are on both sides of 0, and linear up to `low`. The scale is named by `label`.
+    `signed` ones are on both sides of 0, and linear up to `low`; `whole` ones are numbers from `low` to `top`, each in a colour.
+    The scale is named by `label`. Where `hatched` (n, m) is True, the values are undecided. A page has those that are `paged`.
     """
 
     x: Any
@@ -83,6 +84,14 @@ class Heat(NamedTuple):
     low: float
     top: float
     signed: bool = False
+    whole: bool = False
+    hatched: Any = None
+    paged: bool = False
+
+    def plain(self) -> dict[str, Any]:
+        """For a page, which draws the colours of signed ones about 0, linear."""
+        return {"x": _plain(self.x), "y": _plain(self.y), "z": [_plain(row) for row in np.asarray(self.values, dtype=float)],
+                "label": self.label, "signed": self.signed}
 
 
 @dataclass(frozen=True)
@@ -186,6 +195,7 @@ class Chart:
             if series:
                 places.setdefault(panel.among or panel.title, []).append({
                     "title": panel.title, "x": panel.x, "y": panel.y, "logs": panel.logs, "series": series,
+                    **({"heat": panel.heat.plain()} if panel.heat and panel.heat.paged else {}),
                     "levels": [one._asdict() for one in panel.levels if math.isfinite(one.at)]})
         return {"name": self.name, "title": self.title, "note": self.note,
                 "places": [{"title": title, "panels": panels} for title, panels in places.items()]}
