@@ -84,6 +84,7 @@ from .reduction.reduce import (
 )
 from .stability.critical_value import critical_slope as critical_slope, critical_value as critical_value
 from .stability.question import CriticalValue as CriticalValue
+from .stability.stability_map import StabilityMap as StabilityMap, stability_map as stability_map
 from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track
 from .studies.audit import Audit as Audit, audit as audit

@@ -20,6 +20,7 @@ from .charts_errors import (
     friction_errors_chart as friction_errors_chart,
 )
 from .charts_flutter import flutter_chart as flutter_chart
+from .charts_map import stability_map_chart as stability_map_chart, stability_map_tables as stability_map_tables
 from .charts_motion import (
     bifurcation_chart as bifurcation_chart,
     period_chart as period_chart,

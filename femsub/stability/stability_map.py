@@ -1,0 +1,249 @@
+"""Stability over two parameters: how many modes grow at each point of a grid, and the borders between as curves."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from femsub.checks import NOT_CHECKED, Array, instance, items, listener, mapping, real_array, until, whole_number, word
+from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.model import Affine, Contacts, Pencil, Substructure, contacts_of, fields_of, usable_band
+from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.stability.map_borders import BorderLine, Node, Nodes, joined, leaves
+from femsub.stability.margins import ModesAt, point_modes
+
+log = logging.getLogger(__name__)
+
+
+class Spot(NamedTuple):
+    """A point at which the full model was solved: growing modes of the model and of the full one, and largest Re λ of both.
+
+    `radius` is the model's own bound of its error, over |λ|; NaN if it has none. `agrees`: the numbers are the same, but for
+    modes that error bars leave undecided.
+    """
+
+    at: tuple[float, float]
+    number: int
+    full_number: int
+    growth: float
+    full_growth: float
+    radius: float
+    agrees: bool
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StabilityMap:
+    """The stability of a model at m · k values of two parameters, made by `stability_map`.
+
+    Attributes
+    ----------
+    parameters : (str, str)
+    values : (ndarray of shape (m,), ndarray of shape (k,))
+        Of the first and of the second parameter, ascending.
+    number : ndarray of int, shape (m, k)
+        Modes in the band that certainly grow: pairs of eigenvalues, and real ones.
+    growth, omega : ndarray, shape (m, k)
+        The largest Re λ in the band, 1 per unit of time, and Im λ of that mode; -inf and NaN if the band is empty.
+    undecided : ndarray of bool, shape (m, k)
+        Where error bars, or the radii of a reduced model, leave undecided whether a mode grows. An undamped mode on the axis does
+        not grow.
+    radius : ndarray, shape (m, k)
+        The largest radius of a λ in the band, over |λ|, of a model that knows it; NaN of others.
+    borders : tuple of BorderLine
+        Where a mode begins to grow certainly. A line ends at the edge of the map, or where its mode leaves the band.
+    spots : tuple of Spot
+        The points at which the full model was solved.
+    band : (lo, hi)
+    solved : int
+        Number of eigenproblems, those of borders included.
+    cutoff : float
+        That of a reduced model, where no band was asked for: it ends the band. inf otherwise.
+    evidence : str
+        That of a model of a whole box of parameters. 'not checked' of others: at each point all eigenvalues are known, between
+        the points nothing is.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> K = [(1.0, [[1, 0], [0, 2]]), ("split", [[0, 0], [0, 1]]), ("mu", [[0, 1], [-1, 0]])]
+    >>> pair = fs.Affine([[1, 0], [0, 1]], [[0.1, 0], [0, 0.1]], K)
+    >>> fs.stability_map(pair, {"split": (-2.0, 1.0), "mu": (0.0, 2.0)}, points=(4, 5))
+    StabilityMap: split from -2 to 1, mu from 0 to 2, 20 points; up to 1 mode grows, at 60 % of them; 0 % undecided, 1 border
+    """
+
+    parameters: tuple[str, str]
+    values: tuple[Array, Array]
+    number: Array
+    growth: Array
+    omega: Array
+    undecided: Array
+    radius: Array
+    borders: tuple[BorderLine, ...]
+    spots: tuple[Spot, ...]
+    band: tuple[float, float]
+    solved: int
+    cutoff: float = np.inf
+    evidence: str = NOT_CHECKED
+
+    @property
+    def undecided_share(self) -> float:
+        """The share of the points at which a mode is undecided."""
+        return float(self.undecided.mean())
+
+    def __repr__(self) -> str:
+        where = ", ".join(f"{name} from {values[0]:g} to {values[-1]:g}"
+                          for name, values in zip(self.parameters, self.values, strict=True))
+        top, lines, wrong = int(self.number.max()), len(self.borders), sum(not one.agrees for one in self.spots)
+        share = f"at {100 * np.mean(self.number > 0):.3g} % of them"
+        found = f"up to {top} mode{'s grow' if top > 1 else ' grows'}, {share}" if top else "no mode grows"
+        spots = f"; {wrong} of {len(self.spots)} spots differ in the full model" if self.spots else ""
+        return (f"StabilityMap: {where}, {self.number.size} points; {found}; {100 * self.undecided_share:.3g} % undecided, "
+                f"{lines} border{'s' * (lines != 1)}{spots}{until(self.cutoff)}")
+
+
+def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, contacts: Contacts = None,
+                  band: tuple[float, float] | None = None, points: tuple[int, int] = (60, 60), halvings: int = 2,
+                  full: Substructure | Affine | None = None, spots: int = 4,
+                  progress: Callable[[str], None] | None = None) -> StabilityMap:
+    """How many modes grow over two parameters, and on which curves their number changes.
+
+    At each point of a grid all eigenvalues of a model of up to 300 DOF are computed at once, of a larger one those in the band. A
+    border is found on an edge of the grid between two points at which the numbers differ, or the modes that grow do, as a root of
+    the margin. A cell is halved where margins bend so much that a mode may cross within: so are found folds, and islands that
+    miss all points of the grid.
+
+    Parameters
+    ----------
+    model : Substructure or Affine
+        Full or reduced; of an `Affine`, other parameters than the two have values (`Affine.fixed`). A model of a whole box of
+        parameters gives the radius of each λ, which decides with the error bars what grows.
+    over : mapping of str to (lo, hi), or to an array of three values or more
+        The two parameters: those of an `Affine`, or fields of the contacts, which change in all contacts that have them.
+    contacts : Belt, LinearContact or another contact, or a sequence of them, optional
+        On the model's ports; None for an `Affine`.
+    band : (lo, hi), optional
+        Only modes with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. Default: all, for a reduced model those up to
+        its cut-off. Required for a sparse model above 2,000 DOF.
+    points : (int, int)
+        Values of each parameter that is given as a range.
+    halvings : int
+        How often a cell is halved at most.
+    full : Substructure or Affine, optional
+        The full model of a reduced one, with the same parameters. It is solved at some `spots`.
+    spots : int
+        Points at which it is solved, a tenth of the map apart: where the radius is largest, or where a mode is nearest to the
+        axis if the model knows no radius.
+    progress : callable, optional
+        Is called with a line of text as the work goes on.
+
+    Returns
+    -------
+    StabilityMap
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Not two parameters, an unknown one, others without a value, values outside the box of the model, less than two values.
+
+    Notes
+    -----
+    The margin of a mode is Re λ. Of two undamped modes it is -(λ₁² - λ₂²)², which is analytic where they meet. Within a cell
+    the k-th largest margin exceeds its values at the corners by up to 1/8 of its second differences; with those, taken from the
+    grid, twice as much is allowed for. An island of less than a quarter of a cell may be missed.
+
+    References
+    ----------
+    A. P. Seyranian, A. A. Mailybaev, Multiparameter Stability Theory (2003), ch. 3 (borders in the plane of two parameters);
+    T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145 (roots of margins where Newton's method finds none).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> K = [(1.0, [[1, 0], [0, 2]]), ("split", [[0, 0], [0, 1]]), ("mu", [[0, 1], [-1, 0]])]
+    >>> pair = fs.Affine([[1, 0], [0, 1]], [[0.1, 0], [0, 0.1]], K)
+    >>> found = fs.stability_map(pair, {"split": (-2.0, 1.0), "mu": (0.0, 2.0)}, points=(4, 5))
+    >>> found.borders[0].closed, round(found.growth.max(), 3)
+    (False, 0.817)
+    """
+    # the question
+    names = tuple(word("parameter", name) for name in mapping("over", over, "two parameters and their ranges"))
+    if len(names) != 2:
+        raise InputError(f"a map is over two parameters, but over has {len(names)}. Give the others values before")
+    at = _pencils(model, contacts, names)
+    counts = items("points", points, "two numbers of values")
+    if len(counts) != 2:
+        raise InputTypeError(f"points must be two numbers of values, not {len(counts)}")
+    axes: list[Array] = []
+    for name, count in zip(names, counts, strict=True):
+        count, values = whole_number("points", count, least=2, most=1000), real_array(f"over[{name!r}]", over[name])
+        if values.ndim != 1 or len(np.unique(values)) != len(values) or len(values) < 2:
+            raise InputError(f"over[{name!r}] must be a range (lo, hi), lo < hi, or a flat list of different values")
+        axes.append(np.linspace(values.min(), values.max(), count) if len(values) == 2 else np.sort(values))
+    whole_number("halvings", halvings, least=0, most=10)
+    whole_number("spots", spots, least=0)
+    limits, say = usable_band(model, band), listener("progress", progress)
+    if full is not None:
+        full_at = _pencils(full, contacts, names)
+    ends = [dict(zip(names, corner, strict=True)) for corner in product(*(axis[[0, -1]] for axis in axes))]
+    solver = ModesAt(model, at, names, limits, [at(end) for end in ends], say)
+
+    # the grid, and cells halved where a mode may cross within
+    shape, step = (len(axes[0]), len(axes[1])), 2**halvings
+    nodes = Nodes(axes, step, solver)
+    nodes.add(product(range(0, step * shape[0], step), range(0, step * shape[1], step)))
+    grid = [[nodes[step * i, step * j] for j in range(shape[1])] for i in range(shape[0])]
+    say("the borders")
+    lines = joined(leaves(nodes, grid, step), nodes)
+
+    # the result
+    def each(figure: str) -> Array:
+        return np.array([[getattr(one, figure) for one in row] for row in grid])
+
+    evidence = str(getattr(model, "evidence", NOT_CHECKED))
+    cutoff = np.inf if band is not None and not np.isnan(model.cutoff) else model.cutoff
+    result = StabilityMap((names[0], names[1]), (axes[0], axes[1]), each("number"), each("growth"), each("omega"),
+                          each("undecided") > 0, each("radius"), tuple(lines), (), limits, solver.solved, cutoff, evidence)
+    if full is not None:
+        far = result.radius if np.isfinite(result.radius).any() else each("nearness")
+        found: list[Spot] = []
+        places: list[Node] = []
+        for flat in np.argsort(-far, axis=None, kind="stable"):
+            place = divmod(int(flat), shape[1])
+            if len(found) == spots or any(max(abs(place[k] - one[k]) / shape[k] for k in (0, 1)) < 0.1 for one in places):
+                continue
+            places.append(place)
+            p = (float(axes[0][place[0]]), float(axes[1][place[1]]))
+            say(f"the full model at {names[0]} = {p[0]:.4g}, {names[1]} = {p[1]:.4g}")
+            small, whole = grid[place[0]][place[1]], point_modes(complex_modes(
+                full_at(dict(zip(names, p, strict=True))), band=limits if np.isfinite(limits[1]) else None), limits)
+            agrees = small.number <= whole.number + whole.undecided and whole.number <= small.number + small.undecided
+            found.append(Spot(p, small.number, whole.number, small.growth, whole.growth, small.radius, agrees))
+        result = replace(result, spots=tuple(found))
+    log.info("%r", result)
+    return result
+
+
+def _pencils(model: Substructure | Affine, contacts: Contacts, names: Sequence[str]) -> Callable[[Mapping[str, float]], Pencil]:
+    """The pencil as a function of the two parameters."""
+    if isinstance(model, Affine):
+        if contacts is not None:
+            raise InputError("an Affine has no ports for contacts. Put them into its matrices, or use a Substructure")
+        for name in names:
+            if name not in model.parameters:
+                raise unknown_name("parameter", name, model.parameters)
+        if rest := [name for name in model.parameters if name not in names]:
+            raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
+        return lambda p: model.at(**p)
+    instance("model", model, Substructure, "or an Affine").viscous_only("a map")
+    given: Sequence[Any] = contacts_of(contacts)
+    known = [fields_of(one) for one in given]
+    for name in names:
+        if not any(name in fields for fields in known):
+            raise unknown_name("parameter", name, sorted(set().union(*known)))
+    return lambda p: model.linearised([replace(one, **{name: value for name, value in p.items() if name in fields})
+                                       for one, fields in zip(given, known, strict=True)])
