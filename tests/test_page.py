@@ -507,3 +507,54 @@ def test_a_page_on_a_phone_at_night_and_on_paper(folders: dict[str, Path], brows
         paper = opened.page.pdf(format="A4")
         assert paper.startswith(b"%PDF") and not opened.wrong
     assert len(set(backgrounds)) == 2
+
+
+# ---- maps over two parameters, one for each value of a third
+
+MAPS = """
+import numpy as np
+import femsub as fs
+from femsub.app.scene import Result, Scene
+from femsub.studies import Verdict, stability_map_chart, stability_map_tables
+
+class SCENE(Scene):
+    OUTPUTS = ("map",)
+
+def run(scene, progress):
+    K = [(1.0, np.diag([1.0, 2.0])), ("split", np.diag([0.0, 1.0])), ("mu", [[0, 1], [-1, 0]])]
+    family = fs.Affine(np.eye(2), [("damping", np.eye(2))], K)
+    maps = {f"d = {d:g}": fs.stability_map(family.fixed(damping=d), {"split": (-2, 1), "mu": (0, 2)}, points=(9, 7),
+                                           progress=progress) for d in (0.1, 0.5)}
+    return Result({}, [stability_map_chart("map", maps, "A pair"), *stability_map_tables("map", maps["d = 0.1"]),
+                       Verdict(["It is."], [], "yes", "It is stable in part.", "Is it stable?")])
+"""
+
+
+@pytest.fixture(scope="module")
+def of_maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The output of a scene of one's own with two maps."""
+    made = tmp_path_factory.mktemp("map")
+    (made / "own.py").write_text(MAPS)
+    (made / "my.toml").write_text('scene = "own.py"\nunits = "SI"\noutputs = ["page"]\n')
+    assert main(["run", "-q", str(made / "my.toml"), "--out", str(made / "out")]) == 0
+    return made / "out"
+
+
+def test_a_scene_writes_the_map_and_its_borders(of_maps: Path) -> None:
+    with (of_maps / "map.csv").open(encoding="utf-8", newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    assert len(rows) == 63 and {*rows[0]} >= {"split", "mu", "growing_modes", "growth", "omega", "frequency_hz", "undecided"}
+    assert (of_maps / "map-borders.csv").is_file() and (of_maps / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_a_slider_of_the_page_shows_one_map_after_the_other(of_maps: Path, browser: Any) -> None:
+    opened = Opened(browser, of_maps / page.PAGE_FILE, viewport={"width": 1200, "height": 900})
+    slider = opened.page.locator(".plot input[type=range]").first
+    shown = "document.querySelector('.plot .canvas')._fullData.map(one => [one.type, one.x.length])"
+    before = opened.page.evaluate(shown)
+    title = "one => one.nextElementSibling.textContent"
+    assert before[0] == ["heatmap", 9] and slider.evaluate(title) == "growing modes, d = 0.1"
+    slider.evaluate("one => { one.value = 1; one.dispatchEvent(new Event('input')); }")
+    assert slider.evaluate(title) == "growing modes, d = 0.5"
+    assert opened.page.evaluate(shown) != before and not opened.wrong

@@ -207,7 +207,8 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
     evidence = str(getattr(model, "evidence", NOT_CHECKED))
     cutoff = np.inf if band is not None and not np.isnan(model.cutoff) else model.cutoff
     result = StabilityMap((names[0], names[1]), (axes[0], axes[1]), each("number"), each("growth"), each("omega"),
-                          each("undecided") > 0, each("radius"), tuple(lines), (), limits, solver.solved, cutoff, evidence)
+                          undecided=each("undecided") > 0, radius=each("radius"), borders=tuple(lines), spots=(), band=limits,
+                          solved=solver.solved, cutoff=cutoff, evidence=evidence)
     if full is not None:
         far = result.radius if np.isfinite(result.radius).any() else each("nearness")
         found: list[Spot] = []
