@@ -69,8 +69,8 @@ class _Maker:
                              for several in (family.M, family.D, family.K)))
         self.projection = projection_over(reference, [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(half[q]))
                                                       for q in self.varied], box.band, WIDER)
-        units = reference.sparse().units[1]
-        self.unit = units if reference.sparse().alike() is not reference.sparse() else np.ones(reference.size)
+        sparse = reference.sparse()
+        self.unit = np.ones(reference.size) if sparse.alike() is sparse else sparse.units[1]
 
     def theta(self, **values: float) -> Array:
         """Factors that vary, less those of the reference."""
@@ -216,7 +216,7 @@ class _Maker:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
         found = model.modes(**node.values)
         far = np.abs(found.eigenvalues[:, None] - node.lam).min(axis=1, initial=np.inf)
-        seen = far > EPS**0.75 * np.abs(found.eigenvalues)  # others are rounding
+        seen = (far > EPS**0.75 * np.abs(found.eigenvalues)) & ~found.rigid  # others are rounding
         self.least = min(self.least, float(np.min(found.error_bar[seen] / far[seen], initial=np.inf)) * model.radii.least / 3)
 
 

@@ -255,6 +255,7 @@ class BoxModel(Affine):
     def cell(self, **values: float) -> Cell:
         """The cell in which these values are: of several, one that is proved."""
         self._inside(values)
+        self._check_all("value", values)
         return max((cell for cell in self.cells if cell.holds(values)), key=lambda cell: cell.number is not None)
 
     def number(self, **values: float) -> int | None:

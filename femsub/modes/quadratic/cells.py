@@ -76,13 +76,13 @@ class Change(NamedTuple):
 def images(basis: EnergyBasis, sizes: Array) -> tuple[Array, float]:
     """H (p, h, m) with H_iᵀH_j = `basis.lost` of terms of these sizes, and the norm of what it lacks.
 
-    By Cholesky with pivots, which ends at three quarters of the digits.
+    By Cholesky with pivots, which ends at three fifths of the digits.
     """
     p, m = basis.lost.shape[:2]
     scale = np.repeat(sizes, m)
     gram = np.array(basis.lost.reshape(p * m, p * m) * np.outer(scale, scale), order="F")
     whole = float(np.trace(gram))
-    factor, order, rank, _ = la.lapack.dpstrf(gram, tol=EPS**0.75 / max(p * m, 1))
+    factor, order, rank, _ = la.lapack.dpstrf(gram, tol=EPS**0.6 / max(p * m, 1))
     H = np.zeros((rank, p * m))
     H[:, order - 1] = np.triu(factor)[:rank]
     left = max(whole - float(np.einsum("ij,ij->", H, H)), 0.0) + float(scale**2 @ basis.noise.ravel())

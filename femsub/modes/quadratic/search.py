@@ -267,7 +267,7 @@ def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float
     alike = sparse.alike()
     changes = [change._replace(matrix=sp.csr_array(change.matrix) if alike is sparse else
                                scaled(sp.csr_array(change.matrix), *sparse.units)) for change in changes]
-    return Projection(alike, _around((-band[1], band[1], *band), room), _most_shapes(pencil.size), changes)
+    return Projection(alike, _around((-band[1], band[1], *band), room), min(pencil.size, QUADRATIC), changes)
 
 
 def count_over(projection: Projection, band: tuple[float, float], room: float) -> Count | None:
