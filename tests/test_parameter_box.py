@@ -46,7 +46,7 @@ def family(seed: int, n: int = 60) -> fs.Affine:
 
 
 def check(small: fs.BoxModel, full, band: tuple[float, float], places: list[dict[str, float]]) -> None:
-    """Numbers inside the cells' contours, and every λ in the band within the error bar of one of the small model, and the reverse."""
+    """Numbers inside the contours, and every λ in the band within the error bar of one of the small model, and the reverse."""
     for place in places:
         cell, every, found = small.cell(**place), truth(full(**place)), small.modes(**place)
         if cell.number is not None:
@@ -55,8 +55,9 @@ def check(small: fs.BoxModel, full, band: tuple[float, float], places: list[dict
         rounding = 1e-12 * band[1]
         assert (np.abs(lam[:, None] - every).min(axis=1) <= bar + rounding).all(), place
         deep = every[(every.imag >= band[0] + 1e-4) & (every.imag <= band[1] - 1e-4) & (np.abs(every.real) <= band[1] - 1e-4)]
-        assert (np.abs(deep[:, None] - lam).min(axis=1, initial=np.inf) <= bar.max() + rounding).all(), place
-        growing = every[(np.abs(every.imag) <= band[1]) & (np.abs(every.imag) >= band[0])].real.max()
+        assert (np.abs(deep[:, None] - lam).min(axis=1, initial=np.inf) <= bar.max(initial=0.0) + rounding).all(), place
+        near = (np.abs(every.real) <= band[1]) & (np.abs(every.imag) <= band[1]) & (np.abs(every.imag) >= band[0])
+        growing = every[near].real.max(initial=-np.inf)
         if found.is_stable is not None and abs(growing) > 1e-10:
             assert found.is_stable == (growing < 0), place
 

@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from scipy.stats import qmc
 
 from femsub.algebra import weighted
-from femsub.checks import CERTIFIED, CONFIRMED, EPS, NOT_CHECKED, Array
+from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, NotConvergedError, warn
 from femsub.model import Affine, Pencil, projected
 from femsub.modes import Contour, Coupling, Varied, count_over, projection_over
@@ -57,7 +57,7 @@ class _Maker:
 
     def __init__(self, family: Affine, box: ParameterBox) -> None:
         self.family, self.box = family, box
-        lo, hi, self.proved = family.factor_ranges(box.ranges)
+        lo, hi, _ = family.factor_ranges(box.ranges)
         if not np.isfinite([lo, hi]).all():
             raise NotConvergedError("a factor of the model may be infinite in the box. Take a range without its pole")
         self.middle, half = (lo + hi) / 2, (hi - lo) / 2
@@ -82,20 +82,20 @@ class _Maker:
         """The box in cells, each with the number of eigenvalues inside a contour, if that is proved."""
         waiting: list[Ranges] = [self.box.ranges]
         done, tried = [], 0
-        whole = Cell(self.box.ranges, None, None, np.inf, NOT_CHECKED).volume
+        whole = Cell(self.box.ranges).volume
         while waiting and tried < self.box.cells:
             ranges = waiting.pop(0)
-            lo, hi, proved = self.family.factor_ranges(ranges)
+            lo, hi, known = self.family.factor_ranges(ranges)
             theta, half = ((lo + hi) / 2 - self.middle)[self.varied], (hi - lo)[self.varied] / 2
             self.projection = self.projection.changed(theta, half)
             count, tried = count_over(self.projection, self.box.band, WIDER), tried + 1
             if count is not None:
                 log.info("%d eigenvalues in %s over %s, margin %.2g", count.number, count.contour.where, ranges, count.margin)
-                done.append(Cell(ranges, count.contour, count.number, count.margin, CERTIFIED if proved.all() else CONFIRMED))
+                done.append(Cell(ranges, count.contour, count.number, count.margin, sampled=not known.all()))
             else:
                 log.info("%s is not proved: %s", ranges, self.projection.why)
                 waiting += self._halves(ranges, half)
-        done += [Cell(ranges, None, None, np.inf, NOT_CHECKED) for ranges in waiting]
+        done += [Cell(ranges) for ranges in waiting]
         if waiting:
             share = sum(cell.volume for cell in done if cell.number is None) / whole
             warn(f"{share:.1%} of the box is not proved after {tried} cells: {self.projection.why or 'the limit was reached'}. "

@@ -9,20 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from femsub.checks import (
-    CERTIFIED,
-    CONFIRMED,
-    EPS,
-    NOT_CHECKED,
-    Array,
-    Tally,
-    check_band,
-    finite_number,
-    items,
-    mapping,
-    positive_number,
-    whole_number,
-)
+from femsub.checks import EPS, Array, Tally, check_band, finite_number, items, mapping, positive_number, whole_number
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
@@ -90,16 +77,38 @@ class ParameterBox:
 class Cell:
     """A part of a box of parameters, and the number of eigenvalues in a contour for all values in it.
 
-    `number` eigenvalues of the full model, conjugates included, lie inside the contour; None where that is not proved.
-    `margin` is the bound of `femsub.modes.quadratic.cells`, whose limit is 1. 'confirmed': a factor was sampled, since it takes
-    no `Interval`.
+    Attributes
+    ----------
+    ranges : mapping of str to (lo, hi)
+    contour : Contour or None
+        About the band. Its edges keep clear of all eigenvalues.
+    number : int or None
+        Eigenvalues of the full model inside, conjugates included; None where the cell is open.
+    margin : float
+        The bound of `femsub.modes.quadratic.cells`, whose limit is 1.
+    sampled : bool
+        Whether a factor was sampled, since it takes no `Interval`.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> family = fs.Affine([[1]], None, [(1.0, [[1]]), ("k", [[1]])])
+    >>> small = fs.reduce(family, fs.ParameterBox({"k": (0, 1)}, band=(0, 2)))
+    >>> cell, = small.cells
+    >>> cell.number, cell.evidence
+    (2, 'certified')
     """
 
     ranges: Ranges
-    contour: Contour | None
-    number: int | None
-    margin: float
-    evidence: str
+    contour: Contour | None = None
+    number: int | None = None
+    margin: float = np.inf
+    sampled: bool = False
+
+    @property
+    def evidence(self) -> str:
+        """'certified' for all values in the cell, 'confirmed' where a factor was sampled, or 'not checked'."""
+        return Tally(self.number or 0, self.number, self.sampled).evidence
 
     @property
     def volume(self) -> float:
@@ -214,8 +223,8 @@ class BoxModel(Affine):
 
     @property
     def evidence(self) -> str:
-        kinds = {cell.evidence for cell in self.cells}
-        return next(kind for kind in (NOT_CHECKED, CONFIRMED, CERTIFIED) if kind in kinds)
+        known = [cell for cell in self.cells if cell.number is not None]
+        return Tally(len(self.cells), len(known), any(cell.sampled for cell in known)).evidence
 
     @property
     def open_share(self) -> float:
@@ -240,7 +249,7 @@ class BoxModel(Affine):
         rest = {name: ends for name, ends in self.box.ranges.items() if name not in values}
         box = ParameterBox(rest, self.box.band, self.box.tol, self.box.cells) if rest else self.box
         cells = tuple(Cell({name: ends for name, ends in cell.ranges.items() if name not in values} or cell.ranges, cell.contour,
-                           cell.number, cell.margin, cell.evidence) for cell in self.cells
+                           cell.number, cell.margin, cell.sampled) for cell in self.cells
                       if all(cell.ranges[name][0] <= value <= cell.ranges[name][1] for name, value in values.items()))
         return found._with(box=box, cells=cells)
 
@@ -287,7 +296,7 @@ class BoxModel(Affine):
         shapes[free:, len(zeros):] = x / np.linalg.norm(x, axis=0)
         values_, bar = np.append(zeros, values_), np.append(zeros, bar)
         rigid = np.arange(len(values_)) < len(zeros)
-        tally = Tally(found, cell.number, sampled=cell.evidence != CERTIFIED)
+        tally = Tally(found, cell.number, sampled=cell.sampled)
         residual = pencil.residual(values_, shapes)
         scale = np.abs(values_)**2 * pencil.norms[0] + np.abs(values_) * pencil.norms[1] + pencil.norms[2]
         return ComplexModes(values_, shapes, np.linalg.norm(residual, axis=0) / scale, bar, rigid, np.zeros(len(bar), dtype=bool),
