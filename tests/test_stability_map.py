@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import FrozenInstanceError, dataclass, replace
+from dataclasses import FrozenInstanceError, replace
 from itertools import combinations
 from typing import Any
 
@@ -222,11 +222,6 @@ def test_a_large_model_is_solved_in_a_band() -> None:
 # ---- a reduced model that knows its error
 
 
-@dataclass(frozen=True)
-class KnownModes(fs.ComplexModes):
-    radius: Any = ()
-
-
 class Box(fs.Affine):
     """A model of a box of parameters, λ of which are wrong by 1e-3 |λ| at most, most of all at (0.8, 0.2)."""
 
@@ -237,11 +232,10 @@ class Box(fs.Affine):
             raise fs.InputError(f"{p} is outside its box")
         return super().at(**p)
 
-    def modes(self, **p: float) -> KnownModes:
+    def modes(self, **p: float) -> fs.ComplexModes:
         found = fs.complex_modes(self.at(**p))
         radius = np.abs(found.eigenvalues) * 1e-3 / (1 + (p["x"] - 0.8)**2 + (p["y"] - 0.2)**2)
-        growth = found.eigenvalues.real[:, None] + radius[:, None] * [-1, 1]
-        return KnownModes(**{**vars(found), "full_growth": growth, "radius": radius})
+        return replace(found, error_bar=radius)
 
 
 def test_a_radius_decides_and_places_the_spots() -> None:

@@ -81,13 +81,13 @@ def _spectrum(values: Array, votes: Array, radius: float = np.nan) -> PointModes
                    radius)
 
 
-def point_modes(modes: ComplexModes, band: tuple[float, float]) -> PointModes:
+def point_modes(modes: ComplexModes, band: tuple[float, float], known: bool = False) -> PointModes:
     at = np.flatnonzero(upper(modes.eigenvalues) & ~modes.rigid & within(modes.eigenvalues, band))
     votes = np.array([0 if vote is None else -1 if vote else 1 for vote in modes.stable], dtype=int)[at]
-    values, radius = modes.eigenvalues[at], getattr(modes, "radius", None)
+    values = modes.eigenvalues[at]
     size = np.abs(values)
-    return _spectrum(values, votes, np.nan if radius is None else float(np.divide(
-        radius[at], size, out=np.zeros_like(size), where=size > 0).max(initial=0.0)))
+    return _spectrum(values, votes, np.nan if not known else float(np.divide(
+        modes.error_bar[at], size, out=np.zeros_like(size), where=size > 0).max(initial=0.0)))
 
 
 def _undamped(squares: Array, band: tuple[float, float]) -> PointModes:
@@ -177,7 +177,7 @@ class ModesAt:
         """The modes at one point with their error bars."""
         p = dict(zip(self.names, points[0].tolist(), strict=True))
         return [point_modes(self.modes(**p) if self.modes else complex_modes(
-            self.at(p), band=self.band if np.isfinite(self.band[1]) else None), self.band)]
+            self.at(p), band=self.band if np.isfinite(self.band[1]) else None), self.band, known=self.modes is not None)]
 
     def _many(self, points: Array) -> list[PointModes | None]:
         """All eigenvalues, without vectors; None where rounding may move one in the band across the axis."""

@@ -499,8 +499,13 @@ def eigenpairs(matrices: Array, unit: float) -> tuple[tuple[float, Array, Array,
     companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * M]))], [one, np.zeros((m, m))]])
     with one_thread(m < FEW):
         nu, right = la.eig(companion, check_finite=False)
+        # LAPACK's own left vectors do not belong together where λ is multiple. Real and imaginary parts span what pairs do
+        first = np.flatnonzero(nu.imag > 0)
+        real = right.real.copy()
+        real[:, first + 1] = right[:, first].imag
+        left = np.linalg.inv(real)[:, :m].T.astype(complex)
+        left[:, first], left[:, first + 1] = ((left[:, first] + sign * 1j * left[:, first + 1]) / 2 for sign in (1, -1))
         right = right.astype(complex)  # LAPACK's are real where all λ are
-        left = np.linalg.inv(right)[:, :m].conj().T  # LAPACK's own do not belong together where λ is multiple
     x, z = right[m:], np.linalg.solve(P.T, left) * unit
     even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
     x, z = x * even, z / even
