@@ -157,14 +157,14 @@ def files_in(folder: Path) -> list[str]:
                   and any(path.read_bytes()[128:]))
 
 
-def spoilt(path: Path, how: str, other: Path) -> None:
+def spoilt(path: Path, how: str, other: bytes = b"") -> None:
     content = bytearray(path.read_bytes())
     if how == "zeros":  # as a power cut leaves a file
         content[128:] = bytes(len(content) - 128)
     elif how == "cut":
         del content[len(content) // 2:]
     elif how == "another":
-        content = bytearray(other.read_bytes())
+        content = bytearray(other)
     else:
         content[-20] ^= 16
     path.unlink()
@@ -180,18 +180,25 @@ def test_a_damaged_file_is_named_and_what_it_belongs_to_is_made_anew(tmp_path: P
     x = fs.normal_modes(first.model, 3).shapes
     right, names = dict(first.expand(x)), files_in(tmp_path / "work")
     assert {name.partition("/")[0] for name in names} == {*first.tasks} - {"model"} and len(names) > 12
-    for name in names:
-        path = tmp_path / "work" / name
-        task, _, file = name.partition("/")
-        others = [other for one in first.tasks if one != task and (other := tmp_path / "work" / one / file).exists()
-                  and other.read_bytes() != path.read_bytes()]
-        spoilt(path, how, [*others, tmp_path / "work" / names[name == names[0]]][0])
-        with pytest.warns(fs.FemsubWarning, match="is made anew") as told:
-            again = fs.reduce_by_levels(parts, method, tmp_path / "work")
-        assert str(Path(name).parent) in str(told[0].message)
-        assert (again.model.K == first.model.K).all() and (again.model.M == first.model.M).all()
-        for part, u in again.expand(x):
-            assert (u == right[part]).all(), (name, part)
+    whole = {name: (tmp_path / "work" / name).read_bytes() for name in names}
+    kept = {task: [name for name in names if name.startswith(f"{task}/")] for task in first.tasks}
+    # one file of each part at a time, then one of each pair: those of a level do not need each other
+    pairs = [task for task in kept if "~" in task]
+    for level in ([task for task in kept if task not in pairs], pairs):
+        for at in range(max(len(kept[task]) for task in level)):
+            damaged = [kept[task][at] for task in level if at < len(kept[task])]
+            for name in damaged:
+                task, _, file = name.partition("/")
+                others = [other for one in kept if one != task and (other := f"{one}/{file}") in whole
+                          and whole[other] != whole[name]]
+                spoilt(tmp_path / "work" / name, how, whole[[*others, names[name == names[0]]][0]])
+            with pytest.warns(fs.FemsubWarning, match="is made anew") as told:
+                again = fs.reduce_by_levels(parts, method, tmp_path / "work")
+            assert len(told) == len(damaged)
+            assert all(str(Path(name).parent) in str(one.message) for name, one in zip(damaged, told, strict=True))
+            assert (again.model.K == first.model.K).all() and (again.model.M == first.model.M).all()
+            for part, u in again.expand(x):
+                assert (u == right[part]).all(), (damaged, part)
 
 
 def test_files_that_are_damaged_behind_the_reduction_are_named_by_expand(tmp_path: Path) -> None:
@@ -199,15 +206,18 @@ def test_files_that_are_damaged_behind_the_reduction_are_named_by_expand(tmp_pat
     levels = fs.reduce_by_levels(parts, method, tmp_path)
     x = fs.normal_modes(levels.model, 1).shapes
     right = dict(levels.expand(x))
-    for name in files_in(tmp_path):
-        if "/task/" in name:
-            continue
-        spoilt(tmp_path / name, "zeros", tmp_path)
+    names = [name for name in files_in(tmp_path) if "/task/" not in name]
+    for name in names:
+        content = (tmp_path / name).read_bytes()
+        spoilt(tmp_path / name, "zeros")
         with pytest.raises(fs.InputError, match=rf"{name} is damaged.*Call reduce_by_levels again"):
             list(levels.expand(x))
-        with pytest.warns(fs.FemsubWarning, match="is made anew"):
-            levels = fs.reduce_by_levels(parts, method, tmp_path)
-        assert all((u == right[part]).all() for part, u in levels.expand(x))
+        (tmp_path / name).write_bytes(content)
+    for name in names:
+        spoilt(tmp_path / name, "zeros")
+    with pytest.warns(fs.FemsubWarning, match="is made anew"):
+        levels = fs.reduce_by_levels(parts, method, tmp_path)
+    assert all((u == right[part]).all() for part, u in levels.expand(x))
 
 
 def test_what_was_joined_is_made_anew_with_a_part_whose_modes_have_other_signs(tmp_path: Path,

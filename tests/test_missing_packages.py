@@ -33,12 +33,12 @@ SOURCES = [path for folder in ("femsub", "scripts", "benchmarks") for path in so
 def test_one_place_makes_the_command() -> None:
     """No other module writes one down, and each error takes it from there."""
     for path in SOURCES:
-        text = path.read_text(encoding="utf-8")
-        strings = [node.value for node in ast.walk(ast.parse(text))
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        strings = [node.value for node in nodes
                    if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.count("\n") < 2]
         if path.name != "checks.py":
             assert not [one for one in strings if "pip install" in one], path
-        for node in ast.walk(ast.parse(text)):
+        for node in nodes:
             if isinstance(node, ast.Raise) and node.exc and "MissingPackageError(" in (raised := ast.unparse(node.exc)):
                 assert "installed_by(" in raised or "installation()" in raised or "cannot be imported: {error}" in raised \
                     or "complex scalars" in raised, raised
