@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import json
 import os
 import subprocess
@@ -37,10 +39,11 @@ def run(*arguments: str, code: str = "") -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def chain_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     folder = tmp_path_factory.mktemp("chain")
-    done = run("run", "chain", "--out", str(folder / "out"))
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""  # no progress where stderr is not a terminal
-    return folder / "out", done.stdout
+    scene = scene_file(folder, "repeats = 2")  # else that of the paper
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        assert main(["run", scene, "--out", str(folder / "out")]) == 0, err.getvalue()
+    assert err.getvalue() == ""  # no progress where stderr is not a terminal
+    return folder / "out", out.getvalue()
 
 
 def test_chain_writes_tables_and_figures(chain_run: tuple[Path, str]) -> None:
