@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special  # scipy.stats would take half a second of every process's collection
 
 import femsub as fs
 from benchmarks.lattices import lattice
@@ -97,7 +97,7 @@ def test_ellipses_hold_in_95_percent_of_200_runs_with_noise_of_sensors_in_common
     exact, a = fs.couple_responses(known, joints), known["a"]
     entries = [("a.out", "a.out"), ("b.out", "a.out"), (exact.responses[0], "b.out")]
     at = tuple(np.array([(exact.responses.index(row), exact.loads.index(column)) for row, column in entries]).T)
-    q = (n - 1) * 6 / (n - 6) * stats.f(6, n - 6).ppf(0.95)  # Hotelling, of six real numbers
+    q = (n - 1) * 6 / (n - 6) * special.fdtri(6, n - 6, 0.95)  # Hotelling, of six real numbers
     inside, joint = [], []
     for _ in range(200):
         given = fs.FrequencyResponse.measured(a.omega, gains(a.receptance, rng, n), a.responses, a.loads)
@@ -127,7 +127,7 @@ def test_covariance_of_stated_noise_on_both_parts_holds_in_95_percent_of_200_run
         gamma, turned = found.covariance(entries)
         off = (found.receptance - exact.receptance)[:, at[0], at[1]]
         joint.append(2 * np.einsum("fi,fi->f", off.conj(), np.linalg.solve(gamma, off[..., None])[..., 0]).real
-                     <= stats.chi2(4).ppf(0.95))
+                     <= special.chdtri(4, 0.05))
         assert not turned.any()
     assert np.mean(joint) == pytest.approx(0.95, abs=0.016)
 
