@@ -200,7 +200,10 @@ PARSE = {"load", "load_npz", "read_array", "read_array_header_1_0", "read_array_
 
 def parsed_without_lock(path: Path) -> Iterator[str]:
     """Where a file of NumPy is read, or a text parsed, outside of `with parsing()`."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    text = path.read_text(encoding="utf-8")
+    if not any(f".{name}" in text for name in PARSE):
+        return
+    tree = ast.parse(text)
     locked = {id(inner) for node in ast.walk(tree) if isinstance(node, ast.With)
               if any(ast.unparse(item.context_expr) == "parsing()" for item in node.items) for inner in ast.walk(node)}
     for node in ast.walk(tree):
