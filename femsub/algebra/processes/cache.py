@@ -27,6 +27,8 @@ VARIABLE = "FEMSUB_FACTOR_BYTES"  # environment variable: upper limit of the cac
 _lock = held_during_forks(RLock())  # reentrant: the garbage collector may run inside and take it again
 _kept: dict[Key, tuple[Any, int]] = {}  # cached objects and their bytes; what was used last comes last
 _owners: dict[int, weakref.ref[Any]] = {}
+_keys: dict[int, set[Key]] = {}  # under which objects of an owner are kept, or were
+_unseen = 0  # bytes kept since the memory was last looked at
 
 
 def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], size: Callable[[T], float] = lambda _: 0.0) -> T:
@@ -52,13 +54,18 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
         # a model and its results need three times as much as its factors
         return are_free(3 * kept_bytes()) if limit is None else kept_bytes() <= limit
 
+    global _unseen
     made = make()
     with _lock:
         _kept[key] = made, int(size(made))
         for owner in owners:
             if id(owner) not in _owners or _owners[id(owner)]() is not owner:
                 _owners[id(owner)] = weakref.ref(owner, partial(_gone, id(owner)))
-        if size(made):
+            _keys.setdefault(id(owner), set()).add(key)
+        _unseen += int(size(made))
+        # beside many models a look at the memory for each small object takes longer than the object: one for each percent will do
+        if _unseen and (limit is not None or _unseen >= 0.01 * kept_bytes()):
+            _unseen = 0
             give_up_until(within)
     return made
 
@@ -109,9 +116,10 @@ def drop(*owners: Matrix) -> None:
 def _gone(at: int, _: object = None) -> None:
     with _lock:
         _owners.pop(at, None)
-        for key in list(_kept):
-            if at in key[0]:
-                _kept.pop(key, None)
+        for key in _keys.pop(at, ()):
+            _kept.pop(key, None)
+            for other in key[0]:  # what is kept no more is no burden on a matrix that lives on
+                _keys.get(other, set()).discard(key)
 
 
 atexit.register(drop)  # a matrix that outlives this module would call _gone without its globals
