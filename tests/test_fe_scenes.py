@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,10 +47,10 @@ class Runs(dict[str, tuple[Path, str]]):
 
     def __missing__(self, name: str) -> tuple[Path, str]:
         folder = self.folders.mktemp(name)
-        command = [sys.executable, "-m", "femsub", "run", "-v", scene_file(folder, SMALL[name]), "--out", str(folder / "out")]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0 and "warning" not in done.stderr, done.stderr
-        self[name] = folder / "out", done.stdout
+        with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
+            status = main(["run", "-v", scene_file(folder, SMALL[name]), "--out", str(folder / "out")])
+        assert status == 0 and "warning" not in err.getvalue(), err.getvalue()
+        self[name] = folder / "out", out.getvalue()
         return self[name]
 
 

@@ -126,7 +126,8 @@ def test_closed_streams_lose_nothing(closed: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", ["scenes", "keys chain", "new brake", "run a.toml", "schema"])
 def test_a_terminal_without_greek_letters(command: str, tmp_path: Path) -> None:
     """It was a UnicodeEncodeError."""
-    (tmp_path / "a.toml").write_text('scene = "chain"\nbelts = [2]\nsizes = [3]\nrepeats = 1\nfigures = false\n', encoding="utf-8")
+    text = 'scene = "chain"\nbelts = [2]\nsizes = [3]\nrepeats = 1\nfigures = false\n'
+    (tmp_path / "a.toml").write_text(text, encoding="utf-8")
     done = run(f'cd {tmp_path}; "$PYTHON" -m femsub {command}', PYTHONIOENCODING="ascii")
     assert done.returncode == 0 and done.stdout.isascii() and len(done.stdout) > 100 and "Traceback" not in done.stderr
 
