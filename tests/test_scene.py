@@ -39,7 +39,7 @@ def run(*arguments: str, code: str = "") -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def chain_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     folder = tmp_path_factory.mktemp("chain")
-    scene = scene_file(folder, "repeats = 2")  # else that of the paper
+    scene = scene_file(folder, "sizes = [2, 4, 5, 6, 10]\nrepeats = 2\n")  # else that of the paper
     with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
         assert main(["run", scene, "--out", str(folder / "out")]) == 0, err.getvalue()
     assert err.getvalue() == ""  # no progress where stderr is not a terminal
