@@ -133,11 +133,14 @@ def _some(A: Matrix, data: Array, keep: Array) -> Matrix:
 
 def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:
     """diag(A₁, A₂, …), sparse. That of SciPy takes twice the memory of its result beside it."""
-    blocks = [sp.csr_array(one) for one in matrices]
-    ends = np.cumsum([one.shape[1] for one in blocks])
-    wide = [sp.csr_array((one.data, one.indices + one.indices.dtype.type(end - one.shape[1]), one.indptr),
-                         shape=(one.shape[0], ends[-1])) for one, end in zip(blocks, ends, strict=True)]
-    return sp.csr_array(sp.vstack(wide, format="csr"))
+    blocks = [one if isinstance(one, sp.csr_array) else sp.csr_array(one) for one in matrices]
+    rows, columns, entries = (np.cumsum([0, *sizes]) for sizes in zip(*((*one.shape, one.nnz) for one in blocks), strict=True))
+    whole = np.int32 if max(columns[-1], entries[-1]) <= np.iinfo(np.int32).max else np.int64
+    indices = np.concatenate([np.add(one.indices, start, dtype=whole)
+                              for one, start in zip(blocks, columns[:-1].astype(whole), strict=True)])
+    indptr = np.concatenate([np.zeros(1, dtype=whole), *(np.add(one.indptr[1:], start, dtype=whole)
+                                                         for one, start in zip(blocks, entries[:-1].astype(whole), strict=True))])
+    return sp.csr_array((np.concatenate([one.data for one in blocks]), indices, indptr), shape=(rows[-1], columns[-1]))
 
 
 def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:

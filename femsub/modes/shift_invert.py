@@ -334,19 +334,23 @@ class ShiftInvert:
         """ω² of the first elastic mode by subspace iteration with the rigid-body modes deflated.
 
         The search for rigid motion gives only a rough value: if σ is far below the elastic modes of a small component, one
-        solve reduces these below rounding.
+        solve reduces these below rounding. It is found once for all handles on the same K and M.
         """
-        x = self._lowest(min(2, self.elastic))
-        values, turn = np.linalg.eigh(x.T @ (self.K @ x))
-        x, self.lowest = x @ turn, float(values[0])
-        blur = self.doubt = float(self._blur(x[:, :1], self.lowest)[0])
-        if self.exact == self.rigid.shape[1]:
-            self.blurred = blur > BLURRED
-        elif blur > 1 and self.unit == EPS:
-            raise SingularMatrixError(f"rounding in the entries of K may change ω² = {self.lowest:.3g} of the first elastic mode "
-                                      f"by {blur:.1g} times as much, so it may be rigid motion. {IN_PARTS}")
-        if self.blurred:
-            self.lowest, self.doubt = (float(each[0]) for each in self.sharpened(x, self.rigid[:, :0])[0:3:2])
+        def found() -> tuple[float, float, bool]:
+            x = self._lowest(min(2, self.elastic))
+            values, turn = np.linalg.eigh(x.T @ (self.K @ x))
+            x, lowest = x @ turn, float(values[0])
+            doubt = float(self._blur(x[:, :1], lowest)[0])
+            blurred = self.exact == self.rigid.shape[1] and doubt > BLURRED
+            if self.exact < self.rigid.shape[1] and doubt > 1 and self.unit == EPS:
+                raise SingularMatrixError(f"rounding in the entries of K may change ω² = {lowest:.3g} of the first elastic mode "
+                                          f"by {doubt:.1g} times as much, so it may be rigid motion. {IN_PARTS}")
+            if blurred:
+                lowest, doubt = (float(each[0]) for each in self.sharpened(x, self.rigid[:, :0])[0:3:2])
+            return lowest, doubt, blurred
+
+        key = "lowest elastic mode", self._given is None, self.sigma
+        self.lowest, self.doubt, self.blurred = shared((self.K, self.M), key, found)
         return self.lowest
 
     def _lowest(self, count: int, basis: Array | None = None) -> Array:
