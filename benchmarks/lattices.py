@@ -44,12 +44,3 @@ def lattice(nx: int, ny: int, *, held: bool = False, seed: int = 0, diagonals: b
     w = np.zeros(n)
     w[n // 2] = 1.0
     return fs.Substructure(M, K, interface=[0, 1, n - 2, n - 1], ports={"belt": w}, name="lattice")
-
-
-def rigid_motions(nx: int, ny: int) -> np.ndarray:
-    """Two translations and the rotation of `lattice`, (n, 3)."""
-    x, y = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
-    motions = np.zeros((2 * nx * ny, 3))
-    motions[0::2, 0] = motions[1::2, 1] = 1.0
-    motions[0::2, 2], motions[1::2, 2] = -y.ravel(), x.ravel()
-    return motions

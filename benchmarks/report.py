@@ -7,7 +7,8 @@ kept in WORK/NAME/printed.txt, its results beside it. A step that has ended well
 where it was, and --fresh repeats what is named. DATA/NAME.txt holds what a step has printed, below its command, its seconds, the
 commit and the machine. PICTURES gets its figures, and PICTURES/data.json for each of them the step, the commit and the numbers
 that are drawn: tests/test_pictures.py compares them with a run of that day. The pages with the conclusions are written by hand.
-The picture of a run's page, report.png, was made by benchmarks/page_picture.py as it is in the history at commit e0d65ca.
+Two pictures were made by what is in the history: that of a run's page, report.png, by benchmarks/page_picture.py (commit
+e0d65ca), and methods.png by benchmarks/compare_methods.py (commit ace8ad5).
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ def scene(name: str, says: str, *figures: str) -> Step:
 
 
 STEPS = (
-    scene("chain", "The paper's chain. Ten masses on a belt: critical slopes, and error against run time.", "error-time"),
+    scene("chain", "The paper's chain. Ten masses on a belt: critical slopes, and error against run time.",
+          "error-time", "friction", "belt-sweep", "size-sweep", "eigenvalues"),
     scene("beam", "Beam. A steel beam on a belt, 400 DOF.", "error-time"),
     scene("plate", "Plate. A thin plate, 3,200 DOF.", "error-time"),
     scene("solid", "Solid. A brake's disc, 7,920 DOF.", "error-time"),
@@ -80,8 +82,6 @@ STEPS = (
          "scaling --components beam plate solid --out {out}", ("scaling",)),
     Step("extreme", "Stiff and extreme cases. Each right within the bound that is stated for it, or refused with the reason.",
          "extreme --out {out}"),
-    Step("methods", "Reduction methods. At equal size, on joined parts.", "compare-methods --out {out}", ("methods",),
-         table=False),
     Step("method-pictures", "What each method keeps. The shapes of its basis, for the pages of the methods.",
          "method-pictures --out {out}", folder="methods", table=False),
     Step("paper", "The paper's figures. 2 to 5, from femsub.", "paper-figures --out {out}", folder="paper", table=False),

@@ -185,3 +185,12 @@ def statics(kind: Any, sub: fs.Substructure, extra: np.ndarray) -> Statics:
     """What a method works out of a component before it looks for modes."""
     part = Partition.of(sub, kind.held)
     return kind(0).statics(part, part.factored(), extra)
+
+
+def rigid_motions(nx: int, ny: int) -> np.ndarray:
+    """Two translations and the rotation of `lattice`, (n, 3)."""
+    x, y = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
+    motions = np.zeros((2 * nx * ny, 3))
+    motions[0::2, 0] = motions[1::2, 1] = 1.0
+    motions[0::2, 2], motions[1::2, 2] = -y.ravel(), x.ravel()
+    return motions

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
+from reducedproblems import rigid_motions
 
 import femsub as fs
-from benchmarks.lattices import lattice, rigid_motions
+from benchmarks.lattices import lattice
 from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.processes import threads
 from femsub.modes.normal_modes import lowest_modes

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
+from reducedproblems import rigid_motions
 
 import femsub as fs
 from benchmarks.attacks import stiff_soft
-from benchmarks.lattices import lattice, membrane, membrane_eigenvalues, rigid_motions
+from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
 from femsub.modes.normal_modes import count_deferred, lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
 

@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from joinedparts import truss
 
 import femsub as fs
-from benchmarks.joined import truss
 from femsub.algebra.factor import SparseFactor
 from femsub.algebra.petsc import versions
 from femsub.algebra.processes import folders, parts as workers
@@ -517,7 +517,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 import femsub as fs
-from benchmarks.joined import truss
+from tests.joinedparts import truss
 
 @dataclass(frozen=True)
 class Slow(fs.CraigBampton):
@@ -656,7 +656,7 @@ def test_what_a_killed_process_left_for_an_executor_is_removed_by_the_next(tmp_p
 DAEMON = """
 from multiprocessing import get_context
 import femsub as fs
-from benchmarks.joined import truss
+from tests.joinedparts import truss
 
 def work(_):
     try:
@@ -721,7 +721,7 @@ EXECUTORS = """
 import sys
 import numpy as np
 import femsub as fs
-from benchmarks.joined import truss
+from tests.joinedparts import truss
 
 def check(executor):
     system = truss(3, 16, 4).system()

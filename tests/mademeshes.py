@@ -1,6 +1,6 @@
 """Makes beam.inp and disc.vtu in meshes/.
 
-    python -m benchmarks make-meshes [--out DIR]
+    PYTHONPATH=. python tests/mademeshes.py
 
 Lengths are in m; each comes out the same whenever it is made.
 
@@ -52,8 +52,7 @@ def disc() -> fs.Mesh:
     return fs.Mesh(mesh.points, mesh.cells, mesh.kind, {**sets, "contact": top[near]}, name="disc")
 
 
-def main(*, out: Path = MESHES) -> None:
-    out.mkdir(parents=True, exist_ok=True)
+if __name__ == "__main__":
     for name, mesh in (("beam.inp", beam()), ("disc.vtu", disc())):
-        fs.write_mesh(out / name, mesh)
-        print(f"{name}: {(out / name).stat().st_size / 1e3:.0f} kB, {fs.read_mesh(out / name)!r}")
+        fs.write_mesh(MESHES / name, mesh)
+        print(f"{name}: {(MESHES / name).stat().st_size / 1e3:.0f} kB, {fs.read_mesh(MESHES / name)!r}")
