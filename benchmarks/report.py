@@ -84,7 +84,6 @@ STEPS = (
          "extreme --out {out}"),
     Step("method-pictures", "What each method keeps. The shapes of its basis, for the pages of the methods.",
          "method-pictures --out {out}", folder="methods", table=False),
-    Step("paper", "The paper's figures. 2 to 5, from femsub.", "paper-figures --out {out}", folder="paper", table=False),
     Step("tutorials", "The tutorials' pictures. Each from the model of its page.", "tutorial-figures --out {out}",
          folder="tutorials", table=False),
     *(Step(f"gallery-{name}", f"The gallery: {name}. {line}", f"gallery --run {name}", table=False)

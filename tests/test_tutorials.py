@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from benchmarks import paper_figures, tutorial_figures
+from benchmarks import tutorial_figures
 
 ROOT = Path(__file__).parent.parent
 TUTORIALS = ROOT / "docs" / "tutorials"
@@ -35,19 +35,17 @@ def test_the_beam_of_calculix_has_the_frequencies_that_calculix_prints() -> None
     assert fs.normal_modes(beam, count=4).frequencies / 2 / np.pi == pytest.approx(hertz, abs=6e-4)
 
 
-@pytest.mark.parametrize(("figures", "folder"), [(tutorial_figures.FIGURES, "tutorials"), (paper_figures.FIGURES, "paper")])
-def test_each_picture_is_drawn_by_the_script_and_shown_on_a_page(figures: dict[str, object], folder: str) -> None:
-    stored = {path.stem for path in (ROOT / "docs" / "pictures" / folder).glob("*.png")}
-    assert stored == set(figures)
+def test_each_picture_is_drawn_by_the_script_and_shown_on_a_page() -> None:
+    stored = {path.stem for path in (ROOT / "docs" / "pictures" / "tutorials").glob("*.png")}
+    assert stored == set(tutorial_figures.FIGURES)
     pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*/*.md"))
-    assert stored == set(re.findall(rf"pictures/{folder}/([\w-]+)\.png", pages))
+    assert stored == set(re.findall(r"pictures/tutorials/([\w-]+)\.png", pages))
 
 
-@pytest.mark.parametrize("name", ["figure-2", "figure-4"])
-def test_the_script_draws(name: str, tmp_path: Path) -> None:
-    paper_figures.main((name,), out=tmp_path / "new")
-    assert [path.name for path in tmp_path.rglob("*.png")] == [f"{name}.png"]
-    assert (tmp_path / "new" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+def test_the_script_draws(tmp_path: Path) -> None:
+    tutorial_figures.main(("matrices",), out=tmp_path / "new")
+    assert [path.name for path in tmp_path.rglob("*.png")] == ["matrices.png"]
+    assert (tmp_path / "new" / "matrices.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_each_tutorial_begins_with_what_one_knows_at_its_end() -> None:
