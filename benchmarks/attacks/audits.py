@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
+from benchmarks.attacks import frequency_bounds, rigid
 from benchmarks.attacks.common import Random, attack
 from femsub.checks import Array
 from femsub.reduction import METHODS
@@ -44,29 +45,12 @@ def attacked(kind: str, rng: Random) -> str:
     return "certified" if found.faults else f"missed {what} of {name} ({full.name})"
 
 
-def component(random: Random) -> fs.Substructure:
-    """A solid, beam, plate or chain, held, floating or pinned, with any ends as interface."""
-    which, scale = int(random.integers(6)), 10.0 ** random.uniform(-2, 2)
-    E, rho = 10.0 ** random.uniform(5, 12), 10.0 ** random.uniform(2, 4)
-    if which <= 1:
-        cells = int(random.integers(2, 9)), int(random.integers(1, 3)), 1
-        size = scale, scale * random.uniform(0.05, 0.4), scale * random.uniform(0.05, 0.4)
-        sets = [["left"], ["right"], ["left", "right"]][int(random.integers(3))]
-        held = ["left"] if sets == ["right"] and random.random() < 0.7 else []
-        return fs.solid(fs.block(size, cells, "hexahedron"), fs.Material(E, 0.3, rho), supports=held, interface=sets,
-                        name="solid")
-    if which == 2:
-        supports: dict[str, str] = [{}, {"left": "clamped"}, {"left": "pinned"}][int(random.integers(3))]
-        ends = ["right"] if supports else ["left", "right"]
-        return fs.beam(scale, int(random.integers(3, 12)), E=E, I=1e-6 * scale**4, rho=rho, A=1e-2 * scale**2, supports=supports,
-                       interface=ends, name="beam")
-    if which == 3:
-        return fs.plate(fs.rectangle((scale, 0.6 * scale), (int(random.integers(2, 5)), 2), "quad"), E=E, nu=0.3, rho=rho,
-                        thickness=0.02 * scale, interface=["left", "right"][:int(random.integers(1, 3))], name="plate")
-    n = int(random.integers(6, 20))
-    places = [int(i) for i in random.choice(np.arange(1, n + 1), int(random.integers(0, 4)), replace=False)]
-    return fs.chain(n, masses=random.lognormal(0, 1, n), springs=random.lognormal(0, 1, n), interface=places,
-                    belt=int(random.integers(1, n + 1)), damping=0.0)
+def component(rng: Random) -> fs.Substructure:
+    """A chain, beam, plate or solid that floats, or a chain, beam or net of springs that is held."""
+    if rng.random() < 0.5:
+        return frequency_bounds.part(rng)
+    E, length, rho = 10.0 ** rng.uniform([5, -2, 2], [12, 2, 4])
+    return rigid.part(rng, str(rng.choice(["chain", "beam", "plate", "solid"])), (E, length, rho)).sub.with_damping(None)
 
 
 def as_matrices(rom: fs.ReducedSubstructure, *left_out: str) -> dict[str, Any]:

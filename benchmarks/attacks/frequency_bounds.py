@@ -67,7 +67,7 @@ def _graph(random: Random, n: int) -> fs.Substructure:
     return fs.Substructure(M, C, interface=[int(i) for i in some], ports={"p": random.standard_normal(n)}, name="graph")
 
 
-def _part(random: Random) -> fs.Substructure:
+def part(random: Random) -> fs.Substructure:
     which = random.integers(4)
     if which == 0:
         return _beam(random, {"left": "clamped"})
@@ -112,10 +112,10 @@ def _mixed(random: Random, rom: fs.ReducedSubstructure) -> fs.ReducedSubstructur
 
 
 def _scaled(random: Random) -> Case:
-    full = _part(random)
+    full = part(random)
     if random.random() < 0.5:
         return full, lambda full: _mixed(random, fs.reduce(full, _method(random, full), ports=bool(random.random() < 0.3)))
-    other = _part(random)
+    other = part(random)
     ends = ("a", [int(full.interface[0])]), ("b", [int(other.interface[0])])
     joints = [fs.Spring(*ends, stiffness=10.0 ** random.uniform(-2, 2))]
     system = fs.couple({"a": full, "b": other}, joints)
@@ -128,7 +128,7 @@ def _scaled(random: Random) -> Case:
     return system, reductions
 
 
-def _system(random: Random, count: int, part: Callable[[Random], fs.Substructure] = _part) -> fs.System:
+def _system(random: Random, count: int, part: Callable[[Random], fs.Substructure] = part) -> fs.System:
     """Parts in a row by springs or rigid joints, with an interface here and there."""
     parts: dict[str, fs.Substructure] = {}
     for i in range(count):  # each interface DOF is a set of its own, so that joints find it in a part that was reduced twice
@@ -145,7 +145,7 @@ def _system(random: Random, count: int, part: Callable[[Random], fs.Substructure
 
 
 def _nested(random: Random) -> Case:
-    full = _system(random, int(random.integers(1, 4)) + 1) if random.random() < 0.8 else _part(random)
+    full = _system(random, int(random.integers(1, 4)) + 1) if random.random() < 0.8 else part(random)
 
     def reductions(model: fs.Substructure) -> fs.Substructure:
         if isinstance(model, fs.System):

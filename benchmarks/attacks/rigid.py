@@ -54,7 +54,7 @@ def attacked(kind: str, random: Random) -> str:
     shape = str(random.choice(["beam", "beam", "chain", "plate", "solid"]))
     units = 10.0 ** random.uniform(-3, 9), 10.0 ** random.uniform(-3, 3), 10.0 ** random.uniform(-9, 3)  # E, length, ρ
     count = 1 if kind == "part" else int(random.integers(1 if kind == "guided" else 2, 4))
-    parts = [_part(random, shape, units) for _ in range(count)]
+    parts = [part(random, shape, units) for _ in range(count)]
     method = METHODS[int(random.integers(len(METHODS)))]
     try:
         counts = [int(random.integers(0, max(1, min(6, part.sub.size // 3)) + 1)) for part in parts]
@@ -106,7 +106,7 @@ def _free(B: np.ndarray, basis: np.ndarray) -> np.ndarray:
     return null_space(B[size > 0] / size[size > 0, None], basis, RANK)
 
 
-def _part(random: Random, shape: str, units: tuple[float, float, float]) -> Part:
+def part(random: Random, shape: str, units: tuple[float, float, float]) -> Part:
     """A free part with rounding in all of its numbers, stiffer or softer than others by up to four orders of magnitude."""
     E, L, rho = units[0] * 10.0 ** random.uniform(-2, 2), units[1] * random.uniform(0.5, 2.0), units[2] * random.uniform(0.5, 2)
     groups: tuple[tuple[int, ...], ...]
@@ -293,7 +293,7 @@ def _row(random: Random) -> Row:
     """One to three pieces of a kind, by springs of every DOF at their ends, and masses on springs of single DOF."""
     units = 10.0 ** random.uniform(-3, 9), 10.0 ** random.uniform(-3, 3), 10.0 ** random.uniform(-9, 3)
     shape, soft = str(random.choice(["chain", "beam", "plate", "solid"])), 10.0 ** random.uniform(-12, 0)
-    parts = [_part(random, shape, units) for _ in range(int(random.integers(1, 4)))]
+    parts = [part(random, shape, units) for _ in range(int(random.integers(1, 4)))]
     pieces = [(dense(part.sub.M), dense(part.sub.K), part.unit[:, None] * part.Z) for part in parts]
     ends = [list(dict.fromkeys([*part.groups[0], *part.groups[1]])) for part in parts]
     start, springs = np.cumsum([0, *(len(piece[0]) for piece in pieces)]), []
