@@ -1,11 +1,12 @@
 """Random attacks on numbers, each case beside a reference of its own.
 
     python -m benchmarks attack SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1] [--limit 600]
+                                       [--texts]
 
 SUBJECT is what a function in benchmarks/attacks says that it attacks. --cases is their number over all kinds, or of one KIND
 alone; --seed is the first seed; --workers is the number of processes. Each case is compared with a reference of its own. The
-counts are printed by kind and outcome. A case that crashes its process or takes longer than --limit seconds is wrong. Exit status
-1 if one was.
+counts are printed by kind and outcome; with --texts, what each case says. A case that crashes its process or takes longer than
+--limit seconds is wrong. Exit status 1 if one was.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def attacked(subject: str, kind: str, seed: int) -> str:
 
 
 def main(subject: Annotated[str, sorted(SUBJECTS)], *, cases: int = 3000, seed: int = 0, kind: str = "", workers: int = 1,
-         limit: float = 600.0) -> int:
+         limit: float = 600.0, texts: bool = False) -> int:
     kinds = SUBJECTS[subject][0]
     if kind and kind not in kinds:
         raise UsageError(f"--kind {kind}: {subject} has {', '.join(kinds)}")
@@ -61,7 +62,7 @@ def main(subject: Annotated[str, sorted(SUBJECTS)], *, cases: int = 3000, seed: 
     with ThreadPoolExecutor(workers) as threads:
         for (kind, _), outcome in zip(tasks, threads.map(outcome_of, tasks), strict=True):
             outcomes[kind, outcome.split(":")[0]] += 1
-            if outcome.startswith("wrong"):
+            if texts or outcome.startswith("wrong"):
                 print(f"{kind}: {outcome}", flush=True)
     while not idle.empty():
         idle.get().close()

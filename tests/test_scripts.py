@@ -11,8 +11,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,9 +23,12 @@ import pytest
 import femsub as fs
 from benchmarks.__main__ import COMMANDS, main
 from benchmarks.attack import SUBJECTS
+from benchmarks.attacks import boxes
 from benchmarks.attacks.common import misfit, row_of_springs
 from benchmarks.bases import NAMES, compared, measured_before, rows_of
 from benchmarks.processes import StoppedError, Worker, together_mb
+from femsub.model import in_band
+from femsub.modes.quadratic.region import Contour
 
 ROOT = Path(__file__).parent.parent
 
@@ -61,11 +66,57 @@ def test_an_attack_runs_and_names_its_kinds(monkeypatch: pytest.MonkeyPatch, cap
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("subject", ["cycles", "unheld", "audits", "cutoff"])
+@pytest.mark.parametrize("subject", ["cycles", "unheld", "audits", "cutoff", "counts"])
 def test_attacks_that_no_other_test_asks_find_nothing(subject: str) -> None:
     """Three seeds of each kind; `python -m benchmarks attack SUBJECT` runs thousands."""
     kinds, attacked = SUBJECTS[subject]
     assert not [found for kind in kinds for seed in range(3) if (found := attacked(kind, seed)).startswith("wrong")]
+
+
+@dataclass
+class Faulty:
+    """A model over a box that is the full one, with a fault where the λ, their radii or their number are given."""
+
+    full: fs.Affine
+    box: Any
+    fault: str
+
+    @property
+    def cells(self) -> tuple[Any, ...]:
+        hi = self.box.band[1]
+        contour = Contour(sides=(-1.02 * hi, 1.01 * hi, 1.03 * hi))
+        return (SimpleNamespace(ranges=self.box.ranges, contour=contour, number=self.counted, evidence="certified"),)
+
+    def modes(self, **point: float) -> Any:
+        exact = boxes.spectrum(self.full, point)
+        found, hi = exact[in_band(exact, self.box.band, (-self.box.band[1], self.box.band[1]))], self.box.band[1]
+        self.counted = int(np.count_nonzero(Contour(sides=(-1.02 * hi, 1.01 * hi, 1.03 * hi)).encloses(exact)))
+        self.counted += 2 * (self.fault == "number")
+        radius = np.full(len(found), 1e-6 * hi)
+        found = found + radius * (2.0 if self.fault == "radius" else 0.5)
+        found = found[1:] if self.fault == "missing" else found
+        radius = radius[:len(found)]
+        growth = np.stack([found.real - radius, found.real + radius], axis=1)
+        stable = [None if low <= 0 <= high else bool(high < 0) for low, high in growth]
+        verdict = False if False in stable else None if None in stable else True
+        return SimpleNamespace(eigenvalues=found, radius=radius, full_growth=growth + 3e-6 * hi * (self.fault == "growth"),
+                               stable=stable, is_stable=not verdict if self.fault == "verdict" else verdict)
+
+    def number(self, **point: float) -> int:
+        return self.counted
+
+
+@pytest.mark.parametrize(("fault", "said"), [
+    ("", ""), ("radius", "is missing"), ("missing", "is missing"), ("growth", "that grows by"), ("verdict", "stable with"),
+    ("number", "in the contour")])
+def test_the_judge_of_models_over_a_box_sees_each_fault(fault: str, said: str) -> None:
+    """`python -m benchmarks attack boxes`, without the reduction."""
+    for seed in range(3):
+        full, ranges, band = boxes.family("circulatory", np.random.default_rng(seed))
+        small = Faulty(full, SimpleNamespace(ranges=ranges, band=band), fault)
+        found, counts, ratio = boxes.judged(full, small, boxes.at_random(ranges, np.random.default_rng(seed)))
+        assert (bool(counts), bool(found)) == (fault == "number", fault not in ("", "number"))
+        assert all(said in text for text in (found + counts)[:1]) and (fault or 0.4 < ratio < 0.6)
 
 
 def scaling(folder: Path, *args: str) -> dict[str, Any]:

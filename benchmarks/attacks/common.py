@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from functools import wraps
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -113,6 +114,26 @@ def exact_eigenvalues(M: mp.matrix, D: mp.matrix, K: mp.matrix, shift: Any = Non
         for j in range(n):
             companion[n + i, j], companion[n + i, n + j] = low[i, j], middle[i, j]
     return list(mp.eig(companion, left=False, right=False))
+
+
+def crossed(spectrum: Callable[[float], Array], grid: Array, shortest: float) -> list[tuple[float, float]]:
+    """(p, ω) where λ cross the axis: between values of the grid at which other numbers grow, by bisection."""
+    def grown(p: float) -> int:
+        return int((spectrum(p).real > 0).sum())
+
+    exact: list[tuple[float, float]] = []
+    counts = [grown(float(p)) for p in grid]
+    waiting = [(float(a), float(b), *pair) for (a, b), pair in zip(pairwise(grid), pairwise(counts), strict=True)]
+    while waiting:
+        a, b, before, after = waiting.pop()
+        m = (a + b) / 2
+        if before != after and b - a < shortest:
+            z = spectrum(m)
+            z = z[z.imag >= 0]
+            exact += [(m, float(value.imag)) for value in z[np.argsort(np.abs(z.real))[:max(1, abs(after - before) // 2)]]]
+        elif before != after:
+            waiting += [(a, m, before, middle := grown(m)), (m, b, middle, after)]
+    return exact
 
 
 def crossings(found: fs.CriticalValue) -> tuple[Array, Array]:

@@ -11,10 +11,8 @@ which large terms cancel. Of these but the first five 'refused' counts what is n
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,9 +22,11 @@ import femsub as fs
 from benchmarks.attacks.common import (
     Random,
     attack,
+    crossed,
     crossings,
     eigenvalues,
     exact_eigenvalues,
+    heard,
     miscounted,
     positive,
     row_of_springs,
@@ -402,9 +402,8 @@ def _passing(kind: str, rng: Random) -> Judged:
     grid = grid[(grid > 0) & (grid < 1)]
     grid = np.union1d(np.linspace(0, 1, 201), grid if term == "p" else inverse(grid))
     turned = rng.random() < 0.3
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = fs.critical_value(family, None, "p", between=(1.0, 0.0) if turned else (0.0, 1.0), band=band, solver="followed")
+    between = (1.0, 0.0) if turned else (0.0, 1.0)
+    found, _, _ = heard(fs.critical_value, family, None, "p", between=between, band=band, solver="followed")
 
     def spectrum(p: float) -> Array:
         q = p if term == "p" else theta(p)
@@ -435,9 +434,7 @@ def _sweeping(_: str, rng: Random) -> Judged:
         K1[at[0], at[1]] += force
         K1[at[1], at[0]] -= force
     family = fs.Affine(np.eye(n), [(1.0, D), ("p", D1)], [(1.0, K), ("p", K1)])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=band, solver="followed")
+    found, _, _ = heard(fs.critical_value, family, None, "p", between=(0.0, 1.0), band=band, solver="followed")
 
     return found, _against(lambda p: eigenvalues(np.eye(n), D + p * D1, K + p * K1), np.linspace(0.0, 1.0, 801), band, found)
 
@@ -488,24 +485,7 @@ def _against(spectrum: Callable[[float], Array], grid: Array, band: tuple[float,
     if found.evidence == "not checked":
         return []
 
-    def grown(p: float) -> int:
-        return int((spectrum(p).real > 0).sum())
-
-    exact: list[tuple[float, float]] = []
-    counts = [grown(float(p)) for p in grid]
-    waiting = [(float(a), float(b), *pair) for (a, b), pair in zip(pairwise(grid), pairwise(counts), strict=True)]
-    while waiting:
-        a, b, before, after = waiting.pop()
-        if before == after:
-            continue
-        if b - a < 1e-10:
-            z = spectrum((a + b) / 2)
-            z = z[z.imag >= 0]
-            crossed = z[np.argsort(np.abs(z.real))[:max(1, abs(after - before) // 2)]]
-            exact += [((a + b) / 2, float(value.imag)) for value in crossed]
-            continue
-        m = (a + b) / 2
-        waiting += [(a, m, before, middle := grown(m)), (m, b, middle, after)]
+    exact = crossed(spectrum, grid, 1e-10)
     every = (*found.losses, *found.regains)
     told = []
     for p, omega in exact:

@@ -5,10 +5,8 @@ structural  Every solution of λ²M + λD + K ± iH under friction: the λ of th
             the real λ without H. 'friction': H ⪰ 0 of any rank, unsymmetric contacts. 'overdamped': some λ are real without H.
             'gyroscopic': D with a skew part. 'floating': rigid motion, with an H that acts on it in half of the models. 'large':
             8 to 24 DOF of the first three, against LAPACK on the companion matrix; else 60 digits.
-counts      Counts and storage: sparse models of 110 to 230 DOF under strong damping, by band or count, against LAPACK on their
-            dense matrices. 'dashpots': a few to the ground, up to 1e6 of critical. 'everywhere': one at each mass. 'friction':
-            dashpots and an unsymmetric K. 'gyroscopic': the same with a skew D. 'cells': many small parts, each with a strong
-            dashpot inside.
+counts      Counts and storage: models of 40 to 400 DOF at one value of the families of `boxes`, by band or count, against LAPACK
+            on their dense matrices.
 dual        Systems assembled by multipliers, against the primal matrices in 60 digits, and pairs whole. Parts are of 1 to 4 DOF
             whose stiffness and mass differ by up to ten powers of ten. The joints are solved exactly. Both assemblies are
             looked at.
@@ -26,23 +24,22 @@ from mpmath import mp
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
+from benchmarks.attacks.boxes import KINDS, at_random, family
 from benchmarks.attacks.common import (
     Random,
     attack,
     dense,
     eigenvalues,
     exact_eigenvalues,
-    grid_pairs,
     misfit,
     row_of_springs,
-    stiffness,
 )
 from femsub.checks import Array
 from femsub.coupling.joints import Joint, Link
+from femsub.model import in_band
 
 BARS = ("scales", "units", "nearly singular", "friction", "clusters")
 STRUCTURAL = ("friction", "overdamped", "gyroscopic", "floating", "large")
-COUNTS = ("dashpots", "everywhere", "friction", "gyroscopic", "cells")
 DUAL = ("two parts", "several parts", "massless", "damped", "belts")
 DIGITS = 60
 EDGE = 1e-6  # relative distance from an edge at which rounding beside a large D decides what is in the band
@@ -191,17 +188,16 @@ def lossy_eigenvalues(pencil: fs.Pencil, H: Array, by_lapack: bool) -> Array:
 # -- counts
 
 
-@attack("counts", COUNTS)
+@attack("counts", KINDS)
 def counts(kind: str, rng: Random) -> str:
     """The evidence, or what is wrong."""
-    pencil = strongly_damped(kind, rng)
-    omega = np.sort(np.sqrt(np.abs(np.linalg.eigvalsh(((pencil.K + pencil.K.T) / 2).toarray()))))  # M = 1
+    full, ranges, (_, hi) = family(kind, rng)
+    pencil = full.at(**at_random(ranges, rng))
     every = fs.complex_modes(pencil.dense()).eigenvalues
     try:
         if rng.random() < 0.6:
-            hi = float(omega[int(rng.integers(3, 50))] * rng.uniform(0.9, 1.1))
             modes = fs.complex_modes(pencil, band=(0.0, hi))
-            least, most = (inside(every, hi * (1 + sign * EDGE)) for sign in (-1, 1))
+            least, most = (every[in_band(every, (0.0, hi * edge), (-hi * edge, hi * edge))] for edge in (1 - EDGE, 1 + EDGE))
         else:
             count = int(rng.integers(2, 50))
             modes = fs.complex_modes(pencil, count=count)
@@ -216,35 +212,6 @@ def counts(kind: str, rng: Random) -> str:
         return modes.evidence if modes.evidence == "not checked" else \
             f"wrong: {modes.evidence}, {len(modes)} listed, but there are {len(least)} to {len(most)}"
     return modes.evidence
-
-
-def inside(values: Array, hi: float) -> Array:
-    return values[(values.imag >= 0) & (values.imag <= hi) & (np.abs(values.real) <= hi)]
-
-
-def strongly_damped(kind: str, rng: Random) -> fs.Pencil:
-    if kind == "cells":
-        parts = []
-        for _ in range(int(rng.integers(30, 55))):
-            K = 10 ** rng.uniform(-1, 2) * row_of_springs(np.ones(5))
-            parts.append((1e-3 * K + np.diag([0, 1.0, 0, 0]) * 10 ** rng.uniform(-1, 3), K))
-        D, K = (la.block_diag(*some) for some in zip(*parts, strict=True))
-        ends = np.arange(3, len(K) - 1, 4)
-        K = K + stiffness(len(K), np.stack([ends, ends + 1], 1), 10 ** rng.uniform(-3, 0, len(ends)))
-        return fs.Pencil(sp.eye_array(len(K)), sp.csr_array(D), sp.csr_array(K))
-    shape = rng.integers(11, 16, 2)
-    n = int(shape.prod())
-    ends = grid_pairs(np.arange(n).reshape(shape))
-    spread = rng.uniform(0, 2)
-    K = stiffness(n, ends, 10 ** rng.uniform(-spread, spread, len(ends))) + 0.01 * np.eye(n)
-    share, low = 1.0 if kind == "everywhere" else rng.choice([0.02, 0.05, 0.15, 0.4]), rng.uniform(-2, 3)
-    d = np.where(rng.random(n) < share, 10 ** rng.uniform(low, low + rng.uniform(0, 3), n) * np.sqrt(K.diagonal()), 0.0)
-    D = np.diag(d) + (1e-3 * K if rng.random() < 0.3 else 0.0)
-    if kind in ("gyroscopic", "friction"):
-        G, size = np.zeros((n, n)), 10 ** rng.uniform(*((-3, 0) if kind == "gyroscopic" else (-2, 0)))
-        np.add.at(G, tuple(rng.integers(0, n, (2, n // 8))), size * rng.standard_normal(n // 8))
-        D, K = (D + G - G.T, K) if kind == "gyroscopic" else (D, K + G)
-    return fs.Pencil(sp.eye_array(n), sp.csr_array(D), sp.csr_array(K))
 
 
 # -- dual

@@ -1,0 +1,240 @@
+"""Models reduced over a box of parameters, against dense solutions at values all over the box.
+
+A family is a chain or a net of springs with two to four terms that depend on one to three parameters, by numbers, powers,
+inverses and products. 'light': damping of up to 1 % of critical, proportional or not. 'strong': dashpots of up to a million
+times critical, or everywhere. 'negative': dashpots that feed the motion. 'gyroscopic': D with a skew part. 'circulatory':
+friction between DOF, or between two modes, which flutter. 'mixed': any of these. Terms act at a few DOF or at all, in a few
+families on M; half of the families are dense.
+
+At each value the λ of the full model in the band lie within the radius of some λ of the small model, and each of these within
+its radius of one of the full model. Re λ lies within its bounds. Verdicts of stability and the count in the cell's contour are
+those of the full model. Along a line through the box every loss and regain is found, and none beside them. λ beside an edge
+count on neither side. Values that contradict a radius are solved again by Newton's method. Where only the count is false and not
+proved, the outcome is 'confirmed, but'. The text of an outcome has the seconds, the sizes, and the largest error over its radius.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+import femsub as fs
+from benchmarks.attacks.common import Random, attack, crossed, dense, eigenvalues, grid_pairs, stiffness
+from femsub.algebra import unit_length
+from femsub.checks import EPS, Array
+
+KINDS = ("light", "strong", "negative", "gyroscopic", "circulatory", "mixed")
+#: factors of terms; the ranges are those of `family`
+THETAS: tuple[Any, ...] = (
+    "speed", "mu", "load", lambda speed: speed**2, lambda speed: 1 / speed, lambda load: load**-2, lambda mu, load: mu * load,
+    lambda mu, speed: mu / speed, lambda speed, load: speed * load, lambda mu, speed, load: mu * load / speed**2)
+ROUNDING = 1e-8  # of the top of the band: a smaller radius is not compared with the error of the dense reference
+BESIDE = 1e-5  # of the top of the band: λ nearer to an edge or a contour than this count on neither side
+SHORTEST = 1e-5  # of a range: between two such values a crossing is not looked for further
+
+
+@attack("boxes", KINDS)
+def boxes(kind: str, rng: Random) -> str:
+    """The evidence of a model that is right all over its box, 'refused', or what is wrong."""
+    full, ranges, band = family(kind, rng)
+    box = fs.ParameterBox(ranges, band=band, tol=float(rng.choice([1e-3, 1e-6, 1e-6, 1e-8])))
+    start = time.perf_counter()
+    try:
+        small = fs.reduce(full, box)
+    except fs.FemsubError as error:
+        return f"refused: {type(error).__name__}: {error}"
+    seconds = time.perf_counter() - start
+    # dense solutions at corners, at random values and along a line: fewer of larger models, which take n³
+    count = int(np.clip(8e8 / full.size**3, 10, 60))
+    points = corners(ranges) + [at_random(ranges, rng) for _ in range(count)]
+    faults, doubts, ratio = list[str](), list[str](), 0.0
+    for point in points:
+        found, counts, worst = judged(full, small, point)
+        proved = any(cell.evidence == "certified" for cell in cells(small, point))
+        faults, doubts, ratio = faults + found + counts * proved, doubts + counts * (not proved), max(ratio, worst)
+    found, losses = along(full, small, str(rng.choice(list(ranges))), points[-1], count)
+    faults += found
+    text = (f"made in {seconds:.2f} s, {small.size} of {full.size} DOF, {len(small.cells)} cells, {100 * small.open_share:.3g} % "
+            f"open, error/radius {ratio:.2g}, {losses} crossings")
+    if faults:
+        return f"wrong: {'; '.join(faults[:3])}: {small.evidence}, {text}"
+    return f"{small.evidence}, but: {'; '.join(doubts[:3])}: {text}" if doubts else f"{small.evidence}: {text}"
+
+
+def family(kind: str, rng: Random) -> tuple[fs.Affine, dict[str, tuple[float, float]], tuple[float, float]]:
+    """A random family, the ranges of its parameters, and a band."""
+    wide = int(rng.integers(3, 7)) if rng.random() < 0.5 else 1
+    place = np.arange(int(10 ** rng.uniform(np.log10(40), np.log10(400))) // wide * wide).reshape(-1, wide)
+    n, pairs = place.size, np.vstack([grid_pairs(place), np.column_stack([place[0], np.full(wide, -1)])])  # the first row is held
+    K = stiffness(n, pairs, 10.0 ** rng.uniform(-0.5, 0.5, len(pairs)))
+    m, k = 10.0 ** rng.uniform(-0.3, 0.3, n), K.diagonal()
+    squares, X = np.linalg.eigh(K / np.sqrt(np.outer(m, m)))
+    F, omega, kept = X * np.sqrt(m)[:, None], np.sqrt(squares), int(rng.integers(3, max(5, n // 12)))
+    hi = float(omega[kept] + rng.uniform(0.2, 0.8) * (omega[kept + 1] - omega[kept]))
+
+    def spots() -> Array:
+        """Weights of a few DOF, or of all."""
+        few = np.isin(np.arange(n), rng.choice(n, int(rng.integers(1, 6)), replace=False))
+        return np.asarray(rng.uniform(0.2, 1.0, n) * (few if rng.random() < 0.6 else 1.0))
+
+    def light() -> Array:
+        ratio = 10.0 ** rng.uniform(-5, -2)
+        return ratio * (omega[0] * np.diag(m) + K / hi) if rng.random() < 0.5 else np.diag(spots() * m * hi * ratio)
+
+    def strong() -> Array:
+        where = spots()
+        return np.diag(where * m * hi * 10.0 ** rng.uniform(-1.0, 0.0 if where.all() else rng.choice([1.3, 1.3, 1.3, 6.0])))
+
+    def gyroscopic() -> Array:
+        G, (at, other) = np.zeros((n, n)), pairs[:len(pairs) - wide].T
+        G[at, other] = spots()[at] * m[at] * hi * 10.0 ** rng.uniform(-3, -0.5)
+        return np.asarray(G - G.T)
+
+    def circulatory() -> Array:
+        i = int(rng.integers(kept + 2))
+        if rng.random() < 0.5:  # two modes act on each other
+            force = (squares[i + 1] - squares[i]) * rng.uniform(0.2, 2.0)
+            return np.asarray(force * (np.outer(F[:, i], F[:, i + 1]) - np.outer(F[:, i + 1], F[:, i])))
+        N, (at, other) = np.zeros((n, n)), pairs[rng.choice(len(pairs) - wide, int(rng.integers(1, 6)), replace=False)].T
+        N[at, other] = k[at] * 10.0 ** rng.uniform(-2, 0)
+        return N
+
+    every: dict[str, tuple[str, Callable[[], Array]]] = {
+        "light": ("D", light), "strong": ("D", strong), "negative": ("D", lambda: -light()), "gyroscopic": ("D", gyroscopic),
+        "circulatory": ("K", circulatory), "stiffness": ("K", lambda: np.diag(spots() * k * rng.uniform(-0.05, 0.5))),
+        "mass": ("M", lambda: np.diag(spots() * m * rng.uniform(0, 0.5)))}
+    low = 10.0 ** rng.uniform(-1, 2, 2)
+    ranges = {"mu": (0.0, float(rng.uniform(0.1, 1.0))),
+              **{name: (float(a), float(a * rng.uniform(1.1, 4.0))) for name, a in zip(("speed", "load"), low, strict=True)}}
+    terms: dict[str, list[tuple[Any, Array]]] = {"M": [(1.0, np.diag(m))], "D": [(1.0, light())], "K": [(1.0, K)]}
+    used = set(rng.choice(list(ranges), int(rng.integers(1, 4)), replace=False))
+    usable = [theta for theta in THETAS if set(fs.Affine(K, None, [(theta, K)]).parameters) <= used]
+    thetas = [usable[i] for i in rng.permutation(len(usable))[:int(rng.integers(1, 4))]]
+    for i, theta in enumerate([*thetas, *[1.0] * int(rng.integers(len(thetas) < 2, 2))]):
+        part = kind if i == 0 and kind != "mixed" else str(rng.choice(list(every), p=np.array([4, 3, 2, 4, 4, 4, 1]) / 22))
+        name, made = every[part]
+        alone = fs.Affine(K, None, [(theta, K)])  # whose largest factor in the box becomes 1
+        largest = max(alone.at(**{key: point[key] for key in alone.parameters}).K[0, 0] / k[0] for point in corners(ranges))
+        terms[name].append((theta, made() / largest))
+    turn = np.linalg.qr(rng.standard_normal((n, n)))[0] if rng.random() < 0.5 else None
+    unit = 10.0 ** rng.uniform(-2, 4)  # of time
+
+    def given(A: Array) -> Any:
+        """Sparse, or in coordinates in which it is full, symmetric or skew as it was."""
+        if turn is None:
+            return sp.csr_array(A)
+        upper, lower = (turn.T @ (A + sign * A.T) @ turn / 2 for sign in (1, -1))
+        return (upper + upper.T) / 2 + (lower - lower.T) / 2
+
+    full = fs.Affine(*([(theta, unit**power * given(A)) for theta, A in terms[key]] for power, key in enumerate("MDK")))
+    return full, {name: ranges[name] for name in full.parameters}, (unit * hi * float(rng.choice([0.0, 0.0, 0.3])), unit * hi)
+
+
+def corners(ranges: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
+    return [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+
+
+def at_random(ranges: Mapping[str, tuple[float, float]], rng: Random) -> dict[str, float]:
+    return {name: float(rng.uniform(*ends)) for name, ends in ranges.items()}
+
+
+def judged(full: fs.Affine, small: Any, point: dict[str, float]) -> tuple[list[str], list[str], float]:
+    """What is wrong at a value with λ, growth and verdicts, and with the count; the largest error over its radius."""
+    pencil, modes, (lo, hi) = full.at(**point), small.modes(**point), small.box.band
+    exact, found, radius = spectrum(full, point), modes.eigenvalues, modes.radius
+    told, counts, ratio = list[str](), list[str](), 0.0
+    where = ", ".join(f"{name} = {value:.9g}" for name, value in point.items())
+
+    def inside(sign: int) -> Array:
+        """The exact λ in the band with its edges moved inwards (1) or outwards (-1)."""
+        by = sign * (BESIDE * hi + radius.max(initial=0.0))
+        return exact[(exact.imag >= (lo + by if lo else 0.0)) & (exact.imag <= hi - by) & (np.abs(exact.real) <= hi - by)]
+
+    for value in inside(1):
+        if not (np.abs(value - found) <= radius).any():
+            better, bar = newton(pencil, value)
+            told += [f"λ = {better:.9g} is missing at {where}"] * (not (np.abs(better - found) <= radius + bar).any())
+    for value, size, (least, most), stable in zip(found, radius, modes.full_growth, modes.stable, strict=True):
+        better, bar = complex(exact[np.argmin(np.abs(exact - value))]), 0.0
+        if not (abs(better - value) <= size and least <= better.real <= most and stable in (None, better.real < 0)):
+            better, bar = newton(pencil, value)
+        ratio = max(ratio, abs(better - value) / max(size, ROUNDING * hi))
+        if not (abs(better - value) <= size + bar and least - bar <= better.real <= most + bar):
+            told.append(f"λ = {value:.9g} ± {size:.2g} that grows by {least:.3g} to {most:.3g} is {better:.9g} at {where}")
+        if contradicts(stable, better, bar):
+            told.append(f"λ = {better:.9g} is called {'stable' if stable else 'unstable'} at {where}")
+    better, bar = max(inside(1 if modes.is_stable else -1), key=lambda value: float(value.real), default=complex(-np.inf)), 0.0
+    if np.isfinite(better) and contradicts(modes.is_stable, better, bar):
+        better, bar = newton(pencil, better)
+    if contradicts(modes.is_stable, better, bar):
+        told.append(f"{'stable' if modes.is_stable else 'unstable'} with {better:.9g} at {where}")
+    for cell in cells(small, point):
+        least, most = (int(np.count_nonzero(cell.contour.encloses(exact * (1 + side * BESIDE)))) for side in (1, -1))
+        if cell.evidence != "not checked" and not (least <= cell.number == small.number(**point) <= most):
+            counts.append(f"{least} in the contour, but {cell.number} ({cell.evidence}) at {where}")
+    return told, counts, ratio
+
+
+def contradicts(stable: bool | None, value: complex, bar: float) -> bool:
+    """Whether λ surely lies on the other side of the axis than a verdict says."""
+    return stable is not None and (value.real > bar if stable else value.real < -bar)
+
+
+def cells(small: Any, point: dict[str, float]) -> list[Any]:
+    """Those that hold a value."""
+    return [cell for cell in small.cells if all(a <= point[name] <= b for name, (a, b) in cell.ranges.items())]
+
+
+def spectrum(full: fs.Affine, point: Mapping[str, float]) -> Array:
+    pencil = full.at(**point)
+    return eigenvalues(*(dense(part) for part in (pencil.M, pencil.D, pencil.K)))
+
+
+def newton(pencil: fs.Pencil, value: complex) -> tuple[complex, float]:
+    """λ next to a value, by two-sided Rayleigh quotients, and what rounding may do to it."""
+    M, D, K = (dense(part) for part in (pencil.M, pencil.D, pencil.K))
+    x = y = np.random.default_rng(0).standard_normal(len(M)) + 0j
+    bar = 0.0
+    for _ in range(5):
+        factor = la.lu_factor(value * (value * M + D) + K)
+        for _ in range(2):
+            x, y = (unit_length(la.lu_solve(factor, b, trans=turned)) for b, turned in ((x, 0), (y, 1)))
+        slope = y @ (2 * value * (M @ x) + D @ x)
+        value -= y @ (value * (value * (M @ x) + D @ x) + K @ x) / slope
+        size = abs(value)**2 * np.abs(M) + abs(value) * np.abs(D) + np.abs(K)
+        bar = float(10 * EPS * (np.abs(y) @ size @ np.abs(x)) / abs(slope))
+    return complex(value), bar
+
+
+def along(full: fs.Affine, small: Any, name: str, point: dict[str, float], count: int) -> tuple[list[str], int]:
+    """What is wrong with losses and regains along a line through a value, and how many there are in the band."""
+    others, (begin, end), (lo, hi) = {key: point[key] for key in point if key != name}, small.box.ranges[name], small.box.band
+    found = fs.critical_value(small.fixed(**others), None, name, between=(begin, end), band=(lo, hi))
+    every, span = (*found.losses, *found.regains), end - begin
+
+    def near(omega: float, p: float) -> tuple[complex, float]:
+        """λ of the full model next to iω, and the radius of that of the small one."""
+        exact, modes = spectrum(full, {**point, name: p}), small.modes(**{**point, name: p})
+        found, size = np.append(modes.eigenvalues, np.inf), np.append(modes.radius, 0.0)
+        return complex(exact[np.argmin(np.abs(exact - 1j * omega))]), float(size[np.argmin(np.abs(found - 1j * omega))])
+
+    exact = [(p, omega) for p, omega in crossed(lambda p: spectrum(full, {**point, name: p}), np.linspace(begin, end, count),
+                                                SHORTEST * span) if lo + BESIDE * hi < omega < hi * (1 - BESIDE)]
+    told = list[str]()
+    for one in every:
+        value, size = near(one.omega, one.value)
+        told += [f"{one!r} is none at {others}"] * (not abs(value - 1j * one.omega) <= size + BESIDE * hi)
+    for p, omega in exact if found.evidence != "not checked" else ():
+        a, b = max(begin, p - 10 * SHORTEST * span), min(end, p + 10 * SHORTEST * span)
+        slope = abs(near(omega, b)[0].real - near(omega, a)[0].real) / (b - a)
+        room = 2 * SHORTEST * span + 2 * near(omega, p)[1] / max(slope, EPS)
+        if not any(abs(one.value - p) <= room + one.width and abs(one.omega - omega) <= 1e-3 * hi for one in every) and \
+                not any(a - room <= p <= b + room for a, b in found.open):
+            told.append(f"the crossing at {name} = {p:.9g}, ω = {omega:.6g} is missing at {others}")
+    return told, len(exact)
