@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
+from benchmarks import over_a_range
 from benchmarks.__main__ import COMMANDS, main
 from benchmarks.attack import SUBJECTS
 from benchmarks.attacks import boxes
@@ -117,6 +118,27 @@ def test_the_judge_of_models_over_a_box_sees_each_fault(fault: str, said: str) -
         found, counts, ratio = boxes.judged(full, small, boxes.at_random(ranges, np.random.default_rng(seed)))
         assert (bool(counts), bool(found)) == (fault == "number", fault not in ("", "number"))
         assert all(said in text for text in (found + counts)[:1]) and (fault or 0.4 < ratio < 0.6)
+
+
+BRAKE = ROOT.parent / "shared" / "brake-m0"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not BRAKE.is_dir(), reason=f"the matrices of a brake are not in {BRAKE}")
+def test_other_bases_of_the_public_brake_miss_what_grows_or_need_more_columns() -> None:
+    """Of three speeds; docs/methods/over_a_range.md."""
+    family = over_a_range.brake(BRAKE)
+    speed = 4 * np.pi
+    exact = fs.complex_modes(family.at(speed=speed), band=over_a_range.BAND).eigenvalues
+    made = over_a_range.bases(family)
+    errors = []
+    for _ in range(3):
+        _, _, V = next(made)
+        found = boxes.spectrum(family.reduced(V, cutoff=np.inf), {"speed": speed})
+        error = np.abs(found - exact[:, None]).min(axis=1) / np.abs(exact)
+        errors.append((error[exact.real > over_a_range.NEAR].max(), error.max()))
+    (near, all_of_near), (_, paper), (_, more) = errors
+    assert near < 1e-6 < 1e-2 < all_of_near and paper > 1e-2 and 1e-8 < more < 1e-5
 
 
 def scaling(folder: Path, *args: str) -> dict[str, Any]:
