@@ -7,7 +7,8 @@ keeps the certified eigenvalues at 50 speeds. It is made if it is not there, in 
 
 The bases are those of Gräbner, Mehrmann, Quraishi, Schröder and von Wagner, ZAMM 96 (2016) 1388: the proper orthogonal
 decomposition of real and imaginary parts of eigenvectors at three or five speeds, of the λ near the axis or of all in the band;
-and real modes without friction, damping and gyroscopic forces. LAPACK solves their small models. Seconds are those of the processor, with one thread.
+and real modes without friction, damping and gyroscopic forces. LAPACK solves their small models. Seconds
+are those of the processor, with one thread.
 """
 
 from __future__ import annotations

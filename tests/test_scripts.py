@@ -100,11 +100,8 @@ class Faulty:
         growth = np.stack([found.real - radius, found.real + radius], axis=1)
         stable = [None if low <= 0 <= high else bool(high < 0) for low, high in growth]
         verdict = False if False in stable else None if None in stable else True
-        return SimpleNamespace(eigenvalues=found, radius=radius, full_growth=growth + 3e-6 * hi * (self.fault == "growth"),
+        return SimpleNamespace(eigenvalues=found, error_bar=radius, full_growth=growth + 3e-6 * hi * (self.fault == "growth"),
                                stable=stable, is_stable=not verdict if self.fault == "verdict" else verdict)
-
-    def number(self, **point: float) -> int:
-        return self.counted
 
 
 @pytest.mark.parametrize(("fault", "said"), [
