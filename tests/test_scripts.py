@@ -67,7 +67,7 @@ def test_an_attack_runs_and_names_its_kinds(monkeypatch: pytest.MonkeyPatch, cap
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("subject", ["cycles", "unheld", "audits", "cutoff", "counts"])
+@pytest.mark.parametrize("subject", ["cycles", "unheld", "audits", "cutoff", "counts", "boxes"])
 def test_attacks_that_no_other_test_asks_find_nothing(subject: str) -> None:
     """Three seeds of each kind; `python -m benchmarks attack SUBJECT` runs thousands."""
     kinds, attacked = SUBJECTS[subject]
