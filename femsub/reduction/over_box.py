@@ -193,7 +193,7 @@ class _Maker:
                 turned = part * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", part, part))) / scale
                 columns += [turned.real, turned.imag]
         U, size, _ = la.svd(np.hstack(columns), full_matrices=False)
-        W = U[:, size > 0.1]
+        W = U[:, size > 0.1] if size.max(initial=0.0) > 0.1 else np.eye(len(U), min(1, len(U)))  # no λ: any shape serves
         inside = projection.inside
         d = W.shape[1]
         outside = projection.images_outside() @ W  # (p, h, d)
