@@ -28,7 +28,7 @@ def in_disc(pencil: fs.Pencil, radius: float) -> int:
 def counted(pencil: fs.Pencil, radius: float, rounds: int = 8) -> Count | None:
     """By a projection, in a disc."""
     disc = Contour(radius)
-    return Projection(pencil, disc).on(lambda _: disc, rounds)
+    return Projection(pencil, disc).on(lambda *_: disc, rounds)
 
 
 def contact(sub: fs.Substructure, seed: int, strength: float, flutter: float, rayleigh: tuple[float, float]) -> fs.Pencil:

@@ -70,7 +70,7 @@ def by_lapack(pencil: fs.Pencil) -> np.ndarray:
 def count(pencil: fs.Pencil, contour: Contour) -> Count | None:
     """Inside this contour, or None."""
     try:
-        return Projection(pencil, contour).on(lambda _: contour)
+        return Projection(pencil, contour).on(lambda *_: contour)
     except (fs.SingularMatrixError, fs.NotConvergedError, fs.MissedModesError):
         return None
 
@@ -114,7 +114,7 @@ def test_one_projection_counts_for_all_values_of_a_parameter(seed: int) -> None:
             parts[change.power] = parts[change.power] + share * change.matrix
         values = by_lapack(fs.Pencil(*parts[::-1]))
         projection = projection.changed(theta.tolist())
-        found = projection.on(lambda _: contour)
+        found = projection.on(lambda *_: contour)
         assert found is None or found.number == np.count_nonzero(contour.encloses(values))
         if found is not None and projection.counted is not None and not any(change.power == 2 for change in changes):
             again = count(fs.Pencil(*parts[::-1]), contour)
@@ -237,7 +237,7 @@ def test_a_fork_corrects_half_of_the_pairs(end: str, monkeypatch: pytest.MonkeyP
         projection = Projection(twice, contour)
         if not worth and not fork_pays(projection.factor, 1000):
             pytest.skip("no CHOLMOD")
-        assert projection.on(lambda _: contour) is not None and projection.counted is not None
+        assert projection.on(lambda *_: contour) is not None and projection.counted is not None
         before = len(forks)
         pairs = right_pairs(projection.counted, twice, together=3)
         assert pairs is not None and len(forks) - before == (not worth)
@@ -325,7 +325,7 @@ def test_a_proved_count_and_solved_pairs_cost_nothing_more(monkeypatch: pytest.M
     pencil = random_pencil(18)
     hi = float(np.sort(np.abs(by_lapack(pencil)))[20]) * 1.01
     projection = Projection(pencil, contour := Contour(sides=(-hi, hi, hi)))
-    assert projection.on(lambda _: contour) is not None and projection.counted is not None
+    assert projection.on(lambda *_: contour) is not None and projection.counted is not None
     columns: list[int] = []
     solve = projection.factor.solve
 
@@ -350,7 +350,7 @@ def test_left_vectors_come_from_what_the_count_has_solved_for(monkeypatch: pytes
     every, _, exact = dense.solve(pencil.dense())
     hi = float(np.sort(np.abs(every))[40]) * 1.01
     projection = Projection(pencil, contour := Contour(hi))
-    assert projection.on(lambda _: contour) is not None and projection.counted is not None
+    assert projection.on(lambda *_: contour) is not None and projection.counted is not None
     found = right_pairs(projection.counted, pencil)
     assert found is not None
     columns: list[int] = []

@@ -9,10 +9,11 @@ Q_R = |T_qV|^½ and Q_L = |T_qᵀV|^½, (m, r), such that the blocks of T_q are
 (mixed Schwarz inequality: |yᴴTx|² ≤ xᴴ|T|x · yᴴ|Tᵀ|y, and the square root is operator monotone). So with δ_q s^k in Q_R and Q_L,
 T = P_U⁻¹ at θ_c, R = P_LU, L = P_UL and c for the whole cell, P(s; θ) is regular for all θ in the cell where
 
-    ξ ‖N‖ < 1,   N = | ‖RTL‖/c      ‖RTQ_L‖/√c |,   ξ = 1 + f²/2 + f √(1 + f²/4),   f² = ‖B_R‖ ‖B_L‖ / c:
+    ξ ‖N‖ < 1,   N = | ‖RTL‖/c      ‖RTQ_L‖/√c |,   ξ = η_R η_L,   η = f/2 + √(1 + f²/4),   f = ‖B‖/√c on each side:
                      | ‖Q_RᵀTL‖/√c  ‖Q_RᵀTQ_L‖ |
 
-the Schur complement is P_U + [L Q_L] X [R; Q_Rᵀ], where X has the norm ξ in these units. At θ_c it is `Coupling.margin`.
+the Schur complement is P_U + [L Q_L] X [R; Q_Rᵀ] with X = [I 0; B_Lᵀ I] diag(-P_L⁻¹, C) [I B_R; 0 I], whose norm in these units
+is at most ξ: η is that of each triangle. (√(‖B_R‖ ‖B_L‖) for both would need another N.) At θ_c it is `Coupling.margin`.
 Singular values of T_qV that are too small to matter join as a third kind of column, √ρ I. On a closed curve this shows that as
 many eigenvalues are inside for all θ in the cell as at θ_c. N is evaluated in the middle of pieces of the curve; what it changes
 over a piece is bounded by sums over eigenpairs.
@@ -132,8 +133,8 @@ class CellBound:
             self.Q.append((columns[:, order], degrees[order]))
         self.QX, self.QZ = self.Q[1][0].T @ small.x, self.Q[0][0].T @ small.z
         self.HX, self.HZ = self.H @ small.x, self.H @ small.z
-        f = float(np.sqrt(np.sqrt(np.prod(square + self.rest)) / c))
-        self.xi = 1 + f * f / 2 + f * np.sqrt(1 + f * f / 4)
+        f = np.sqrt((square + self.rest) / c)  # on either side
+        self.xi = float(np.prod(f / 2 + np.sqrt(1 + f * f / 4)))
         self.products = small.both_products
         self.each = [np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) for own in self.products]
 
