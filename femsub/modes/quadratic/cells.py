@@ -52,8 +52,8 @@ class Change(NamedTuple):
     def of(cls, basis: EnergyBasis, halves: Sequence[int], power: int) -> Change:
         """The term that is the sum of these symmetric and skew ones of the basis."""
         signs = [basis.terms[i].sign for i in halves]
-        T = np.sum([basis.inside[i] for i in halves], axis=0)
-        noise = len(halves) * np.diag(np.sum([basis.noise[i] for i in halves], axis=0))
+        T = basis.inside[list(halves)].sum(axis=0)  # 0 of a parameter without effect, which has none
+        noise = len(halves) * np.diag(basis.noise[list(halves)].sum(axis=0))
         sides = []
         for inner, own in ((T @ T.T, signs), (T.T @ T, [1.0] * len(halves))):
             outer = noise + sum(a * b * basis.lost[i, :, j, :] for i, a in zip(halves, own, strict=True)
