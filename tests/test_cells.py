@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext as nothing
+
 import numpy as np
+import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
 
+import femsub as fs
 from femsub.algebra import halves
 from femsub.checks import Array
 from femsub.modes.quadratic.cells import CellBound, Change, images
@@ -39,3 +43,41 @@ def test_a_change_that_acts_from_the_basis_to_the_rest_alone_is_not_proved_away(
                   for theta in np.linspace(-delta, delta, 21)}
         assert margin == np.inf or counts == {number}, f"±{delta:g}: {counts} of {margin:.2g}"
         assert margin < 1 or delta > 1
+
+
+def net(n: int, seed: int, *, held: bool = True) -> Array:
+    """The stiffness of a chain of n masses, held at both ends or not at all."""
+    k = 10 ** np.random.default_rng(seed).uniform(-0.3, 0.3, n + 1) * n**2 / 50
+    k[[0, -1]] *= held
+    return np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
+
+
+def test_a_parameter_without_effect_has_a_place_in_the_box() -> None:
+    """A matrix of zeros has no halves; that was an error of numpy."""
+    K = net(60, 0)
+    one = sp.eye_array(60, format="csr")
+    family = fs.Affine([(1.0, one)], [(1.0, 1e-3 * one)],
+                       [(theta, sp.csr_array(size * K)) for theta, size in ((1.0, 1.0), ("k", 0.0), ("q", 0.1))])
+    small = fs.reduce(family, fs.ParameterBox({"k": (0, 1), "q": (0, 1)}, band=(0, 4)))
+    assert small.evidence == "certified" and small.number(k=0.5, q=1.0)
+
+
+@pytest.mark.parametrize("change", ["relative", "follower", "support"])
+def test_rigid_motion_is_not_called_unstable(change: str) -> None:
+    """Rounding splits λ = 0, a double one, by its square root: the bar covers that, and no growth or decay is concluded."""
+    n, K = 74, net(74, 1, held=False)
+    T, push, pull = sp.lil_array((n, n)), {3: 1.0, n // 2: -1.0 * (change == "relative")}, {7: 1.0, 8: -1.0}
+    for i, a in push.items():
+        for j, b in pull.items():
+            T[i, j] = a * b
+    one = sp.eye_array(n, format="csr")
+    matrix = one if change == "support" else sp.csr_array(T)
+    family = fs.Affine([(1.0, one)], [(1.0, sp.csr_array(1e-4 * K))], [(1.0, sp.csr_array(K)), ("p", 0.5 * matrix)])
+    with pytest.warns(fs.FemsubWarning) if change != "support" else nothing():
+        small = fs.reduce(family, fs.ParameterBox({"p": (0, 0.6)}, band=(0, 3)))
+    for p in np.linspace(0, 0.6, 21).tolist():
+        found = small.modes(p=p)
+        true = np.sqrt(0.5 * p) if change == "support" else 0.0
+        low = np.argmin(np.abs(found.eigenvalues))
+        assert np.abs(np.abs(found.eigenvalues[low]) - true) <= found.error_bar[low]
+        assert found.is_stable is None

@@ -205,7 +205,10 @@ class _Maker:
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
-        radii = Radii(blocks, signs, places, base, np.array([la.norm(part, 2) for part in inside]), self.least)
+        size = np.abs(projection.V @ W)
+        matrices = projection.A.formed(), *(term.matrix for term in projection.terms)
+        rounding = [la.norm(size.T @ (abs(A) @ size), 2) for A in matrices]
+        radii = Radii(blocks, signs, places, base, np.array(rounding), self.least)
         V = self.unit[:, None] * np.hstack([projection.free, projection.V @ W])
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))
         return BoxModel(family.below(self.box.band[1]), box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,

@@ -133,7 +133,7 @@ class Radii:
     signs: Array
     places: Array  #: of each term: the change that it follows, or -1
     base: Array  #: (p, 3): weights c_0, c_1, c_2
-    inner: Array  #: (p,): ‖T_i‖ inside the basis
+    rounding: Array  #: (p + 1,): ‖|V|ᵀ|A||V|‖ and those of the terms; times EPS what rounding of their entries may do
     least: float  #: c
 
     def weights(self, theta: Array, s: Array) -> Array:
@@ -153,20 +153,28 @@ class Radii:
 
 
     def of(self, theta: Array, values: Array, x: Array, z: Array) -> Array:
-        """The radius of each λ, with its x and z of |zᴴP'(λ)x| = 1; where circles meet, that of one around them all."""
+        """The radius of each λ, Im λ ≥ 0, with its x and z of |zᴴP'(λ)x| = 1; where circles meet, that of one around them all."""
         size = self.lengths(theta, values, x) * self.lengths(theta, values, z, adjoint=True) / self.least
-        size += EPS * len(x) * np.linalg.norm(x, axis=0) * np.linalg.norm(z, axis=0) * (
-            1 + self.inner @ np.abs(self.weights(theta, values)))
-        # Σ_j η_j / |s - λ_j| < 1 on the circle: to first order η_k / (1 - what the others take)
-        apart = np.abs(values[:, None] - values) + np.diag(np.full(len(values), np.inf))
+        size += EPS * np.linalg.norm(x, axis=0) * np.linalg.norm(z, axis=0) * (
+            self.rounding @ np.vstack([np.ones(len(values)), np.abs(self.weights(theta, values))]))
+        # Σ_j η_j / |s - λ_j| < 1 on the circle, conjugates included: to first order η_k / (1 - what the others take)
+        pairs = np.flatnonzero(values.imag)
+        every = np.append(size, size[pairs])
+        apart = np.abs(values[:, None] - np.append(values, values[pairs].conj()))
+        others = apart + np.diag(np.full(len(every), np.inf))[:len(values)]
         radius = size
         with np.errstate(divide="ignore", invalid="ignore"):
             for _ in range(3):
-                room = 1 - np.where(apart > radius[:, None], size / (apart - radius[:, None]), np.inf).sum(axis=1)
+                room = 1 - np.where(others > radius[:, None], every / (others - radius[:, None]), np.inf).sum(axis=1)
                 radius = np.where(room > 0.5, size / room, np.inf)
         for k in np.flatnonzero(~np.isfinite(radius)):
-            near = apart[k] <= 4 * (size[k] + size)
-            radius[k] = 2 * (size[k] + size[near].sum()) + apart[k][near].max(initial=0.0)
+            order = np.argsort(apart[k])
+            for number in range(1, len(order) + 1):  # so many in the circle take half, and the others the other half
+                inside, beyond = order[:number], order[number:]
+                radius[k] = 2 * every[inside].sum() + apart[k, inside[-1]]
+                room = apart[k, beyond] - radius[k]
+                if (room > 0).all() and (every[beyond] / room).sum() < 0.5:
+                    break
         return np.asarray(radius)
 
 
@@ -286,10 +294,12 @@ class BoxModel(Affine):
         lam[~np.isfinite(lam)] = np.inf
         contour = cell.contour or Contour(sides=(-hi, hi, hi))
         found = int(np.count_nonzero(contour.encloses(lam))) + 2 * free
-        near = np.flatnonzero(in_band(lam, self.box.band, (-hi, hi)) & (lam.imag >= 0))
+        inside = in_band(lam, self.box.band, (-hi, hi))
+        near = np.flatnonzero((inside | contour.encloses(lam)) & (lam.imag >= 0))  # with those close beside the band
         near = near[np.argsort(lam[near].imag, kind="stable")]
-        values_, x, z = lam[near], x[:, near], z[:, near]
-        bar = self.radii.of(theta, values_, x, z)
+        bar = self.radii.of(theta, lam[near], x[:, near], z[:, near])[inside[near]]
+        near = near[inside[near]]
+        values_, x = lam[near], x[:, near]
         zeros = np.zeros(2 * free * (self.box.band[0] == 0))
         shapes = np.zeros((self.size, len(zeros) + len(near)), dtype=complex)
         shapes[np.arange(len(zeros)) // 2, np.arange(len(zeros))] = 1.0
