@@ -164,11 +164,13 @@ class _Maker:
             model = self.small(nodes, cells, c)
             errors = np.array([_error(model, place) for place in places])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
-            if errors.max() <= box.tol or len(nodes) >= NODES * len(names):
+            if len(nodes) >= NODES * len(names):
                 break
             place = places[int(errors.argmax())]
-            new = self.node(place, contour)
+            new, known = self.node(place, contour), self.least
             self.learn(model, new)
+            if errors.max() <= box.tol and self.least == known:  # where it is largest, the estimate holds at new values as well
+                break
             m = self.projection.size
             if self.enriched([new], c):
                 self.projection.lost  # noqa: B018
