@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-WIDER = 0.2  #: of the band's top: how far the contour may move out, into gaps that no eigenvalue crosses
+GAP = 0.2  #: of the band's top: how far the contour may move out, into gaps that no eigenvalue crosses
 PLACES = 64  #: at which the error is looked at
 NODES = 12  #: values whose vectors are taken, for each parameter, at most
 
@@ -68,7 +68,7 @@ class _Maker:
         reference = Pencil(*(weighted([(next(of), A) for _, A in several]) if several else None
                              for several in (family.M, family.D, family.K)))
         self.projection = projection_over(reference, [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(half[q]))
-                                                      for q in self.varied], box.band, WIDER)
+                                                      for q in self.varied], box.band, GAP)
         sparse = reference.sparse()
         self.unit = np.ones(reference.size) if sparse.alike() is sparse else sparse.units[1]
 
@@ -88,7 +88,7 @@ class _Maker:
             lo, hi, known = self.family.factor_ranges(ranges)
             theta, half = ((lo + hi) / 2 - self.middle)[self.varied], (hi - lo)[self.varied] / 2
             self.projection = self.projection.changed(theta, half)
-            count, tried = count_over(self.projection, self.box.band, WIDER), tried + 1
+            count, tried = count_over(self.projection, self.box.band, GAP), tried + 1
             if count is not None:
                 log.info("%d eigenvalues in %s over %s, margin %.2g", count.number, count.contour.where, ranges, count.margin)
                 done.append(Cell(ranges, count.contour, count.number, count.margin, sampled=not known.all()))

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 LEFT = 0.005  # share of the bound that singular values which are left out may take
 
 
-class Change(NamedTuple):
+class WholeTerm(NamedTuple):
     """A whole term T s^power that a parameter changes, by TᵀV and TV in the norm of A.
 
     Of each: its singular values and vectors, and the Gram matrix of what is outside V.
@@ -49,7 +49,7 @@ class Change(NamedTuple):
     right: tuple[Array, Array, Array]
 
     @classmethod
-    def of(cls, basis: EnergyBasis, halves: Sequence[int], power: int) -> Change:
+    def of(cls, basis: EnergyBasis, halves: Sequence[int], power: int) -> WholeTerm:
         """The term that is the sum of these symmetric and skew ones of the basis."""
         signs = [basis.terms[i].sign for i in halves]
         T = basis.inside[list(halves)].sum(axis=0)  # 0 of a parameter without effect, which has none
@@ -101,13 +101,13 @@ class CellBound:
     contour : Contour
     c : float
         For the whole cell.
-    changes : sequence of (Change, float)
+    changes : sequence of (WholeTerm, float)
         Whole terms with their δ.
     outside : tuple
         `images` of the basis.
     """
 
-    def __init__(self, small: Coupling, contour: Contour, c: float, changes: Sequence[tuple[Change, float]],
+    def __init__(self, small: Coupling, contour: Contour, c: float, changes: Sequence[tuple[WholeTerm, float]],
                  outside: tuple[Array, float]) -> None:
         self.changes = changes
         self.small, self.contour, self.c, (self.H, self.left_out) = small, contour, c, outside

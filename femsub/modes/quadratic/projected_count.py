@@ -41,7 +41,7 @@ from femsub.checks import EPS, Array, Matrix
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.model import contact_matrix
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
-from femsub.modes.quadratic.cells import CellBound, Change, images
+from femsub.modes.quadratic.cells import CellBound, WholeTerm, images
 from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights
 from femsub.modes.quadratic.region import Contour, Count
 from femsub.modes.shift_invert import ShiftInvert
@@ -174,7 +174,7 @@ class Projection(EnergyBasis):
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=True)
         self.counted: Coupling | None = None  # the last one, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
-        self._parts: tuple[int, list[Change], tuple[Array, float]] = (-1, [], (np.zeros(0), 0.0))  # of so many columns of V
+        self._parts: tuple[int, list[WholeTerm], tuple[Array, float]] = (-1, [], (np.zeros(0), 0.0))  # of so many columns of V
         self.add(rest, modes=True)
         for shapes in joining[1:]:
             if shapes.shape[1]:
@@ -200,11 +200,11 @@ class Projection(EnergyBasis):
         """H (p, h, m), see `images`."""
         return self._varied()[1][0]
 
-    def _varied(self) -> tuple[list[Change], tuple[Array, float]]:
+    def _varied(self) -> tuple[list[WholeTerm], tuple[Array, float]]:
         """Each change as a whole, and the `images` of all terms, at their largest weights."""
         if self._parts[0] != self.size:
             halves = [[i for i, (place, _) in enumerate(self.own_weights) if place == q] for q in range(len(self.changes))]
-            whole = [Change.of(self, several, change.power) for several, change in zip(halves, self.changes, strict=True)]
+            whole = [WholeTerm.of(self, several, change.power) for several, change in zip(halves, self.changes, strict=True)]
             largest = self.at(self._weighted([change.size for change in self.changes]))
             self._parts = self.size, whole, images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
         return self._parts[1:]
