@@ -12,7 +12,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.algebra import halves
 from femsub.checks import Array
-from femsub.modes.quadratic.cells import CellBound, Change, images
+from femsub.modes.quadratic.cells import CellBound, WholeTerm, images
 from femsub.modes.quadratic.energy_basis import Coupling, EnergyBasis, Term
 from femsub.modes.quadratic.region import Contour
 
@@ -38,7 +38,7 @@ def test_a_change_that_acts_from_the_basis_to_the_rest_alone_is_not_proved_away(
     small, c = Coupling.of(basis, contour.size), 1 - 2e-6 * contour.size**2
     for delta in (0.5, 1.0, 2.0, 5.0, 10.0):
         outside = images(basis, np.array([1.0, 1.0, 1.0, delta, delta]))
-        margin = CellBound(small, contour, c, [(Change.of(basis, [3, 4], 0), delta)], outside).margin()[0]
+        margin = CellBound(small, contour, c, [(WholeTerm.of(basis, [3, 4], 0), delta)], outside).margin()[0]
         counts = {int(np.count_nonzero(contour.encloses(eigenvalues(M, 0 * M, A + coupling + theta * T))))
                   for theta in np.linspace(-delta, delta, 21)}
         assert margin == np.inf or counts == {number}, f"±{delta:g}: {counts} of {margin:.2g}"
