@@ -12,6 +12,7 @@ added where that is largest (greedy algorithm: A. T. Patera, G. Rozza 2007, ch. 
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-GAP = 0.2  #: of the band's top: how far the contour may move out, into gaps that no eigenvalue crosses
-PLACES = 64  #: at which the error is looked at
+GAP = 0.1  #: of the band's top: how far the contour may move out, into gaps that no eigenvalue crosses
+PLACES = 32  #: at which the error is looked at, for each parameter
 NODES = 12  #: values whose vectors are taken, for each parameter, at most
 
 
@@ -125,20 +126,30 @@ class _Maker:
         even = np.sqrt(la.norm(z, axis=0) / la.norm(x, axis=0))
         return Node(values, theta, lam[at], x * even, z / even)
 
-    def enriched(self, nodes: list[Node], c: float) -> bool:
-        """Whether A⁻¹ times residuals of these pairs had to join V."""
+    def enriched(self, nodes: list[Node], new: int, c: float) -> list[Node]:
+        """The nodes, after A⁻¹ times residuals of the last `new` of them has joined V as far as the tolerance needs it."""
         columns = []
-        for node in nodes:
+        for node in nodes[-new:]:
             here = self.projection.changed(node.theta)
-            here.lost  # noqa: B018  (before `residuals`)
             scale = np.sqrt(c * self.box.tol * np.abs(node.lam))
             scale[scale == 0] = np.inf
             for vectors, adjoint in ((node.x, False), (node.z, True)):
                 columns.append(here.residuals(node.lam, vectors / scale, adjoint))
-        R = np.hstack(columns)
-        size, mix = la.eigh(R.T @ self.projection.product(R))
+        R, m = np.hstack(columns), self.projection.size
+        size, mix = la.eigh(R.T @ self.projection.product(R)) if R.size else (np.zeros(0), np.zeros((0, 0)))
         keep = size > 0.03
-        return bool(keep.any()) and self.projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
+        if not keep.any() or not self.projection.add(R @ (mix[:, keep] / np.sqrt(size[keep]))):
+            return nodes
+        self.projection.lost  # noqa: B018  (before `residuals`)
+        more = ((0, self.projection.size - m), (0, 0))
+        nodes = [node._replace(x=np.pad(node.x, more), z=np.pad(node.z, more)) for node in nodes]
+        for node in nodes[-new:]:  # what the new columns take, to first order
+            matrices = self.projection.changed(node.theta).matrices
+            for k, lam in enumerate(node.lam):
+                right, left = (np.tensordot([1.0, lam, lam * lam], part, 1) for part in (matrices[:, m:], matrices[:, :, m:]))
+                node.x[m:, k] = -la.solve(right[:, m:], right[:, :m] @ node.x[:m, k])
+                node.z[m:, k] = -la.solve(left[m:].conj().T, left[:m].conj().T @ node.z[:m, k])
+        return nodes
 
     def made(self) -> BoxModel:
         """The model."""
@@ -148,62 +159,61 @@ class _Maker:
         sides = np.array([cell.contour.sides for cell in cells if cell.contour is not None] or [self.projection.outer.sides])
         contour = Contour(sides=(sides[:, 0].min(), sides[:, 1].max(), sides[:, 2].max()))
         self.projection = self.projection.changed(np.zeros(len(self.varied)), self.half)
-        c = self.projection.least
-        values = [dict(zip(names, place, strict=True)) for place in
-                  [(lo + hi) / 2, *(np.array(corner) for corner in product(*zip(lo, hi, strict=True)))]]
-        train = qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES), lo, hi)
-        places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
         self.projection.lost  # noqa: B018
-        nodes = [self.node(one, contour) for one in values]
-        if self.enriched(nodes, c):
-            self.projection.lost  # noqa: B018
-            nodes = [self.node(one, contour) for one in values]
-        self.least = c
-        self.learn(self.small(nodes[1:], cells, c), nodes[0])
+        c = self.least = self.projection.least
+        self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
+        corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
+        nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners), c)
+        train = np.vstack([(lo + hi) / 2, qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES * len(names)), lo, hi)])
+        places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
+        place, errors = places[0], np.full(len(places), np.inf)
         while True:
-            model = self.small(nodes, cells, c)
-            errors = np.array([_error(model, place) for place in places])
-            log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
-            if len(nodes) >= NODES * len(names):
+            model = self.small(nodes, cells)
+            if len(nodes) > len(corners):
+                errors = np.array([_error(model, place) for place in places])
+                log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
+                place = places[int(errors.argmax())]
+            if len(nodes) >= len(corners) + NODES * len(names):
                 break
-            place = places[int(errors.argmax())]
             new, known = self.node(place, contour), self.least
             self.learn(model, new)
-            if errors.max() <= box.tol and self.least == known:  # where it is largest, the estimate holds at new values as well
+            errors = errors * (known / self.least)  # as they are known now, where the largest was
+            if errors.max() <= box.tol:
+                model = model._with(radii=replace(model.radii, least=self.least))
                 break
-            m = self.projection.size
-            if self.enriched([new], c):
-                self.projection.lost  # noqa: B018
-                new = self.node(place, contour)
-                more = self.projection.size - m
-                nodes = [node._replace(x=np.pad(node.x, ((0, more), (0, 0))), z=np.pad(node.z, ((0, more), (0, 0))))
-                         for node in nodes]
-            nodes.append(new)
+            nodes = self.enriched([*nodes, new], 1, c)
+            if np.isfinite(errors.max()):
+                self.kept /= 4
         if errors.max() > box.tol:
             warn(f"the error over the box is estimated as {errors.max():.1e} |λ|, but {box.tol:g} was asked for, on {model.size} "
                  f"shapes from {len(nodes)} values. Take a smaller box", FemsubWarning)
         return model._with(error=float(errors.max()))
 
-    def small(self, nodes: list[Node], cells: list[Cell], c: float) -> BoxModel:
+    def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
         """The model on the vectors of these nodes."""
         projection = self.projection
         columns = []
         for node in nodes:
-            scale = np.sqrt(c * self.box.tol * np.abs(node.lam))
+            scale = np.sqrt(self.projection.least * self.box.tol * np.abs(node.lam))
             scale[scale == 0] = np.inf
             for part in (node.x, node.z):
                 turned = part * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", part, part))) / scale
                 columns += [turned.real, turned.imag]
         U, size, _ = la.svd(np.hstack(columns), full_matrices=False)
-        W = U[:, size > 0.1] if size.max(initial=0.0) > 0.1 else np.eye(len(U), min(1, len(U)))  # no λ: any shape serves
+        W = U[:, size > self.kept]
+        if not W.shape[1]:
+            W = np.eye(len(U), 1)  # without an eigenvalue any shape serves
         inside = projection.inside
         d = W.shape[1]
         outside = projection.images_outside() @ W  # (p, h, d)
         blocks = np.concatenate([np.vstack([projection.energy @ W, np.zeros((outside.shape[1], d))])[None],
                                  np.concatenate([inside @ W, outside], axis=1)])
-        joined = np.vstack(list(blocks.transpose(0, 2, 1))).T  # (m + h, (p + 1)d)
-        if joined.shape[0] > joined.shape[1]:
-            blocks = la.qr(joined, mode="r")[0][:joined.shape[1]].reshape(-1, len(blocks), d).transpose(1, 0, 2)
+        # only lengths count: a rotation, without directions that are rounding beside the others at the top of the band
+        largest = projection.changed(self.half).terms
+        scale = np.array([1.0, *(term.largest(projection.outer.size) or 1.0 for term in largest)])[:, None, None]
+        _, values, mix = la.svd((blocks * scale).transpose(1, 0, 2).reshape(blocks.shape[1], -1), full_matrices=False)
+        kept = values > EPS**0.75 * values[0]
+        blocks = values[kept, None] * mix[kept] / np.repeat(scale.ravel(), d)
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])

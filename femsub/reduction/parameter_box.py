@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from femsub.algebra import FEW, one_thread
 from femsub.checks import EPS, Array, Tally, check_band, finite_number, items, mapping, positive_number, whole_number
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
@@ -125,8 +126,8 @@ class Radii:
 
     |δλ| ≤ ‖R‖ ‖L‖ / (c |zᴴP'(λ)x|) with the residuals R and L of right and left vectors in the norm of A⁻¹, if P(λ) outside the
     basis has an inverse of at most 1/c in the norm of A. c is an estimate: a third of the least that was seen at values of the
-    parameters whose eigenvectors are not in the basis. `blocks` (p + 1, k, d) are images of the basis by A and by the terms,
-    real columns that have their lengths and angles.
+    parameters whose eigenvectors are not in the basis. `blocks` (k, (p + 1) d) are images of the basis by A and by the terms,
+    side by side: real columns that have their lengths and angles.
     """
 
     blocks: Array
@@ -146,10 +147,9 @@ class Radii:
         weights = self.weights(theta, s)
         if adjoint:
             weights = self.signs[:, None] * weights.conj()
-        whole = self.blocks[0] @ x
-        for block, own in zip(self.blocks[1:], weights, strict=True):
-            whole = whole + block @ (x * own)
-        return np.linalg.norm(whole, axis=0)
+        weighted = np.ascontiguousarray(np.concatenate([x[None], x * weights[:, None]])).view(float)  # real times complex
+        whole = self.blocks @ weighted.reshape(self.blocks.shape[1], -1)
+        return np.sqrt(np.einsum("ak,ak->k", whole, whole).reshape(-1, 2).sum(axis=1))
 
 
     def of(self, theta: Array, values: Array, x: Array, z: Array) -> Array:
@@ -284,9 +284,13 @@ class BoxModel(Affine):
 
         Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
         """
-        cell, hi = self.cell(**values), self.box.band[1]
         theta = (self.factors(**values) - self.middle)[self.varied]
-        pencil, free = super().at(**values), self.free
+        with one_thread(self.size < FEW):
+            return self._modes(self.cell(**values), theta, super().at(**values))
+
+    def _modes(self, cell: Cell, theta: Array, pencil: Pencil) -> ComplexModes:
+        """Those of this pencil, at these changes of the factors."""
+        hi, free = self.box.band[1], self.free
         matrices = np.stack([part[free:, free:] for part in (pencil.K, pencil.D, pencil.M)])
         (shift, nu, x, z), *_ = eigenpairs(matrices, float(np.hypot(hi, hi)))
         with np.errstate(all="ignore"):

@@ -131,8 +131,8 @@ class CellBound:
             columns, degrees = np.hstack(side), np.concatenate(own)
             order = np.argsort(-np.linalg.norm(columns, axis=0) * contour.size ** (degrees / 2))
             self.Q.append((columns[:, order], degrees[order]))
-        self.QX, self.QZ = self.Q[1][0].T @ small.x, self.Q[0][0].T @ small.z
-        self.HX, self.HZ = self.H @ small.x, self.H @ small.z
+        self.QX, self.QZ, self.HX, self.HZ = (np.asarray(part, dtype=np.complex64) for part in (
+            self.Q[1][0].T @ small.x, self.Q[0][0].T @ small.z, self.H @ small.x, self.H @ small.z))  # see `at`
         f = np.sqrt((square + self.rest) / c)  # on either side
         self.xi = float(np.prod(f / 2 + np.sqrt(1 + f * f / 4)))
         self.products = small.both_products
@@ -146,12 +146,13 @@ class CellBound:
         """
         small, basis, root = self.small, self.small.basis, self.c**-0.5
         few = min(WIDER, len(self.QX), len(self.QZ))
-        U, V = (part * ((abs(s) + reach) ** (power / 2))[:, None]
+        U, V = (part * ((abs(s) + reach) ** (power / 2)).astype(np.float32)[:, None]
                 for part, (_, power) in ((self.QX, self.Q[1]), (self.QZ, self.Q[0])))
         weights = np.array([complex(term.weight(np.array(s))) for term in basis.terms])
         signs = np.array([term.sign for term in basis.terms])
-        R, L = root * np.tensordot(weights, self.HX, 1), root * np.tensordot(signs * weights.conj(), self.HZ, 1)
-        middle, change = self._coefficients(s), self._changes(s, reach)
+        R, L = (np.tensordot((root * own).astype(np.complex64), part, 1)
+                for own, part in ((weights, self.HX), (signs * weights.conj(), self.HZ)))
+        middle, change = self._coefficients(s).astype(np.complex64), self._changes(s, reach)
         # at s
         rows, columns = [R, U[:few], U[few:]], [L, V[:few], V[few:]]
         N = np.zeros((4, 4))
@@ -170,6 +171,7 @@ class CellBound:
         more[0, 1:] += of_right[1:] @ (np.abs(middle) * (slopes @ self.each[0] + off * self.lengths[0]))
         more[1:, 0] += of_left[1:] @ (np.abs(middle) * (slopes @ self.each[1] + off * self.lengths[1]))
         crude = (of_left * np.abs(middle)) @ of_right.T
+        more += np.finfo(np.float32).eps * len(middle) ** 0.5 * crude  # the products are made in single precision
         more[3], more[:, 3] = more[3] + crude[3], more[:, 3] + crude[:, 3]
         more[0, 0] = 0.0
         return N + more, here

@@ -223,10 +223,12 @@ def _inside(region: Region, outer: Contour, values: Array, moved: Array, room: f
         return Contour(clear_radius(size, last + 1))
     upper, moved = values[values.imag >= 0], moved[values.imag >= 0]
     a, b, _, hi = region.box
-    moves = np.linspace(room / 10, room, 10 * round(room / ROOM)) * hi
+    moves = np.linspace(0.002, room, 10 * round(room / ROOM)) * hi
 
     def best(edges: Array, coordinates: Array) -> float:
-        return float(edges[np.argmax((np.abs(edges[:, None] - coordinates) - moved).min(axis=1, initial=np.inf))])
+        distance = np.abs(edges[:, None] - coordinates)
+        clear = np.min(distance / (moved + room * hi / 40), axis=1, initial=np.inf)  # what a parameter moves needs more
+        return float(edges[np.argmax(clear >= clear.max() / 2 if moved.any() else clear)])  # the nearest of good ones
 
     return Contour(sides=(best(a - moves, upper.real), best(b + moves, upper.real), best(hi + moves, upper.imag)))
 
