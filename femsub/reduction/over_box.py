@@ -166,24 +166,20 @@ class _Maker:
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners), c)
         train = np.vstack([(lo + hi) / 2, qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES * len(names)), lo, hi)])
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
-        place, errors = places[0], np.full(len(places), np.inf)
-        while True:
-            model = self.small(nodes, cells)
-            if len(nodes) > len(corners):
-                errors = np.array([_error(model, place) for place in places])
-                log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
-                place = places[int(errors.argmax())]
-            if len(nodes) >= len(corners) + NODES * len(names):
-                break
-            new, known = self.node(place, contour), self.least
+        at, errors = 0, np.full(len(places), np.inf)
+        model = self.small(nodes, cells)
+        for _ in range(NODES * len(names)):
+            new, known = self.node(places[at], contour), self.least
             self.learn(model, new)
-            errors = errors * (known / self.least)  # as they are known now, where the largest was
-            if errors.max() <= box.tol:
-                model = model._with(radii=replace(model.radii, least=self.least))
+            errors = errors * (known / self.least)
+            if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
             nodes = self.enriched([*nodes, new], 1, c)
-            if np.isfinite(errors.max()):
-                self.kept /= 4
+            model = self.small(nodes, cells)
+            errors = np.array([_error(model, place) for place in places])
+            log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
+            at, self.kept = int(errors.argmax()), self.kept / 4
+        model = model._with(radii=replace(model.radii, least=self.least))
         if errors.max() > box.tol:
             warn(f"the error over the box is estimated as {errors.max():.1e} |λ|, but {box.tol:g} was asked for, on {model.size} "
                  f"shapes from {len(nodes)} values. Take a smaller box", FemsubWarning)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from femsub.algebra import FEW, one_thread
 from femsub.checks import EPS, Array, Tally, check_band, finite_number, items, mapping, positive_number, whole_number
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
@@ -284,13 +283,8 @@ class BoxModel(Affine):
 
         Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
         """
-        theta = (self.factors(**values) - self.middle)[self.varied]
-        with one_thread(self.size < FEW):
-            return self._modes(self.cell(**values), theta, super().at(**values))
-
-    def _modes(self, cell: Cell, theta: Array, pencil: Pencil) -> ComplexModes:
-        """Those of this pencil, at these changes of the factors."""
-        hi, free = self.box.band[1], self.free
+        cell, hi, free = self.cell(**values), self.box.band[1], self.free
+        theta, pencil = (self.factors(**values) - self.middle)[self.varied], super().at(**values)
         matrices = np.stack([part[free:, free:] for part in (pencil.K, pencil.D, pencil.M)])
         (shift, nu, x, z), *_ = eigenpairs(matrices, float(np.hypot(hi, hi)))
         with np.errstate(all="ignore"):

@@ -492,12 +492,12 @@ def eigenpairs(matrices: Array, unit: float) -> tuple[tuple[float, Array, Array,
     """
     m = len(matrices[0])
     K, D, M = matrices
-    one, T = np.eye(m), la.inv(la.cholesky(np.eye(m) + unit**2 * (M + M.T) / 2))
-    K, D, M = T.T @ K @ T, T.T @ D @ T, T.T @ M @ T
-    shift = AWAY * unit
-    P, slope = K + shift * D + shift**2 * M, D + 2 * shift * M
-    companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * M]))], [one, np.zeros((m, m))]])
     with one_thread(m < FEW):
+        one, T = np.eye(m), la.inv(la.cholesky(np.eye(m) + unit**2 * (M + M.T) / 2))
+        K, D, M = T.T @ K @ T, T.T @ D @ T, T.T @ M @ T
+        shift = AWAY * unit
+        P, slope = K + shift * D + shift**2 * M, D + 2 * shift * M
+        companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * M]))], [one, np.zeros((m, m))]])
         nu, right = la.eig(companion, check_finite=False)
         # LAPACK's own left vectors do not belong together where λ is multiple. Real and imaginary parts span what pairs do
         first = np.flatnonzero(nu.imag > 0)
@@ -505,11 +505,10 @@ def eigenpairs(matrices: Array, unit: float) -> tuple[tuple[float, Array, Array,
         real[:, first + 1] = right[:, first].imag
         left = np.linalg.inv(real)[:, :m].T.astype(complex)
         left[:, first], left[:, first + 1] = ((left[:, first] + sign * 1j * left[:, first + 1]) / 2 for sign in (1, -1))
-        right = right.astype(complex)  # LAPACK's are real where all λ are
-    x, z = right[m:], np.linalg.solve(P.T, left) * unit
-    even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
-    x, z = x * even, z / even
-    return (shift, nu / unit, T @ x, T @ z), (K, D, M), (x, z)
+        x, z = right[m:].astype(complex), np.linalg.solve(P.T, left) * unit  # LAPACK's are real where all λ are
+        even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
+        x, z = x * even, z / even
+        return (shift, nu / unit, T @ x, T @ z), (K, D, M), (x, z)
 
 
 def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> float:
