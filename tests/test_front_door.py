@@ -61,7 +61,9 @@ NONSENSE: dict[str, Any] = {
 }
 RESULTS = {
     "Audit",
+    "BoxModel",
     "Branch",
+    "Cell",
     "ComplexModes",
     "CriticalValue",
     "Cut",
@@ -162,6 +164,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "CraigBampton(cutoff)": {"modes": None, "cutoff": 1.0}, "CraigChang": {"band": (0.0, 1.0), "tol": 0.01},
         "DofMap": {"nodes": [1, 1], "components": [0, 1], "labels": ("ux", "uy")},
         "ContactModes": {"modes": 3, "contacts": sliding}, "Guyan": {"modes": 0}, "Material": {"loss": 0.1},
+        "ParameterBox": {"ranges": {"slope": (-0.1, 0.0)}, "band": (0.0, 0.5), "tol": 1e-3, "cells": 2},
         "Mesh": {"points": mesh.points, "cells": mesh.cells, "kind": mesh.kind, "sets": {"a": [0, 1]}, "groups": {"g": [0]},
             "name": "m"},
         "Pencil": {"D": sub.D}, "State": {"displacement": np.zeros(6), "velocity": np.zeros(6)}, "StribeckArctan": {},

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from scipy.stats import qmc
 
 from femsub.algebra import weighted
 from femsub.checks import EPS, Array
@@ -164,6 +163,8 @@ class _Maker:
         self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners), c)
+        from scipy.stats import qmc  # takes a tenth of a second to load
+
         train = np.vstack([(lo + hi) / 2, qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES * len(names)), lo, hi)])
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
         at, errors = 0, np.full(len(places), np.inf)
@@ -219,7 +220,7 @@ class _Maker:
         radii = Radii(blocks, signs, places, base, np.array(rounding), self.least)
         V = self.unit[:, None] * np.hstack([projection.free, projection.V @ W])
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))
-        return BoxModel(family.below(self.box.band[1]), box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
+        return BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
                         varied=self.varied, free=projection.free.shape[1], error=np.inf,
                         values=np.array([list(node.values.values()) for node in nodes]))
 

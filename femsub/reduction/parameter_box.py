@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from math import prod
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -209,18 +209,18 @@ class BoxModel(Affine):
     ('certified', False)
     """
 
-    box: ParameterBox = field(init=False)
-    cells: tuple[Cell, ...] = field(init=False)
-    V: Array = field(init=False)
-    radii: Radii = field(init=False)
-    middle: Array = field(init=False)  #: factors of the reference
-    varied: Array = field(init=False)  #: which factors vary
-    free: int = field(init=False)  #: columns of V that move freely: λ = 0, twice each
-    error: float = field(init=False)
-    values: Array = field(init=False)
+    box: ParameterBox
+    cells: tuple[Cell, ...]
+    V: Array
+    radii: Radii
+    middle: Array  #: factors of the reference
+    varied: Array  #: which factors vary
+    free: int  #: columns of V that move freely: λ = 0, twice each
+    error: float
+    values: Array
 
-    def __init__(self, family: Affine, **fields: Any) -> None:
-        self._set(M=family.M, D=family.D, K=family.K, cutoff=family.cutoff, **fields)
+    def __post_init__(self) -> None:
+        self._set(**{item.name: getattr(self, item.name) for item in fields(self)} | {"cutoff": self.box.band[1]})
 
     def __repr__(self) -> str:
         inside = f"{len(self.cells)} cell{'s' * (len(self.cells) != 1)}"
