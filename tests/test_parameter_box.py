@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +120,19 @@ def test_a_factor_that_takes_no_interval_is_sampled():
     small = fs.reduce(full, fs.ParameterBox({"k": (0.0, 0.2)}, (0.0, 1.0)))
     assert small.evidence == "confirmed" and small.modes(k=0.1).evidence == "confirmed"
     check(small, full.at, (0.0, 1.0), [{"k": k} for k in (0.0, 0.13, 0.2)])
+
+
+def test_a_box_too_wide_for_one_bound_is_divided():
+    # a skew part of D that is small at either end of the box, and too strong for the bound of both together
+    n = 30
+    turn = sp.diags_array([np.ones(n - 1), -np.ones(n - 1)], offsets=[1, -1])
+    K = fs.chain(n).K
+    full = fs.Affine(sp.eye_array(n), 1e-3 * K, [(1.0, K), ("soft", sp.csr_array(-0.5 * K))])
+    full = fs.Affine(full.M, [*full.D, ("speed", sp.csr_array(turn))], full.K)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FemsubWarning)
+        small = fs.reduce(full, fs.ParameterBox({"speed": (-6.0, 6.0), "soft": (0.0, 1.0)}, (0.0, 0.5), cells=8))
+    check(small, full.at, (0.0, 0.5), [{"speed": speed, "soft": 0.3} for speed in (-6.0, -1.0, 2.5, 6.0)])
 
 
 def test_rigid_motion_stays_at_zero():

@@ -125,12 +125,12 @@ class _Maker:
         even = np.sqrt(la.norm(z, axis=0) / la.norm(x, axis=0))
         return Node(values, theta, lam[at], x * even, z / even)
 
-    def enriched(self, nodes: list[Node], new: int, c: float) -> list[Node]:
+    def enriched(self, nodes: list[Node], new: int) -> list[Node]:
         """The nodes, after A⁻¹ times residuals of the last `new` of them has joined V as far as the tolerance needs it."""
         columns = []
         for node in nodes[-new:]:
             here = self.projection.changed(node.theta)
-            scale = np.sqrt(c * self.box.tol * np.abs(node.lam))
+            scale = np.sqrt(self.c * self.box.tol * np.abs(node.lam))
             scale[scale == 0] = np.inf
             for vectors, adjoint in ((node.x, False), (node.z, True)):
                 columns.append(here.residuals(node.lam, vectors / scale, adjoint))
@@ -159,10 +159,11 @@ class _Maker:
         contour = Contour(sides=(sides[:, 0].min(), sides[:, 1].max(), sides[:, 2].max()))
         self.projection = self.projection.changed(np.zeros(len(self.varied)), self.half)
         self.projection.lost  # noqa: B018
-        c = self.least = self.projection.least
+        c = self.projection.least
+        self.c = self.least = c if c > 0 else 1.0  # of the whole box; `learn` corrects it
         self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
-        nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners), c)
+        nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
         from scipy.stats import qmc  # takes a tenth of a second to load
 
         train = np.vstack([(lo + hi) / 2, qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES * len(names)), lo, hi)])
@@ -175,7 +176,7 @@ class _Maker:
             errors = errors * (known / self.least)
             if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
-            nodes = self.enriched([*nodes, new], 1, c)
+            nodes = self.enriched([*nodes, new], 1)
             model = self.small(nodes, cells)
             errors = np.array([_error(model, place) for place in places])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
@@ -191,7 +192,7 @@ class _Maker:
         projection = self.projection
         columns = []
         for node in nodes:
-            scale = np.sqrt(self.projection.least * self.box.tol * np.abs(node.lam))
+            scale = np.sqrt(self.c * self.box.tol * np.abs(node.lam))
             scale[scale == 0] = np.inf
             for part in (node.x, node.z):
                 turned = part * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", part, part))) / scale
