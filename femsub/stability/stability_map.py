@@ -167,7 +167,7 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
     >>> K = [(1.0, [[1, 0], [0, 2]]), ("split", [[0, 0], [0, 1]]), ("mu", [[0, 1], [-1, 0]])]
     >>> pair = fs.Affine([[1, 0], [0, 1]], [[0.1, 0], [0, 0.1]], K)
     >>> found = fs.stability_map(pair, {"split": (-2.0, 1.0), "mu": (0.0, 2.0)}, points=(4, 5))
-    >>> found.borders[0].closed, round(found.growth.max(), 3)
+    >>> found.borders[0].closed, round(float(found.growth.max()), 3)
     (False, 0.817)
     """
     # the question

@@ -209,7 +209,7 @@ class CellBound:
                 elif middle >= SAFE:  # halving does not help
                     return np.inf, self._directions(s[i], N), self._blame(s[i])
                 seen += 1
-            if seen > PIECES or (stop - start < 1e6 * EPS).any():
+            if seen > PIECES // 10 or (stop - start < 1e6 * EPS).any():  # a smaller cell takes less time
                 return np.inf, [], shares
             start, stop = start[halve], stop[halve]
             middle = (start + stop) / 2
