@@ -154,7 +154,7 @@ class Radii:
     def of(self, theta: Array, values: Array, x: Array, z: Array) -> Array:
         """The radius of each λ, Im λ ≥ 0, with its x and z of |zᴴP'(λ)x| = 1; where circles meet, that of one around them all."""
         size = self.lengths(theta, values, x) * self.lengths(theta, values, z, adjoint=True) / self.least
-        size += 4 * EPS * np.linalg.norm(x, axis=0) * np.linalg.norm(z, axis=0) * (
+        size += 64 * EPS * np.linalg.norm(x, axis=0) * np.linalg.norm(z, axis=0) * (
             self.rounding @ np.vstack([np.ones(len(values)), np.abs(self.weights(theta, values))]))
         # Σ_j η_j / |s - λ_j| < 1 on the circle, conjugates included: to first order η_k / (1 - what the others take)
         pairs = np.flatnonzero(values.imag)
