@@ -112,6 +112,10 @@ def test_an_eigenvalue_that_crosses_a_contour_divides_the_box():
     assert small.evidence == "certified" and len(small.cells) > 1
     check(small, full.at, (0.0, 1.0), [{"k": k} for k in np.linspace(0.49, 2.25, 60).tolist()])
     assert small.number(k=0.5) == 4 and small.number(k=2.2) == 2
+    line = fs.reduce(fs.Affine(full.M, full.D, [*full.K, ("a", np.zeros((3, 3)))]),
+                     fs.ParameterBox({"k": (0.49, 2.25), "a": (0.0, 1.0)}, (0.0, 1.0)))
+    edge = line.cells[0].ranges["k"][1]  # of two cells one has it
+    assert [cell.number for cell in line.fixed(k=edge).cells] == [line.number(k=edge, a=0.5)]
     with pytest.warns(FemsubWarning, match=r"100\.0% of the box is not proved after 1 cells: .* or cells=4"):
         small = fs.reduce(full, fs.ParameterBox({"k": (0.49, 2.25)}, (0.0, 1.0), cells=1))
     assert small.open_share == 1 and small.evidence == "not checked" and small.number(k=0.5) is None

@@ -22,7 +22,7 @@ import scipy.sparse as sp
 
 from femsub.algebra import weighted
 from femsub.checks import EPS, Array
-from femsub.errors import FemsubWarning, NotConvergedError, warn
+from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import Affine, Pencil, projected
 from femsub.modes import Contour, Coupling, Varied, count_over, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
@@ -59,7 +59,8 @@ class _Maker:
         self.family, self.box = family, box
         lo, hi, _ = family.factor_ranges(box.ranges)
         if not np.isfinite([lo, hi]).all():
-            raise NotConvergedError("a factor of the model may be infinite in the box. Take a range without its pole")
+            raise InputError("a factor of the model may be infinite in the box: give other ranges of "
+                             f"{', '.join(box.ranges)}, without its pole")
         self.middle, half = (lo + hi) / 2, (hi - lo) / 2
         self.varied = np.flatnonzero(half > 0)
         self.half = half[self.varied]
@@ -136,7 +137,7 @@ class _Maker:
                 columns.append(here.residuals(node.lam, vectors / scale, adjoint))
         R, m = np.hstack(columns), self.projection.size
         size, mix = la.eigh(R.T @ self.projection.product(R)) if R.size else (np.zeros(0), np.zeros((0, 0)))
-        keep = size > 0.03
+        keep = size > 0.03  # squares: a direction with a sixth of the residual that the tolerance allows
         if not keep.any() or not self.projection.add(R @ (mix[:, keep] / np.sqrt(size[keep]))):
             return nodes
         self.projection.lost  # noqa: B018  (before `residuals`)
@@ -180,7 +181,7 @@ class _Maker:
             model = self.small(nodes, cells)
             errors = np.array([_error(model, place) for place in places])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
-            at, self.kept = int(errors.argmax()), self.kept / 4
+            at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
         model = model._with(radii=replace(model.radii, least=self.least))
         if errors.max() > box.tol:
             warn(f"the error over the box is estimated as {errors.max():.1e} |λ|, but {box.tol:g} was asked for, on {model.size} "

@@ -150,10 +150,10 @@ class Radii:
         whole = self.blocks @ weighted.reshape(self.blocks.shape[1], -1)
         return np.sqrt(np.einsum("ak,ak->k", whole, whole).reshape(-1, 2).sum(axis=1))
 
-
     def of(self, theta: Array, values: Array, x: Array, z: Array) -> Array:
         """The radius of each λ, Im λ ≥ 0, with its x and z of |zᴴP'(λ)x| = 1; where circles meet, that of one around them all."""
         size = self.lengths(theta, values, x) * self.lengths(theta, values, z, adjoint=True) / self.least
+        # 64: strong dashpots, 10⁶ times critical, moved λ by more than 16 roundings of these products
         size += 64 * EPS * np.linalg.norm(x, axis=0) * np.linalg.norm(z, axis=0) * (
             self.rounding @ np.vstack([np.ones(len(values)), np.abs(self.weights(theta, values))]))
         # Σ_j η_j / |s - λ_j| < 1 on the circle, conjugates included: to first order η_k / (1 - what the others take)
@@ -257,7 +257,8 @@ class BoxModel(Affine):
         box = ParameterBox(rest, self.box.band, self.box.tol, self.box.cells) if rest else self.box
         cells = tuple(Cell({name: ends for name, ends in cell.ranges.items() if name not in values} or cell.ranges, cell.contour,
                            cell.number, cell.margin, cell.sampled) for cell in self.cells
-                      if all(cell.ranges[name][0] <= value <= cell.ranges[name][1] for name, value in values.items()))
+                      if all(cell.ranges[name][0] <= value < cell.ranges[name][1]  # each place once, ends of the box included
+                             or value == cell.ranges[name][1] == self.box.ranges[name][1] for name, value in values.items()))
         return found._with(box=box, cells=cells)
 
     def _inside(self, values: Mapping[str, float]) -> None:

@@ -84,11 +84,13 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
     method : CraigBampton, CraigChang or another `Method`
         With its number of modes, or with a band and a tolerance. Of a system it may be a mapping, {'disc': CraigBampton(20)}:
         these parts are reduced, each by its own method, and joined again; the other parts stay. Equal parts with equal methods
-        are reduced once. A model that a part was reduced to before may stand in place of the method.
+        are reduced once. A model that a part was reduced to before may stand in place of the method. A `ParameterBox` makes one
+        small model for all values of parameters of an `Affine`, or of a model with `contacts`.
     ports : bool or sequence of str
         True, or the names of ports: adds the static responses to these ports to the basis.
     contacts : Belt or sequence of Belt, optional
         Only with a tolerance: the belts under which the complex eigenvalues must be accurate. Default: only the model's own D.
+        With a `ParameterBox` the contacts, of any kind, whose fields are its parameters.
     workers : int, optional
         Of a system: so many processes reduce its parts side by side, each with one thread of BLAS. Default: this process alone.
     executor : concurrent.futures.Executor, optional
@@ -97,7 +99,7 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
 
     Returns
     -------
-    ReducedSubstructure, or System where the parts were reduced one by one
+    ReducedSubstructure, System where the parts were reduced one by one, or BoxModel
         A `Substructure` again; ``.expand(q)`` gives the displacements of the full component.
 
     Warns

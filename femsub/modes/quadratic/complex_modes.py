@@ -11,21 +11,12 @@ import numpy as np
 
 from femsub.algebra import SMALL, reused_memory, unit_length
 from femsub.checks import NOT_CHECKED, Array, Matrix, Tally, check_band, instance, truth, until
-from femsub.errors import (
-    ConditionWarning,
-    FemsubWarning,
-    InputError,
-    MissedModesError,
-    NotConvergedError,
-    NotEnoughMemoryError,
-    SingularMatrixError,
-    warn,
-)
+from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
 from femsub.model import Pencil, RigidMotion, Substructure, beyond, look_at_the_order, usable_band
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
-from femsub.modes.quadratic.projected_count import Projection, Varied
+from femsub.modes.quadratic.projected_count import UNCOUNTED, Projection, Varied
 from femsub.modes.quadratic.region import region_of
 from femsub.modes.quadratic.search import SearchResult, projection_over, search
 
@@ -271,7 +262,7 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
         changes = [Varied(T, q, size) for (q, T, _), size in zip(terms, sizes, strict=True)]
         try:
             projection = projection_over(middle, changes, band)
-        except (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError) as error:
+        except UNCOUNTED as error:
             log.info("no projection for all values of the parameter, so that each is solved alone: %s", error)
     for p, weights in zip(values, theta.tolist(), strict=True):
         pencil = pencil_at(p)

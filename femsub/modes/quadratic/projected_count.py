@@ -38,7 +38,7 @@ from femsub.algebra import (
     translations,
 )
 from femsub.checks import EPS, Array, Matrix
-from femsub.errors import FemsubError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.errors import FemsubError, MissedModesError, NotConvergedError, NotEnoughMemoryError, SingularMatrixError
 from femsub.model import contact_matrix
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
 from femsub.modes.quadratic.cells import CellBound, WholeTerm, images
@@ -50,6 +50,9 @@ if TYPE_CHECKING:
     from femsub.model import Carried, Pencil
 
 log = logging.getLogger(__name__)
+
+#: what `Projection` raises where there is none
+UNCOUNTED = (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError)
 
 REACH = 2.5  # undamped modes are kept up to so many times the largest Im λ
 LIFTS = (0.0, 0.2, 1.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite

@@ -26,7 +26,6 @@ from femsub.errors import (
     ConditionWarning,
     FemsubWarning,
     MissedModesError,
-    NotConvergedError,
     NotEnoughMemoryError,
     SingularMatrixError,
     warn,
@@ -34,7 +33,7 @@ from femsub.errors import (
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.bars import mended
 from femsub.modes.quadratic.matching import clear_radius, distinct
-from femsub.modes.quadratic.projected_count import Projection, Varied, about_radius
+from femsub.modes.quadratic.projected_count import UNCOUNTED, Projection, Varied, about_radius
 from femsub.modes.quadratic.projected_pairs import TOGETHER, left_vectors, right_pairs
 from femsub.modes.quadratic.region import Box, Contour, Count, Region, listed, sizes_up_to
 from femsub.modes.quadratic.singular_mass import finite
@@ -203,7 +202,7 @@ def _counted(pencil: Pencil, region: Region, projection: Projection | None) -> t
             why = projection.why
             if why != FEWER:
                 break
-    except (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError) as error:
+    except UNCOUNTED as error:
         why = str(error)
     log.info("no count by projection: %s", why)
     return None, None, why
@@ -264,7 +263,7 @@ def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float
         There is none, see `Projection`.
     """
     if pencil.freed is not None:
-        raise SingularMatrixError("the pencil has Lagrange multipliers")
+        raise SingularMatrixError("the pencil has Lagrange multipliers. Eliminate the constraints, as primal coupling does")
     sparse = pencil.sparse()
     alike = sparse.alike()
     changes = [change._replace(matrix=sp.csr_array(change.matrix) if alike is sparse else
