@@ -403,7 +403,7 @@ def _passing(kind: str, rng: Random) -> Judged:
     grid = np.union1d(np.linspace(0, 1, 201), grid if term == "p" else inverse(grid))
     turned = rng.random() < 0.3
     between = (1.0, 0.0) if turned else (0.0, 1.0)
-    found, _, _ = heard(fs.critical_value, family, None, "p", between=between, band=band, solver="followed")
+    found = heard(fs.critical_value, family, None, "p", between=between, band=band, solver="followed")[0]
 
     def spectrum(p: float) -> Array:
         q = p if term == "p" else theta(p)
@@ -434,7 +434,7 @@ def _sweeping(_: str, rng: Random) -> Judged:
         K1[at[0], at[1]] += force
         K1[at[1], at[0]] -= force
     family = fs.Affine(np.eye(n), [(1.0, D), ("p", D1)], [(1.0, K), ("p", K1)])
-    found, _, _ = heard(fs.critical_value, family, None, "p", between=(0.0, 1.0), band=band, solver="followed")
+    found = heard(fs.critical_value, family, None, "p", between=(0.0, 1.0), band=band, solver="followed")[0]
 
     return found, _against(lambda p: eigenvalues(np.eye(n), D + p * D1, K + p * K1), np.linspace(0.0, 1.0, 801), band, found)
 
