@@ -26,6 +26,7 @@ from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import Affine, Pencil, projected
 from femsub.modes import Contour, Coupling, Varied, count_over, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
+from femsub.reduction.states import States
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -195,9 +196,7 @@ class _Maker:
         for node in nodes:
             scale = np.sqrt(self.c * self.box.tol * np.abs(node.lam))
             scale[scale == 0] = np.inf
-            for part in (node.x, node.z):
-                turned = part * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", part, part))) / scale
-                columns += [turned.real, turned.imag]
+            columns += [*_real(node.x / scale), *_real(node.z / scale)]
         U, size, _ = la.svd(np.hstack(columns), full_matrices=False)
         W = U[:, size > self.kept]
         if not W.shape[1]:
@@ -207,24 +206,48 @@ class _Maker:
         outside = projection.images_outside() @ W  # (p, h, d)
         blocks = np.concatenate([np.vstack([projection.energy @ W, np.zeros((outside.shape[1], d))])[None],
                                  np.concatenate([inside @ W, outside], axis=1)])
-        # only lengths count: a rotation, without directions that are rounding beside the others at the top of the band
+        # only lengths count: a rotation, without directions that are too small beside the residuals that the tolerance allows
         largest = projection.changed(self.half).terms
         scale = np.array([1.0, *(term.largest(projection.outer.size) or 1.0 for term in largest)])[:, None, None]
-        _, values, mix = la.svd((blocks * scale).transpose(1, 0, 2).reshape(blocks.shape[1], -1), full_matrices=False)
-        kept = values > EPS**0.75 * values[0]
-        blocks = values[kept, None] * mix[kept] / np.repeat(scale.ravel(), d)
+        flat = (blocks * scale).transpose(1, 0, 2).reshape(blocks.shape[1], -1)
+        square, mix = la.eigh(flat.T @ flat)
+        allowed = 0.1 / np.fmax(max(float(la.norm(part, axis=0).max(initial=0.0)) for part in columns), EPS)
+        kept = square > max(allowed**2, len(square) * EPS * square[-1])
+        mix = (mix * np.sqrt(np.maximum(square, 0.0))).reshape(len(scale), d, -1) / scale
+        lost = np.array([la.norm(part @ part.T, 2) ** 0.5 for part in mix[..., ~kept]])
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
         size = np.abs(projection.V @ W)
         matrices = projection.A.formed(), *(term.matrix for term in projection.terms)
         rounding = [la.norm(size.T @ (abs(A) @ size), 2) for A in matrices]
-        radii = Radii(blocks, signs, places, base, np.array(rounding), self.least)
+        radii = Radii(mix[..., kept], lost, signs, places, base, np.array(rounding), self.least)
         V = self.unit[:, None] * np.hstack([projection.free, projection.V @ W])
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))
         return BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
+                        states=self.states(family, nodes, W),
                         varied=self.varied, free=projection.free.shape[1], error=np.inf,
                         values=np.array([list(node.values.values()) for node in nodes]))
+
+    def states(self, family: Affine, nodes: list[Node], W: Array) -> States | None:
+        """The states of these nodes, if they are fewer than half of those of the model."""
+        d, unit = W.shape[1], self.projection.outer.size
+        terms = tuple([(theta, unit**power * np.asarray(A)[-d:, -d:]) for theta, A in several]
+                      for power, several in ((2, family.M), (1, family.D), (0, family.K)))
+        columns: tuple[list[Array], list[Array]] = [], []
+        for node in nodes:
+            factors = iter(self.family.factors(**node.values))
+            M, D, _ = (sum((next(factors) * A for _, A in several), np.zeros((d, d))) for several in terms)
+            scale = np.sqrt(self.c * self.box.tol * np.abs(node.lam))
+            scale[scale == 0] = np.inf
+            tau, x, z = node.lam / unit, W.T @ node.x / scale, W.T @ node.z / scale
+            columns[0].extend(_real(np.vstack([x, x * tau])))
+            columns[1].extend(_real(np.vstack([D.T @ z + M.T @ (z * tau.conj()), z])))
+        found = [la.svd(np.hstack(side), full_matrices=False)[:2] for side in columns]
+        # projected between two spaces vectors are less exact than between equal ones
+        k = max(int(np.count_nonzero(size > self.kept / 4)) for _, size in found)
+        X, Z = (U[:, :k] for U, _ in found)
+        return States.of(tuple([A for _, A in several] for several in terms), X, Z, unit) if 0 < k < d else None
 
     def learn(self, model: BoxModel, node: Node) -> None:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
@@ -238,3 +261,9 @@ def _error(model: BoxModel, place: Mapping[str, float]) -> float:
     found = model.modes(**place)
     size = np.abs(found.eigenvalues)
     return float(np.max(found.error_bar[size > 0] / size[size > 0], initial=0.0))
+
+
+def _real(vectors: Array) -> list[Array]:
+    """Real and imaginary parts, each vector turned to be as real as it can."""
+    turned = vectors * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", vectors, vectors)))
+    return [turned.real, turned.imag]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import prod
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from femsub.checks import EPS, Array, Tally, check_band, finite_number, items, m
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
+from femsub.reduction.states import States, listed
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -125,37 +126,34 @@ class Radii:
 
     |δλ| ≤ ‖R‖ ‖L‖ / (c |zᴴP'(λ)x|) with the residuals R and L of right and left vectors in the norm of A⁻¹, if P(λ) outside the
     basis has an inverse of at most 1/c in the norm of A. c is an estimate: a third of the least that was seen at values of the
-    parameters whose eigenvectors are not in the basis. `blocks` (k, (p + 1) d) are images of the basis by A and by the terms,
-    side by side: real columns that have their lengths and angles.
+    parameters whose eigenvectors are not in the basis. `images` (p + 1, d, r) of the basis by A and by the terms are real rows of
+    their lengths and angles, but for what is too small to matter.
     """
 
-    blocks: Array
+    images: Array
+    lost: Array  #: (p + 1,): the norms of what the images lack
     signs: Array
     places: Array  #: of each term: the change that it follows, or -1
     base: Array  #: (p, 3): weights c_0, c_1, c_2
     rounding: Array  #: (p + 1,): ‖|V|ᵀ|A||V|‖ and those of the terms; times EPS what rounding of their entries may do
     least: float  #: c
 
-    def weights(self, theta: Array, s: Array) -> Array:
-        """w_i(s), shape (p, k)."""
+    def weights(self, theta: Array) -> Array:
+        """(p + 1, 3): what A and the terms are taken with, of s⁰, s and s²."""
         scale = np.where(self.places < 0, 1.0, np.append(theta, 1.0)[self.places])
-        return scale[:, None] * (self.base @ np.stack([np.ones_like(s), s, s * s]))
+        return np.vstack([[1.0, 0.0, 0.0], scale[:, None] * self.base])
 
-    def lengths(self, theta: Array, s: Array, x: Array, adjoint: bool = False) -> Array:
-        """‖P(s_k; θ)x_k‖ or that of Pᴴ, (k,)."""
-        weights = self.weights(theta, s)
-        if adjoint:
-            weights = self.signs[:, None] * weights.conj()
-        weighted = np.ascontiguousarray(np.concatenate([x[None], x * weights[:, None]])).view(float)  # real times complex
-        whole = self.blocks @ weighted.reshape(self.blocks.shape[1], -1)
-        return np.sqrt(np.einsum("ak,ak->k", whole, whole).reshape(-1, 2).sum(axis=1))
+    def at(self, theta: Array) -> Sizes:
+        """What gives the radius of single eigenvalues at θ."""
+        weights = self.weights(theta)
+        terms, d, r = self.images.shape
+        adjoint = weights * np.append(1.0, self.signs)[:, None]
+        sides = [(own.T @ self.images.reshape(terms, d * r)).reshape(3 * d, r) for own in (weights, adjoint)]
+        return Sizes(self, weights, *sides)
 
-    def of(self, theta: Array, values: Array, x: Array, z: Array) -> Array:
-        """The radius of each λ, Im λ ≥ 0, with its x and z of |zᴴP'(λ)x| = 1; where circles meet, that of one around them all."""
-        size = self.lengths(theta, values, x) * self.lengths(theta, values, z, adjoint=True) / self.least
-        # 64: strong dashpots, 10⁶ times critical, moved λ by more than 16 roundings of these products
-        size += 64 * EPS * np.linalg.norm(x, axis=0) * np.linalg.norm(z, axis=0) * (
-            self.rounding @ np.vstack([np.ones(len(values)), np.abs(self.weights(theta, values))]))
+    @staticmethod
+    def circles(values: Array, size: Array) -> Array:
+        """The radius of each λ, Im λ ≥ 0, of these sizes; where circles meet, that of one around them all."""
         # Σ_j η_j / |s - λ_j| < 1 on the circle, conjugates included: to first order η_k / (1 - what the others take)
         pairs = np.flatnonzero(values.imag)
         every = np.append(size, size[pairs])
@@ -175,6 +173,27 @@ class Radii:
                 if (room > 0).all() and (every[beyond] / room).sum() < 0.5:
                     break
         return np.asarray(radius)
+
+
+class Sizes(NamedTuple):
+    """`Radii` at some θ: images by the parts of P = Σ s^k P_k and of its adjoint, (3d, r)."""
+
+    radii: Radii
+    weights: Array
+    right: Array
+    left: Array
+
+    def __call__(self, values: Array, x: Array, z: Array) -> Array:
+        """The radius of each λ alone, with its x and z of |zᴴP'(λ)x| = 1, (k,)."""
+        size, own = 1 / self.radii.least, np.abs(self.weights @ values ** np.arange(3)[:, None])
+        rounding = 64 * EPS * self.radii.rounding @ own  # dashpots, 10⁶ times critical, moved λ by more than 16 roundings
+        for images, s, part in ((self.right, values, x), (self.left, values.conj(), z)):
+            columns = np.concatenate([part, part * s, part * s * s])
+            image = np.vstack([columns.real.T, columns.imag.T]) @ images  # real times complex
+            square = np.einsum("ka,ka->k", image, image).reshape(2, -1).sum(axis=0)
+            length = np.linalg.norm(part, axis=0)
+            size, rounding = size * (np.sqrt(square) + self.radii.lost @ own * length), rounding * length
+        return np.asarray(size + rounding)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,6 +232,7 @@ class BoxModel(Affine):
     cells: tuple[Cell, ...]
     V: Array
     radii: Radii
+    states: States | None  #: on which few pairs are found, where their number is proved
     middle: Array  #: factors of the reference
     varied: Array  #: which factors vary
     free: int  #: columns of V that move freely: λ = 0, twice each
@@ -285,19 +305,27 @@ class BoxModel(Affine):
         Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
         """
         cell, hi, free = self.cell(**values), self.box.band[1], self.free
-        theta, pencil = (self.factors(**values) - self.middle)[self.varied], super().at(**values)
-        matrices = np.stack([part[free:, free:] for part in (pencil.K, pencil.D, pencil.M)])
-        (shift, nu, x, z), *_ = eigenpairs(matrices, float(np.hypot(hi, hi)))
-        with np.errstate(all="ignore"):
-            lam = shift + 1 / nu
-        lam[~np.isfinite(lam)] = np.inf
+        factors, pencil = self.factors(**values), super().at(**values)
+        theta = (factors - self.middle)[self.varied]
+        matrices = pencil.K[free:, free:], pencil.D[free:, free:], pencil.M[free:, free:]
         contour = cell.contour or Contour(sides=(-hi, hi, hi))
-        found = int(np.count_nonzero(contour.encloses(lam))) + 2 * free
-        inside = in_band(lam, self.box.band, (-hi, hi))
-        near = np.flatnonzero((inside | contour.encloses(lam)) & (lam.imag >= 0))  # with those close beside the band
-        near = near[np.argsort(lam[near].imag, kind="stable")]
-        bar = self.radii.of(theta, lam[near], x[:, near], z[:, near])[inside[near]]
-        near = near[inside[near]]
+        found, sizes = None, self.radii.at(theta)
+        if self.states is not None and cell.number is not None:
+            found = listed(self.states, factors, matrices, contour, cell.number - 2 * free, sizes, self.box.tol)
+        if found is None:
+            (shift, nu, x, z), *_ = eigenpairs(np.stack(matrices), float(np.hypot(hi, hi)))
+            with np.errstate(all="ignore"):
+                lam = shift + 1 / nu
+            lam[~np.isfinite(lam)] = np.inf
+            near = (in_band(lam, self.box.band, (-hi, hi)) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
+            lam, x, z = lam[near], x[:, near], z[:, near]
+            found = lam, x, z, sizes(lam, x, z)
+        order = np.argsort(found[0].imag, kind="stable")
+        lam, x, z, size = (part[..., order] for part in found)
+        enclosed = contour.encloses(lam)
+        number = 2 * free + int(enclosed.sum() + np.count_nonzero(lam[enclosed].imag))
+        near = np.flatnonzero(in_band(lam, self.box.band, (-hi, hi)))
+        bar = self.radii.circles(lam, size)[near]
         values_, x = lam[near], x[:, near]
         zeros = np.zeros(2 * free * (self.box.band[0] == 0))
         shapes = np.zeros((self.size, len(zeros) + len(near)), dtype=complex)
@@ -305,7 +333,7 @@ class BoxModel(Affine):
         shapes[free:, len(zeros):] = x / np.linalg.norm(x, axis=0)
         values_, bar = np.append(zeros, values_), np.append(zeros, bar)
         rigid = np.arange(len(values_)) < len(zeros)
-        tally = Tally(found, cell.number, sampled=cell.sampled)
+        tally = Tally(number, cell.number, sampled=cell.sampled)
         residual = pencil.residual(values_, shapes)
         scale = np.abs(values_)**2 * pencil.norms[0] + np.abs(values_) * pencil.norms[1] + pencil.norms[2]
         return ComplexModes(values_, shapes, np.linalg.norm(residual, axis=0) / scale, bar, rigid, np.zeros(len(bar), dtype=bool),

@@ -1,0 +1,109 @@
+"""Eigenpairs of a small model of second order in the time that its wanted ones take: Petrov-Galerkin projection of states.
+
+A shape of the small model takes part as x and as λx, and right and left vectors share one basis: that makes four columns for an
+eigenvalue. In first order, with a basis for right states and another one for left states,
+
+    a (x, λx) = λ b (x, λx),   a = |  0   I |,   b = | I  0 |,   left states ((D + λM)ᴴz, z),
+                                   | -K  -D |        | 0  M |
+
+ZᵀaX and ZᵀbX are of about the size of the number of wanted eigenvalues, and affine in the factors of the model. What such a
+projection lacks in stability (it has eigenvalues that belong to nothing, and vectors that are mixed with theirs) is mended by a
+step of inverse iteration on P(λ) for those pairs whose residuals need it, and shows in the number of circles of error. Two-sided
+bases of states: A. Antoulas, Approximation of Large-Scale Dynamical Systems (2005), ch. 11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.algebra import FEW, one_thread
+from femsub.checks import Array
+
+if TYPE_CHECKING:
+    from femsub.modes import Contour
+    from femsub.reduction.parameter_box import Sizes
+
+Matrices = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True)
+class States:
+    """ZᵀaX and ZᵀbX (q + 1, k, k), the first of them without a factor, the shapes in X and in Z, (d, k), and the unit of λ."""
+
+    a: Array
+    b: Array
+    x: Array
+    z: Array
+    unit: float
+
+    @classmethod
+    def of(cls, terms: tuple[Sequence[Array], ...], X: Array, Z: Array, unit: float) -> States:
+        """On right states X and left ones Z (2d, k), of M, D and K that are sums of these terms (d, d), in a unit of λ."""
+        (x, dx), (dz, z) = (np.split(part, 2) for part in (X, Z))
+        mass, damping, stiffness = ([-z.T @ A @ part for A in several] for several, part in zip(terms, (dx, dx, x), strict=True))
+        none = np.zeros((X.shape[1], X.shape[1]))
+        a = [dz.T @ dx, *(none for _ in mass), *damping, *stiffness]
+        b = [dz.T @ x, *(-A for A in mass), *(none for _ in damping), *(none for _ in stiffness)]
+        return cls(np.array(a), np.array(b), x, z, unit)
+
+    def pairs(self, factors: Array, contour: Contour) -> tuple[Array, Array, Array]:
+        """λ (k,) inside the contour with Im λ ≥ 0, x and z (d, k)."""
+        with one_thread(len(self.x) < FEW):
+            a, b = ((np.append(1.0, factors) @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.a, self.b))
+            lu = la.lu_factor(b, check_finite=False)
+            lam, y = la.eig(la.lu_solve(lu, a), check_finite=False)
+            lam = self.unit * lam
+            at = np.flatnonzero(contour.encloses(lam) & (lam.imag >= 0))
+            w = la.lu_solve(lu, np.linalg.inv(y)[at].T, trans=1).conj()
+            w = np.where(lam[at].imag == 0, w.real, w)  # the inverse left them a rounding
+            return lam[at], self.x @ y[:, at], self.z @ w
+
+
+def settled(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
+    """λ by the quotient of x and z, which get |zᴴP'(λ)x| = 1 and equal lengths."""
+    K, D, M = matrices
+    with np.errstate(all="ignore"):
+        damped, inert = D @ x, lam * (M @ x)
+        quotient, slope = (np.einsum("ik,ik->k", z.conj(), part) for part in (K @ x + lam * (damped + inert), damped + 2 * inert))
+        size = la.norm(x, axis=0), la.norm(z, axis=0)
+        even = np.sqrt(size[1] / size[0] / np.abs(slope))
+        return lam - quotient / slope, x * even, z / (even * slope.conj())
+
+
+def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
+    """`settled` after a step of inverse iteration on both sides, one factor for each pair."""
+    K, D, M = matrices
+    better = []
+    for value, right, left in zip(lam, x.T, z.T, strict=True):
+        value, right, left = (part.real if not value.imag else part for part in (value, right, left))
+        lu = la.lu_factor(K + value * (D + value * M), check_finite=False)
+        better.append((la.lu_solve(lu, right, check_finite=False), la.lu_solve(lu, left, trans=2, check_finite=False)))
+    return settled(matrices, lam, *(np.array(side, dtype=complex).T for side in zip(*better, strict=True)))
+
+
+def listed(states: States, factors: Array, matrices: Matrices, contour: Contour, number: int,
+           sizes: Sizes, tol: float) -> tuple[Array, ...] | None:
+    """λ, x, z and `sizes` of the eigenpairs inside the contour with Im λ ≥ 0.
+
+    They count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
+    None otherwise: then the whole problem is to be solved.
+    """
+    lam, x, z = settled(matrices, *states.pairs(factors, contour))
+    size = sizes(lam, x, z)
+    poor = np.flatnonzero(~(size <= tol * np.abs(lam)))
+    if len(poor):
+        lam[poor], x[:, poor], z[:, poor] = iterated(matrices, lam[poor], x[:, poor], z[:, poor])
+        size[poor] = sizes(lam[poor], x[:, poor], z[:, poor])
+    first = np.argsort(size)
+    lam, x, z, size = lam[first], x[:, first], z[:, first], size[first]
+    apart = np.abs(lam[:, None] - lam) > size[:, None] + size
+    apart[np.triu_indices(len(lam))] = True  # each from those of smaller circles
+    keep = (size <= tol * np.abs(lam)) & contour.encloses(lam) & (lam.imag >= 0) & apart.all(axis=1)
+    if np.count_nonzero(keep) + np.count_nonzero(lam[keep].imag) != number:
+        return None
+    return lam[keep], x[:, keep], z[:, keep], size[keep]
