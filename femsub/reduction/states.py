@@ -56,7 +56,7 @@ class States:
         with one_thread(len(self.x) < FEW):
             a, b = ((np.append(1.0, factors) @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.a, self.b))
             lu = la.lu_factor(b, check_finite=False)
-            lam, y = la.eig(la.lu_solve(lu, a), check_finite=False)
+            lam, y = np.linalg.eig(la.lu_solve(lu, a))
             lam = self.unit * lam
             at = np.flatnonzero(contour.encloses(lam) & (lam.imag >= 0))
             w = la.lu_solve(lu, np.linalg.inv(y)[at].T, trans=1).conj()
