@@ -443,7 +443,7 @@ class Case:
     @property
     def factor(self) -> ShiftInvert:
         """The factor that the modes of the reduced model's basis belong to."""
-        return self.held if self.basis == "held" and len(self.rows) else self.free
+        return self.held if self.basis == "held" and len(self.rows) and len(self.inside) else self.free
 
     def lowest(self, handle: ShiftInvert, count: int) -> NormalModes:
         """So many modes of the full model by one of its factors, or all."""
@@ -527,8 +527,11 @@ class Case:
             apart = np.abs(known[:, None] ** 2 / there[None, :] ** 2 - 1).min(axis=1) if len(known) else known
             strange = np.count_nonzero(~(apart <= AGREE))
             shapes = sum(np.size(column) // self.whole.size for column in self.whole.ports.values())  # static, beside the modes
-            # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes
-            if not self.kinds and (strange > len(apart) / 2 or 0 < strange <= shapes or (strange and self.V is not None)):
+            # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes. Of a part that is
+            # nearly complete most are modes nevertheless
+            lacking = handle.K.shape[0] - len(own)
+            if not self.kinds and (strange > len(apart) / 2 or 0 < strange <= max(shapes, lacking if lacking < len(own) else 0)
+                                   or (strange and self.V is not None)):
                 return unknown("the coordinates beside the interface are not stated to be modes, and "
                                f"{strange} of {len(apart)} are none of the full model", state)
             # the lowest frequency of the full model that the reduced one has not got, as often as it stands there

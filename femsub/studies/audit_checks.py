@@ -386,7 +386,8 @@ def other_spectrum(case: Case) -> Sight:
     also = ports if case.size == kept + rigid + n_b + ports.shape[1] else ports[:, :0]
     if basis == "held" and not isinstance(case.statics, Finding):
         inner = np.zeros((sub.size, modes.shapes.shape[1] + also.shape[1]))
-        inner[case.inside] = np.hstack([modes.shapes, handle.elastic_solve(also[case.inside], modes.shapes)])
+        if len(case.inside):
+            inner[case.inside] = np.hstack([modes.shapes, handle.elastic_solve(also[case.inside], modes.shapes)])
         shapes = np.hstack([case.statics[0], inner])
     else:
         residual = handle.elastic_solve(np.hstack([forces, also]), modes.shapes)
