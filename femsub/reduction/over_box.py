@@ -24,7 +24,7 @@ from femsub.algebra import weighted
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import Affine, Pencil, projected
-from femsub.modes import Contour, Coupling, Varied, count_over, projection_over
+from femsub.modes import Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
 from femsub.reduction.states import States
 
@@ -120,10 +120,11 @@ class _Maker:
     def node(self, values: Mapping[str, float], contour: Contour) -> Node:
         """The eigenpairs of VᵀPV at these values."""
         theta = self.theta(**values)
-        small = Coupling.of(self.projection.changed(theta), self.projection.outer.size)
-        lam = small.each
+        (shift, nu, x, z), *_ = eigenpairs(self.projection.changed(theta).matrices, self.projection.outer.size)
+        with np.errstate(all="ignore"):
+            lam = shift + 1 / nu
         at = np.flatnonzero(contour.encloses(np.nan_to_num(lam, nan=np.inf, posinf=np.inf)) & (lam.imag >= 0))
-        x, z = small.x[:, at], small.z[:, at]
+        x, z = x[:, at], z[:, at]
         even = np.sqrt(la.norm(z, axis=0) / la.norm(x, axis=0))
         return Node(values, theta, lam[at], x * even, z / even)
 
