@@ -95,7 +95,7 @@ def listed(states: States, factors: Array, matrices: Matrices, contour: Contour,
     """
     lam, x, z = settled(matrices, *states.pairs(factors, contour))
     size = sizes(lam, x, z)
-    poor = np.flatnonzero(~(size <= tol * np.abs(lam)))
+    poor = np.flatnonzero(~(size <= tol * np.abs(lam) / 4))  # with room for a radius that is corrected once more, by what is seen
     if len(poor):
         lam[poor], x[:, poor], z[:, poor] = iterated(matrices, lam[poor], x[:, poor], z[:, poor])
         size[poor] = sizes(lam[poor], x[:, poor], z[:, poor])
