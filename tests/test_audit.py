@@ -13,6 +13,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks import audits
 from femsub.app.cli import main
 from femsub.reduction import METHODS
 
@@ -305,6 +306,12 @@ def test_the_rounding_of_the_reduced_stiffness_is_no_stiffness_against_rigid_mot
     full = fs.chain(11, belt=2, interface=[1], fixed=False, springs=springs, masses=masses)
     found = fs.audit(fs.reduce(full, fs.MacNeal(8)), full)
     assert "static interface response" not in [one.what for one in found.faults]
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("sound", 124), ("planted without V", 61), ("planted without V", 89)])
+def test_random_parts_with_few_inner_dof_or_none(kind: str, seed: int) -> None:
+    """Herting's coordinates of a part of 12 inner DOF, 11 of them kept and 10 modes; and two parts that are all interface."""
+    assert audits.attacked(kind, seed) == "certified"
 
 
 @pytest.mark.parametrize("modes", [0, 4])
