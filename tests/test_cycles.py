@@ -267,6 +267,7 @@ class Falling:
 
 
 @functools.cache
+@functools.cache
 def _slipping(eps: float) -> tuple[fs.Substructure, fs.Belt, fs.Transient]:
     """One mass on a belt, with a transient that has come to its cycle."""
     one = fs.Substructure([[10.0]], [[4000.0]], interface=[0], ports={"belt": [1.0]})

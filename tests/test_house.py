@@ -35,6 +35,13 @@ def _nodes(text: str) -> list[ast.AST]:
     return list(ast.walk(ast.parse(text)))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _nodes_are_let_go() -> Iterator[None]:
+    """Half a million of them would slow the garbage collector down in all later tests."""
+    yield
+    _nodes.cache_clear()
+
+
 def nodes(path: Path) -> list[ast.AST]:
     """All nodes of a file's syntax tree, which several rules read."""
     return _nodes(path.read_text(encoding="utf-8"))

@@ -109,7 +109,7 @@ class Faulty:
     ("number", "in the contour")])
 def test_the_judge_of_models_over_a_box_sees_each_fault(fault: str, said: str) -> None:
     """`python -m benchmarks attack boxes`, without the reduction."""
-    for seed in range(3):
+    for seed in (6, 9, 10):  # of 64 to 88 DOF: two stable families, one that flutters
         full, ranges, band = boxes.family("circulatory", np.random.default_rng(seed))
         small = Faulty(full, SimpleNamespace(ranges=ranges, band=band), fault)
         found, counts, ratio = boxes.judged(full, small, boxes.at_random(ranges, np.random.default_rng(seed)))
