@@ -214,6 +214,7 @@ def alone(told: Given) -> fs.Audit:
                     units="SI")
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_is_found(fault: str) -> None:
     plant, check, without_v, by_itself = FAULTS[fault]
@@ -535,6 +536,7 @@ def test_a_model_of_rigid_motion_alone_is_compared() -> None:
     assert "static interface response" in [one.what for one in found.faults]
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("key", ["M", "K", "MK"])
 @pytest.mark.parametrize("by", [0.0, -1.0])
 @pytest.mark.parametrize("method", sorted(METHODS))

@@ -103,6 +103,7 @@ def test_all_of_a_sixfold_cluster_on_an_edge_come_back(sparse: bool) -> None:
         assert np.sort(modes.frequencies) == pytest.approx(expected, rel=1e-10) and modes.evidence == "certified"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("n", [20, 300])
 @pytest.mark.parametrize("re", [None, (-1.0, 0.0), (-2.5, -1.0)])
 def test_both_of_a_double_real_eigenvalue_come_back(n: int, re: tuple[float, float] | None) -> None:

@@ -100,6 +100,7 @@ def crosses(how: tuple[str, ...], arms: int) -> tuple[dict[str, fs.Substructure]
     return parts, la.eigh(K, M, eigvals_only=True)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("how", [("full",), ("craig-bampton",), ("craig-chang",), ("craig-chang", "full"),
                                  ("full", "craig-chang", "craig-bampton")])
 @pytest.mark.parametrize("arms", [3, 4])

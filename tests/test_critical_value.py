@@ -345,6 +345,7 @@ def test_an_unsymmetric_mass_is_no_obstacle() -> None:
         fs.critical_value(massless, None, "mu", between=(0.0, 2.0))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("kind", "seed"), [
     ("heavy damping", 2), ("heavy damping", 17), ("undamped", 3), ("belt", 3), ("real pairs", 3),
     ("close crossings", 4), ("close crossings", 17), ("ends", 4), ("doubles", 1), ("units", 3), ("units", 14)])

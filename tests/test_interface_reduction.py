@@ -112,6 +112,7 @@ def test_the_whole_plate_follows_from_the_interface_modes() -> None:
 # what must hold with any number
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("held", [True, False])
 @pytest.mark.parametrize("key", sorted(METHODS.keys() - {"macneal"}))
 def test_all_interface_modes_are_the_system(key: str, held: bool) -> None:

@@ -82,6 +82,7 @@ def angle(one: np.ndarray, other: np.ndarray, M: object) -> float:
     return float(np.linalg.norm(second - first @ (first.T @ second), 2))
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", SMALL)
 def test_all_modes_give_the_full_spectrum(name: str, key: str) -> None:
@@ -139,6 +140,7 @@ def test_methods_of_one_span(name: str, modes: int) -> None:
     assert angle(free[0].V, herting.V, sub.M) < 1e-9
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", PARTS)
 def test_matrices_are_projections_and_the_interface_can_be_read(name: str, key: str) -> None:
@@ -156,6 +158,7 @@ def test_matrices_are_projections_and_the_interface_can_be_read(name: str, key: 
     assert fs.normal_modes(rom, count=0).rigid == fs.normal_modes(sub, count=0).rigid
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("key", RITZ)
 @pytest.mark.parametrize("name", ["held chain", "floating chain", "floating lattice", "large floating lattice"])
 def test_ritz_values_bound_from_above_and_never_rise(name: str, key: str) -> None:
@@ -335,7 +338,7 @@ def test_nearly_complete_bases_keep_their_digits() -> None:
                 assert np.abs(found[3:modes + 3] / full[3:modes + 3] - 1).max() < limit
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", JOINED)
 def test_joined_parts_with_all_modes_are_the_unreduced_system(name: str, key: str) -> None:
@@ -359,7 +362,7 @@ def test_joined_parts_condensed_on_all_of_their_dof_are_the_unreduced_system(nam
     assert np.abs(found[rigid:] / full[rigid:] - 1).max() < 1e-9
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("key", ["craig-bampton", "craig-chang", "guyan", "herting", "hurty", "rubin"])
 @pytest.mark.parametrize("name", JOINED)
 def test_joined_frequencies_bound_from_above_and_never_rise(name: str, key: str) -> None:

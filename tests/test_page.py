@@ -140,7 +140,7 @@ def test_a_missing_plotly_is_told_before_anything_is_computed(tmp_path: Path, mo
     assert installed_by("plotly") in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", [*FOUR, *MORE])
 def test_the_page_has_every_table_every_input_and_short_sentences(name: str, folders: dict[str, Path], tmp_path: Path) -> None:
     told, text = results(folders[name]), (folders[name] / page.PAGE_FILE).read_text(encoding="utf-8")

@@ -65,6 +65,7 @@ def test_entries_equal_those_of_scikit_fem(kind: str, monkeypatch: pytest.Monkey
         assert abs(to @ ours @ to.T - theirs).max() <= 1e-12 * abs(theirs).max()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("units", STEEL)
 @pytest.mark.parametrize("kind", ELEMENTS)
 def test_six_rigid_body_modes_in_either_system_of_units(kind: str, units: str) -> None:

@@ -22,12 +22,14 @@ def test_all_solvers_agree_on_random_models(kind: str) -> None:
     assert set(found) <= {"agree", "none"} and "agree" in found
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", [2, 9, 17, 24])
 def test_a_coalescence_without_damping_is_followed_to_its_place(seed: int) -> None:
     """Every mode is on the axis at any value: Newton's method for iω alone stopped at the first, up to 4e-4 of the range off."""
     assert solvers("undamped", seed) == "agree"
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("seed", range(12))
 def test_a_coalescence_without_damping_lies_within_a_narrow_width(seed: int) -> None:
     """Beside its value ∓ width the full matrices have different numbers of complex ω²; by iω alone the width was up to 9 %."""

@@ -54,7 +54,7 @@ def nested(problem: Problem, kind: type, known: int) -> Nested:
     return space.extended(space.reference(), problem.band)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("tol", [1e-2, 1e-3, 1e-4, 1e-6])
 @pytest.mark.parametrize(("problem", "kind"), CASES, ids=NAMES)
 def test_what_was_asked_is_what_the_full_model_confirms(problem: Problem, kind: type, tol: float) -> None:
