@@ -33,7 +33,7 @@ from scipy.special import exprel
 from femsub.checks import Array
 from femsub.modes import match
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two, samples_of
-from femsub.motion.cycles.compliance import CACHED_ENTRIES, Fractions
+from femsub.motion.cycles.compliance import Fractions
 from femsub.motion.nonlinear_model import Sliding
 
 
@@ -184,23 +184,32 @@ def _passage(contact: Sliding, flexibility: Fractions, course: _Course, Z: Array
     """Z(T) (m, k) in the eigenvectors of A, and in the middle of each step Bᵀz + ρ (p, N) of the last column, which ρ drives.
 
     By default of Φ, with z(T) of z(0) = 0 as its last column, (m, m + 1).
+
+    A kick U E_l s_l at t_l reaches s_j = V z(t_j) + ρ_j as V exp(A (t_j - t_l)) U E_l s_l. The s of a block of steps are solved
+    for at once: their matrix is triangular. It is V exp(A t_j) times exp(-A t_l) U E_l, with t from the begin of the block.
     """
     h, values, W = course.h * course.period, flexibility.found.values, flexibility.w
     E = _impulses(contact.tangents(course.v, course.v)[1] * h, W.T @ W)
-    after = 0.5 * np.append(h[:-1] + h[1:], h[-1])  # half of this step and half of the next
-    at_once = max(1, CACHED_ENTRIES // len(values))
-    blocks = (np.exp(after[i:i + at_once, None] * values) for i in range(0, len(h), at_once))
-    U, V, m = flexibility.into, flexibility.out, len(values)
-    Z = np.exp(0.5 * h[0] * values)[:, None] * (np.eye(m, m + 1) if Z is None else Z)
-    kick, speeds = np.empty_like(Z), np.empty((len(h), len(V)), dtype=complex)
-    times = np.multiply if len(V) == 1 else np.matmul  # the same for one column, but faster
-    for i, decay in enumerate(row for block in blocks for row in block):
-        S = V @ Z
-        S[:, -1] += course.gap[:, i]
-        speeds[i] = S[:, -1]
-        times(U, times(E[i], S), out=kick)
-        Z += kick
-        Z *= decay[:, None]
+    U, V, m, p, steps = flexibility.into, flexibility.out, len(values), len(W.T), len(h)
+    t = np.append(np.cumsum(h) - h / 2, h.sum())  # the kicks act in the middle of the steps; the last one is the end
+    Z = np.exp(t[0] * values)[:, None] * (np.eye(m, m + 1) if Z is None else Z)
+    speeds = np.empty((steps, p), dtype=complex)
+    decay, most = t * np.abs(values.real).max(), np.log(np.finfo(float).max) / 2  # in a block beyond it exp(-A t) overflows
+    i = 0
+    while i < steps:
+        # 64: fewer unknowns take no less time
+        last = min(steps, i + max(1, max(64, m) // p), max(i + 1, int(np.searchsorted(decay, decay[i] + most))))
+        D, count = np.exp((t[i:last + 1] - t[i])[:, None] * values), last - i
+        out = (V * D[:-1, None]).reshape(-1, m)
+        into = np.moveaxis((U / D[:-1, :, None]) @ E[i:last], 1, 0).reshape(m, -1)
+        S = (out @ Z).reshape(count, p, -1)
+        S[:, :, -1] += course.gap[:, i:last].T
+        coupled = -(out @ into)
+        coupled.reshape(count, p, count, p)[np.arange(count), :, np.arange(count)] = 0.0
+        S = la.solve_triangular(coupled, S.reshape(count * p, -1), lower=True, unit_diagonal=True, check_finite=False)
+        speeds[i:last] = S[:, -1].reshape(count, p)
+        Z = D[-1][:, None] * (Z + into @ S)
+        i = last
     return Z, (speeds + np.einsum("ab,ibc,ic->ia", W.T @ W, E, speeds) / 2).T  # half of the kick
 
 
