@@ -16,7 +16,7 @@ from femsub.modes.quadratic.complex_modes import with_bars
 SEEDS = (0, 3, 5, 6, 9, 17, 277, 25, 37, 55, 58, 62, 78, 22)  # each kind of model, damping, units and question; most were refused
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_units_of_the_dof_change_no_complex_mode(seed: int) -> None:
     kind, figures = complex_outcome(seed)

@@ -44,7 +44,7 @@ def contact(sub: fs.Substructure, seed: int, strength: float, flutter: float, ra
 
 # the count ------------------------------------------------------------------------------------------------------------
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("held", [True, False])
 @pytest.mark.parametrize("flutter", [0.0, 0.02])
 @pytest.mark.parametrize("rayleigh", [(0.0, 0.0), (0.02, 0.03)])

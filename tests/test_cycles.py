@@ -275,6 +275,7 @@ def _slipping(eps: float) -> tuple[fs.Substructure, fs.Belt, fs.Transient]:
     return one, belt, fs.transient(one, belt, time=(0.0, 4.0), start=fs.State([0.0], [0.01]), samples=8000)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("eps", [1e-3, 5e-4])
 def test_harmonics_are_doubled_where_the_iteration_needs_more(eps: float) -> None:
     one, belt, run = _slipping(eps)

@@ -48,7 +48,7 @@ def larger(seed: int, above: float) -> Larger:
     return Larger(search, one.system.linearised(one.contacts), [part.friction, part.friction.T], one.band[1], search.modes)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_unstable_mode_of_a_random_brake_is_missed(seed: int) -> None:

@@ -320,7 +320,7 @@ def damped(share: float) -> fs.Pencil:
     return fs.Pencil(sub.M, sp.csr_array(1e-7 * (uneven @ sub.K @ uneven) + sp.diags_array(strong)), sub.K)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("end", ["answers", "is killed"])
 @pytest.mark.parametrize("share", [0.0, 3.0])
 def test_bounds_of_damping_are_those_of_this_process(share: float, end: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -122,6 +122,7 @@ def rehashed(folder: Path, about: dict[str, Any]) -> None:
     (folder / "model.json").write_text(json.dumps(about))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("path", "value", "words"), [
     ("femsub", 2, "version 2"), ("femsub", True, "version True"), ("femsub", "1", "version '1'"),
     ("femsub", None, "version None"), ("files/K", "../K.mtx", "must be a file in this folder"),

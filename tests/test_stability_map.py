@@ -187,6 +187,7 @@ def test_a_mode_counts_in_the_band_alone() -> None:
         assert np.abs(values.imag - 1.2).min() < 1e-5
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("stiffness", [4.0, 0.0])
 def test_a_mode_that_neither_grows_nor_decays_is_undecided_unless_it_is_rigid(stiffness: float) -> None:
     """A third DOF without damping, which rounding moves to either side of the axis, beside a pair."""

@@ -113,6 +113,7 @@ def run(command: str, **variables: str) -> subprocess.CompletedProcess[str]:
                           env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHON": sys.executable, **variables})
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("closed", ["2>&-", "<&-", ">&-", "<&- >&- 2>&-"])
 def test_closed_streams_lose_nothing(closed: str, tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text('scene = "chain"\nbelts = [2]\nsizes = [3]\nrepeats = 1\noutputs = ["critical-slope"]\n'
