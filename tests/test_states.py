@@ -53,7 +53,8 @@ def sizes_of(matrices: list[np.ndarray]) -> Callable[..., np.ndarray]:
 
     def sizes(lam: np.ndarray, x: np.ndarray, z: np.ndarray) -> np.ndarray:
         P = [K + s * D + s * s * M for s in lam]
-        return np.array([la.norm(one @ x[:, k]) * la.norm(one.conj().T @ z[:, k]) for k, one in enumerate(P)]) + 1e-13 * np.abs(lam)
+        both = [la.norm(one @ x[:, k]) * la.norm(one.conj().T @ z[:, k]) for k, one in enumerate(P)]
+        return np.array(both) + 1e-13 * np.abs(lam)  # with rounding
 
     return sizes
 
@@ -72,11 +73,11 @@ def test_states_list_all_eigenvalues_and_none_of_their_own(seed: int) -> None:
         number = len(lam) + np.count_nonzero(lam.imag)
         matrices = here[2], here[1], here[0]
         factors = np.array([1.0, damping, stiffness])
-        found = listed(states, factors, matrices, CONTOUR, number, sizes_of(here), 1e-3)
+        found = listed(states, factors, matrices, CONTOUR.encloses, number, sizes_of(here), 1e-3)
         assert found is not None
         np.testing.assert_allclose(np.sort_complex(found[0]), np.sort_complex(lam), rtol=1e-6)
         for wrong in (number - 1, number + 2):  # a number that is not met: the whole problem is to be solved
-            assert listed(states, factors, matrices, CONTOUR, wrong, sizes_of(here), 1e-3) is None
+            assert listed(states, factors, matrices, CONTOUR.encloses, wrong, sizes_of(here), 1e-3) is None
 
 
 def test_a_pair_is_listed_once() -> None:
@@ -86,12 +87,12 @@ def test_a_pair_is_listed_once() -> None:
     M, D, K = here
 
     class Twice(States):
-        def pairs(self, factors: np.ndarray, contour: Contour) -> tuple[np.ndarray, ...]:
+        def pairs(self, factors: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, ...]:
             return np.append(lam, lam[:1] * (1 + 1e-9)), np.hstack([x, x[:, :1]]), np.hstack([z, z[:, :1]])
 
     twice = Twice(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), x, z, 1.0)
     number = len(lam) + np.count_nonzero(lam.imag)
-    found = listed(twice, np.ones(3), (K, D, M), CONTOUR, number, sizes_of(here), 1e-3)
+    found = listed(twice, np.ones(3), (K, D, M), CONTOUR.encloses, number, sizes_of(here), 1e-3)
     assert found is not None and len(found[0]) == len(lam)
 
 

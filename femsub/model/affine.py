@@ -109,7 +109,11 @@ class Affine(Frozen):
         """
         self._check(values)
         self._check_all("value", values)
-        factor = iter(self.factors(**values))
+        return self.weighted(self.factors(**values))
+
+    def weighted(self, factors: Array) -> Pencil:
+        """The pencil with these θ (q,), in the order of `factors`."""
+        factor = iter(factors)
         return Pencil(*(weighted([(next(factor), A) for _, A in terms]) if terms else None
                         for terms in (self.M, self.D, self.K))).below(self.cutoff)
 

@@ -20,10 +20,9 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import weighted
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.model import Affine, Pencil, projected
+from femsub.model import Affine, projected
 from femsub.modes import Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
 from femsub.reduction.states import States
@@ -66,9 +65,7 @@ class _Maker:
         self.varied = np.flatnonzero(half > 0)
         self.half = half[self.varied]
         terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
-        of = iter(self.middle)
-        reference = Pencil(*(weighted([(next(of), A) for _, A in several]) if several else None
-                             for several in (family.M, family.D, family.K)))
+        reference = family.weighted(self.middle)
         self.projection = projection_over(reference, [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(half[q]))
                                                       for q in self.varied], box.band, GAP)
         sparse = reference.sparse()

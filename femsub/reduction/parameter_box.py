@@ -305,13 +305,13 @@ class BoxModel(Affine):
         Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
         """
         cell, hi, free = self.cell(**values), self.box.band[1], self.free
-        factors, pencil = self.factors(**values), super().at(**values)
-        theta = (factors - self.middle)[self.varied]
+        factors = self.factors(**values)
+        pencil, theta = self.weighted(factors), (factors - self.middle)[self.varied]
         matrices = pencil.K[free:, free:], pencil.D[free:, free:], pencil.M[free:, free:]
         contour = cell.contour or Contour(sides=(-hi, hi, hi))
         found, sizes = None, self.radii.at(theta)
         if self.states is not None and cell.number is not None:
-            found = listed(self.states, factors, matrices, contour, cell.number - 2 * free, sizes, self.box.tol)
+            found = listed(self.states, factors, matrices, contour.encloses, cell.number - 2 * free, sizes, self.box.tol)
         if found is None:
             (shift, nu, x, z), *_ = eigenpairs(np.stack(matrices), float(np.hypot(hi, hi)))
             with np.errstate(all="ignore"):

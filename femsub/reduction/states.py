@@ -14,7 +14,7 @@ bases of states: A. Antoulas, Approximation of Large-Scale Dynamical Systems (20
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,10 +25,10 @@ from femsub.algebra import FEW, one_thread
 from femsub.checks import Array
 
 if TYPE_CHECKING:
-    from femsub.modes import Contour
     from femsub.reduction.parameter_box import Sizes
 
 Matrices = tuple[Array, Array, Array]
+Inside = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,14 @@ class States:
         b = [dz.T @ x, *(-A for A in mass), *(none for _ in damping), *(none for _ in stiffness)]
         return cls(np.array(a), np.array(b), x, z, unit)
 
-    def pairs(self, factors: Array, contour: Contour) -> tuple[Array, Array, Array]:
-        """λ (k,) inside the contour with Im λ ≥ 0, x and z (d, k)."""
+    def pairs(self, factors: Array, inside: Inside) -> tuple[Array, Array, Array]:
+        """λ (k,) inside a contour with Im λ ≥ 0, x and z (d, k)."""
         with one_thread(len(self.x) < FEW):
             a, b = ((np.append(1.0, factors) @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.a, self.b))
             lu = la.lu_factor(b, check_finite=False)
             lam, y = np.linalg.eig(la.lu_solve(lu, a))
             lam = self.unit * lam
-            at = np.flatnonzero(contour.encloses(lam) & (lam.imag >= 0))
+            at = np.flatnonzero(inside(lam) & (lam.imag >= 0))
             w = la.lu_solve(lu, np.linalg.inv(y)[at].T, trans=1).conj()
             w = np.where(lam[at].imag == 0, w.real, w)  # the inverse left them a rounding
             return lam[at], self.x @ y[:, at], self.z @ w
@@ -86,14 +86,14 @@ def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
     return settled(matrices, lam, *(np.array(side, dtype=complex).T for side in zip(*better, strict=True)))
 
 
-def listed(states: States, factors: Array, matrices: Matrices, contour: Contour, number: int,
+def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, number: int,
            sizes: Sizes, tol: float) -> tuple[Array, ...] | None:
-    """λ, x, z and `sizes` of the eigenpairs inside the contour with Im λ ≥ 0.
+    """λ, x, z and `sizes` of the eigenpairs inside a contour with Im λ ≥ 0; `inside` says which λ are.
 
     They count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
     None otherwise: then the whole problem is to be solved.
     """
-    lam, x, z = settled(matrices, *states.pairs(factors, contour))
+    lam, x, z = settled(matrices, *states.pairs(factors, inside))
     size = sizes(lam, x, z)
     poor = np.flatnonzero(~(size <= tol * np.abs(lam) / 4))  # with room for a radius that is corrected once more, by what is seen
     if len(poor):
@@ -103,7 +103,7 @@ def listed(states: States, factors: Array, matrices: Matrices, contour: Contour,
     lam, x, z, size = lam[first], x[:, first], z[:, first], size[first]
     apart = np.abs(lam[:, None] - lam) > size[:, None] + size
     apart[np.triu_indices(len(lam))] = True  # each from those of smaller circles
-    keep = (size <= tol * np.abs(lam)) & contour.encloses(lam) & (lam.imag >= 0) & apart.all(axis=1)
+    keep = (size <= tol * np.abs(lam)) & inside(lam) & (lam.imag >= 0) & apart.all(axis=1)
     if np.count_nonzero(keep) + np.count_nonzero(lam[keep].imag) != number:
         return None
     return lam[keep], x[:, keep], z[:, keep], size[keep]

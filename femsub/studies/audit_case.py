@@ -527,8 +527,8 @@ class Case:
             apart = np.abs(known[:, None] ** 2 / there[None, :] ** 2 - 1).min(axis=1) if len(known) else known
             strange = np.count_nonzero(~(apart <= AGREE))
             shapes = sum(np.size(column) // self.whole.size for column in self.whole.ports.values())  # static, beside the modes
-            # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes. Of a part that is
-            # nearly complete most are modes nevertheless
+            # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes. Most are where
+            # the model is nearly complete
             lacking = handle.K.shape[0] - len(own)
             if not self.kinds and (strange > len(apart) / 2 or 0 < strange <= max(shapes, lacking if lacking < len(own) else 0)
                                    or (strange and self.V is not None)):
