@@ -6,9 +6,9 @@ eigenvalue. In first order, with a basis for right states and another one for le
     a (x, λx) = λ b (x, λx),   a = |  0   I |,   b = | I  0 |,   left states ((D + λM)ᴴz, z),
                                    | -K  -D |        | 0  M |
 
-ZᵀaX and ZᵀbX are of about the size of the number of wanted eigenvalues, and affine in the factors of the model. What such a
-projection lacks in stability (it has eigenvalues that belong to nothing, and vectors that are mixed with theirs) is mended by a
-step of inverse iteration on P(λ) for those pairs whose residuals need it, and shows in the number of circles of error. Two-sided
+ZᵀaX and ZᵀbX are of about the size of the number of wanted eigenvalues, and affine in the factors of the model. Such a projection
+is less stable: it has eigenvalues that belong to nothing, and vectors that are mixed with theirs. Pairs whose residuals need it
+take a step of inverse iteration on P(λ), and the number of circles of error shows whether all are there. Two-sided
 bases of states: A. Antoulas, Approximation of Large-Scale Dynamical Systems (2005), ch. 11.
 """
 
