@@ -124,7 +124,7 @@ def test_a_large_model_is_followed(tmp_path: Path, capsys: pytest.CaptureFixture
     critical = fs.critical_value(two_mode((0.02, 0.02)), None, "mu", between=(0.0, 1.5)).losses[0]
     row, = data["critical-value"]
     assert row["value"] == pytest.approx(critical.value, abs=1e-6) and row["omega"] == pytest.approx(critical.omega, rel=1e-5)
-    assert (row["stability"], row["kind"], row["evidence"]) == ("lost", "flutter", "confirmed")
+    assert (row["stability"], row["kind"], row["evidence"]) == ("lost", "flutter", "certified")
     assert data["not_excluded"] == {"affine": []}
     (tmp_path / "scene.toml").write_text(text.replace("band = [0.5, 2.5]\n", ""), encoding="utf-8")
     assert main(["run", str(tmp_path / "scene.toml")]) == 2

@@ -9,6 +9,7 @@ from .normal_modes import (
     modes_below as modes_below,
     modes_under as modes_under,
 )
+from .quadratic.axis_sweep import AxisSweep as AxisSweep, Line as Line, Met as Met
 from .quadratic.complex_modes import (
     ComplexModes as ComplexModes,
     beside_the_full as beside_the_full,
@@ -44,7 +45,7 @@ from .quadratic.matching import (
     turnover as turnover,
 )
 from .quadratic.port_function import PortFunction as PortFunction
-from .quadratic.projected_count import Projection as Projection, Varied as Varied
+from .quadratic.projected_count import UNCOUNTED as UNCOUNTED, Projection as Projection, Varied as Varied
 from .quadratic.region import Contour as Contour, Count as Count, Region as Region, region_of as region_of
 from .quadratic.search import count_over as count_over, projection_over as projection_over
 from .quadratic.singular_mass import REGULAR as REGULAR

@@ -1,7 +1,13 @@
-"""Loss of stability of a model of any size: candidates from a small model, each refined on the full pencil, and counted.
+"""Loss of stability of a model of any size: crossings of a small model, each refined on the full pencil, proved or counted.
 
-Right vectors of the full pencil at some values of the parameter span a basis V. The pencil VᵀP(λ; p)V is exact at these values,
-and `discs` finds all of its crossings. Each starts Newton's method on the full pencil, P(iω; p)x = 0, with left vectors y:
+Where the parameter acts through few columns, one projection of the model serves all of its values, and sweeps run around the
+rectangle of all λ in the band that grow: up the axis, out along the edges of the band, and up at Re λ = the end of the band
+(`femsub.modes.quadratic.axis_sweep`). They find all eigenvalues that cross its border for any value, and prove that no other
+does. So the number inside is known for each value, once it is known for one: the answer is certified.
+
+Elsewhere it is confirmed. Right vectors of the full pencil at some values of the parameter span a basis V. The pencil VᵀP(λ; p)V
+is exact at these values, and `discs` finds all of its crossings. Each starts Newton's method on the full pencil, P(iω; p)x = 0,
+with left vectors y:
 
     yᴴP(iω; p)x + i yᴴP'x Δω + yᴴ∂P/∂p x Δp = 0,   x ← P⁻¹P'x,   y ← P⁻ᴴP'ᴴy,   P' = ∂P/∂λ.
 
@@ -24,6 +30,7 @@ in p, its eigenvalue moves by r within g, and t is about as near to the interval
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -31,17 +38,35 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg as la
 
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
-from femsub.errors import FemsubWarning, warn
+from femsub.errors import FemsubWarning, NotConvergedError, warn
 from femsub.model import Pencil, in_band
-from femsub.modes import ComplexModes, Inverse, corrected, modes_over, slope, solver_near
+from femsub.modes import (
+    UNCOUNTED,
+    AxisSweep,
+    ComplexModes,
+    Coupling,
+    Inverse,
+    Line,
+    Met,
+    Projection,
+    Varied,
+    corrected,
+    modes_over,
+    projection_over,
+    slope,
+    solver_near,
+)
 from femsub.stability.border import OUTSIDE
-from femsub.stability.crossings import ASIDE, STEP, Crossing, Found, change, weight
+from femsub.stability.crossings import ASIDE, STEP, Crossing, Found, change, fed_by, weight
 from femsub.stability.discs import LARGEST, Discs
 from femsub.stability.exclusion import RESOLUTION, is_mirrored, union
 from femsub.stability.parameter import PencilOver
 from femsub.stability.question import CriticalValue, LossQuestion, fastest
+
+log = logging.getLogger(__name__)
 
 #: Of the range: where the full pencil is solved. A loss may well be at a simple fraction, and would be hard to count there.
 SAMPLES = (0.0, 0.234, 0.486, 0.771, 1.0)
@@ -77,6 +102,11 @@ class Followed:
         over = replace(question.over, at=lru_cache(maxsize=4)(question.over.at))  # Newton's steps come back to some
         question = replace(question, over=over)
         over.affine((lo, hi))  # refuses a false declaration
+        if not self.first:
+            try:
+                return _swept(question, self.steps)
+            except UNCOUNTED as error:
+                log.info("no proof by a sweep of the frequency: %s", error)
         beyond = self.near + EXPECTED * (hi - lo)
         places = [lo + share * (hi - lo) for share in SAMPLES[:-1]]
         if lo < beyond < hi:
@@ -126,6 +156,115 @@ class Followed:
         tally = Tally(change(losses, regains), None if left else weight(growing[hi].imag) - grown - entered, sampled=True)
         return CriticalValue.of(question, losses, regains, tally, growing=grown, fastest=fastest(begin), lost=lost, open=left,
                                 solved=len(samples), method="followed")
+
+
+def _swept(question: LossQuestion, steps: int) -> CriticalValue:
+    """The certified answer.
+
+    Raises
+    ------
+    NotConvergedError, SingularMatrixError, MissedModesError, NotEnoughMemoryError
+        The sweeps cannot give it; with the reason.
+    """
+    over, (lo, hi), band = question.over, question.between, question.band
+    if not over.affine((lo, hi)) or (terms := over.terms((lo, hi))) is None:
+        raise NotConvergedError("a contact is not affine in the parameter")
+    if any(is_mirrored(over(p)) for p in (lo, hi)):
+        raise NotConvergedError("without damping eigenvalues are on the axis for all values")
+    p0 = lo + SAMPLES[2] * (hi - lo)  # a crossing there would have an infinite μ
+    reference = over(p0)
+    weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
+    changes = [Varied(T, q, abs(w) * (hi - lo)) for (q, T, _), w in zip(terms, weights, strict=True)]
+    projection = projection_over(reference, changes, band).changed(np.zeros(len(terms)))
+    varied = [term for (place, _), term in zip(projection.own_weights, projection.terms, strict=True) if place is not None]
+    if not varied or not all(term.spanned for term in varied):
+        raise NotConvergedError("the parameter acts through many columns")
+    if projection.least <= 0 or projection.free.shape[1]:
+        raise NotConvergedError("the model floats, or damping outweighs the stiffness of other shapes")
+    side, height = band[1], band[1] - band[0]
+    axis = Line(1j * band[0], 1j, height)
+    edges = [Line(1j * edge, 1.0, side) for edge in band if edge]
+    lines = [axis, *edges, Line(side + 1j * band[0], 1j, height)]
+    for _ in range(4):
+        if not _enriched(projection, band):
+            break
+    sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
+    several = [sweep.swept(line, RESOLUTION * band[1]) for line in lines]
+    missed = [line.start + line.along * (a + b) / 2 for line, (_, left) in zip(lines, several, strict=True) for a, b in left]
+    if missed:
+        raise NotConvergedError(f"in {len(missed)} pieces it is not known what crosses, such as beside s = {missed[0]:.6g}")
+    # those within the range; at its ends it is not known what grows
+    met = [[one for one in found if one.values[1] >= lo - p0 and one.values[0] <= hi - p0] for found, _ in several]
+    if met[-1] or any(one.values[0] <= end - p0 <= one.values[1] for part in met for one in part for end in (lo, hi)):
+        raise NotConvergedError("an eigenvalue is on the axis or an edge of the band at an end of the range, or grows very fast")
+    grown = [_growing(projection, np.array(weights) * (p - p0), band, side) for p in (lo, hi)]
+    sparse = reference.sparse()
+    V = projection.V if sparse.alike() is sparse else sparse.units[1][:, None] * projection.V
+    both: Found = ([], [])
+    for one in met[0]:
+        omega, value = band[0] + one.at, sum(one.values) / 2
+        crossing = _crossing(question, sweep, V, band[0], one, p0, steps)
+        if crossing is None:
+            raise NotConvergedError("Newton's method did not come to the crossing beside "
+                                    f"ω = {omega:.6g}, {over.parameter} = {p0 + value:.6g}")
+        if in_band(np.array([crossing.omega]), band)[0]:
+            both[int(one.left)].append(crossing)
+    entered, lost = 0, []
+    for line, part in zip(edges, met[1:-1], strict=True):
+        for one in part:
+            inward = one.left == (line.start.imag == band[0])
+            entered += 2 if inward else -2
+            lost += [p0 + sum(one.values) / 2] if inward else []
+    losses, regains = (sorted(part, key=lambda one: (one.value, one.omega)) for part in both)
+    begin, end = (weight(z.imag) for z in grown)
+    return CriticalValue.of(question, losses, regains, Tally(change(losses, regains), end - begin - entered), growing=begin,
+                            fastest=fastest(grown[0]), lost=lost, solved=3, method="followed")
+
+
+def _growing(projection: Projection, theta: Array, band: tuple[float, float], side: float) -> Array:
+    """The eigenvalues of the small pencil in the rectangle, which are as many as of the full one."""
+    z = Coupling.of(projection.changed(theta), projection.outer.size).values
+    return z[(z.imag >= 0) & (z.real > 0) & (z.real < side) & in_band(z, band)]
+
+
+def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
+    """Whether residuals of eigenvectors in the band had to join V, so that what is outside moves none by much."""
+    projection.lost  # noqa: B018  (before residuals)
+    small = Coupling.of(projection, projection.outer.size)
+    near = np.flatnonzero((small.nu != 0) & (small.each.imag >= 0) & in_band(np.nan_to_num(small.each), band))
+    lam = small.each[near]
+    scale = np.sqrt(projection.least * np.abs(lam.real))
+    R = np.hstack([projection.residuals(lam, x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))])
+    size, mix = la.eigh(R.T @ projection.product(R))
+    keep = size > EPS**0.5
+    log.info("%d columns join %d, residuals up to %.1e", np.count_nonzero(keep), projection.size, size.max(initial=0.0))
+    return bool(keep.any()) and projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
+
+
+def _crossing(question: LossQuestion, sweep: AxisSweep, V: Array, start: float, one: Met, p0: float, steps: int
+              ) -> Crossing | None:
+    """A crossing of the axis on the full pencil, where Newton's method comes to one that is the one that was met."""
+    over, (lo, hi) = question.over, question.between
+    omega, value = start + one.at, sum(one.values) / 2
+    real = start + one.between[0] <= 0  # there are no two conjugates
+    omega = 0.0 if real else omega
+    x, y, *_ = sweep.shapes(1j * omega, value)
+    found = _newton(over, (lo, hi), _At(p0 + value, 1j * omega, 0.0 if real else 1j), V @ x, steps, left=V @ y)
+    p, at = found.at.value, found.at.lam.imag
+    if not found.settled or abs(at - omega) > one.room or not one.values[0] <= p - p0 <= one.values[1]:
+        return None
+    shape = found.vectors[:, 0]
+    ends, growth = (max(lo, p - ASIDE * (hi - lo)), min(hi, p + ASIDE * (hi - lo))), []
+    for end, sign in zip(ends, (1, -1) if one.left else (-1, 1), strict=True):
+        for share in (1.0, 1 / 8, 1 / 64):  # nearer, where it would be taken for another mode
+            lam = 1j * at
+            for step in np.linspace(p, p + share * (end - p), 9)[1:]:
+                lam = sweep.eigenvalue(lam, step - p0, steps)
+            if sign * lam.real > 0:
+                break
+        growth.append(lam.real)
+    return Crossing(p, 2 * found.off, at, shape.real / la.norm(shape.real) if real else shape,
+                    "divergence" if real else fed_by(over(ends[one.left - 1]), shape, at), (growth[0], growth[1]))
 
 
 def factor_at(pencil: Pencil, value: complex) -> Inverse | None:
@@ -364,13 +503,14 @@ class _Met(NamedTuple):
     settled: bool = False
 
 
-def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array, steps: int, far: float = EXPECTED) -> _Met:
+def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array, steps: int, far: float = EXPECTED,
+            left: Array | None = None) -> _Met:
     """The eigenvalue of the full pencil on the line of `start`, and where it is there. No step is longer than `far` of the range.
 
     Where two modes coalesce on the axis Newton's step fails, but its vectors are those that the small model lacks. So it does
     where λ moves along the line, as those of an undamped model do on the axis: the line alone determines no value there.
     """
-    width, met = between[1] - between[0], _Met(start, np.stack([x, x.conj()], axis=1), np.nan, np.nan)
+    width, met = between[1] - between[0], _Met(start, np.stack([x, x.conj() if left is None else left], axis=1), np.nan, np.nan)
     for _ in range(steps):
         factor = factor_at(over(met.at.value), met.at.lam)
         if factor is None:

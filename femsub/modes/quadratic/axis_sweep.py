@@ -1,0 +1,301 @@
+"""Where a parameter that acts through few columns brings an eigenvalue to a line in the plane of s, for all its values: proved.
+
+In the setting of `femsub.modes.quadratic.cells`, P(s; ε) = P(s) + ε T(s), where T(s) = A(s)Bᵀ has r columns and acts in U alone.
+On the line s = s_0 + t d, P(s; ε) is singular where x = 1/ε is an eigenvalue of the (r, r) matrix
+
+    -G(s) - ΔG,   G = Bᵀ P_U⁻¹ A,   ‖ΔG‖ ≤ ‖Bᵀ P_U⁻¹ P_UL‖ ‖P_LU P_U⁻¹ A‖ / (c (1 - a)),   a = ‖P_LU P_U⁻¹ P_UL‖ / c < 1.
+
+So one sweep over t serves all values of the parameter. For |t' - t| ≤ h, in the eigenvectors of -G(s) the matrix is
+diag(μ + (t' - t) b) and what Gershgorin's discs hold: the rest of the first order, whose share in a disc that is clear of all
+others is of the second, and the remainder of the series of 1/(λ - s). A piece in which no disc meets a real x of the range holds
+no crossing. Where one disc alone does, and is clear of all others, its μ is analytic in t' and within R of μ + (t' - t) b. So
+by Cauchy's estimate μ' is within R / (h - |t' - t|) of b, and where that is below |Im b| there is one crossing at most. As
+dλ/dε = -1 / (ε² dμ/ds), λ crosses a line to its left (seen along d) for Im b > 0.
+
+Rounding counts as well. S = Σ x_k z_kᴴ / (λ_k - s) is P_U⁻¹ but for a factor I + E, and with N_k = z_kᴴM (λ_k - σ), t = s - σ,
+
+    E = Σ x_k ρ_k / (1 - t ν_k) + (-Σ x_k (N_k + z_kᴴP'(σ)) - I) - t Σ x_k z_kᴴM,   ρ_k = ν_k z_kᴴP(σ) + z_kᴴP'(σ) + N_k,
+
+all of which would be 0. Sums in VᵀT_iV are taken as wrong by four roundings of each.
+
+Sources: as for `femsub.stability.exclusion`; T. Kato, Perturbation Theory (1995), sec. II.1 (the resolvent as a sum);
+N. J. Higham, T. Mary, SIAM J. Sci. Comput. 41 (2019) A2815 (rounding of sums as random).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import EPS, Array
+from femsub.modes.quadratic.cells import images
+from femsub.modes.quadratic.energy_basis import Coupling
+
+if TYPE_CHECKING:
+    from femsub.modes.quadratic.projected_count import Projection
+
+
+class Line(NamedTuple):
+    """s = start + t along, 0 ≤ t ≤ length, |along| = 1."""
+
+    start: complex
+    along: complex
+    length: float
+
+
+class Met(NamedTuple):
+    """The one crossing with |t - `at`| ≤ `room`: near `at`, in `between` (of t), with ε in `values`. To the `left`?"""
+
+    at: float
+    room: float
+    between: tuple[float, float]
+    values: tuple[float, float]
+    left: bool
+
+    def holds(self, other: Met) -> bool:
+        """Whether the other is the same crossing."""
+        return self.at - self.room <= other.between[0] and other.between[1] <= self.at + self.room
+
+
+class _Discs(NamedTuple):
+    """Of each piece (l) the discs (r): centres μ + tb + t²q, radii, and whether they are clear of all others."""
+
+    mu: Array
+    slope: Array
+    bend: Array
+    radius: Array
+    clear: Array
+
+
+class AxisSweep:
+    """The pencil of a projection, + ε Σ s^k T_k, for ε in a range.
+
+    Parameters
+    ----------
+    projection : Projection
+        At ε = 0 (`Projection.changed`); all its changes must be spanned.
+    weights : sequence of float
+        θ_q = weight_q ε of each change.
+    between : (lo, hi)
+        The range of ε, lo < 0 < hi.
+    """
+
+    def __init__(self, projection: Projection, weights: Sequence[float], between: tuple[float, float]) -> None:
+        small, parts = Coupling.of(projection, projection.outer.size), np.zeros((3, projection.size, projection.size))
+        for (place, own), term, inside in zip(projection.own_weights, projection.terms, projection.inside, strict=True):
+            if place is not None:
+                if not term.spanned:
+                    raise ValueError("what the parameter changes acts outside the basis")
+                parts += weights[place] * np.array(own)[:, None, None] * inside
+        size, rows = la.svd(np.vstack(list(parts)), full_matrices=False)[1:]
+        self.B = rows[size > len(size) * EPS * size[0]].T
+        self.small, self.between, self.terms, self.c = small, between, projection.terms, projection.least
+        self.left, self.right = self.B.T @ small.x, small.z.conj().T @ (parts @ self.B)  # (r, k), (3, k, r)
+        largest = np.array([term.largest(projection.outer.size) for term in projection.terms])
+        H, self.left_out = images(projection, largest)
+        self.HX, self.HZ = H @ small.x, H @ small.z
+        self.lengths = [np.linalg.norm(part, axis=0) for part in (small.x, small.z)]
+        self.each = [np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) for own in small.both_products]
+        # independent errors in the entries of a matrix are a √m-th of their sizes in its norm
+        size, m = np.abs(projection.V), projection.size
+        self.rounding = 4 * EPS * m**-0.5 * sum(w * float(la.norm(size.T @ (abs(A) @ size), 2)) for w, A in zip(
+            (1.0, *largest), (projection.A.formed(), *(term.matrix for term in projection.terms)), strict=True))
+        self.matrices, self.A = projection.matrices, parts @ self.B
+        self.rounding += 4 * EPS * float(
+            projection.outer.size ** np.arange(3) @ [la.norm(np.abs(part), 2) for part in self.matrices])
+        self.off = self._off()
+
+    def _off(self) -> tuple[float, float, Array]:
+        """Bounds of the constant of E, of its slope in t, and of |ρ_k| / |ν_k|; see the module's text."""
+        small, (K, D, M) = self.small, self.small.basis.matrices
+        nu, Z, (x, z) = small.nu[:, None], small.z.conj().T, self.lengths
+        P, slope = K + small.shift * D + small.shift**2 * M, D + 2 * small.shift * M
+        terms = nu * (Z @ P), Z @ slope, np.divide(Z @ M, nu, out=np.zeros_like(Z), where=nu != 0)
+        rounding = 4 * len(M) ** 0.5 * EPS * sum(np.linalg.norm(part, axis=1) for part in (
+            np.abs(nu) * (np.abs(Z) @ np.abs(P)), np.abs(Z) @ np.abs(slope),
+            np.divide(np.abs(Z) @ np.abs(M), np.abs(nu), out=np.zeros(Z.shape), where=nu != 0)))
+        constant = la.norm(small.x @ ((terms[1] + terms[2]) * (nu != 0)) + np.eye(len(M))) + float(x @ rounding)
+        own = np.linalg.norm(terms[0] + terms[1] + terms[2], axis=1) + rounding
+        return (constant, float(la.norm(small.x @ (Z @ M)) + 4 * len(M) ** 0.5 * EPS * (x * z).sum() * la.norm(M)),
+                np.divide(own, np.abs(small.nu), out=np.zeros(len(own)), where=small.nu != 0))
+
+    def discs(self, s: Array, h: Array, along: complex) -> _Discs:
+        """The discs for the pieces |t| ≤ h, (l,), of the line s + t along."""
+        small, reach = self.small, h[:, None]
+        (x, z), signs = self.lengths, np.array([term.sign for term in self.terms])
+        with np.errstate(all="ignore"):
+            each = small.nu / (1 - (s[:, None] - small.shift) * small.nu)  # 1/(λ - s), and the remainders of its series
+            distance = np.where(small.nu != 0, np.abs(small.each - s[:, None]), np.inf)
+            clear = np.where(distance > reach, distance - reach, np.nan)
+            first, second, third = (np.where(np.isfinite(distance), reach**k / (distance**k * clear), 0.0) for k in (1, 2, 3))
+            whole = np.abs(each) + first
+            # G, with one step of refinement: so errors of the eigenpairs count only as far as they change over the piece
+            powers = s[:, None, None, None] ** np.arange(3)[:, None, None]
+            columns = (powers * self.right).sum(axis=1)  # zᴴA(s), (l, k, r)
+            answer, adjoint = small.x @ (each[..., None] * columns), (self.left * each[:, None]) @ small.z.conj().T
+            rest = (powers * self.A).sum(axis=1)
+            for power, part in zip(powers.swapaxes(0, 1), self.matrices, strict=True):
+                rest -= power * (part @ answer)
+            G = -((self.left * each[:, None]) @ columns + adjoint @ rest)
+            known = np.isfinite(G).all(axis=(1, 2)) & np.isfinite(whole).all(axis=1)
+            mu, V = np.linalg.eig(np.where(known[:, None, None], G, 0.0))
+            try:
+                W = np.linalg.inv(V)
+            except np.linalg.LinAlgError:
+                W = np.linalg.pinv(V)  # where V is singular, WV - I is no less than 1
+            # all else in its eigenvectors, entry by entry
+            columns, slopes, bends = columns @ V, (self.right[1] + 2 * s[:, None, None] * self.right[2]) @ V, self.right[2] @ V
+            left, turn = W @ self.left, (W @ self.left) * each[:, None]
+            change = -along * ((turn * each[:, None]) @ columns + turn @ slopes)
+            bend = -(along**2) * ((turn * each[:, None] ** 2) @ columns + (turn * each[:, None]) @ slopes + turn @ bends)
+            inner, size, slopes, bends = np.abs(left), np.abs(columns), np.abs(slopes), np.abs(bends)
+            step = h[:, None, None]
+            off = (inner * third[:, None]) @ size + step * ((inner * second[:, None]) @ slopes
+                                                            + step * ((inner * first[:, None]) @ bends))
+            # rounding of P_U and of the eigenpairs
+            moves = step * (slopes + step * bends)
+            moves = first[..., None] * (size + moves) + np.abs(each)[..., None] * moves
+            begin = np.linalg.norm(answer @ V, axis=1)
+            answers = begin + x @ moves
+            adjoints = np.linalg.norm(W @ adjoint, axis=2) + (inner * first[:, None]) @ z
+            constant, growing, own = self.off
+            base, rows = constant + growing * (np.abs(s - small.shift) + h), np.linalg.norm(W, axis=2)
+            largest = whole @ (x * z)
+            wrong = base + whole @ (x * own) + self.rounding * largest
+            pairs = [(adjoints * self.rounding, answers)] + [(part / (1 - wrong)[:, None], other) for part, other in (
+                (rows * growing * reach + (inner * first[:, None]) @ own, answers),
+                (rows * base[:, None] + (inner * whole[:, None]) @ own, answers - begin),
+                (rows * (wrong * largest)[:, None], np.linalg.norm(rest @ V, axis=1)))]
+            # what is outside of U
+            weight = np.stack([term.weight(s) for term in self.terms])  # (p, l)
+            rise = np.stack([term.change(s, h) for term in self.terms]).T
+            lengths = small._lengths(s, reach, small.both_products)
+            share = (lengths[0] * lengths[1] * whole).sum(axis=1) / self.c
+            right = sum(w[:, None, None] * (image @ (each[..., None] * columns)) for w, image in zip(
+                weight, self.HX, strict=True))
+            lost = sum(w[:, None, None] * (image @ turn.conj().swapaxes(1, 2)) for w, image in zip(
+                signs[:, None] * weight.conj(), self.HZ, strict=True))
+            pairs.append((
+                (np.linalg.norm(lost, axis=1) + (inner @ (lengths[1] * first)[..., None])[..., 0]
+                 + (inner @ ((rise @ self.each[1]) * np.abs(each))[..., None])[..., 0] + self.left_out * adjoints)
+                / (self.c * (1 - share))[:, None],
+                np.linalg.norm(right, axis=1) + (lengths[0][:, None] @ moves)[:, 0]
+                + (((rise @ self.each[0]) * np.abs(each))[:, None] @ size)[:, 0] + self.left_out * answers))
+            off = off + sum(one[:, :, None] * other[:, None] for one, other in pairs)
+            off = np.where((known & (share < 1) & (wrong < 1))[:, None, None] & np.isfinite(off), off, np.inf)
+            return _discs(np.where(known[:, None, None], G, 0.0), mu, V, W, change, bend, off, h)
+
+    def shapes(self, s: complex, value: float) -> tuple[Array, Array, complex, complex]:
+        """Right and left vectors in V (m,) of the eigenvalue of -G(s) that is nearest to 1/value; it, and its slope dμ/ds."""
+        each = self.small.nu / (1 - (s - self.small.shift) * self.small.nu)
+        columns, slopes = (np.tensordot(powers, self.right, 1) for powers in ([1.0, s, s * s], [0.0, 1.0, 2 * s]))
+        mu, right = np.linalg.eig(-(self.left * each) @ columns)
+        k = int(np.argmin(np.abs(mu - 1 / value)))
+        left = np.linalg.inv(right)[k]
+        change = (self.left * each**2) @ columns + (self.left * each) @ slopes
+        x, z = self.small.x @ (each * (columns @ right[:, k])), self.small.z @ (each * (left @ self.left)).conj()
+        return x, z, complex(mu[k]), complex(-left @ change @ right[:, k])
+
+    def eigenvalue(self, s: complex, value: float, steps: int) -> complex:
+        """The eigenvalue of P_U(s; ε) near s at ε = `value`, by Newton's method for μ(s) = 1/ε; NaN if that leaves the region."""
+        for _ in range(steps):
+            if not abs(s) <= self.small.unit:
+                return complex(np.nan)
+            _, _, mu, slope = self.shapes(s, value)
+            s -= (mu - 1 / value) / slope
+        return s
+
+    def touches(self, found: _Discs, h: Array) -> Array:
+        """Which discs may meet a real x with 1/x in the range, (l, r)."""
+        ends = found.mu + np.multiply.outer([-1.0, 1.0], h[:, None] * found.slope)
+        bend = h[:, None] ** 2 * found.bend
+        above = np.where(ends.imag.prod(axis=0) > 0, np.abs(ends.imag).min(axis=0), 0.0) - np.abs(bend.imag)
+        lo, hi = self.between
+        beside = np.minimum(1 / hi - ends.real.max(axis=0), ends.real.min(axis=0) - 1 / lo) - np.abs(bend.real)
+        return np.asarray(~(np.maximum(above, beside) > found.radius))
+
+    def swept(self, line: Line, least: float, start: int = 64, most: int = 20_000) -> tuple[list[Met], list[tuple[float, float]]]:
+        """All crossings of a line, and the pieces (of t) in which they are not known, of a length of `least` or after `most`."""
+        edges = np.linspace(0.0, line.length, start + 1)
+        t, h = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+        met: list[Met] = []
+        left: list[tuple[float, float]] = []
+        seen = 0
+        while len(t):
+            parts = []
+            for at in range(0, len(t), start):
+                where, half = t[at:at + start], h[at:at + start]
+                found = self.discs(line.start + where * line.along, half, line.along)
+                held = self.touches(found, half)
+                for i in np.flatnonzero(held.any(axis=1)):
+                    one, k = None, int(held[i].argmax())
+                    move = -found.mu[i, k].imag / (found.slope[i, k].imag or np.nan)
+                    if np.count_nonzero(held[i]) == 1 and abs(move) <= 3 * half[i]:
+                        one = self._met(line, where[i] + move, 8 * half[i])  # half of it holds the piece
+                    if one is None:
+                        parts.append((where[i], half[i]))
+                    else:
+                        met.append(one)
+            seen += len(t)
+            ended = seen > most
+            left += [(float(a - b), float(a + b)) for a, b in parts if ended or 2 * b <= least]
+            halves = [(a + sign * b / 2, b / 2) for a, b in parts if not ended and 2 * b > least for sign in (-1, 1)]
+            t, h = np.array(halves).reshape(-1, 2).T
+        every: list[Met] = []
+        for one in sorted(met, key=lambda one: one.room):
+            if not any(one.holds(other) or other.holds(one) for other in every):  # neighbours meet the same one
+                every.append(one)
+        return [self._nearer(line, one) for one in sorted(every)], left
+
+    def _met(self, line: Line, at: float, reach: float) -> Met | None:
+        """The one crossing with |t - at| ≤ reach / 2; None if that is not proved."""
+        found = self.discs(line.start + np.array([at]) * line.along, np.array([reach]), line.along)
+        held = np.flatnonzero(self.touches(found, np.array([reach]))[0])
+        if len(held) != 1 or not found.clear[0, held[0]]:
+            return None
+        mu, slope, bend, radius = (part[0, held[0]] for part in found[:4])
+        room = reach / 2  # the other half is for the estimate of the slope
+        if not abs(slope.imag) > 2 * room * abs(bend.imag) + radius / room:
+            return None
+        off = (radius + abs(mu.imag)) / (abs(slope.imag) - room * abs(bend.imag))
+        width = off * abs(slope.real) + off**2 * abs(bend.real) + radius
+        if not off < room or not width < abs(mu.real):
+            return None
+        move = -float(mu.imag / slope.imag)
+        return Met(at + move, room - abs(move), (at - off, at + off), (1 / (mu.real + width), 1 / (mu.real - width)),
+                   bool(slope.imag > 0))
+
+    def _nearer(self, line: Line, one: Met) -> Met:
+        """The same crossing in the narrowest bounds that rounding leaves."""
+        while True:
+            new = self._met(line, one.at, np.diff(one.between)[0])
+            if new is None or not np.diff(new.between) < np.diff(one.between) / 2:
+                return one
+            one = new._replace(room=one.room - abs(new.at - one.at))
+
+
+def _discs(G: Array, mu: Array, V: Array, W: Array, b: Array, q: Array, off: Array, h: Array) -> _Discs:
+    """Discs for all V⁻¹GV + tb + t²q + F, |t| ≤ h, |F| ≤ off entry by entry, of each of l matrices, (l, r, r); W is about V⁻¹."""
+    r, t = G.shape[1], h[:, None, None]
+    eye = np.eye(r)
+    turned = W @ G @ V
+    every = np.abs(turned - mu[:, None] * eye) + off + 4 * r * EPS * (np.abs(W) @ np.abs(G) @ np.abs(V))
+    # V⁻¹ = (WV)⁻¹W
+    wrong = np.linalg.norm(W @ V - eye, axis=(1, 2)) + r * r * EPS * np.linalg.norm(np.abs(W) @ np.abs(V), axis=(1, 2))
+    whole = np.linalg.norm(np.abs(turned) + every + t * np.abs(b) + t**2 * np.abs(q), axis=1)
+    with np.errstate(all="ignore"):
+        every = every + np.where(wrong < 1, wrong / (1 - wrong), np.inf)[:, None, None] * whole[:, None]
+        every = np.where(np.isfinite(every), every, np.inf) + (t * np.abs(b) + t**2 * np.abs(q)) * (1 - eye)
+        slope, bend, own = (np.einsum("lii->li", part) for part in (b, q, every))
+        steps = h[:, None] * np.abs(slope) + h[:, None] ** 2 * np.abs(bend)
+        rows = every.sum(axis=2)
+        slack = np.abs(mu[:, :, None] - mu[:, None]) - steps[:, :, None] - steps[:, None] - rows[:, None]
+        slack += np.where(eye, np.inf, 0.0)
+        # row i scaled by τ, column i by 1/τ: the others' discs grow by half of the slack at most, and that of i shrinks
+        tau = np.where(slack > 0, 2 * every.swapaxes(1, 2) / slack, np.inf).max(axis=2)
+        radius = own + np.where(rows > own, (rows - own) * tau, 0.0)
+        clear = (tau <= 1) & (radius < slack.min(axis=2) / 2) & (rows < slack.min(axis=2))
+        return _Discs(mu, slope, bend, np.where(clear, radius, rows), clear)
