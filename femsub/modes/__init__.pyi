@@ -45,7 +45,12 @@ from .quadratic.matching import (
     turnover as turnover,
 )
 from .quadratic.port_function import PortFunction as PortFunction
-from .quadratic.projected_count import UNCOUNTED as UNCOUNTED, Projection as Projection, Varied as Varied
+from .quadratic.projected_count import (
+    UNCOUNTED as UNCOUNTED,
+    Projection as Projection,
+    Varied as Varied,
+    few_columns as few_columns,
+)
 from .quadratic.region import Contour as Contour, Count as Count, Region as Region, region_of as region_of
 from .quadratic.search import count_over as count_over, projection_over as projection_over
 from .quadratic.singular_mass import REGULAR as REGULAR

@@ -60,8 +60,9 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
         Only crossings with lo ≤ ω ≤ hi count, in radians per unit of time. Default: all, for a reduced model those up to its
         cut-off. Divergence (ω = 0) counts if the band begins at 0. Needed for a model of more than 300 DOF.
     solver : {'auto', 'discs', 'followed', 'root'}
-        'discs': up to 300 DOF; discs around all eigenvalues exclude all other crossings. 'followed': any size; candidates come
-        from a small model on modes of the full one at some values of the parameter, and each is refined on the full pencil.
+        'discs': up to 300 DOF; discs around all eigenvalues exclude all other crossings. 'followed': any size; sweeps of the
+        frequency exclude all other crossings where damped modes depend on the parameter through few columns. Else candidates come
+        from a small model on modes of the full one at some values of the parameter. Each is refined on the full pencil.
         'root': the first loss alone, where the parameter only feeds a port through D (see `critical_slope`); any size. 'auto'
         takes the first of them that can answer.
 

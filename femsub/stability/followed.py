@@ -39,6 +39,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, NotConvergedError, warn
@@ -54,6 +55,7 @@ from femsub.modes import (
     Projection,
     Varied,
     corrected,
+    few_columns,
     modes_over,
     projection_over,
     slope,
@@ -169,6 +171,8 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     over, (lo, hi), band = question.over, question.between, question.band
     if not over.affine((lo, hi)) or (terms := over.terms((lo, hi))) is None:
         raise NotConvergedError("a contact is not affine in the parameter")
+    if not terms or any(few_columns(sp.csr_array(half)) is None for _, T, _ in terms for half in (T + T.T, T - T.T)):
+        raise NotConvergedError("the parameter acts through many columns")
     if any(is_mirrored(over(p)) for p in (lo, hi)):
         raise NotConvergedError("without damping eigenvalues are on the axis for all values")
     p0 = lo + SAMPLES[2] * (hi - lo)  # a crossing there would have an infinite μ
@@ -176,9 +180,6 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
     changes = [Varied(T, q, abs(w) * (hi - lo)) for (q, T, _), w in zip(terms, weights, strict=True)]
     projection = projection_over(reference, changes, band).changed(np.zeros(len(terms)))
-    varied = [term for (place, _), term in zip(projection.own_weights, projection.terms, strict=True) if place is not None]
-    if not varied or not all(term.spanned for term in varied):
-        raise NotConvergedError("the parameter acts through many columns")
     if projection.least <= 0 or projection.free.shape[1]:
         raise NotConvergedError("the model floats, or damping outweighs the stiffness of other shapes")
     side, height = band[1], band[1] - band[0]
@@ -189,14 +190,19 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
         if not _enriched(projection, band):
             break
     sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
-    several = [sweep.swept(line, RESOLUTION * band[1]) for line in lines]
-    missed = [line.start + line.along * (a + b) / 2 for line, (_, left) in zip(lines, several, strict=True) for a, b in left]
-    if missed:
-        raise NotConvergedError(f"in {len(missed)} pieces it is not known what crosses, such as beside s = {missed[0]:.6g}")
-    # those within the range; at its ends it is not known what grows
-    met = [[one for one in found if one.values[1] >= lo - p0 and one.values[0] <= hi - p0] for found, _ in several]
-    if met[-1] or any(one.values[0] <= end - p0 <= one.values[1] for part in met for one in part for end in (lo, hi)):
-        raise NotConvergedError("an eigenvalue is on the axis or an edge of the band at an end of the range, or grows very fast")
+    met: list[list[Met]] = []
+    for line in lines:
+        found, left = sweep.swept(line, RESOLUTION * band[1])
+        if left:
+            raise NotConvergedError(f"in {len(left)} pieces it is not known what crosses, such as beside s = "
+                                    f"{line.start + line.along * sum(left[0]) / 2:.6g}")
+        met.append([one for one in found if one.values[1] >= lo - p0 and one.values[0] <= hi - p0])
+        # at an end of the range it would not be known what grows, and at a corner whether it is in the band
+        if any(one.values[0] <= end - p0 <= one.values[1] for one in met[-1] for end in (lo, hi)) or (
+                line is not axis and any(one.between[0] <= 0 <= one.between[1] for one in met[-1])):
+            raise NotConvergedError("at an end of the range an eigenvalue is on the axis or an edge of the band, or on both at once")
+    if met[-1]:
+        raise NotConvergedError(f"a mode grows faster than the band's end {band[1]:.6g}")
     grown = [_growing(projection, np.array(weights) * (p - p0), band, side) for p in (lo, hi)]
     sparse = reference.sparse()
     V = projection.V if sparse.alike() is sparse else sparse.units[1][:, None] * projection.V
@@ -211,7 +217,7 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
             both[int(one.left)].append(crossing)
     entered, lost = 0, []
     for line, part in zip(edges, met[1:-1], strict=True):
-        for one in part:
+        for one in (one for one in part if one.at > 0):
             inward = one.left == (line.start.imag == band[0])
             entered += 2 if inward else -2
             lost += [p0 + sum(one.values) / 2] if inward else []
@@ -232,11 +238,13 @@ def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
     projection.lost  # noqa: B018  (before residuals)
     small = Coupling.of(projection, projection.outer.size)
     near = np.flatnonzero((small.nu != 0) & (small.each.imag >= 0) & in_band(np.nan_to_num(small.each), band))
+    if not len(near):
+        return False
     lam = small.each[near]
-    scale = np.sqrt(projection.least * np.abs(lam.real))
+    scale = np.sqrt(projection.least * np.maximum(np.abs(lam.real), EPS * np.abs(lam)))
     R = np.hstack([projection.residuals(lam, x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))])
     size, mix = la.eigh(R.T @ projection.product(R))
-    keep = size > EPS**0.5
+    keep = size > EPS**0.5  # shares of a coupling that must be below 1
     log.info("%d columns join %d, residuals up to %.1e", np.count_nonzero(keep), projection.size, size.max(initial=0.0))
     return bool(keep.any()) and projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
 
@@ -251,7 +259,8 @@ def _crossing(question: LossQuestion, sweep: AxisSweep, V: Array, start: float, 
     x, y, *_ = sweep.shapes(1j * omega, value)
     found = _newton(over, (lo, hi), _At(p0 + value, 1j * omega, 0.0 if real else 1j), V @ x, steps, left=V @ y)
     p, at = found.at.value, found.at.lam.imag
-    if not found.settled or abs(at - omega) > one.room or not one.values[0] <= p - p0 <= one.values[1]:
+    slack = EQUAL * (hi - lo)  # of Newton's method; there is no other crossing in the whole room
+    if not found.settled or abs(at - omega) > one.room or not one.values[0] - slack <= p - p0 <= one.values[1] + slack:
         return None
     shape = found.vectors[:, 0]
     ends, growth = (max(lo, p - ASIDE * (hi - lo)), min(hi, p + ASIDE * (hi - lo))), []
@@ -516,13 +525,22 @@ def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array
         if factor is None:
             break
         last, met = met.at, _step(over, between, met.at, factor, met.vectors[:, 0], met.vectors[:, 1])
-        turn = abs(met.at.lam - last.lam)
-        if not np.isfinite([turn, met.off]).all() or met.off > far * width or turn > far * abs(last.lam):
-            return met._replace(at=last)
-        if start.along and abs((met.rate / start.along).imag) <= EPS**0.5 * abs(met.rate):  # λ stays on the line: any p would do
-            return met._replace(at=last)
-        if turn <= EQUAL * abs(met.at.lam) and met.off <= EQUAL * width:
-            return met._replace(settled=True)
+        while True:
+            turn = abs(met.at.lam - last.lam)
+            if not np.isfinite([turn, met.off]).all() or met.off > far * width or turn > far * abs(last.lam):
+                return met._replace(at=last)
+            # where λ stays on the line, any p would do
+            if start.along and abs((met.rate / start.along).imag) <= EPS**0.5 * abs(met.rate):
+                return met._replace(at=last)
+            if turn <= EQUAL * abs(met.at.lam) and met.off <= EQUAL * width:
+                return met._replace(settled=True)
+            # x ← x - P⁻¹P(λ; p)x with the factor that is there, as long as each step gains a digit
+            P, (x, y) = over(met.at.value).at(met.at.lam), met.vectors.T
+            x, y = x - factor.solve(P @ x), y - factor.solve(P.T @ y.conj(), transposed=True).conj()
+            nearer = _corrected(over, between, met.at, x, y)
+            if not nearer.off <= met.off / 10:
+                break
+            last, met = met.at, nearer
     return met
 
 

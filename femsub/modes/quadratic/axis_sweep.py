@@ -92,6 +92,7 @@ class AxisSweep:
                 parts += weights[place] * np.array(own)[:, None, None] * inside
         size, rows = la.svd(np.vstack(list(parts)), full_matrices=False)[1:]
         self.B = rows[size > len(size) * EPS * size[0]].T
+        self.outer = projection.outer
         self.small, self.between, self.terms, self.c = small, between, projection.terms, projection.least
         self.left, self.right = self.B.T @ small.x, small.z.conj().T @ (parts @ self.B)  # (r, k), (3, k, r)
         largest = np.array([term.largest(projection.outer.size) for term in projection.terms])
@@ -141,6 +142,7 @@ class AxisSweep:
                 rest -= power * (part @ answer)
             G = -((self.left * each[:, None]) @ columns + adjoint @ rest)
             known = np.isfinite(G).all(axis=(1, 2)) & np.isfinite(whole).all(axis=1)
+            known &= (np.abs(s.real) + h <= self.outer.side) & (np.abs(s.imag) + h <= self.outer.top)  # where c holds
             mu, V = np.linalg.eig(np.where(known[:, None, None], G, 0.0))
             try:
                 W = np.linalg.inv(V)
@@ -217,7 +219,7 @@ class AxisSweep:
         beside = np.minimum(1 / hi - ends.real.max(axis=0), ends.real.min(axis=0) - 1 / lo) - np.abs(bend.real)
         return np.asarray(~(np.maximum(above, beside) > found.radius))
 
-    def swept(self, line: Line, least: float, start: int = 64, most: int = 20_000) -> tuple[list[Met], list[tuple[float, float]]]:
+    def swept(self, line: Line, least: float, start: int = 64, most: int = 5_000) -> tuple[list[Met], list[tuple[float, float]]]:
         """All crossings of a line, and the pieces (of t) in which they are not known, of a length of `least` or after `most`."""
         edges = np.linspace(0.0, line.length, start + 1)
         t, h = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2

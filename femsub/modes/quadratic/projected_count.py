@@ -105,7 +105,7 @@ class Projection(EnergyBasis):
         stiffness, circulatory = (pencil.K, none) if pencil.symmetric[2] else (
             pencil.halves if pencil.K0 is pencil.K else halves(pencil.K))
 
-        simple, turned = proportional(pencil, damping), _few_columns(gyroscopic)
+        simple, turned = proportional(pencil, damping), few_columns(gyroscopic)
 
         @contextmanager
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[int], Bounds]]:
@@ -159,7 +159,7 @@ class Projection(EnergyBasis):
             for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True):
                 if not half.nnz or not weight:
                     continue
-                columns = _few_columns(half)
+                columns = few_columns(half)
                 if columns is not None:
                     joining.append(self.factor.solve(columns))
                     bound = 0.0
@@ -271,7 +271,7 @@ class Projection(EnergyBasis):
         return found
 
 
-def _few_columns(T: Matrix, most: int = 40) -> Array | None:
+def few_columns(T: Matrix, most: int = 40) -> Array | None:
     """An orthonormal basis (n, k) of the range of a symmetric or skew T, k ≤ `most`, which a port has; None if it has more."""
     rows = np.flatnonzero(np.diff(T.indptr))
     if not len(rows) or len(rows) > WIDE:
@@ -297,7 +297,7 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
         rest = rest - contact_matrix(one, C if isinstance(C, float) else (C + C.T) / 2)
     size, own = abs(damping) + abs(rest), np.sqrt(np.abs(damping.diagonal()))
     alpha = beta = 0.0
-    columns = _few_columns(_cleared(rest, size, own), most)
+    columns = few_columns(_cleared(rest, size, own), most)
     if columns is None:
         mass, stiffness, d = (np.append(A.diagonal(), A @ np.ones(len(A.indptr) - 1)) for A in (M, K, rest))
         scale = np.array([mass.max(), stiffness.max()])
@@ -310,7 +310,7 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
             off = np.abs(d - unit @ fit)
         alpha, beta = (fit / scale).tolist()
         whole = size + abs(alpha) * abs(M) + abs(beta) * abs(K)
-        columns = _few_columns(_cleared(rest - alpha * M - beta * K, whole, own), most)
+        columns = few_columns(_cleared(rest - alpha * M - beta * K, whole, own), most)
     W = [*W, columns] if columns is not None else W
     return (alpha, beta, np.hstack(W)) if columns is not None and sum(one.shape[1] for one in W) <= most else None
 
