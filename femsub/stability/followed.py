@@ -200,7 +200,7 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
         # at an end of the range it would not be known what grows, and at a corner whether it is in the band
         if any(one.values[0] <= end - p0 <= one.values[1] for one in met[-1] for end in (lo, hi)) or (
                 line is not axis and any(one.between[0] <= 0 <= one.between[1] for one in met[-1])):
-            raise NotConvergedError("at an end of the range an eigenvalue is on the axis or an edge of the band, or on both at once")
+            raise NotConvergedError("an eigenvalue is on the axis or an edge of the band at an end of the range, or at a corner")
     if met[-1]:
         raise NotConvergedError(f"a mode grows faster than the band's end {band[1]:.6g}")
     grown = [_growing(projection, np.array(weights) * (p - p0), band, side) for p in (lo, hi)]
