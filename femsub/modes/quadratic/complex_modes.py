@@ -18,7 +18,7 @@ from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
 from femsub.modes.quadratic.projected_count import UNCOUNTED, Projection, Varied
 from femsub.modes.quadratic.region import region_of
-from femsub.modes.quadratic.search import SearchResult, projection_over, search
+from femsub.modes.quadratic.search import SearchResult, count_over, projection_over, search
 
 if TYPE_CHECKING:
     from femsub.model import Contacts
@@ -250,7 +250,8 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
     """`complex_modes` of a pencil in a band at ascending values of a parameter, counted by one projection.
 
     It is made from the undamped modes in the middle of the values. (q, T, θ) of `terms` is a term θ(p) λ^q T of the pencil, and
-    no other depends on p. Where they are not known (None), or the projection gives no count, a value is solved alone.
+    no other depends on p. The modes are those of the projection, one of each pair, with bars of what it leaves out, unless these
+    reach the axis. Where the terms are not known (None), or the projection gives no count, a value is solved alone.
     """
     m, projection, theta = (values[0] + values[-1]) / 2, None, np.zeros((len(values), 0))
     middle = pencil_at(m)
@@ -268,7 +269,33 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
         pencil = pencil_at(p)
         if projection is not None:  # in its units; the shapes that one value adds are there for the next
             projection, pencil = projection.changed(weights), pencil._with(units=middle.units)
+            if (rough := _rough(projection, pencil, band)) is not None:
+                yield rough
+                continue
         yield _listed(pencil, None, _with_contacts(pencil, None), None, band, None, None, projection)
+
+
+def _rough(projection: Projection, pencil: Pencil, band: tuple[float, float]) -> ComplexModes | None:
+    """The modes of a projection whose count in the band is proved; None without a count, or where a bar reaches the axis.
+
+    What it leaves out moves λ by ‖P_LU x‖ ‖zᴴP_UL‖ / c to first order.
+    """
+    count = count_over(projection, band)
+    small = projection.counted
+    if count is None or small is None or projection.free.shape[1]:
+        return None
+    every = np.nan_to_num(small.each, nan=np.inf, posinf=np.inf)
+    at = np.flatnonzero(count.contour.encloses(every) & (every.imag >= 0))
+    lam = every[at]
+    lengths = small._lengths(lam, np.zeros((1, 1)), (small._products(small.x[:, at]), small._products(small.z[:, at])))
+    off = lengths[0].diagonal() * lengths[1].diagonal() / projection.least
+    if (np.abs(lam.real) <= off).any():
+        return None
+    X, sparse = projection.V @ small.x[:, at], pencil.sparse()
+    X = X if sparse.alike() is sparse else sparse.units[1][:, None] * X
+    none = np.zeros(len(at), dtype=bool)
+    X = X / np.linalg.norm(X, axis=0)
+    return ComplexModes(lam, X, pencil.backward_error(lam, X), off, none, none, tally=count.tally(lam))
 
 
 def _listed(model: Substructure | Pencil, contacts: Contacts, pencil: Pencil, count: int | None,

@@ -271,7 +271,7 @@ def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float
     return Projection(alike, _around((-band[1], band[1], *band), room), min(pencil.size, QUADRATIC), changes)
 
 
-def count_over(projection: Projection, band: tuple[float, float], room: float) -> Count | None:
+def count_over(projection: Projection, band: tuple[float, float], room: float = ROOM) -> Count | None:
     """The number of eigenvalues in a contour around a band, for all changes θ ± half of the projection; None without.
 
     Edges may move out by up to `room` times the top of the band, into gaps between eigenvalues that parameters move.
