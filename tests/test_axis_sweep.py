@@ -96,6 +96,23 @@ def test_a_real_eigenvalue_that_passes_0_and_modes_that_grow_from_the_begin_on_a
     assert back.fastest == pytest.approx(z[np.argmax(z.real)], rel=1e-3)
 
 
+def test_crossings_at_one_frequency_and_several_values_are_distinguished() -> None:
+    """Two real eigenvalues pass 0 at values of their own; and with a skew change p and -p have the same frequencies."""
+    n = 50
+    K = sp.csr_array(sp.diags_array([np.full(n, 2.02), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]))
+    two = sp.csr_array(([1.0, 0.8], ([10, 30], [10, 30])), shape=(n, n))
+    family = fs.Affine(sp.eye_array(n), 0.05 * K, [(1.0, K), ("p", -two)])
+    found = _swept(question_of(family, None, "p", (0.0, 1.0), BAND), 6)
+    flexible = np.linalg.inv(K.toarray())[np.ix_([10, 30], [10, 30])]
+    exact = np.sort(1 / np.linalg.eigvals(flexible @ np.diag([1.0, 0.8])).real)
+    assert [one.value for one in found.losses] == pytest.approx(exact, rel=1e-10) and found.evidence == "certified"
+    skew = sp.csr_array(([1.0, -1.0], ([10, 30], [30, 10])), shape=(n, n))
+    family = fs.Affine(sp.eye_array(n), 1e-3 * K, [(1.0, K), ("p", skew)])
+    found = _swept(question_of(family, None, "p", (-1.0, 1.0), BAND), 6)
+    assert found.evidence == "certified" and len(found.losses) == len(found.regains) > 2
+    assert sorted(one.value for one in found.losses) == pytest.approx(sorted(-one.value for one in found.regains), abs=1e-10)
+
+
 def test_without_damping_the_sweep_says_that_it_cannot() -> None:
     """All eigenvalues are on the axis for all values, of the model or of a part that nothing damps: no loop, no answer."""
     family, pair = coupled(0)

@@ -107,7 +107,7 @@ class Followed:
         if not self.first:
             try:
                 return _swept(question, self.steps)
-            except UNCOUNTED as error:
+            except (*UNCOUNTED, la.LinAlgError) as error:  # LAPACK's where P_U is singular at its shift
                 log.info("no proof by a sweep of the frequency: %s", error)
         beyond = self.near + EXPECTED * (hi - lo)
         places = [lo + share * (hi - lo) for share in SAMPLES[:-1]]

@@ -8,8 +8,8 @@ On the line s = s_0 + t d, P(s; ε) is singular where x = 1/ε is an eigenvalue 
 So one sweep over t serves all values of the parameter. For |t' - t| ≤ h, in the eigenvectors of -G(s) the matrix is
 diag(μ + (t' - t) b) and what Gershgorin's discs hold: the rest of the first order, whose share in a disc that is clear of all
 others is of the second, and the remainder of the series of 1/(λ - s). A piece in which no disc meets a real x of the range holds
-no crossing. Where one disc alone does, and is clear of all others, its μ is analytic in t' and within R of μ + (t' - t) b. So
-by Cauchy's estimate μ' is within R / (h - |t' - t|) of b, and where that is below |Im b| there is one crossing at most. As
+no crossing. Where discs do that are clear of all others, the μ of each is analytic in t' and within R of μ + (t' - t) b. So by
+Cauchy's estimate μ' is within R / (h - |t' - t|) of b, and where that is below |Im b| there is one crossing at most. As
 dλ/dε = -1 / (ε² dμ/ds), λ crosses a line to its left (seen along d) for Im b > 0.
 
 Rounding counts as well. S = Σ x_k z_kᴴ / (λ_k - s) is P_U⁻¹ but for a factor I + E, and with N_k = z_kᴴM (λ_k - σ), t = s - σ,
@@ -47,7 +47,7 @@ class Line(NamedTuple):
 
 
 class Met(NamedTuple):
-    """The one crossing with |t - `at`| ≤ `room`: near `at`, in `between` (of t), with ε in `values`. To the `left`?"""
+    """The one crossing of a disc with |t - `at`| ≤ `room`: near `at`, in `between` (of t), with ε in `values`. To the `left`?"""
 
     at: float
     room: float
@@ -56,8 +56,9 @@ class Met(NamedTuple):
     left: bool
 
     def holds(self, other: Met) -> bool:
-        """Whether the other is the same crossing."""
-        return self.at - self.room <= other.between[0] and other.between[1] <= self.at + self.room
+        """Whether the other is the same crossing: those in the room are at other values."""
+        return (self.at - self.room <= other.between[0] and other.between[1] <= self.at + self.room
+                and self.values[0] <= other.values[1] and other.values[0] <= self.values[1])
 
 
 class _Discs(NamedTuple):
@@ -233,14 +234,14 @@ class AxisSweep:
                 found = self.discs(line.start + where * line.along, half, line.along)
                 held = self.touches(found, half)
                 for i in np.flatnonzero(held.any(axis=1)):
-                    one, k = None, int(held[i].argmax())
+                    several, k = None, int(held[i].argmax())
                     move = -found.mu[i, k].imag / (found.slope[i, k].imag or np.nan)
-                    if np.count_nonzero(held[i]) == 1 and abs(move) <= 3 * half[i]:
-                        one = self._met(line, where[i] + move, 8 * half[i])  # half of it holds the piece
-                    if one is None:
+                    if abs(move) <= 3 * half[i]:
+                        several = self._met(line, where[i] + move, 8 * half[i])  # half of it holds the piece
+                    if several is None:
                         parts.append((where[i], half[i]))
                     else:
-                        met.append(one)
+                        met += several
             seen += len(t)
             ended = seen > most
             left += [(float(a - b), float(a + b)) for a, b in parts if ended or 2 * b <= least]
@@ -252,31 +253,30 @@ class AxisSweep:
                 every.append(one)
         return [self._nearer(line, one) for one in sorted(every)], left
 
-    def _met(self, line: Line, at: float, reach: float) -> Met | None:
-        """The one crossing with |t - at| ≤ reach / 2; None if that is not proved."""
+    def _met(self, line: Line, at: float, reach: float) -> list[Met] | None:
+        """All crossings with |t - at| ≤ reach / 2, of one disc each; None if these are not proved."""
         found = self.discs(line.start + np.array([at]) * line.along, np.array([reach]), line.along)
-        held = np.flatnonzero(self.touches(found, np.array([reach]))[0])
-        if len(held) != 1 or not found.clear[0, held[0]]:
-            return None
-        mu, slope, bend, radius = (part[0, held[0]] for part in found[:4])
-        room = reach / 2  # the other half is for the estimate of the slope
-        if not abs(slope.imag) > 2 * room * abs(bend.imag) + radius / room:
-            return None
-        off = (radius + abs(mu.imag)) / (abs(slope.imag) - room * abs(bend.imag))
-        width = off * abs(slope.real) + off**2 * abs(bend.real) + radius
-        if not off < room or not width < abs(mu.real):
-            return None
-        move = -float(mu.imag / slope.imag)
-        return Met(at + move, room - abs(move), (at - off, at + off), (1 / (mu.real + width), 1 / (mu.real - width)),
-                   bool(slope.imag > 0))
+        met, room = [], reach / 2  # the other half is for the estimate of the slope
+        for k in np.flatnonzero(self.touches(found, np.array([reach]))[0]):
+            mu, slope, bend, radius = (part[0, k] for part in found[:4])
+            if not found.clear[0, k] or not abs(slope.imag) > 2 * room * abs(bend.imag) + radius / room:
+                return None
+            off = (radius + abs(mu.imag)) / (abs(slope.imag) - room * abs(bend.imag))
+            width = off * abs(slope.real) + off**2 * abs(bend.real) + radius
+            if not off < room or not width < abs(mu.real):
+                return None
+            move = -float(mu.imag / slope.imag)
+            met.append(Met(at + move, room - abs(move), (at - off, at + off), (1 / (mu.real + width), 1 / (mu.real - width)),
+                           bool(slope.imag > 0)))
+        return met
 
     def _nearer(self, line: Line, one: Met) -> Met:
         """The same crossing in the narrowest bounds that rounding leaves."""
         while True:
-            new = self._met(line, one.at, np.diff(one.between)[0])
-            if new is None or not np.diff(new.between) < np.diff(one.between) / 2:
+            new = [other for other in self._met(line, one.at, np.diff(one.between)[0]) or [] if one.holds(other)]
+            if len(new) != 1 or not np.diff(new[0].between) < np.diff(one.between) / 2:
                 return one
-            one = new._replace(room=one.room - abs(new.at - one.at))
+            one = new[0]._replace(room=one.room - abs(new[0].at - one.at))
 
 
 def _discs(G: Array, mu: Array, V: Array, W: Array, b: Array, q: Array, off: Array, h: Array) -> _Discs:
