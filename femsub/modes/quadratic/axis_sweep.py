@@ -253,28 +253,30 @@ class AxisSweep:
                 every.append(one)
         return [self._nearer(line, one) for one in sorted(every)], left
 
-    def _met(self, line: Line, at: float, reach: float) -> list[Met] | None:
-        """All crossings with |t - at| ≤ reach / 2, of one disc each; None if these are not proved."""
+    def _met(self, line: Line, at: float, reach: float, known: Met | None = None) -> list[Met] | None:
+        """All crossings with |t - at| ≤ reach / 2, of one disc each; None if these are not proved. Or a `known` one, nearer."""
         found = self.discs(line.start + np.array([at]) * line.along, np.array([reach]), line.along)
         met, room = [], reach / 2  # the other half is for the estimate of the slope
         for k in np.flatnonzero(self.touches(found, np.array([reach]))[0]):
             mu, slope, bend, radius = (part[0, k] for part in found[:4])
-            if not found.clear[0, k] or not abs(slope.imag) > 2 * room * abs(bend.imag) + radius / room:
-                return None
             off = (radius + abs(mu.imag)) / (abs(slope.imag) - room * abs(bend.imag))
-            width = off * abs(slope.real) + off**2 * abs(bend.real) + radius
-            if not off < room or not width < abs(mu.real):
-                return None
             move = -float(mu.imag / slope.imag)
-            met.append(Met(at + move, room - abs(move), (at - off, at + off), (1 / (mu.real + width), 1 / (mu.real - width)),
-                           bool(slope.imag > 0)))
-        return met
+            half = (radius + off**2 * abs(bend.imag)) / abs(slope.imag)
+            x, width = mu.real + move * slope.real, half * abs(slope.real) + off**2 * abs(bend.real) + radius
+            single = found.clear[0, k] and abs(slope.imag) > 2 * room * abs(bend.imag) + radius / room and off < room
+            if single and width < abs(x):
+                zero = at + move
+                met.append(Met(zero, room - abs(move), (zero - half, zero + half), (1 / (x + width), 1 / (x - width)),
+                               bool(slope.imag > 0)))
+            elif known is None:
+                return None
+        return met if known is None else [one for one in met if known.holds(one)]
 
     def _nearer(self, line: Line, one: Met) -> Met:
         """The same crossing in the narrowest bounds that rounding leaves."""
         while True:
-            new = [other for other in self._met(line, one.at, np.diff(one.between)[0]) or [] if one.holds(other)]
-            if len(new) != 1 or not np.diff(new[0].between) < np.diff(one.between) / 2:
+            new = self._met(line, one.at, np.diff(one.between)[0], one)
+            if not new or not np.diff(new[0].between) < np.diff(one.between) / 2:
                 return one
             one = new[0]._replace(room=one.room - abs(new[0].at - one.at))
 
