@@ -220,8 +220,12 @@ class AxisSweep:
         beside = np.minimum(1 / hi - ends.real.max(axis=0), ends.real.min(axis=0) - 1 / lo) - np.abs(bend.real)
         return np.asarray(~(np.maximum(above, beside) > found.radius))
 
-    def swept(self, line: Line, least: float, start: int = 64, most: int = 5_000) -> tuple[list[Met], list[tuple[float, float]]]:
-        """All crossings of a line, and the pieces (of t) in which they are not known, of a length of `least` or after `most`."""
+    def swept(self, line: Line, least: float, start: int = 64, most: int = 32) -> tuple[list[Met], list[tuple[float, float]]]:
+        """All crossings of a line, and the pieces (of t) in which they are not known.
+
+        The first of them has a length of `least`, as beside a mode that nothing damps; or there are more than `most` for each
+        eigenvalue of P_U.
+        """
         edges = np.linspace(0.0, line.length, start + 1)
         t, h = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
         met: list[Met] = []
@@ -236,16 +240,17 @@ class AxisSweep:
                 for i in np.flatnonzero(held.any(axis=1)):
                     several, k = None, int(held[i].argmax())
                     move = -found.mu[i, k].imag / (found.slope[i, k].imag or np.nan)
-                    if abs(move) <= 3 * half[i]:
+                    slope = abs(found.slope[i, k].imag)
+                    if abs(move) <= 3 * half[i] and found.clear[i, k] and 4 * half[i] * slope > found.radius[i, k]:
                         several = self._met(line, where[i] + move, 8 * half[i])  # half of it holds the piece
                     if several is None:
                         parts.append((where[i], half[i]))
                     else:
                         met += several
             seen += len(t)
-            ended = seen > most
-            left += [(float(a - b), float(a + b)) for a, b in parts if ended or 2 * b <= least]
-            halves = [(a + sign * b / 2, b / 2) for a, b in parts if not ended and 2 * b > least for sign in (-1, 1)]
+            ended = seen > most * len(self.small.nu) or any(2 * b <= least for _, b in parts)
+            left += [(float(a - b), float(a + b)) for a, b in parts if ended]
+            halves = [(a + sign * b / 2, b / 2) for a, b in parts if not ended for sign in (-1, 1)]
             t, h = np.array(halves).reshape(-1, 2).T
         every: list[Met] = []
         for one in sorted(met, key=lambda one: one.room):
