@@ -220,7 +220,7 @@ class AxisSweep:
         beside = np.minimum(1 / hi - ends.real.max(axis=0), ends.real.min(axis=0) - 1 / lo) - np.abs(bend.real)
         return np.asarray(~(np.maximum(above, beside) > found.radius))
 
-    def swept(self, line: Line, least: float, start: int = 64, most: int = 32) -> tuple[list[Met], list[tuple[float, float]]]:
+    def swept(self, line: Line, least: float, start: int = 64, most: int = 64) -> tuple[list[Met], list[tuple[float, float]]]:
         """All crossings of a line, and the pieces (of t) in which they are not known.
 
         The first of them has a length of `least`, as beside a mode that nothing damps; or there are more than `most` for each
