@@ -203,7 +203,9 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
             raise NotConvergedError("an eigenvalue is on the axis or an edge of the band at an end of the range, or at a corner")
     if met[-1]:
         raise NotConvergedError(f"a mode grows faster than the band's end {band[1]:.6g}")
-    grown = [_growing(projection, np.array(weights) * (p - p0), band, side) for p in (lo, hi)]
+    # the eigenvalues of the small pencil in the rectangle are as many as those of the full one
+    z = [Coupling.of(projection.changed(np.array(weights) * (p - p0)), projection.outer.size).values for p in (lo, hi)]
+    grown = [one[(one.imag >= 0) & (one.real > 0) & (one.real < side) & in_band(one, band)] for one in z]
     sparse = reference.sparse()
     V = projection.V if sparse.alike() is sparse else sparse.units[1][:, None] * projection.V
     both: Found = ([], [])
@@ -225,12 +227,6 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     begin, end = (weight(z.imag) for z in grown)
     return CriticalValue.of(question, losses, regains, Tally(change(losses, regains), end - begin - entered), growing=begin,
                             fastest=fastest(grown[0]), lost=lost, solved=3, method="followed")
-
-
-def _growing(projection: Projection, theta: Array, band: tuple[float, float], side: float) -> Array:
-    """The eigenvalues of the small pencil in the rectangle, which are as many as of the full one."""
-    z = Coupling.of(projection.changed(theta), projection.outer.size).values
-    return z[(z.imag >= 0) & (z.real > 0) & (z.real < side) & in_band(z, band)]
 
 
 def _enriched(projection: Projection, band: tuple[float, float]) -> bool:

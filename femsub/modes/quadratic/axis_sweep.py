@@ -61,7 +61,7 @@ class Met(NamedTuple):
                 and self.values[0] <= other.values[1] and other.values[0] <= self.values[1])
 
 
-class _Discs(NamedTuple):
+class _Enclosures(NamedTuple):
     """Of each piece (l) the discs (r): centres μ + tb + t²q, radii, and whether they are clear of all others."""
 
     mu: Array
@@ -108,23 +108,20 @@ class AxisSweep:
         self.matrices, self.A = projection.matrices, parts @ self.B
         self.rounding += 4 * EPS * float(
             projection.outer.size ** np.arange(3) @ [la.norm(np.abs(part), 2) for part in self.matrices])
-        self.off = self._off()
-
-    def _off(self) -> tuple[float, float, Array]:
-        """Bounds of the constant of E, of its slope in t, and of |ρ_k| / |ν_k|; see the module's text."""
-        small, (K, D, M) = self.small, self.small.basis.matrices
-        nu, Z, (x, z) = small.nu[:, None], small.z.conj().T, self.lengths
+        # bounds of the constant of E, of its slope in t, and of |ρ_k| / |ν_k|; see the module's text
+        K, D, M = self.matrices
+        nu, Z, (x, z), unit = small.nu[:, None], small.z.conj().T, self.lengths, 4 * EPS * m**0.5
         P, slope = K + small.shift * D + small.shift**2 * M, D + 2 * small.shift * M
-        terms = nu * (Z @ P), Z @ slope, np.divide(Z @ M, nu, out=np.zeros_like(Z), where=nu != 0)
-        rounding = 4 * len(M) ** 0.5 * EPS * sum(np.linalg.norm(part, axis=1) for part in (
+        parts = nu * (Z @ P), Z @ slope, np.divide(Z @ M, nu, out=np.zeros_like(Z), where=nu != 0)
+        rounding = unit * sum(np.linalg.norm(part, axis=1) for part in (
             np.abs(nu) * (np.abs(Z) @ np.abs(P)), np.abs(Z) @ np.abs(slope),
             np.divide(np.abs(Z) @ np.abs(M), np.abs(nu), out=np.zeros(Z.shape), where=nu != 0)))
-        constant = la.norm(small.x @ ((terms[1] + terms[2]) * (nu != 0)) + np.eye(len(M))) + float(x @ rounding)
-        own = np.linalg.norm(terms[0] + terms[1] + terms[2], axis=1) + rounding
-        return (constant, float(la.norm(small.x @ (Z @ M)) + 4 * len(M) ** 0.5 * EPS * (x * z).sum() * la.norm(M)),
-                np.divide(own, np.abs(small.nu), out=np.zeros(len(own)), where=small.nu != 0))
+        own = np.linalg.norm(parts[0] + parts[1] + parts[2], axis=1) + rounding
+        self.off = (la.norm(small.x @ ((parts[1] + parts[2]) * (nu != 0)) + np.eye(m)) + float(x @ rounding),
+                    la.norm(small.x @ (Z @ M)) + unit * float((x * z).sum()) * la.norm(M),
+                    np.divide(own, np.abs(small.nu), out=np.zeros(len(own)), where=small.nu != 0))
 
-    def discs(self, s: Array, h: Array, along: complex) -> _Discs:
+    def discs(self, s: Array, h: Array, along: complex) -> _Enclosures:
         """The discs for the pieces |t| ≤ h, (l,), of the line s + t along."""
         small, reach = self.small, h[:, None]
         (x, z), signs = self.lengths, np.array([term.sign for term in self.terms])
@@ -211,7 +208,7 @@ class AxisSweep:
             s -= (mu - 1 / value) / slope
         return s
 
-    def touches(self, found: _Discs, h: Array) -> Array:
+    def touches(self, found: _Enclosures, h: Array) -> Array:
         """Which discs may meet a real x with 1/x in the range, (l, r)."""
         ends = found.mu + np.multiply.outer([-1.0, 1.0], h[:, None] * found.slope)
         bend = h[:, None] ** 2 * found.bend
@@ -286,7 +283,7 @@ class AxisSweep:
             one = new[0]._replace(room=one.room - abs(new[0].at - one.at))
 
 
-def _discs(G: Array, mu: Array, V: Array, W: Array, b: Array, q: Array, off: Array, h: Array) -> _Discs:
+def _discs(G: Array, mu: Array, V: Array, W: Array, b: Array, q: Array, off: Array, h: Array) -> _Enclosures:
     """Discs for all V⁻¹GV + tb + t²q + F, |t| ≤ h, |F| ≤ off entry by entry, of each of l matrices, (l, r, r); W is about V⁻¹."""
     r, t = G.shape[1], h[:, None, None]
     eye = np.eye(r)
@@ -307,4 +304,4 @@ def _discs(G: Array, mu: Array, V: Array, W: Array, b: Array, q: Array, off: Arr
         tau = np.where(slack > 0, 2 * every.swapaxes(1, 2) / slack, np.inf).max(axis=2)
         radius = own + np.where(rows > own, (rows - own) * tau, 0.0)
         clear = (tau <= 1) & (radius < slack.min(axis=2) / 2) & (rows < slack.min(axis=2))
-        return _Discs(mu, slope, bend, np.where(clear, radius, rows), clear)
+        return _Enclosures(mu, slope, bend, np.where(clear, radius, rows), clear)
