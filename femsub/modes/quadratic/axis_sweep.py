@@ -112,12 +112,12 @@ class AxisSweep:
         K, D, M = self.matrices
         nu, Z, (x, z), unit = small.nu[:, None], small.z.conj().T, self.lengths, 4 * EPS * m**0.5
         P, slope = K + small.shift * D + small.shift**2 * M, D + 2 * small.shift * M
-        parts = nu * (Z @ P), Z @ slope, np.divide(Z @ M, nu, out=np.zeros_like(Z), where=nu != 0)
+        rows = nu * (Z @ P), Z @ slope, np.divide(Z @ M, nu, out=np.zeros_like(Z), where=nu != 0)
         rounding = unit * sum(np.linalg.norm(part, axis=1) for part in (
             np.abs(nu) * (np.abs(Z) @ np.abs(P)), np.abs(Z) @ np.abs(slope),
             np.divide(np.abs(Z) @ np.abs(M), np.abs(nu), out=np.zeros(Z.shape), where=nu != 0)))
-        own = np.linalg.norm(parts[0] + parts[1] + parts[2], axis=1) + rounding
-        self.off = (la.norm(small.x @ ((parts[1] + parts[2]) * (nu != 0)) + np.eye(m)) + float(x @ rounding),
+        own = np.linalg.norm(rows[0] + rows[1] + rows[2], axis=1) + rounding
+        self.off = (la.norm(small.x @ ((rows[1] + rows[2]) * (nu != 0)) + np.eye(m)) + float(x @ rounding),
                     la.norm(small.x @ (Z @ M)) + unit * float((x * z).sum()) * la.norm(M),
                     np.divide(own, np.abs(small.nu), out=np.zeros(len(own)), where=small.nu != 0))
 
