@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext as nothing
+from itertools import product
 
 import numpy as np
 import pytest
@@ -43,6 +44,51 @@ def test_a_change_that_acts_from_the_basis_to_the_rest_alone_is_not_proved_away(
                   for theta in np.linspace(-delta, delta, 21)}
         assert margin == np.inf or counts == {number}, f"±{delta:g}: {counts} of {margin:.2g}"
         assert margin < 1 or delta > 1
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_cells_that_are_proved_lose_no_eigenvalue(seed: int) -> None:
+    """Whole terms of all kinds and powers, beside clusters, strong dashpots and skew parts: counts at corners and in between."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 14))
+    m, r = int(rng.integers(1, n)), rng.uniform(0.4, 2.2)
+    w = np.sort(rng.uniform(0.2, 4, n))
+    M, A = np.diag(1 / (np.round(2 * w) / 2 + 0.1 if seed % 3 else w)**2), np.eye(n)
+
+    def term(size: float) -> Array:
+        X = rng.standard_normal((n, n)) / np.sqrt(n)
+        one = rng.standard_normal((2, n)) / np.sqrt(n)
+        return size * [X, np.outer(*one), X - X.T, X @ X.T, X + X.T][rng.integers(5)]
+
+    D, K = 0.02 * M + (seed % 2) * term(0.1) + (seed % 4 == 0) * np.diag(np.arange(n) == m - 1) * 3, A + term(0.1)
+    changes = [(term(rng.uniform(0.05, 1)), int(rng.integers(2))) for _ in range(rng.integers(1, 4))]
+    contour = Contour(sides=(-r * rng.uniform(0.7, 1.2), r * rng.uniform(0.7, 1.2), r))
+    terms, parts = [Term(sp.csr_array(M), (0.0, 0.0, 1.0))], []
+    for matrix, weights in ((D, (0.0, 1.0, 0.0)), (K - A, (1.0, 0.0, 0.0)), *((T, (0.0, 0.0, 0.0)) for T, _ in changes)):
+        own = [Term(half, weights, sign, (0.0, 0.0)) for half, sign in zip(halves(sp.csr_array(matrix)), (1.0, -1.0), strict=True)
+               if abs(half).max()]
+        parts.append(list(range(len(terms), len(terms) + len(own))))
+        terms += own
+    basis = EnergyBasis(lambda x: x, lambda x: x, terms, n)
+    basis.add(la.qr(np.eye(n)[:, :m] + 0.15 * (seed % 2) * rng.standard_normal((n, m)), mode="economic")[0])
+    small, W = Coupling.of(basis, contour.size), la.null_space(basis.V.T)
+    whole = [WholeTerm.of(basis, own, k) for own, (_, k) in zip(parts[2:], changes, strict=True)]
+    base = rng.uniform(0.3, 1, len(changes))
+    number = int(np.count_nonzero(contour.encloses(small.values)))
+    for delta in (scale * base for scale in np.geomspace(0.003, 1, 8)):
+        c = 0.98 * min(la.eigvalsh(W.T @ (P + P.conj().T) @ W / 2)[0] - sum(
+            d * abs(s)**k * la.norm(W.T @ T @ W, 2) for d, (T, k) in zip(delta, changes, strict=True))
+            for s in contour.at(np.linspace(0, 1, 60)) for P in [K + s * D + s * s * M])
+        sizes = np.ones(len(terms))
+        for own, d in zip(parts[2:], delta, strict=True):
+            sizes[own] = d
+        if c <= 0.02 or CellBound(small, contour, c, list(zip(whole, delta, strict=True)),
+                                  images(basis, sizes)).margin()[0] == np.inf:
+            break
+        for at in (*product(*zip(-delta, delta, strict=True)), *(delta * rng.uniform(-1, 1, (8, len(delta))))):
+            stiff, damp = (part + sum(theta * T for theta, (T, k) in zip(at, changes, strict=True) if k == power)
+                           for part, power in ((K, 0), (D, 1)))
+            assert np.count_nonzero(contour.encloses(eigenvalues(M, damp, stiff))) == number
 
 
 def net(n: int, seed: int, *, held: bool = True) -> Array:

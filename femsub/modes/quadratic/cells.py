@@ -1,24 +1,31 @@
 """The proof of a count for all values of parameters in a cell at once.
 
-In the setting of `energy_basis`, P(s; θ) = P(s; θ_c) + Σ_q ε_q s^k T_q with |ε_q| ≤ δ_q, each T_q a whole term, unsymmetric or
-not. With A⁻¹T_q outside and inside U, and the polar decompositions T_qV = W|T_qV|, T_qᵀV = Z|T_qᵀV| in the norm of A, there are
-Q_R = |T_qV|^½ and Q_L = |T_qᵀV|^½, (m, r), such that the blocks of T_q are
+In the setting of `energy_basis`, P(s; θ) = P(s; θ_c) + E, E = Σ_q ε_q s^k T_q with |ε_q| ≤ δ_q, each T_q a whole term,
+unsymmetric or not. With A⁻¹T_q outside and inside U, and the polar decompositions T_qV = W|T_qV|, T_qᵀV = Z|T_qᵀV| in the norm of
+A, there are Q_R = |T_qV|^½ and Q_L = |T_qᵀV|^½, (m, r), such that the blocks of T_q are
 
     T_UU = Q_L C Q_Rᵀ,   T_LU = B_R Q_Rᵀ,   T_UL = Q_L B_Lᵀ,   ‖C‖ ≤ 1
 
-(mixed Schwarz inequality: |yᴴTx|² ≤ xᴴ|T|x · yᴴ|Tᵀ|y, and the square root is operator monotone). So with δ_q s^k in Q_R and Q_L,
-T = P_U⁻¹ at θ_c, R = P_LU, L = P_UL and c for the whole cell, P(s; θ) is regular for all θ in the cell where
+(mixed Schwarz inequality: |yᴴTx|² ≤ xᴴ|T|x · yᴴ|Tᵀ|y, and the square root is operator monotone). With √(δ_q |s|^k) in Q_R, Q_L
+and B, E has these blocks with some ‖C‖ ≤ 1. Singular values of T_qV that are too small to matter join as columns √ρ I.
 
-    ξ ‖N‖ < 1,   N = | ‖RTL‖/c      ‖RTQ_L‖/√c |,   ξ = η_R η_L,   η = f/2 + √(1 + f²/4),   f = ‖B‖/√c on each side:
-                     | ‖Q_RᵀTL‖/√c  ‖Q_RᵀTQ_L‖ |
+At θ_c, P_U⁻¹ = XZᴴ + T_f: pairs near the contour, with 1/√(λ_k - s) in both x_k and z_k, and the sum T_f of all others, in which
+much cancels. Where P(s; θ)(u, y) = 0, u = Xg + T_f v and p = Q_RᵀT_f v, then with R' = P_LU + E_LU and L' = P_UL + E_UL
 
-the Schur complement is P_U + [L Q_L] X [R; Q_Rᵀ] with X = [I 0; B_Lᵀ I] diag(-P_L⁻¹, C) [I B_R; 0 I], whose norm in these units
-is at most ξ: η is that of each triangle. (√(‖B_R‖ ‖B_L‖) for both would need another N.) At θ_c it is `Coupling.margin`.
-Singular values of T_qV that are too small to matter join as a third kind of column, √ρ I. On a closed curve this shows that as
-many eigenvalues are inside for all θ in the cell as at θ_c. N is evaluated in the middle of pieces of the curve; what it changes
-over a piece is bounded by sums over eigenpairs.
+    g = (ZᴴET_fEX - ZᴴEX) g + ZᴴET_fQ_L C p + (ZᴴET_f - Zᴴ) L' y
+    p = -Q_RᵀT_f (EX g + Q_L C p + L' y)
+    y = -P_L⁻¹ (R'X g - P_LU T_f (EX g + Q_L C p + L' y) + B_R C p)
 
-References: T. Kato, Math. Ann. 125 (1952) 208 (mixed Schwarz inequality); A. T. Patera, G. Rozza (2007), see `energy_basis`.
+Norms of these blocks, single entries for each near pair, are a matrix β ≥ 0, with ‖P_L⁻¹‖ ≤ 1/c for the whole cell. Where its
+spectral radius ϱ is below 1, the only solution is 0. So the first two orders in E are exact for near pairs: of friction, zᴴEx
+is small beside ‖Q_Lᵀz‖ ‖Q_Rᵀx‖. In a cluster, whose vectors depend on each other nearly, sums over pairs are large; beside it
+all pairs belong to T_f. On a closed curve this shows that as many eigenvalues are inside for all θ in the cell as at θ_c.
+
+Products with T_f are evaluated in the middle of pieces of the curve; what they change over a piece is bounded by sums over
+eigenpairs. They serve the finer pieces on which near pairs are bounded.
+
+References: T. Kato, Math. Ann. 125 (1952) 208 (mixed Schwarz inequality); L. Collatz, Math. Z. 48 (1942) 221 (ϱ(β) is at most the
+largest (βw)_i / w_i, w > 0); A. T. Patera, G. Rozza (2007), see `energy_basis`.
 """
 
 from __future__ import annotations
@@ -45,6 +52,7 @@ class WholeTerm(NamedTuple):
     """
 
     power: int
+    inside: Array
     left: tuple[Array, Array, Array]
     right: tuple[Array, Array, Array]
 
@@ -60,7 +68,7 @@ class WholeTerm(NamedTuple):
                                 for j, b in zip(halves, own, strict=True))
             square, vectors = la.eigh(inner + outer)
             sides.append((np.sqrt(np.maximum(square[::-1], 0.0)), vectors[:, ::-1], outer))
-        return cls(power, *sides)
+        return cls(power, T, *sides)
 
     def columns(self, least: float) -> tuple[list[Array], list[float], float]:
         """Q_L and Q_R of singular values above `least`, ‖B_L‖ and ‖B_R‖, and the sum of the next singular values."""
@@ -92,7 +100,7 @@ def images(basis: EnergyBasis, sizes: Array) -> tuple[Array, float]:
 
 
 class CellBound:
-    """ξ‖N‖ on a contour, for all θ with |θ_q - θ_c| ≤ δ_q.
+    """ϱ(β)² on a contour, for all θ with |θ_q - θ_c| ≤ δ_q.
 
     Parameters
     ----------
@@ -109,133 +117,201 @@ class CellBound:
 
     def __init__(self, small: Coupling, contour: Contour, c: float, changes: Sequence[tuple[WholeTerm, float]],
                  outside: tuple[Array, float]) -> None:
-        self.changes = changes
-        self.small, self.contour, self.c, (self.H, self.left_out) = small, contour, c, outside
-        self.lengths = [np.linalg.norm(part, axis=0) for part in (small.x, small.z)]
-        whole = max(float((np.abs(self._coefficients(s)) * self.lengths[0] * self.lengths[1]).sum())
-                    for s in contour.at(np.linspace(0.0, 1.0, 64)))  # about the largest ‖T‖
-        sides = [[np.zeros((len(small.x), 0))], [np.zeros((len(small.x), 0))]]
-        powers = [[np.zeros(0)], [np.zeros(0)]]
+        self.small, self.contour, self.root, (H, self.left_out) = small, contour, c**-0.5, outside
+        self.changes = [(change, delta) for change, delta in changes if delta]
+        near, _ = small.near(contour)
+        self.near = np.flatnonzero(near)
+        self.order = np.append(self.near, np.flatnonzero(~near))
+        sides = [(part[:, self.near], part[:, self.order]) for part in (small.z, small.x)]  # left, right; of near and all pairs
+        self.lengths = [np.linalg.norm(part, axis=0) for _, part in sides]
+        whole = max(float((np.abs(self._coefficients(s, True)) * self.lengths[0] * self.lengths[1]).sum())
+                    for s in contour.at(np.linspace(0.0, 1.0, 64)))  # about the largest ‖T_f‖
+        right, left = small.both_products
+        self.beside, self.products = [(right[at], left[at]) for at in (self.near, self.order)]
+        # columns of Q_L and Q_R with their powers of s, and lengths of images of all pairs: squares in U by powers of s
+        parts: list[list[tuple[Array, int]]] = [[], []]
+        self.inside = np.zeros((3, len(self.near), len(self.near)), dtype=complex)  # z_jᴴE_UU x_k
+        self.outside = np.zeros((2, 3, len(self.near)))  # of E_UL and E_LU
+        self.first: list[tuple[int, Array, Array, Array, Array]] = []  # power, z_jᴴT_q, T_qx_k; |z_jᴴT_qX| and |ZᴴT_qx_k|
         square, self.rest = np.zeros(2), 0.0
-        for change, delta in changes:
-            size = delta * contour.size**change.power
-            if not size:
-                continue
-            Q, norms, rest = change.columns(LEFT / (whole * len(changes) * size))
-            for side, power, part in zip(sides, powers, Q, strict=True):
-                side.append(part * np.sqrt(delta))
-                power.append(np.full(part.shape[1], float(change.power)))
+        (z, all_z), (x, all_x) = sides
+        for change, delta in self.changes:
+            power, size = change.power, delta * contour.size**change.power
+            Q, norms, rest = change.columns(LEFT / (max(whole, EPS) * len(self.changes) * size))
+            for side, (of, columns, (_, _, outer)) in enumerate(zip((z, x), Q, (change.left, change.right), strict=True)):
+                parts[side].append((columns * np.sqrt(delta), power))
+                self.outside[side, power] += delta * np.sqrt(np.maximum(np.einsum("ik,ik->k", of.conj(), outer @ of).real, 0.0))
             square, self.rest = square + size * np.square(norms), self.rest + size * rest
-        self.Q = []
-        for side, own in zip(sides, powers, strict=True):  # the larger columns first
-            columns, degrees = np.hstack(side), np.concatenate(own)
-            order = np.argsort(-np.linalg.norm(columns, axis=0) * contour.size ** (degrees / 2))
-            self.Q.append((columns[:, order], degrees[order]))
-        self.QX, self.QZ, self.HX, self.HZ = (np.asarray(part, dtype=np.complex64) for part in (
-            self.Q[1][0].T @ small.x, self.Q[0][0].T @ small.z, self.H @ small.x, self.H @ small.z))  # see `at`
-        f = np.sqrt((square + self.rest) / c)  # on either side
-        self.xi = float(np.prod(f / 2 + np.sqrt(1 + f * f / 4)))
-        self.products = small.both_products
-        self.each = [np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) for own in self.products]
+            images = delta * (z.conj().T @ change.inside), delta * (change.inside @ x)
+            self.inside[power] += images[0] @ x
+            self.first.append((power, *images, np.abs(images[0] @ all_x), np.abs(all_z.conj().T @ images[1])))
+        self.B = np.sqrt((square + self.rest) / c)  # of P_UL and of P_LU
+        self.within = [[np.stack([sum((np.abs(columns.T @ of)**2).sum(axis=0) for columns, own in several if own == power)
+                                  + self.rest * (power == 0) * (np.abs(of)**2).sum(axis=0) for power in range(3)])
+                        for of in side] for side, several in zip(sides, parts, strict=True)]
+        # in single precision, with the sizes that its rounding has, see `_of_far`
+        self.X = all_x, all_z.conj().T.copy()
+        weights = np.transpose([term.weights for term in small.basis.terms])
+        signs = np.array([term.sign for term in small.basis.terms])
+        self.H = [np.tensordot(self.root * own, H, 1).astype(np.complex64) for own in (signs * weights.conj(), weights)]
+        self.Q = [(np.hstack([np.zeros((len(x), 0)), *(columns for columns, _ in several)]).astype(np.float32),
+                   np.repeat([power for _, power in several], [columns.shape[1] for columns, _ in several]).astype(int))
+                  for several in parts]
+        self.norms = [(_norm(columns * contour.size ** (own / 2)) + self.rest**0.5,
+                       sum(contour.size**power * _norm(part) for power, part in enumerate(H)))
+                      for (columns, own), H in zip(self.Q, self.H, strict=True)]
 
-    def at(self, s: complex, reach: float, share: float) -> tuple[Array, float]:
-        """N for |s' - s| ≤ reach, ‖RTL‖/c there being `share`; and ξ‖N‖ at s itself.
+    def _of_far(self, s: complex, reach: float, apart: bool) -> Array:
+        """What `_bound` needs of T_f, at s and for all |s' - s| ≤ reach, in rows (2, 4 + 2n + n²).
 
-        Its rows and columns: outside V, the larger and the smaller columns of Q, and √ρ I. Blocks with smaller columns have the
-        norm of Frobenius.
+        It is the sum of the far pairs, or of all if the near ones are not `apart`. With R = P_LU and L = P_UL: ‖Q_RᵀT_fQ_L‖,
+        ‖RT_fQ_L‖/√c, ‖Q_RᵀT_fL‖/√c, ‖RT_fL‖/c; and of the near pairs ‖z_jᴴET_fQ_L‖, ‖Q_RᵀT_fEx_k‖ and |z_jᴴET_fEx_k|.
         """
-        small, basis, root = self.small, self.small.basis, self.c**-0.5
-        few = min(WIDER, len(self.QX), len(self.QZ))
-        U, V = (part * ((abs(s) + reach) ** (power / 2)).astype(np.float32)[:, None]
-                for part, (_, power) in ((self.QX, self.Q[1]), (self.QZ, self.Q[0])))
-        weights = np.array([complex(term.weight(np.array(s))) for term in basis.terms])
-        signs = np.array([term.sign for term in basis.terms])
-        R, L = (np.tensordot((root * own).astype(np.complex64), part, 1)
-                for own, part in ((weights, self.HX), (signs * weights.conj(), self.HZ)))
-        middle, change = self._coefficients(s).astype(np.complex64), self._changes(s, reach)
-        # at s
-        rows, columns = [R, U[:few], U[few:]], [L, V[:few], V[few:]]
-        N = np.zeros((4, 4))
-        N[0, 0] = share
-        for a, b in ((0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, 2), (2, 1), (2, 2)):
-            norm = la.norm if 2 in (a, b) else _norm
-            N[a, b] = norm((rows[a] * middle) @ columns[b].conj().T)
-        here = self.xi * _norm(N)
-        # near s
-        of_r, of_l = (root * part[0] for part in small._lengths(np.array([s]), np.array([[reach]]), self.products))
-        of_left, of_right = (np.stack([outer, *(np.linalg.norm(part, axis=0) for part in parts[1:]), self.rest**0.5 * whole])
-                             for outer, parts, whole in ((of_r, rows, self.lengths[0]), (of_l, columns, self.lengths[1])))
-        more = (of_left * change) @ of_right.T
-        slopes = root * np.array([float(term.change(np.array(s), np.array(reach))) for term in basis.terms])
-        off = root * self.left_out
-        more[0, 1:] += of_right[1:] @ (np.abs(middle) * (slopes @ self.each[0] + off * self.lengths[0]))
-        more[1:, 0] += of_left[1:] @ (np.abs(middle) * (slopes @ self.each[1] + off * self.lengths[1]))
-        crude = (of_left * np.abs(middle)) @ of_right.T
-        more += np.finfo(np.float32).eps * len(middle) ** 0.5 * crude  # the products are made in single precision
-        more[3], more[:, 3] = more[3] + crude[3], more[:, 3] + crude[:, 3]
-        more[0, 0] = 0.0
-        return N + more, here
+        small, powers, exact, root = self.small, (abs(s) + reach) ** np.arange(3), self._coefficients(s, apart), self.rest**0.5
+        size, T = np.abs(exact), (self.X[0] * exact) @ self.X[1]
+        whole, T = la.norm(T), T.astype(np.complex64)  # in sums of single precision vectors of clusters would lose all digits
+        Q_L, Q_R = (part * np.sqrt(powers).astype(np.float32)[power] for part, power in self.Q)
+        degrees = (s ** np.arange(3)).astype(np.complex64)
+        L, R = (np.tensordot(own, part, 1) for own, part in zip((degrees.conj(), degrees), self.H, strict=True))
+        TQ, QT, TL, RT = T @ Q_L, Q_R.T @ T, T @ L.conj().T, R @ T
+        zE, Ex, zs, xs = (sum(powers[one[0]] * np.abs(one[k]) for one in self.first) for k in range(1, 5))
+        zT = [powers[power] * own @ T for power, own, *_ in self.first]
+        Tx = [powers[power] * T @ own for power, _, own, *_ in self.first]
+        # lengths of what T_f stands between, for each pair: images in Q and outside, and what R and L at s lack of these
+        columns = [np.sqrt(powers @ part) for _, part in self.within]
+        images = [self.root * part[0]
+                  for part in small._lengths(np.array([s]), np.array([[reach]]), self.products)[::-1]]
+        slopes = np.array([float(term.change(np.array(s), np.array(reach))) for term in small.basis.terms])
+        moved = [self.root * (slopes @ np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) + self.left_out * whole)
+                 for own, whole in zip(self.products[::-1], self.lengths, strict=True)]
+        (of_L, outside_L), (of_R, outside_R) = self.norms
+        here = [np.array([la.norm([[_norm(Q_R.T @ TQ), root * la.norm(QT)], [root * la.norm(TQ), 0.0]], 2),
+                          np.hypot(_norm(RT @ Q_L), root * la.norm(RT)),
+                          np.hypot(_norm(Q_R.T @ TL), root * la.norm(TL)), la.norm(RT @ L.conj().T)]),
+                sum(np.hypot(la.norm(own @ Q_L, axis=1), root * la.norm(own, axis=1)) for own in zT),
+                sum(np.hypot(la.norm(Q_R.T @ own, axis=0), root * la.norm(own, axis=0)) for own in Tx),
+                sum(powers[power] * np.abs(own @ part) for own in zT for power, _, part, *_ in self.first).ravel()]
+        # the rounding of products in single precision
+        digits = len(T) ** 0.5 * (np.finfo(np.float32).eps * whole + EPS * (self.lengths[1] * size) @ self.lengths[0])
+        z, x = la.norm(zE, axis=1), la.norm(Ex, axis=0)
+        here = np.hstack(here) + digits * np.hstack([of_L * of_R, of_L * outside_R, of_R * outside_L, outside_R * outside_L,
+                                                     z * of_L, x * of_R, np.outer(z, x).ravel()])
+        # what T_f changes by, in sums over pairs
+        with np.errstate(invalid="ignore", divide="ignore"):
+            distance = np.where(size > 0, np.abs(small.each[self.order] - s), np.inf)
+            change = np.where(distance > reach, size * reach / (distance - reach), np.inf)
+        if not np.isfinite(change).all():
+            return np.stack([here, np.full(len(here), np.inf)])
+        more = [np.array([(columns[1] * change) @ columns[0] + self.rest * whole,
+                          (images[1] * change + moved[1] * size) @ columns[0],
+                          columns[1] @ (change * images[0] + size * moved[0]),
+                          (images[1] * change + moved[1] * size) @ images[0] + (images[1] * size) @ moved[0]]),
+                zs @ (change * columns[0]), (columns[1] * change) @ xs, ((zs * change) @ xs).ravel()]
+        return np.stack([here, here + np.hstack(more)])
 
-    def _coefficients(self, s: complex) -> Array:
-        """1/(λ - s); 0 of infinite λ."""
-        return self.small.nu / (1 - (s - self.small.shift) * self.small.nu)
+    def _bound(self, s: Array, reach: Array, of_far: Array, apart: Array, *, coupled: bool = True) -> Array:
+        """ϱ(β)² for |s' - s| ≤ reach, at most; without what is outside if not `coupled`."""
+        n, (to_u, from_u) = len(self.near), self.B
+        powers = (np.abs(s) + reach)[:, None] ** np.arange(3)
+        near = self.small._apart(s, self.near) - reach[:, None] * np.abs(self.small.nu[self.near])
+        near = np.where(apart[:, None], np.where(near > 0, near, np.nan), np.inf)
+        a = np.sqrt(np.abs(self.small.nu[self.near]) / near)
+        images = self.small._lengths(s, reach[:, None], self.beside)[::-1]
+        columns = [np.sqrt(powers @ part) for part, _ in self.within]
+        L, R = (self.root * (own + powers @ part) for own, part in zip(images, self.outside, strict=True))
+        known = np.isfinite(of_far).all(axis=1)
+        of_far = np.where(known[:, None], of_far, 0.0)
+        QQ, RQ, QL, RL = of_far.T[:4]
+        to_p, of_p, second = np.split(of_far[:, 4:], [n, 2 * n], axis=1)
+        second = a[:, :, None] * second.reshape(len(s), n, n) * a[:, None]
+        gp, pg = a * to_p, a * of_p
+        gy, yg = coupled * a * (L + to_p * to_u + QL[:, None] * columns[0]), coupled * a * (R + RQ[:, None] * columns[1])
+        few = np.stack([QQ, (QL + QQ * to_u) * coupled, (RQ + from_u) * coupled, (RL + RQ * to_u) * coupled])
+        found = _radius(a[:, :, None] * np.tensordot(powers, np.abs(self.inside), 1) * a[:, None] + second, gp, gy, pg, yg, few)
+        return np.where(np.isfinite(a).all(axis=1) & known, found**2, np.inf)
 
-    def _changes(self, s: complex, reach: float) -> Array:
-        """Bounds of what they change by within this distance."""
-        distance = np.where(self.small.nu != 0, np.abs(self.small.each - s), np.inf)
-        with np.errstate(invalid="ignore"):
-            return np.where(np.isfinite(distance), reach / (distance * (distance - reach)), 0.0)
+    def _coefficients(self, s: complex, apart: bool) -> Array:
+        """1/(λ - s), 0 of infinite λ, and of near ones that are `apart`."""
+        nu = self.small.nu[self.order]
+        found = nu / (1 - (s - self.small.shift) * nu)
+        found[:len(self.near) * apart] = 0.0
+        return found
 
     def margin(self) -> tuple[float, list[Array], Array]:
-        """ξ‖N‖ on the contour, at most; directions that lower it; and the share of each change where it fails.
+        """ϱ(β)² on the contour, at most; directions that lower it; and the share of each change where it fails.
 
+        Near pairs stand apart, but where that is too much, as in a cluster whose vectors depend on each other nearly.
         Infinite where it cannot be shown to be below `SAFE`.
         """
-        near, far, _ = self.small.near_and_far(self.contour, self.c)
-        beside = self.products[0][near], self.products[1][near]
-        start, stop = pieces(64)
-        worst, seen, shares = 0.0, 0, np.zeros(len(self.changes))
+        every, zero = self.contour.at(np.linspace(0.0, 1.0, 128)), np.zeros(1)
+        none = np.zeros((128, 4 + (2 + len(self.near)) * len(self.near)))
+        least = self._bound(every, np.zeros(128), none, np.ones(128, dtype=bool))
+        at = every[[least.argmax()]]  # where most cells that are too large fail
+        tried = [(self._of_far(at[0], 0.0, apart)[:1], np.array([apart])) for apart in (True, False)]
+        best = min(tried, key=lambda one: float(self._bound(at, zero, *one)[0]))
+        if self._bound(at, zero, *best)[0] >= SAFE:
+            return np.inf, self._directions(at, *best), self._blame(at[0])
+        start, stop = pieces(12)
+        s, reach = discs_on(self.contour, start, stop)
+        apart = np.ones(len(s), dtype=bool)
+        worst, seen = 0.0, 0
+        of_far = np.array([self._of_far(*one, apart=True) for one in zip(s, reach, strict=True)])
         while len(start):
+            found = self._bound(s, reach, of_far[:, 1], apart)
+            good, seen = found < SAFE, seen + len(s)
+            worst = max(worst, float(found[good].max(initial=0.0)))
+            start, stop, s, reach, of_far, apart = (part[~good] for part in (start, stop, s, reach, of_far, apart))
+            if not len(s):
+                break
+            if seen > PIECES // 100 or (stop - start < 1e6 * EPS).any():  # a smaller cell takes less time
+                return np.inf, [], self._blame(s[0])
+            here, coarse = (self._bound(s, 0 * reach, of_far[:, k], apart) >= SAFE for k in range(2))
+            if (here & ~apart).any():  # halving does not help
+                k = int(np.argmax(here & ~apart))
+                return np.inf, self._directions(s[[k]], of_far[k, :1], apart[[k]]), self._blame(s[k])
+            middle = np.where(here, stop, (start + stop) / 2)
+            again = np.append(coarse, coarse[~here])
+            start, stop, of_far, apart = (np.append(start, middle[~here]), np.append(middle, stop[~here]),
+                                          np.concatenate([of_far, of_far[~here]]), np.append(apart & ~here, apart[~here]))
             s, reach = discs_on(self.contour, start, stop)
-            share, here = (far + self.small._shares(s, size, near, beside).sum(axis=1) / self.c for size in (reach, 0 * reach))
-            if (here * self.xi >= SAFE).any():
-                return np.inf, [], shares
-            halve = np.ones(len(s), dtype=bool)
-            for i in np.flatnonzero(share * self.xi < SAFE):
-                N, middle = self.at(s[i], reach[i], share[i])
-                found = self.xi * _norm(N)
-                if found < SAFE:
-                    worst, halve[i] = max(worst, found), False
-                elif middle >= SAFE:  # halving does not help
-                    return np.inf, self._directions(s[i], N), self._blame(s[i])
-                seen += 1
-            if seen > PIECES // 10 or (stop - start < 1e6 * EPS).any():  # a smaller cell takes less time
-                return np.inf, [], shares
-            start, stop = start[halve], stop[halve]
-            middle = (start + stop) / 2
-            start, stop = np.append(start, middle), np.append(middle, stop)
-        return worst, [], shares
+            for k in np.flatnonzero(again):
+                of_far[k] = self._of_far(s[k], reach[k], apart[k])
+        return worst, [], np.zeros(len(self.changes))
 
     def _blame(self, s: complex) -> Array:
-        """δ_q ‖|T_qV|^½ T |T_qᵀV|^½‖ of each change at s, about: what halving its range would gain."""
-        middle, found = self._coefficients(s), []
-        for change, delta in self.changes:
-            left, right = (vectors[:, 0] * size[0] ** 0.5 for size, vectors, _ in (change.left, change.right))
-            inner = ((right @ self.small.x) * middle) @ (self.small.z.conj().T @ left)
-            found.append(delta * abs(s) ** change.power * abs(inner))
-        return np.array(found)
+        """How far each change moves eigenvalues beside their distances from s: about what halving its range would gain."""
+        small = self.small
+        size = np.abs(small.nu) / np.maximum(small._apart(np.array([s]), slice(None))[0], EPS)
+        return np.array([delta * abs(s) ** change.power * float(
+            np.abs(np.einsum("ik,ik->k", small.z.conj(), change.inside @ small.x)) @ size) for change, delta in self.changes])
 
-    def _directions(self, s: complex, N: Array) -> list[Array]:
-        """Residuals of what the changes move most, if the coupling with the outside has the larger share in N."""
-        if self.xi * _norm(N[1:, 1:]) >= SAFE**2:
+    def _directions(self, at: Array, of_far: Array, apart: Array) -> list[Array]:
+        """Residuals of what the changes move most, if the coupling with the outside has a share in the bound."""
+        s = at[0]
+        if self._bound(at, np.zeros(1), of_far, apart, coupled=False)[0] >= SAFE / 4:  # a smaller cell gains more
             return []
-        middle, found = self._coefficients(s), []
-        for x, z, (Q, power), adjoint in ((self.small.x * middle, self.small.z, self.Q[0], False),
-                                          (self.small.z * middle.conj(), self.small.x, self.Q[1], True)):
+        small, found = self.small, []
+        middle = small.nu / (1 - (s - small.shift) * small.nu)
+        for x, z, (Q, power), adjoint in ((small.x * middle, small.z, self.Q[0], False),
+                                          (small.z * middle.conj(), small.x, self.Q[1], True)):
             moved = x @ (z.conj().T @ (Q * abs(s) ** (power / 2)))
             u = la.svd(moved, full_matrices=False)[0][:, :WIDER // 2]
-            found.append(self.small.basis.residuals(np.full(u.shape[1], s), u, adjoint))
+            found.append(small.basis.residuals(np.full(u.shape[1], s), u, adjoint))
         return found
+
+
+def _radius(gg: Array, gp: Array, gy: Array, pg: Array, yg: Array, few: Array) -> Array:
+    """At most the spectral radius of each [gg gp gy; pg QQ py; yg yp yy] ≥ 0 (l, n + 2, n + 2), by Collatz's quotients."""
+    n, (pp, py, yp, yy) = gp.shape[1], few[:, :, None]
+    w, found = np.ones((len(gp), n + 2)), np.full(len(gp), np.inf)
+    for _ in range(WIDER):
+        g, p, y = w[:, :n], w[:, n:n + 1], w[:, n + 1:]
+        new = np.hstack([(gg @ g[:, :, None])[:, :, 0] + gp * p + gy * y,
+                         (pg * g).sum(axis=1, keepdims=True) + pp * p + py * y,
+                         (yg * g).sum(axis=1, keepdims=True) + yp * p + yy * y])
+        found = np.fmin(found, (new / w).max(axis=1))
+        w = (w + new) / (w + new).max(axis=1, keepdims=True)
+    return found
 
 
 def _norm(A: Array) -> float:

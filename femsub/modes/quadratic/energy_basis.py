@@ -380,13 +380,13 @@ class Coupling:
         inverse = np.linalg.inv(np.tensordot([1.0, s, s * s], self.basis.matrices, 1))
         return bool(np.einsum("ij,ji->", inverse.conj().T @ right, inverse @ left).real < limit**2)
 
-    def margin(self, contour: Contour, c: float, away: float = 0.1) -> tuple[float, list[Array]]:
+    def margin(self, contour: Contour, c: float) -> tuple[float, list[Array]]:
         """‖P_LU P_U⁻¹ P_UL‖ / c, bounded on pieces that cover the contour; and directions that lower it if it is not safe.
 
-        Eigenpairs far from the contour, |s - λ| > away |λ - σ| on all of it, count together, by the norms of their images: there
-        are many, and each has a small share. Each near one counts by its residual.
+        Eigenpairs far from the contour (`near`) count together, by the norms of their images: there are many, and each has a
+        small share. Each near one counts by its residual.
         """
-        at, far, wide = self.near_and_far(contour, c, away)
+        at, far, wide = self.near_and_far(contour, c)
         products = self._products(self.x[:, at]), self._products(self.z[:, at])
         room, worst, seen = SAFE - min(far, SAFE / 2), 0.0, 0
         most, where = np.zeros(len(at)), np.zeros(len(at), dtype=complex)
@@ -417,11 +417,16 @@ class Coupling:
             new += [self.basis.residuals(s, x[:, at[order]], bool(i)) for i, x in enumerate((self.x, self.z)[:both])]
         return far + worst, new
 
-    def near_and_far(self, contour: Contour, c: float, away: float = 0.1) -> tuple[Array, float, list[tuple[int, Array]]]:
-        """The eigenpairs near the contour, and what `_far` returns of the others."""
+    def near(self, contour: Contour, away: float = 0.1) -> tuple[Array, Array]:
+        """Whether each eigenpair comes within `away` of the contour, to be looked at by itself; and min |s - λ| / |λ - σ|."""
         s, reach = discs_on(contour, *pieces(BATCH))
-        near = (self._apart(s, slice(None)) - reach[:, None] * np.abs(self.nu)).min(axis=0)
-        return np.flatnonzero(near <= away), *self._far(contour, c, np.flatnonzero(near > away), near[near > away])
+        distance = (self._apart(s, slice(None)) - reach[:, None] * np.abs(self.nu)).min(axis=0)
+        return distance <= away, distance
+
+    def near_and_far(self, contour: Contour, c: float) -> tuple[Array, float, list[tuple[int, Array]]]:
+        """The eigenpairs near the contour, and what `_far` returns of the others."""
+        near, distance = self.near(contour)
+        return np.flatnonzero(near), *self._far(contour, c, np.flatnonzero(~near), distance[~near])
 
     def _far(self, contour: Contour, c: float, at: Array, near: Array) -> tuple[float, list[tuple[int, Array]]]:
         """The share of the eigenpairs `at`, |1 - tν| ≥ near on the contour; for P_LU and P_UL the term with most, and directions.
@@ -446,8 +451,12 @@ class Coupling:
 
     def _products(self, x: Array) -> Array:
         """Products of the terms' images of each x (m, k) outside V, shape (k, p, p)."""
-        images = np.einsum("aibj,jk->aibk", self.lost, x, optimize=True)
-        products = np.einsum("ik,aibk->kab", x.conj(), images, optimize=True)
+        p, (m, k) = len(self.basis.terms), x.shape
+        real, products = np.ascontiguousarray(x, dtype=complex).view(float), np.zeros((k, p, p), dtype=complex)
+        for a in range(p):
+            images = (self.lost[a, :, a:].reshape(-1, m) @ real).view(complex).reshape(m, p - a, k)
+            products[:, a, a:] = np.einsum("ik,ibk->kb", x.conj(), images)
+            products[:, a:, a] = products[:, a, a:].conj()
         diagonal = np.arange(len(self.basis.terms))
         products[:, diagonal, diagonal] += np.einsum("am,mk->ka", self.noise, np.abs(x) ** 2)
         return products

@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from numpy.linalg import LinAlgError
 
 from femsub.algebra import FEW, QUADRATIC, SMALL, WIDE, one_thread, scaled
-from femsub.checks import Array, Tally
+from femsub.checks import EPS, Array, Tally
 from femsub.errors import (
     ConditionWarning,
     FemsubWarning,
@@ -224,12 +224,14 @@ def _inside(region: Region, outer: Contour, values: Array, moved: Array, room: f
     a, b, _, hi = region.box
     moves = np.linspace(0.002, room, 10 * round(room / ROOM)) * hi
 
-    def best(edges: Array, coordinates: Array) -> float:
-        distance = np.abs(edges[:, None] - coordinates)
-        clear = np.min(distance / (moved + room * hi / 40), axis=1, initial=np.inf)  # what a parameter moves needs more
-        return float(edges[np.argmax(clear >= clear.max() / 2 if moved.any() else clear)])  # the nearest of good ones
+    def best(edges: Array, coordinates: Array, beside: Array) -> float:
+        distance = np.hypot(edges[:, None] - coordinates, np.maximum(beside, EPS * hi))
+        near = room * hi / 40 / distance.min(axis=1, initial=np.inf) + (moved / distance).sum(axis=1)  # moves add up
+        return float(edges[np.argmax(near <= 1.1 * near.min()) if moved.any() else np.argmin(near)])  # the nearest of good ones
 
-    return Contour(sides=(best(a - moves, upper.real), best(b + moves, upper.real), best(hi + moves, upper.imag)))
+    above, off = upper.imag - hi, np.maximum(a - upper.real, upper.real - b)
+    return Contour(sides=(best(a - moves, upper.real, above), best(b + moves, upper.real, above),
+                          best(hi + moves, upper.imag, off)))
 
 
 def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Region) -> tuple[Array, Array] | None:
