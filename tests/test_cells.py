@@ -91,6 +91,20 @@ def test_random_cells_that_are_proved_lose_no_eigenvalue(seed: int) -> None:
             assert np.count_nonzero(contour.encloses(eigenvalues(M, damp, stiff))) == number
 
 
+def test_two_changes_that_cancel_are_not_taken_as_one() -> None:
+    """θ_1 T - θ_2 T vanishes to first order if θ_1 = θ_2, but each takes any value of its own: their moduli add up."""
+    M, T, contour = np.diag([1.0, 1e-3]), np.diag([1.0, 0.0]), Contour(sides=(-0.5, 0.5, 1.02))
+    terms = [Term(sp.csr_array(M), (0.0, 0.0, 1.0), range=(0.0, 1e-3)),
+             *(Term(sp.csr_array(sign * T), (0.0, 0.0, 0.0), range=(0.0, 0.0)) for sign in (1, -1))]
+    basis = EnergyBasis(lambda x: x, lambda x: x, terms, 2)
+    basis.add(np.eye(2)[:, :1])
+    small, c = Coupling.of(basis, contour.size), 1 - 1e-3 * contour.size**2
+    changes = [WholeTerm.of(basis, [at], 0) for at in (1, 2)]
+    for delta, proved in ((0.015, True), (0.021, False), (0.1, False)):  # √(1 + 2δ) > 1.02 from 0.0202 on
+        margin = CellBound(small, contour, c, [(one, delta) for one in changes], images(basis, np.array([1, delta, delta]))).margin()
+        assert (margin[0] < 1) == proved
+
+
 def net(n: int, seed: int, *, held: bool = True) -> Array:
     """The stiffness of a chain of n masses, held at both ends or not at all."""
     k = 10 ** np.random.default_rng(seed).uniform(-0.3, 0.3, n + 1) * n**2 / 50

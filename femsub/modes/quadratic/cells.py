@@ -130,7 +130,7 @@ class CellBound:
         self.beside, self.products = [(right[at], left[at]) for at in (self.near, self.order)]
         # columns of Q_L and Q_R with their powers of s, and lengths of images of all pairs: squares in U by powers of s
         parts: list[list[tuple[Array, int]]] = [[], []]
-        self.inside = np.zeros((3, len(self.near), len(self.near)), dtype=complex)  # z_jᴴE_UU x_k
+        self.inside = np.zeros((3, len(self.near), len(self.near)))  # |z_jᴴE_UU x_k|
         self.outside = np.zeros((2, 3, len(self.near)))  # of E_UL and E_LU
         self.first: list[tuple[int, Array, Array, Array, Array]] = []  # power, z_jᴴT_q, T_qx_k; |z_jᴴT_qX| and |ZᴴT_qx_k|
         square, self.rest = np.zeros(2), 0.0
@@ -143,7 +143,7 @@ class CellBound:
                 self.outside[side, power] += delta * np.sqrt(np.maximum(np.einsum("ik,ik->k", of.conj(), outer @ of).real, 0.0))
             square, self.rest = square + size * np.square(norms), self.rest + size * rest
             images = delta * (z.conj().T @ change.inside), delta * (change.inside @ x)
-            self.inside[power] += images[0] @ x
+            self.inside[power] += np.abs(images[0] @ x)
             self.first.append((power, *images, np.abs(images[0] @ all_x), np.abs(all_z.conj().T @ images[1])))
         self.B = np.sqrt((square + self.rest) / c)  # of P_UL and of P_LU
         self.within = [[np.stack([sum((np.abs(columns.T @ of)**2).sum(axis=0) for columns, own in several if own == power)
@@ -227,7 +227,7 @@ class CellBound:
         gp, pg = a * to_p, a * of_p
         gy, yg = coupled * a * (L + to_p * to_u + QL[:, None] * columns[0]), coupled * a * (R + RQ[:, None] * columns[1])
         few = np.stack([QQ, (QL + QQ * to_u) * coupled, (RQ + from_u) * coupled, (RL + RQ * to_u) * coupled])
-        found = _radius(a[:, :, None] * np.tensordot(powers, np.abs(self.inside), 1) * a[:, None] + second, gp, gy, pg, yg, few)
+        found = _radius(a[:, :, None] * np.tensordot(powers, self.inside, 1) * a[:, None] + second, gp, gy, pg, yg, few)
         return np.where(np.isfinite(a).all(axis=1) & known, found**2, np.inf)
 
     def _coefficients(self, s: complex, apart: bool) -> Array:
