@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from scipy.io import loadmat
 
 import femsub as fs
+from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.errors import FemsubWarning, InputError
 
 
@@ -211,3 +212,14 @@ def test_brake_m0_over_all_speeds():
         modes = small.modes(speed=speed)
         assert len(modes) == 37 and modes.evidence == "certified"
         assert abs(modes.growth - growth) < 1e-6 and (modes.error_bar <= 1e-6 * np.abs(modes.eigenvalues)).all()
+
+
+@pytest.mark.slow
+def test_the_brake_over_all_friction():
+    """Friction of rank 189: few cells, where norms of its factors alone took seven."""
+    brake, band = Brake(BrakeScene(), lambda _: None), (1e3, 5e4)
+    small = fs.reduce(brake.system, fs.ParameterBox({"mu": (0.0, 0.7)}, band), contacts=brake.contacts(0.0))
+    assert small.evidence == "certified" and len(small.cells) <= 4 and small.error <= 1e-6
+    modes, full = small.modes(mu=0.61), fs.complex_modes(brake.system, brake.contacts(0.61), band=band)
+    assert len(modes) == len(full) and full.evidence == "certified"
+    assert (np.abs(full.eigenvalues[:, None] - modes.eigenvalues).min(axis=0) <= modes.error_bar).all()
