@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
+from femsub.algebra import one_thread
 from femsub.checks import EPS, Array, Tally, check_band, finite_number, items, mapping, positive_number, whole_number
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
@@ -299,6 +300,7 @@ class BoxModel(Affine):
         """Eigenvalues of the full model inside the contour of the cell, conjugates included; None where that is open."""
         return self.cell(**values).number
 
+    @one_thread(True)  # of these sizes two threads take longer than one
     def modes(self, **values: float) -> ComplexModes:
         """The complex modes in the band at values of all parameters; the error bars are distances from λ of the full model.
 

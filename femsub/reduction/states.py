@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import FEW, one_thread
 from femsub.checks import Array
 
 if TYPE_CHECKING:
@@ -53,15 +52,14 @@ class States:
 
     def pairs(self, factors: Array, inside: Inside) -> tuple[Array, Array, Array]:
         """λ (k,) inside a contour with Im λ ≥ 0, x and z (d, k)."""
-        with one_thread(len(self.x) < FEW):
-            a, b = ((np.append(1.0, factors) @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.a, self.b))
-            lu = la.lu_factor(b, check_finite=False)
-            lam, y = np.linalg.eig(la.lu_solve(lu, a))
-            lam = self.unit * lam
-            at = np.flatnonzero(inside(lam) & (lam.imag >= 0))
-            w = la.lu_solve(lu, np.linalg.inv(y)[at].T, trans=1).conj()
-            w = np.where(lam[at].imag == 0, w.real, w)  # the inverse left them a rounding
-            return lam[at], self.x @ y[:, at], self.z @ w
+        a, b = ((np.append(1.0, factors) @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.a, self.b))
+        lu = la.lu_factor(b, check_finite=False)
+        lam, y = np.linalg.eig(la.lu_solve(lu, a))
+        lam = self.unit * lam
+        at = np.flatnonzero(inside(lam) & (lam.imag >= 0))
+        w = la.lu_solve(lu, np.linalg.inv(y)[at].T, trans=1).conj()
+        w = np.where(lam[at].imag == 0, w.real, w)  # the inverse left them a rounding
+        return lam[at], self.x @ y[:, at], self.z @ w
 
 
 def settled(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
@@ -95,7 +93,7 @@ def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, n
     """
     lam, x, z = settled(matrices, *states.pairs(factors, inside))
     size = sizes(lam, x, z)
-    poor = np.flatnonzero(~(size <= tol * np.abs(lam) / 4))  # with room for a radius that is corrected once more, by what is seen
+    poor = np.flatnonzero(~(size <= tol * np.abs(lam) / 2))  # with room for a radius that is corrected once more, by what is seen
     if len(poor):
         lam[poor], x[:, poor], z[:, poor] = iterated(matrices, lam[poor], x[:, poor], z[:, poor])
         size[poor] = sizes(lam[poor], x[:, poor], z[:, poor])
