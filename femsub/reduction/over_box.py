@@ -222,30 +222,34 @@ class _Maker:
         radii = Radii(mix[..., kept], lost, signs, places, base, np.array(rounding), self.least)
         V = self.unit[:, None] * np.hstack([projection.free, projection.V @ W])
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))
-        return BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
-                        states=self.states(family, nodes, W),
-                        varied=self.varied, free=projection.free.shape[1], error=np.inf,
-                        values=np.array([list(node.values.values()) for node in nodes]))
+        model = BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
+                         varied=self.varied, free=projection.free.shape[1], error=np.inf,
+                         values=np.array([list(node.values.values()) for node in nodes]))
+        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in cells))
 
-    def states(self, family: Affine, nodes: list[Node], W: Array) -> States | None:
-        """The states of these nodes, if they are fewer than half of those of the model."""
-        d, unit = W.shape[1], self.projection.outer.size
-        terms = tuple([(theta, unit**power * np.asarray(A)[-d:, -d:]) for theta, A in several]
-                      for power, several in ((2, family.M), (1, family.D), (0, family.K)))
+    def states(self, model: BoxModel, cell: Cell) -> States | None:
+        """The states of the model at the corners and in the middle of a cell, if they are fewer than half of all."""
+        d, unit = model.size - model.free, self.projection.outer.size
+        if cell.contour is None or not 0 < (cell.number or 0) - 2 * model.free < d:
+            return None
         columns: tuple[list[Array], list[Array]] = [], []
-        for node in nodes:
-            factors = iter(self.family.factors(**node.values))
-            M, D, _ = (sum((next(factors) * A for _, A in several), np.zeros((d, d))) for several in terms)
-            scale = np.sqrt(self.c * self.box.tol * np.abs(node.lam))
+        ends = list(cell.ranges.values())
+        for values in (*product(*ends), [(lo + hi) / 2 for lo, hi in ends]):
+            pencil = model.at(**dict(zip(cell.ranges, values, strict=True)))
+            lam, x, z = model.every(pencil)
+            at = np.flatnonzero(cell.contour.encloses(lam) & (lam.imag >= 0))
+            scale = np.sqrt(self.c * self.box.tol * np.abs(lam[at]))
             scale[scale == 0] = np.inf
-            tau, x, z = node.lam / unit, W.T @ node.x / scale, W.T @ node.z / scale
-            columns[0].extend(_real(np.vstack([x, x * tau])))
-            columns[1].extend(_real(np.vstack([D.T @ z + M.T @ (z * tau.conj()), z])))
+            x, z, (_, D, M) = x[:, at] / scale, z[:, at] / scale, model.moving(pencil)
+            columns[0].extend(_real(np.vstack([x, x * lam[at] / unit])))
+            columns[1].extend(_real(np.vstack([unit * (D.T @ z + M.T @ (z * lam[at].conj())), z])))
         found = [la.svd(np.hstack(side), full_matrices=False)[:2] for side in columns]
         # projected between two spaces vectors are less exact than between equal ones
         k = max(int(np.count_nonzero(size > self.kept / 4)) for _, size in found)
         X, Z = (U[:, :k] for U, _ in found)
-        return States.of(tuple([A for _, A in several] for several in terms), X, Z, unit) if 0 < k < d else None
+        terms = tuple([unit**power * np.asarray(A)[model.free:, model.free:] for _, A in several]
+                      for power, several in ((2, model.M), (1, model.D), (0, model.K)))
+        return States.of(terms, X, Z, unit) if 0 < k < d else None
 
     def learn(self, model: BoxModel, node: Node) -> None:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from math import prod
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -90,6 +90,8 @@ class Cell:
         The bound of `femsub.modes.quadratic.cells`, whose limit is 1.
     sampled : bool
         Whether a factor was sampled, since it takes no `Interval`.
+    states : States or None
+        On which the pairs are found, where they are fewer than the shapes.
 
     Examples
     --------
@@ -106,6 +108,7 @@ class Cell:
     number: int | None = None
     margin: float = np.inf
     sampled: bool = False
+    states: States | None = field(default=None, repr=False, compare=False)
 
     @property
     def evidence(self) -> str:
@@ -233,7 +236,6 @@ class BoxModel(Affine):
     cells: tuple[Cell, ...]
     V: Array
     radii: Radii
-    states: States | None  #: on which few pairs are found, where their number is proved
     middle: Array  #: factors of the reference
     varied: Array  #: which factors vary
     free: int  #: columns of V that move freely: λ = 0, twice each
@@ -276,8 +278,8 @@ class BoxModel(Affine):
         found = cast(BoxModel, super().fixed(**values))
         rest = {name: ends for name, ends in self.box.ranges.items() if name not in values}
         box = ParameterBox(rest, self.box.band, self.box.tol, self.box.cells) if rest else self.box
-        cells = tuple(Cell({name: ends for name, ends in cell.ranges.items() if name not in values} or cell.ranges, cell.contour,
-                           cell.number, cell.margin, cell.sampled) for cell in self.cells
+        cells = tuple(replace(cell, ranges={key: ends for key, ends in cell.ranges.items() if key not in values} or cell.ranges)
+                      for cell in self.cells
                       if all(cell.ranges[name][0] <= value < cell.ranges[name][1]  # each place once, ends of the box included
                              or value == cell.ranges[name][1] == self.box.ranges[name][1] for name, value in values.items()))
         return found._with(box=box, cells=cells)
@@ -308,17 +310,14 @@ class BoxModel(Affine):
         """
         cell, hi, free = self.cell(**values), self.box.band[1], self.free
         factors = self.factors(**values)
-        pencil, theta = self.weighted(factors), (factors - self.middle)[self.varied]
-        matrices = pencil.K[free:, free:], pencil.D[free:, free:], pencil.M[free:, free:]
+        pencil = self.weighted(factors)
         contour = cell.contour or Contour(sides=(-hi, hi, hi))
-        found, sizes = None, self.radii.at(theta)
-        if self.states is not None and cell.number is not None:
-            found = listed(self.states, factors, matrices, contour.encloses, cell.number - 2 * free, sizes, self.box.tol)
+        found, sizes = None, self.radii.at((factors - self.middle)[self.varied])
+        if cell.states is not None and cell.number is not None:
+            number, tol = cell.number - 2 * free, self.box.tol
+            found = listed(cell.states, factors, self.moving(pencil), contour.encloses, number, sizes, tol)
         if found is None:
-            (shift, nu, x, z), *_ = eigenpairs(np.stack(matrices), float(np.hypot(hi, hi)))
-            with np.errstate(all="ignore"):
-                lam = shift + 1 / nu
-            lam[~np.isfinite(lam)] = np.inf
+            lam, x, z = self.every(pencil)
             near = (in_band(lam, self.box.band, (-hi, hi)) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
             lam, x, z = lam[near], x[:, near], z[:, near]
             found = lam, x, z, sizes(lam, x, z)
@@ -341,6 +340,18 @@ class BoxModel(Affine):
         return ComplexModes(values_, shapes, np.linalg.norm(residual, axis=0) / scale, bar, rigid, np.zeros(len(bar), dtype=bool),
                             searched=(-hi, hi, *self.box.band), tally=tally, cutoff=self.cutoff,
                             full_growth=np.stack([values_.real - bar, values_.real + bar], axis=1))
+
+    def moving(self, pencil: Pencil) -> tuple[Array, Array, Array]:
+        """K, D and M of a small pencil without free rigid motion."""
+        return pencil.K[self.free:, self.free:], pencil.D[self.free:, self.free:], pencil.M[self.free:, self.free:]
+
+    def every(self, pencil: Pencil) -> tuple[Array, Array, Array]:
+        """All λ of `moving` (2d,), and x and z (d, 2d) with |zᴴP'(λ)x| = 1; infinite λ are inf."""
+        hi = self.box.band[1]
+        (shift, nu, x, z), *_ = eigenpairs(np.stack(self.moving(pencil)), float(np.hypot(hi, hi)))
+        with np.errstate(all="ignore"):
+            lam = shift + 1 / nu
+        return np.where(np.isfinite(lam), lam, np.inf), x, z
 
     def expand(self, shapes: Array) -> Array:
         """Shapes of the full model, Vq (n, ...), of those of the small one."""
