@@ -147,13 +147,13 @@ class Radii:
         scale = np.where(self.places < 0, 1.0, np.append(theta, 1.0)[self.places])
         return np.vstack([[1.0, 0.0, 0.0], scale[:, None] * self.base])
 
-    def at(self, theta: Array) -> Sizes:
+    def at(self, theta: Array) -> RadiiAt:
         """What gives the radius of single eigenvalues at θ."""
         weights = self.weights(theta)
         terms, d, r = self.images.shape
         adjoint = weights * np.append(1.0, self.signs)[:, None]
         sides = [(own.T @ self.images.reshape(terms, d * r)).reshape(3 * d, r) for own in (weights, adjoint)]
-        return Sizes(self, weights, *sides)
+        return RadiiAt(self, weights, *sides)
 
     @staticmethod
     def circles(values: Array, size: Array) -> Array:
@@ -179,7 +179,7 @@ class Radii:
         return np.asarray(radius)
 
 
-class Sizes(NamedTuple):
+class RadiiAt(NamedTuple):
     """`Radii` at some θ: images by the parts of P = Σ s^k P_k and of its adjoint, (3d, r)."""
 
     radii: Radii

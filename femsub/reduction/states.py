@@ -24,7 +24,7 @@ import scipy.linalg as la
 from femsub.checks import Array
 
 if TYPE_CHECKING:
-    from femsub.reduction.parameter_box import Sizes
+    from femsub.reduction.parameter_box import RadiiAt
 
 Matrices = tuple[Array, Array, Array]
 Inside = Callable[[Array], Array]
@@ -85,7 +85,7 @@ def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
 
 
 def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, number: int,
-           sizes: Sizes, tol: float) -> tuple[Array, ...] | None:
+           sizes: RadiiAt, tol: float) -> tuple[Array, ...] | None:
     """λ, x, z and `sizes` of the eigenpairs inside a contour with Im λ ≥ 0; `inside` says which λ are.
 
     They count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
