@@ -97,6 +97,32 @@ def test_a_pair_is_listed_once() -> None:
     assert found is not None and len(found[0]) == len(lam)
 
 
+@pytest.mark.filterwarnings("error")
+def test_states_that_are_singular_list_nothing() -> None:
+    """Right and left states that do not act on each other: LAPACK has no eigenvalues then, and the whole problem is solved."""
+    M, D, K = here = pencil(np.random.default_rng(6), 20)
+    apart = States.of(([M], [D], [K]), np.eye(40)[:, :5], np.eye(40)[:, 10:15], 1.0)
+    assert not apart.b.any() and listed(apart, np.ones(3), (K, D, M), CONTOUR.encloses, 5, sizes_of(here), 1e-3) is None
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_pair_at_an_exact_eigenvalue_needs_no_regular_matrix() -> None:
+    """P(0) of a model that moves freely is singular: a pair there cannot be iterated, and is not listed."""
+    M, D, K = np.eye(2), 0.1 * np.eye(2), np.diag([0.0, 1.0])
+    free = States.of(([M], [D], [K]), np.eye(4), np.eye(4), 1.0)
+    exact_pair = np.array([[1.0], [0.0]]) + 0j
+
+    class Free(States):
+        def pairs(self, factors: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, ...]:
+            return np.zeros(1, dtype=complex), exact_pair, exact_pair
+
+    def rough(lam: np.ndarray, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return np.where(np.isfinite(x).all(axis=0), 1.0, np.nan)
+
+    here = Free(free.a, free.b, free.x, free.z, 1.0)
+    assert listed(here, np.ones(3), (K, D, M), CONTOUR.encloses, 1, rough, 1e-3) is None
+
+
 def test_inverse_iteration_mends_a_mixed_pair() -> None:
     rng = np.random.default_rng(7)
     here = pencil(rng, 20)

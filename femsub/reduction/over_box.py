@@ -125,13 +125,17 @@ class _Maker:
         even = np.sqrt(la.norm(z, axis=0) / la.norm(x, axis=0))
         return Node(values, theta, lam[at], x * even, z / even)
 
+    def allowed(self, lam: Array) -> Array:
+        """√(c tol |λ|): residuals of this size on both sides make an error of the tolerance; infinite for λ = 0."""
+        size = np.sqrt(self.c * self.box.tol * np.abs(lam))
+        return np.where(size > 0, size, np.inf)
+
     def enriched(self, nodes: list[Node], new: int) -> list[Node]:
         """The nodes, after A⁻¹ times residuals of the last `new` of them has joined V as far as the tolerance needs it."""
         columns = []
         for node in nodes[-new:]:
             here = self.projection.changed(node.theta)
-            scale = np.sqrt(self.c * self.box.tol * np.abs(node.lam))
-            scale[scale == 0] = np.inf
+            scale = self.allowed(node.lam)
             for vectors, adjoint in ((node.x, False), (node.z, True)):
                 columns.append(here.residuals(node.lam, vectors / scale, adjoint))
         R, m = np.hstack(columns), self.projection.size
@@ -192,8 +196,7 @@ class _Maker:
         projection = self.projection
         columns = []
         for node in nodes:
-            scale = np.sqrt(self.c * self.box.tol * np.abs(node.lam))
-            scale[scale == 0] = np.inf
+            scale = self.allowed(node.lam)
             columns += [*_real(node.x / scale), *_real(node.z / scale)]
         U, size, _ = la.svd(np.hstack(columns), full_matrices=False)
         W = U[:, size > self.kept]
@@ -238,8 +241,7 @@ class _Maker:
             pencil = model.at(**dict(zip(cell.ranges, values, strict=True)))
             lam, x, z = model.every(pencil)
             at = np.flatnonzero(cell.contour.encloses(lam) & (lam.imag >= 0))
-            scale = np.sqrt(self.c * self.box.tol * np.abs(lam[at]))
-            scale[scale == 0] = np.inf
+            scale = self.allowed(lam[at])
             x, z, (_, D, M) = x[:, at] / scale, z[:, at] / scale, model.moving(pencil)
             columns[0].extend(_real(np.vstack([x, x * lam[at] / unit])))
             columns[1].extend(_real(np.vstack([unit * (D.T @ z + M.T @ (z * lam[at].conj())), z])))

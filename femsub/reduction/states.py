@@ -14,6 +14,7 @@ bases of states: A. Antoulas, Approximation of Large-Scale Dynamical Systems (20
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -65,12 +66,10 @@ class States:
 def settled(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
     """λ by the quotient of x and z, which get |zᴴP'(λ)x| = 1 and equal lengths."""
     K, D, M = matrices
-    with np.errstate(all="ignore"):
-        damped, inert = D @ x, lam * (M @ x)
-        quotient, slope = (np.einsum("ik,ik->k", z.conj(), part) for part in (K @ x + lam * (damped + inert), damped + 2 * inert))
-        size = la.norm(x, axis=0), la.norm(z, axis=0)
-        even = np.sqrt(size[1] / size[0] / np.abs(slope))
-        return lam - quotient / slope, x * even, z / (even * slope.conj())
+    damped, inert = D @ x, lam * (M @ x)
+    quotient, slope = (np.einsum("ik,ik->k", z.conj(), part) for part in (K @ x + lam * (damped + inert), damped + 2 * inert))
+    even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0) / np.abs(slope))
+    return lam - quotient / slope, x * even, z / (even * slope.conj())
 
 
 def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
@@ -91,12 +90,17 @@ def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, n
     They count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
     None otherwise: then the whole problem is to be solved.
     """
-    lam, x, z = settled(matrices, *states.pairs(factors, inside))
-    size = sizes(lam, x, z)
-    poor = np.flatnonzero(~(size <= tol * np.abs(lam) / 2))  # with room for a radius that is corrected once more, by what is seen
-    if len(poor):
-        lam[poor], x[:, poor], z[:, poor] = iterated(matrices, lam[poor], x[:, poor], z[:, poor])
-        size[poor] = sizes(lam[poor], x[:, poor], z[:, poor])
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", la.LinAlgWarning)  # what is singular has no finite radius
+        try:
+            lam, x, z = settled(matrices, *states.pairs(factors, inside))
+        except la.LinAlgError:
+            return None
+        size = sizes(lam, x, z)
+        poor = np.flatnonzero(~(size <= tol * np.abs(lam) / 2))  # radii may grow by what a new value shows
+        if len(poor):
+            lam[poor], x[:, poor], z[:, poor] = iterated(matrices, lam[poor], x[:, poor], z[:, poor])
+            size[poor] = sizes(lam[poor], x[:, poor], z[:, poor])
     first = np.argsort(size)
     lam, x, z, size = lam[first], x[:, first], z[:, first], size[first]
     apart = np.abs(lam[:, None] - lam) > size[:, None] + size
