@@ -27,7 +27,7 @@ def coupled(seed: int, n: int = 60) -> tuple[fs.Affine, sp.csr_array]:
 
 def projected(seed: int, at: float = 0.2) -> Projection:
     family, pair = coupled(seed)
-    projection = projection_over(family.at(p=at), [Varied(pair, 0, 0.5)], BAND).changed([0.0])
+    projection = projection_over(family.at(p=at), [Varied(pair, 0, 0.5)], (-BAND[1], BAND[1], *BAND)).changed([0.0])
     projection.lost  # noqa: B018  (before residuals)
     return projection
 

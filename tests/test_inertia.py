@@ -206,7 +206,7 @@ def test_a_process_beside_that_is_stopped_is_ended_and_named(kind: type[CountBes
                                                              caplog: pytest.LogCaptureFixture) -> None:
     """Then this process does its work: None says so."""
     monkeypatch.setattr("femsub.algebra.processes.beside.PATIENCE", 0.2)
-    started = CountBeside(plate.K, plate.M) if kind is CountBeside else SignsBeside(plate.K, plate.M, 1.0)
+    started = CountBeside(plate.K, plate.M) if kind is CountBeside else SignsBeside(plate.K, plate.M, (1.0, 1.0))
     pid = int(Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()[-1])
     os.kill(pid, signal.SIGSTOP)
     late = Timer(40.0, os.kill, (pid, signal.SIGKILL))  # the test would wait for ever
@@ -290,7 +290,8 @@ def test_a_process_beside_tells_signs_as_this_one_does(plate: fs.Substructure) -
     t = float(fs.normal_modes(plate, count=12).eigenvalues[8])
     A, M = sp.csr_array(plate.K + t * plate.M), plate.M
     for d, D, both in ((2.0, M, (True, True)), (0.5, M, (False, True)), (0.5, sp.csr_array(-M), (True, False))):
-        assert SignsBeside(A, D, d / t).answer() == both == signs(A, D, d / t)  # xᵀAx ≥ t xᵀMx, as in rigid motion
+        ends = d / t, d / t
+        assert SignsBeside(A, D, ends).answer() == both == signs(A, D, ends)  # xᵀAx ≥ t xᵀMx, as in rigid motion
 
 
 def test_matrices_of_one_pattern_share_their_order(plate: fs.Substructure, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -305,7 +306,7 @@ def test_matrices_of_one_pattern_share_their_order(plate: fs.Substructure, monke
 
 
 def test_a_process_that_was_killed_tells_no_sign(plate: fs.Substructure) -> None:
-    killed = SignsBeside(plate.K, plate.M, 1.0)
+    killed = SignsBeside(plate.K, plate.M, (1.0, 1.0))
     children = Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()
     os.kill(int(children[-1]), signal.SIGKILL)
     assert killed.answer() is None
@@ -327,7 +328,7 @@ def test_bounds_of_damping_are_those_of_this_process(share: float, end: str, mon
     """Whether dampers are strong or not, and whatever becomes of the process."""
     found, answers, start, answer = [], [], SignsBeside.__init__, SignsBeside.answer
 
-    def begun(self: SignsBeside, A: sp.csr_array, D: sp.csr_array, d: float) -> None:
+    def begun(self: SignsBeside, A: sp.csr_array, D: sp.csr_array, d: tuple[float, float]) -> None:
         start(self, A, D, d)
         if end == "is killed":
             self._process.kill()
@@ -338,7 +339,7 @@ def test_bounds_of_damping_are_those_of_this_process(share: float, end: str, mon
         monkeypatch.setattr("femsub.algebra.counted_beside.WORTH", worth)
         with libraries().limit(limits=2):
             projection = Projection(damped(share), Contour(sides=(-6e3, 6e3, 6e3)))
-        found.append((projection.coercivity(6e3, 6e3), projection.size))
+        found.append((projection.coercivity((-6e3, 6e3), 6e3), projection.size))
     assert found[0] == pytest.approx(found[1], rel=1e-9) and found[0][0] > 0
     if len(os.sched_getaffinity(0)) > 1:
         assert answers == [None if end == "is killed" else (share == 0, True)]

@@ -127,7 +127,7 @@ def test_few_columns_that_change_act_inside_the_basis_alone() -> None:
     T = sp.csr_array(([5.0, -5.0], ([3, 70], [70, 3])), shape=(pencil.size, pencil.size))
     projection = Projection(pencil, Contour(0.5), changes=[Varied(T, 0, 2.0)])
     acting = projection.changed([1.5])
-    assert acting.terms[-1].spanned and acting.coercivity(0.5, 0.5) == projection.coercivity(0.5, 0.5)
+    assert acting.terms[-1].spanned and acting.coercivity((-0.5, 0.5), 0.5) == projection.coercivity((-0.5, 0.5), 0.5)
     x = np.random.default_rng(1).standard_normal((acting.size, 3))
     image = projection.factor.solve(acting.image(len(acting.terms) - 1, x))
     outside = image - acting.V @ (acting.V.T @ (acting.product(image)))
@@ -337,7 +337,7 @@ def test_a_proved_count_and_solved_pairs_cost_nothing_more(monkeypatch: pytest.M
     far = Coupling._far
     with monkeypatch.context() as large:  # pairs far from the contour have the largest share, and more directions would lower it
         large.setattr(Coupling, "_far", lambda *given: (0.6, far(*given)[1]))
-        margin, more = projection.counted.margin(contour, projection.coercivity(hi, hi))
+        margin, more = projection.counted.margin(contour, projection.coercivity((-hi, hi), hi))
     assert 0.6 <= margin < 0.9 and not more and not columns
     found = right_pairs(projection.counted, pencil)
     assert found is not None and pencil.backward_error(*found).max() < 4e-15

@@ -5,6 +5,7 @@ It needs a factorisation that nothing else uses. So it can be made while the mod
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -53,14 +54,14 @@ class CountBeside(Process):
 
 
 class SignsBeside(Process):
-    """Whether dA - D and dA + D are positive definite, by a process that begins at once; `answer` is both, or None."""
+    """What `signs` returns, by a process that begins at once; `answer` is both, or None."""
 
-    def __init__(self, A: Matrix, D: Matrix, d: float) -> None:
-        super().__init__(both_signs, (A, D))
-        self.ask(d)
+    def __init__(self, A: Matrix, D: Matrix, d: tuple[float, float]) -> None:
+        super().__init__(both_signs, (A, D, d))
+        self.ask(0.0)
 
     @classmethod
-    def started(cls, A: Difference, D: Matrix, d: float, factor: Handle, columns: float) -> SignsBeside | None:
+    def started(cls, A: Difference, D: Matrix, d: tuple[float, float], factor: Handle, columns: float) -> SignsBeside | None:
         """The process, if it is worth it and there is room for it and a factor like the one given of A; else None.
 
         This process will need so many columns of n numbers meanwhile.
@@ -73,14 +74,16 @@ class SignsBeside(Process):
         return None
 
     def answer(self) -> tuple[bool, bool] | None:
-        """Of dA - D and dA + D, once; None if the process could not find it. This waits for the process, which ends."""
+        """Both, once; None if the process could not find it. This waits for the process, which ends."""
         found = super().answer()
         return None if found is None else (bool(found[0]), bool(found[1]))
 
 
-def signs(A: Matrix, D: Matrix, d: float) -> tuple[bool, bool]:
-    """Whether dA - D and dA + D are positive definite, by Cholesky factors that are not kept."""
-    minus, plus = are_definite(sp.csr_array(d * A + sign * D) for sign in (-1, 1))
+def signs(A: Matrix, D: Matrix, d: tuple[float, float]) -> tuple[bool, bool]:
+    """Whether d₀A - D and d₁A + D are positive definite, by Cholesky factors that are not kept; of an infinite d they are."""
+    finite = [(one, sign) for one, sign in zip(d, (-1, 1), strict=True) if one < math.inf]
+    known = iter(are_definite(sp.csr_array(one * A + sign * D) for one, sign in finite))
+    minus, plus = (one == math.inf or next(known) for one in d)
     return minus, plus
 
 
@@ -89,6 +92,7 @@ def count(K: Matrix, M: Matrix, sigma: Callable[[], float]) -> int:
     return inertia(Difference(K, M), sigma)
 
 
-def both_signs(A: Matrix, D: Matrix, d: Callable[[], float]) -> tuple[bool, bool]:
+def both_signs(A: Matrix, D: Matrix, d: tuple[float, float], begin: Callable[[], float]) -> tuple[bool, bool]:
     """What the process of `SignsBeside` finds."""
-    return signs(A, D, d())
+    begin()
+    return signs(A, D, d)

@@ -715,7 +715,7 @@ class Modal:
                      for own, gram, x in ((self.lost_F, right, v), (self.lost_C, left, w.conj())))
         changed = np.abs(inverse) @ self.noise  # by rounding: what a vector A⁻¹b may change, relative to its entries
         sure = 1 - float(np.linalg.norm(changed))
-        margin = self.basis.coercivity(0.0, omega) - omega * self.spoilt[0] - self.spoilt[1]
+        margin = self.basis.coercivity((0.0, 0.0), omega) - omega * self.spoilt[0] - self.spoilt[1]
         margin -= np.sqrt(max(np.einsum("ij,ji->", inverse.conj().T @ right, inverse @ left).real, 0.0)) / max(sure, EPS)
         bound = np.full((len(out), len(into)), np.inf)
         if margin > 0 and sure > 0:

@@ -67,7 +67,7 @@ class _Maker:
         terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
         reference = family.weighted(self.middle)
         self.projection = projection_over(reference, [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(half[q]))
-                                                      for q in self.varied], box.band, GAP)
+                                                      for q in self.varied], box.region, GAP)
         sparse = reference.sparse()
         self.unit = np.ones(reference.size) if sparse.alike() is sparse else sparse.units[1]
 
@@ -87,7 +87,7 @@ class _Maker:
             lo, hi, known = self.family.factor_ranges(ranges)
             theta, half = ((lo + hi) / 2 - self.middle)[self.varied], (hi - lo)[self.varied] / 2
             self.projection = self.projection.changed(theta, half)
-            count, tried = count_over(self.projection, self.box.band, GAP), tried + 1
+            count, tried = count_over(self.projection, self.box.region, GAP), tried + 1
             if count is not None:
                 log.info("%d eigenvalues in %s over %s, margin %.2g", count.number, count.contour.where, ranges, count.margin)
                 done.append(Cell(ranges, count.contour, count.number, count.margin, sampled=not known.all()))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from femsub.algebra import one_thread
-from femsub.checks import EPS, Array, Tally, check_band, finite_number, items, mapping, positive_number, whole_number
+from femsub.checks import EPS, Array, Tally, check_band, finite_number, interval, items, mapping, positive_number, whole_number
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
@@ -32,6 +32,9 @@ class ParameterBox:
         lo < hi, in the units of each parameter.
     band : (lo, hi)
         In radians per unit of time: every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi is kept.
+    re : (a, b), optional
+        In place of |Re λ| ≤ hi: only those with a ≤ Re λ ≤ b. With strong damping a is best close to 0, such as -hi/40. Then the
+        model has no shapes for what decays faster: it is smaller and made sooner. All that grows up to b is in it.
     tol : float
         The largest distance of a λ of the small model from one of the full model, relative to |λ|. It is estimated.
     cells : int
@@ -40,7 +43,7 @@ class ParameterBox:
     Raises
     ------
     InputError, InputTypeError
-        No range, lo ≥ hi, a band without an end.
+        No range, lo ≥ hi, a band without an end, a ≥ 0 or b ≤ 0.
 
     Examples
     --------
@@ -53,6 +56,7 @@ class ParameterBox:
     band: tuple[float, float]
     tol: float = 1e-6
     cells: int = 32
+    re: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         found = {}
@@ -66,13 +70,24 @@ class ParameterBox:
         band = check_band(self.band)
         if not np.isfinite(band[1]):
             raise InputError("band must end: give (lo, hi) in rad per unit of time")
+        if self.re is not None:
+            a, b = interval("re", self.re)
+            if not a < 0 < b:
+                raise InputError(f"re must be (a, b) with a < 0 < b, so that stability can be lost in it, but is ({a:g}, {b:g})")
+            object.__setattr__(self, "re", (a, b))
         for name, value in (("ranges", found), ("band", band), ("tol", positive_number("tol", self.tol)),
                             ("cells", whole_number("cells", self.cells))):
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
         ranges = ", ".join(f"{name} from {lo:g} to {hi:g}" for name, (lo, hi) in self.ranges.items())
-        return f"ParameterBox: {ranges}; band {self.band[0]:g} to {self.band[1]:g} rad/time, tol {self.tol:g}"
+        growth = "" if self.re is None else f", Re λ from {self.re[0]:g} to {self.re[1]:g}"
+        return f"ParameterBox: {ranges}; band {self.band[0]:g} to {self.band[1]:g} rad/time{growth}, tol {self.tol:g}"
+
+    @property
+    def region(self) -> tuple[float, float, float, float]:
+        """(a, b, lo, hi)."""
+        return *(self.re or (-self.band[1], self.band[1])), *self.band
 
 
 @dataclass(frozen=True)
@@ -277,7 +292,7 @@ class BoxModel(Affine):
         self._inside(values)
         found = cast(BoxModel, super().fixed(**values))
         rest = {name: ends for name, ends in self.box.ranges.items() if name not in values}
-        box = ParameterBox(rest, self.box.band, self.box.tol, self.box.cells) if rest else self.box
+        box = replace(self.box, ranges=rest) if rest else self.box
         cells = tuple(replace(cell, ranges={key: ends for key, ends in cell.ranges.items() if key not in values} or cell.ranges)
                       for cell in self.cells
                       if all(cell.ranges[name][0] <= value < cell.ranges[name][1]  # each place once, ends of the box included
@@ -308,24 +323,24 @@ class BoxModel(Affine):
 
         Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
         """
-        cell, hi, free = self.cell(**values), self.box.band[1], self.free
+        cell, region, free = self.cell(**values), self.box.region, self.free
         factors = self.factors(**values)
         pencil = self.weighted(factors)
-        contour = cell.contour or Contour(sides=(-hi, hi, hi))
+        contour = cell.contour or Contour(sides=(*region[:2], region[3]))
         found, sizes = None, self.radii.at((factors - self.middle)[self.varied])
         if cell.states is not None and cell.number is not None:
             number, tol = cell.number - 2 * free, self.box.tol
             found = listed(cell.states, factors, self.moving(pencil), contour.encloses, number, sizes, tol)
         if found is None:
             lam, x, z = self.every(pencil)
-            near = (in_band(lam, self.box.band, (-hi, hi)) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
+            near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
             lam, x, z = lam[near], x[:, near], z[:, near]
             found = lam, x, z, sizes(lam, x, z)
         order = np.argsort(found[0].imag, kind="stable")
         lam, x, z, size = (part[..., order] for part in found)
         enclosed = contour.encloses(lam)
         number = 2 * free + int(enclosed.sum() + np.count_nonzero(lam[enclosed].imag))
-        near = np.flatnonzero(in_band(lam, self.box.band, (-hi, hi)))
+        near = np.flatnonzero(in_band(lam, region[2:], region[:2]))
         bar = self.radii.circles(lam, size)[near]
         values_, x = lam[near], x[:, near]
         zeros = np.zeros(2 * free * (self.box.band[0] == 0))
@@ -338,7 +353,7 @@ class BoxModel(Affine):
         residual = pencil.residual(values_, shapes)
         scale = np.abs(values_)**2 * pencil.norms[0] + np.abs(values_) * pencil.norms[1] + pencil.norms[2]
         return ComplexModes(values_, shapes, np.linalg.norm(residual, axis=0) / scale, bar, rigid, np.zeros(len(bar), dtype=bool),
-                            searched=(-hi, hi, *self.box.band), tally=tally, cutoff=self.cutoff,
+                            searched=region, tally=tally, cutoff=self.cutoff,
                             full_growth=np.stack([values_.real - bar, values_.real + bar], axis=1))
 
     def moving(self, pencil: Pencil) -> tuple[Array, Array, Array]:

@@ -179,7 +179,7 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     reference = over(p0)
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
     changes = [Varied(T, q, abs(w) * (hi - lo)) for (q, T, _), w in zip(terms, weights, strict=True)]
-    projection = projection_over(reference, changes, band).changed(np.zeros(len(terms)))
+    projection = projection_over(reference, changes, (0.0, band[1], *band)).changed(np.zeros(len(terms)))
     if projection.least <= 0 or projection.free.shape[1]:
         raise NotConvergedError("the model floats, or damping outweighs the stiffness of other shapes")
     side, height = band[1], band[1] - band[0]

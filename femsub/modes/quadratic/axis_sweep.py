@@ -140,7 +140,8 @@ class AxisSweep:
                 rest -= power * (part @ answer)
             G = -((self.left * each[:, None]) @ columns + adjoint @ rest)
             known = np.isfinite(G).all(axis=(1, 2)) & np.isfinite(whole).all(axis=1)
-            known &= (np.abs(s.real) + h <= self.outer.side) & (np.abs(s.imag) + h <= self.outer.top)  # where c holds
+            known &= (s.real - h >= self.outer.re[0]) & (s.real + h <= self.outer.re[1])  # where c holds
+            known &= np.abs(s.imag) + h <= self.outer.top
             mu, V = np.linalg.eig(np.where(known[:, None, None], G, 0.0))
             try:
                 W = np.linalg.inv(V)

@@ -98,12 +98,14 @@ class Term:
         """A bound of |w(s)| for all |s| ≤ size."""
         return float(np.abs(self.weights) @ [1.0, size, size**2])
 
-    def least(self, side: float, top: float) -> float:
-        """A lower bound of Re w(s) xᴴTx / xᴴAx outside the basis, for |Re s| ≤ side and |Im s| ≤ top."""
+    def least(self, re: tuple[float, float], top: float) -> float:
+        """A lower bound of Re w(s) xᴴTx / xᴴAx outside the basis, for Re s in `re`, which holds 0, and |Im s| ≤ top."""
         constant, linear, square = self.weights[0].real, *self.weights[1:]
+        side = max(-re[0], re[1])
         if self.sign > 0:
-            real = (constant - abs(linear) * side - max(square * top**2, -square * side**2),
-                    constant + abs(linear) * side + max(square * side**2, -square * top**2))
+            first, last = sorted(linear * end for end in re)
+            real = (constant + first - max(square * top**2, -square * side**2),
+                    constant + last + max(square * side**2, -square * top**2))
         else:  # xᴴTx is imaginary
             real = (-abs(linear) * top - 2 * abs(square) * side * top, abs(linear) * top + 2 * abs(square) * side * top)
         return min(w * share if w else 0.0 for w in real for share in self.range)
@@ -249,9 +251,9 @@ class EnergyBasis:
         off = float(np.linalg.norm(self.energy - np.eye(self.size)))
         return np.where(self._known, ACCEPTED**2, max(16 * EPS, off)) * self._whole
 
-    def coercivity(self, side: float, top: float) -> float:
-        """c with Re xᴴP(s)x ≥ c xᴴAx for all x outside V, |Re s| ≤ side and |Im s| ≤ top."""
-        return 1 + sum(term.least(side, top) for term in self.terms)
+    def coercivity(self, re: tuple[float, float], top: float) -> float:
+        """c with Re xᴴP(s)x ≥ c xᴴAx for all x outside V, Re s in `re`, which holds 0, and |Im s| ≤ top."""
+        return 1 + sum(term.least(re, top) for term in self.terms)
 
     @property
     def sampled(self) -> bool:

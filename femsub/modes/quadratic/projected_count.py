@@ -63,7 +63,8 @@ DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the
 CHANGED = 0.05  # the same share of what a parameter changes
 
 
-Bounds = tuple[Array, float, float]  # shapes of strong damping, d and g: see `Projection`
+Ends = tuple[float, float]
+Bounds = tuple[Array, Ends, float]  # shapes of strong damping, the range of damping outside, and g: see `Projection`
 
 
 class Varied(NamedTuple):
@@ -83,8 +84,9 @@ class Projection(EnergyBasis):
         c = 1 - (b² + μ)/(ω² + μ) - |a|d - |b|g
 
     with the first mode ω that is left out, |xᴴ(D + Dᵀ)x| ≤ 2d and |xᴴ(D - Dᵀ)x| ≤ 2g; Cholesky factors of dA ± (D + Dᵀ)/2 prove
-    both. With `changes` θ_q s^q T_q that a parameter makes, `changed` gives the same projection for P(s) + Σ θ_q s^q T_q. Of a
-    T_q with few columns A⁻¹T_q joins V, so that it does not act outside. Others are bounded there as D is.
+    both. For a < 0 positive damping takes from c, and for a > 0 negative damping: each has its own d. With `changes` θ_q s^q T_q
+    that a parameter makes, `changed` gives the same projection for P(s) + Σ θ_q s^q T_q. Of a T_q with few columns A⁻¹T_q joins
+    V, so that it does not act outside. Others are bounded there as D is.
 
     Raises
     ------
@@ -116,14 +118,14 @@ class Projection(EnergyBasis):
             def found(modes: int) -> Bounds:
                 first = looked()
                 damped = none if simple is not None else damping
-                return (*_strong(self.A, damped, solve, outer.side, first, modes, most),
+                return (*_strong(self.A, damped, solve, outer.re, first, modes, most),
                         _bound(self.A, gyroscopic if turned is None else none, solve, -1.0))
 
-            with _none_strong(self.A, damping if simple is None else none, outer.side, handle.factor) as looked:
+            with _none_strong(self.A, damping if simple is None else none, outer.re, handle.factor) as looked:
                 yield found
 
-        modes, lift, (strong, d, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds, most,
-                                               lowest)
+        modes, lift, (strong, spread, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds,
+                                                     most, lowest)
         # rigid motion on which no other part of P acts is free, by rounding in the products; the rest of the modes joins V
         self.free, rest = modes.shapes[:, :modes.rigid], modes.shapes[:, modes.rigid:]
         others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
@@ -139,10 +141,11 @@ class Projection(EnergyBasis):
         beyond = modes.counted[0] ** 2 - lift + self.mu
         if simple is not None:  # outside V, D is αM + βK = (α - βμ)M + βA
             alpha, beta = simple[:2]
-            d = max(abs(beta), abs(beta + (alpha - beta * self.mu) / beyond))
+            most_of = beta + (alpha - beta * self.mu) / beyond
+            spread = min(beta, most_of), max(beta, most_of)
         given = (Term(M, (-self.mu, 0.0, 1.0), range=(0.0, 1 / beyond)),
-                 Term(damping, (0.0, 1.0, 0.0), range=(-d, d), modal=simple is not None,
-                      spanned=simple is not None and not d),
+                 Term(damping, (0.0, 1.0, 0.0), range=spread, modal=simple is not None,
+                      spanned=simple is not None and not any(spread)),
                  Term(gyroscopic, (0.0, 1.0, 0.0), -1.0, (-g, g), spanned=turned is not None),
                  Term(circulatory, (1.0, 0.0, 0.0), -1.0))
         terms = [term for term in given if term.matrix is M or term.matrix.nnz]
@@ -155,24 +158,25 @@ class Projection(EnergyBasis):
             rigid = modes.shapes[:, :modes.rigid]
             joining.append(self.factor.solve(Q - (M @ rigid) @ (rigid.T @ Q)))
         for place, (matrix, power, size) in enumerate(changes):
-            weight = size * (1.0, outer.side, max(outer.side, outer.top)**2)[power]
+            side = max(-outer.re[0], outer.re[1])  # the change may have either sign
+            weight = size * (1.0, side, max(side, outer.top)**2)[power]
             for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True):
                 if not half.nnz or not weight:
                     continue
-                columns = few_columns(half)
+                columns, ends = few_columns(half), (0.0, 0.0)
                 if columns is not None:
                     joining.append(self.factor.solve(columns))
-                    bound = 0.0
                 elif sign < 0 and not power:
-                    bound = np.inf  # xᴴTx is imaginary
+                    ends = -np.inf, np.inf  # xᴴTx is imaginary
                 else:
                     bound = _bound(self.A, half, self.factor.solve, sign, np.inf if sign < 0 else CHANGED / weight)
+                    ends = -bound, bound
                     if not np.isfinite(bound):
-                        known = signs(self.A.formed(), half, CHANGED / weight)
-                        shapes, bound = _strong(self.A, half, self.factor.solve, weight, known,
-                                                sum(x.shape[1] for x in joining), most, (CHANGED, *DAMPED))
+                        known = signs(self.A.formed(), half, (CHANGED / weight, CHANGED / weight))
+                        shapes, ends = _strong(self.A, half, self.factor.solve, (-weight, weight), known,
+                                               sum(x.shape[1] for x in joining), most, (CHANGED, *DAMPED))
                         joining.append(shapes)
-                terms.append(Term(half, (0.0, 0.0, 0.0), sign, (-bound, bound), spanned=columns is not None))
+                terms.append(Term(half, (0.0, 0.0, 0.0), sign, ends, spanned=columns is not None))
                 self.own_weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=True)
         self.counted: Coupling | None = None  # the last one, if the count was proved
@@ -197,7 +201,7 @@ class Projection(EnergyBasis):
     @property
     def least(self) -> float:
         """c for all θ."""
-        return self.at(self._weighted(np.abs(self.theta) + self.half)).coercivity(self.outer.side, self.outer.top)
+        return self.at(self._weighted(np.abs(self.theta) + self.half)).coercivity(self.outer.re, self.outer.top)
 
     def images_outside(self) -> Array:
         """H (p, h, m), see `images`."""
@@ -263,11 +267,12 @@ class Projection(EnergyBasis):
     def _moved(self, small: Coupling) -> Array:
         """How far the changes, θ ± half, move each eigenvalue to first order: Σ half_q |λ^k zᴴT_qx|, (2m,)."""
         found = np.zeros(len(small.nu))
-        for (place, _), inside in zip(self.own_weights, self.inside, strict=True):
-            if place is not None and self.half[place]:
-                size = np.abs(np.einsum("ik,ik->k", small.z.conj(), inside @ small.x))
-                with np.errstate(invalid="ignore"):
-                    found += self.half[place] * np.nan_to_num(np.abs(small.each)) ** self.changes[place].power * size
+        for place in np.flatnonzero(self.half):
+            # both halves of a term together: their shares may cancel
+            inside = self.inside[[of == place for of, _ in self.own_weights]].sum(axis=0)
+            size = np.abs(np.einsum("ik,ik->k", small.z.conj(), inside @ small.x))
+            with np.errstate(invalid="ignore"):
+                found += self.half[place] * np.nan_to_num(np.abs(small.each)) ** self.changes[place].power * size
         return found
 
 
@@ -389,15 +394,15 @@ def about_radius(pencil: Pencil, number: int) -> tuple[float, tuple[ShiftInvert,
 
 
 @contextmanager
-def _none_strong(A: Difference, D: Matrix, side: float, factor: Handle) -> Iterator[Callable[[], tuple[bool, bool]]]:
-    """Whether dA - D and dA + D are positive definite for the first d that is tried, by a process beside what is done inside.
+def _none_strong(A: Difference, D: Matrix, re: Ends, factor: Handle) -> Iterator[Callable[[], tuple[bool, bool]]]:
+    """`signs` for the first d that are tried, by a process beside what is done inside.
 
     Where there is no room for one, it is found before. The process has one of the cores.
     """
     if not D.nnz:
         yield lambda: (True, True)
         return
-    d = DAMPED[0] / side
+    d = _allowed(DAMPED[0], re)
     beside = SignsBeside.started(A, D, d, factor, COLUMNS)
     if beside is None:
         known = signs(A.formed(), D, d)
@@ -407,9 +412,15 @@ def _none_strong(A: Difference, D: Matrix, side: float, factor: Handle) -> Itera
         yield lambda: beside.answer() or signs(A.formed(), D, d)
 
 
-def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: float, first: tuple[bool, bool],
-            modes: int, most: int, shares: Sequence[float] = DAMPED) -> tuple[Array, float]:
-    """Shapes U (n, k) such that |xᵀDx| ≤ d xᵀAx wherever UᵀAx = 0, and d; D symmetric; `first` is what `_none_strong` found.
+def _allowed(share: float, re: Ends) -> Ends:
+    """d₀ and d₁ with -d₁ ≤ xᵀDx / xᵀAx ≤ d₀, such that Re s xᵀDx ≥ -share xᵀAx for Re s in `re`."""
+    left, right = (share / abs(end) if end else np.inf for end in re)
+    return left, right
+
+
+def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends, first: tuple[bool, bool],
+            modes: int, most: int, shares: Sequence[float] = DAMPED) -> tuple[Array, Ends]:
+    """Shapes U (n, k) and the range of xᵀDx / xᵀAx wherever UᵀAx = 0; D symmetric; `first` is what `_none_strong` found.
 
     Raises
     ------
@@ -418,15 +429,14 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
     """
     none = np.zeros((A.shape[0], 0))
     if not D.nnz:
-        return none, 0.0
-    for tried, d in enumerate(share / side for share in shares):
+        return none, (0.0, 0.0)
+    for tried, d in enumerate(_allowed(share, re) for share in shares):
         definite = signs(A.formed(), D, d) if tried else first  # half of the time of an inertia
-        if all(definite):
-            return none, d
-        both = d * A.formed() - D, d * A.formed() + D
-        number = sum(inertia(sp.csr_array(one)) for one, known in zip(both, definite, strict=True) if not known)
+        each = [0 if known else inertia(sp.csr_array(one * A.formed() + sign * D))
+                for one, sign, known in zip(d, (-1, 1), definite, strict=True)]
+        number, ends = sum(each), (-d[1], d[0])
         if not number:
-            return none, d
+            return none, ends
         if modes + number <= most:
             break
     else:
@@ -437,14 +447,19 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], side: flo
 
     check_columns("the pencil", A.shape[0], 2 * number + 1)
     start = np.random.default_rng(3).standard_normal(A.shape[0])
-    try:
-        values, shapes = eigsh(D, number, M=A.formed(), Minv=LinearOperator(A.shape, matvec=solve, dtype=float), which="LM",
-                               tol=1e-12, v0=start)
-    except ArpackNoConvergence as error:
-        raise NotConvergedError(f"of {number} strongly damped shapes {len(error.eigenvalues)} were found") from None
-    if np.abs(values).min() < d * (1 - 1e-9):
-        raise NotConvergedError(f"of {number} strongly damped shapes some were missed")
-    return shapes, d
+    found = []
+    for wanted, most_of, which in zip(each, d, ("LA", "SA"), strict=True):
+        if not wanted:
+            continue
+        try:
+            values, shapes = eigsh(D, wanted, M=A.formed(), Minv=LinearOperator(A.shape, matvec=solve, dtype=float), which=which,
+                                   tol=1e-12, v0=start)
+        except ArpackNoConvergence as error:
+            raise NotConvergedError(f"of {number} strongly damped shapes {len(error.eigenvalues)} were found") from None
+        if np.abs(values).min() < most_of * (1 - 1e-9):
+            raise NotConvergedError(f"of {number} strongly damped shapes some were missed")
+        found.append(shapes)
+    return np.hstack(found), ends
 
 
 def _bound(A: Difference, T: Matrix, solve: Callable[[Array], Array], sign: float, most: float = np.inf) -> float:
@@ -467,7 +482,7 @@ def _bound(A: Difference, T: Matrix, solve: Callable[[Array], Array], sign: floa
     for g in (1.2 * estimate, 2 * estimate, 4 * estimate):
         if g > most:
             return np.inf
-        if all(signs(matrix, T, g) if sign > 0 else are_definite(
+        if all(signs(matrix, T, (g, g)) if sign > 0 else are_definite(
                 [sp.csr_array(sp.block_array([[g * matrix, -T], [T, g * matrix]]))])):
             return g
     raise NotConvergedError("a gyroscopic part, or the change that a parameter makes, is not bounded by the stiffness")

@@ -28,12 +28,13 @@ class Contour:
     @property
     def size(self) -> float:
         """The largest |λ| inside."""
-        return self.radius if self.sides is None else float(np.hypot(self.side, self.top))
+        return self.radius if self.sides is None else float(np.hypot(max(-self.re[0], self.re[1]), self.top))
 
     @property
-    def side(self) -> float:
-        """The largest |Re λ|."""
-        return self.radius if self.sides is None else max(abs(self.sides[0]), abs(self.sides[1]))
+    def re(self) -> tuple[float, float]:
+        """The least and the largest Re λ, 0 among them."""
+        a, b, _ = self.sides or (-self.radius, self.radius, 0.0)
+        return min(a, 0.0), max(b, 0.0)
 
     @property
     def top(self) -> float:

@@ -254,8 +254,8 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
     return None
 
 
-def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float, float], room: float = ROOM) -> Projection:
-    """One projection that counts in a band for all values of parameters, which make these changes of a pencil.
+def projection_over(pencil: Pencil, changes: Sequence[Varied], box: Box, room: float = ROOM) -> Projection:
+    """One projection that counts in a rectangle for all values of parameters, which make these changes of a pencil.
 
     `search` takes it where it is `Projection.changed` for a value, and `pencil` has the units of that value's pencil.
 
@@ -270,15 +270,14 @@ def projection_over(pencil: Pencil, changes: Sequence[Varied], band: tuple[float
     alike = sparse.alike()
     changes = [change._replace(matrix=sp.csr_array(change.matrix) if alike is sparse else
                                scaled(sp.csr_array(change.matrix), *sparse.units)) for change in changes]
-    return Projection(alike, _around((-band[1], band[1], *band), room), min(pencil.size, QUADRATIC), changes)
+    return Projection(alike, _around(box, room), min(pencil.size, QUADRATIC), changes)
 
 
-def count_over(projection: Projection, band: tuple[float, float], room: float = ROOM) -> Count | None:
-    """The number of eigenvalues in a contour around a band, for all changes θ ± half of the projection; None without.
+def count_over(projection: Projection, box: Box, room: float = ROOM) -> Count | None:
+    """The number of eigenvalues in a contour around a rectangle, for all changes θ ± half of the projection; None without.
 
-    Edges may move out by up to `room` times the top of the band, into gaps between eigenvalues that parameters move.
+    Edges may move out by up to `room` times its top, into gaps between eigenvalues that parameters move.
     """
-    box = (-band[1], band[1], *band)
     return projection.on(partial(_inside, Region(box=box), _around(box, room), room=room))
 
 

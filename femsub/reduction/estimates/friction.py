@@ -144,7 +144,7 @@ class Larger:
                 low, high = self._ends(term.matrix, term.sign < 0)
                 size = MARGIN * float(np.sqrt(high) if term.sign < 0 else max(-low, high))
                 self.space.terms[at] = replace(term, range=(-size, size) if term.weights[1] else (MARGIN * low, np.inf))
-        return self.space.coercivity(BEYOND * self.hi, BEYOND * self.hi)
+        return self.space.coercivity((-BEYOND * self.hi, BEYOND * self.hi), BEYOND * self.hi)
 
     def _ends(self, B: Matrix, skew: bool = False, steps: int = 40) -> tuple[float, float]:
         """The smallest and largest xᴴBx / xᴴAx over L of a symmetric B, or 0; of a skew one those of BᵀA⁻¹B.
