@@ -231,9 +231,9 @@ class _Maker:
         return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in cells))
 
     def states(self, model: BoxModel, cell: Cell) -> States | None:
-        """The states of the model at the corners and in the middle of a cell, if they are fewer than half of all."""
+        """The states of the model at the corners and in the middle of a cell, if they are fewer than three quarters of all."""
         d, unit = model.size - model.free, self.projection.outer.size
-        if cell.contour is None or not 0 < (cell.number or 0) - 2 * model.free < d:
+        if cell.contour is None or not 0 < (cell.number or 0) - 2 * model.free < 1.5 * d:
             return None
         columns: tuple[list[Array], list[Array]] = [], []
         ends = list(cell.ranges.values())
@@ -251,7 +251,7 @@ class _Maker:
         X, Z = (U[:, :k] for U, _ in found)
         terms = tuple([unit**power * np.asarray(A)[model.free:, model.free:] for _, A in several]
                       for power, several in ((2, model.M), (1, model.D), (0, model.K)))
-        return States.of(terms, X, Z, unit) if 0 < k < d else None
+        return States.of(terms, X, Z, unit) if 0 < k < 1.5 * d else None
 
     def learn(self, model: BoxModel, node: Node) -> None:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
