@@ -1,82 +1,83 @@
-"""The README's picture: a brake's unstable mode, beside the errors of reduced models over their run time.
+"""The README's picture: a brake's flutter diagram over friction, by one small model that is proved, and a mode that grows.
 
-    python -m benchmarks readme-picture --brake DIR [--out DIR]
+    python -m benchmarks readme-picture [--out DIR]
 
-DIR holds a run of the scene brake. The mode is computed anew, by the full model in a narrow band around it.
+Lines are those of the small model, circles solutions of the full one. The mode is the small model's, expanded to the mesh.
+Seconds are those of the processor; OMP_NUM_THREADS=1 makes them those of one thread. All of it takes some four minutes.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.pictures import NUMBERS, save, shown
-from femsub import complex_modes
-from femsub.app.figure_style import PAGE, draw_panel, label_points, legend_below, new_figure
-from femsub.app.figures import draw_solid, triad
+import femsub as fs
+from benchmarks.pictures import save
+from femsub.app.figure_style import PAGE, draw_panel, legend_below, new_figure
+from femsub.app.figures import PARTS, draw_solid, triad
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.app.scenes.joined_parts import by_kind
-from femsub.studies.charts import Level, Panel, Series
-
-NAME = "brake-mode-and-error.png"
-PANEL = "growth rates Re λ"
-WIDE = 1e-3  # of ω, around the mode
+from femsub.studies import flutter_chart
 
 
-def disc_mode(told: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The unstable mode in which the disc has the largest share."""
-    return max(told["unstable"], key=lambda row: row["energy_disc"])
-
-
-def errors(told: Mapping[str, Any]) -> Panel:
-    """A panel of the run's error against run time, with the DOF beside the filled marks."""
-    chart = next(one for one in told["charts"] if one["name"] == "error-time")
-    plain = next(panel for place in chart["places"] for panel in place["panels"] if panel["title"] == PANEL)
-    series = []
-    for one in plain["series"]:
-        given = {key: value for key, value in one.items() if key not in ("hover", "x", "y")}
-        known = dict(one["hover"])
-        labels = [f"{size:.0f}" for size in known["DOF"]] if one["legend"] and "DOF" in known else ()
-        x, y = (np.array(one[key], dtype=float) for key in "xy")
-        series.append(Series(x=x, y=y, labels=labels, **given))
-    return Panel(series, plain["x"], plain["y"], "error of the growth rates against run time", plain["logs"],
-                 [Level(**level) for level in plain["levels"]], rounding=True)
-
-
-def figure(told: Mapping[str, Any]) -> Any:
-    """Left the mode with contact and outline, right the errors."""
-    row, mu = disc_mode(told), told["unstable"][0]["mu"]
-    brake = Brake(BrakeScene(size=told["inputs"]["size"]), lambda _: None)
-    omega = row["omega"]
-    modes = complex_modes(brake.system, brake.contacts(mu), band=((1 - WIDE) * omega, (1 + WIDE) * omega))
-    at = int(np.argmin(np.abs(modes.eigenvalues - complex(row["growth"], omega))))
-    (_, (mesh, fields)), = by_kind(brake.system, brake.meshes, modes.shapes[:, [at]]).items()
-    shape = fields[..., 0]
-    shape = (shape * np.exp(-1j * np.angle(shape.ravel()[np.abs(shape).argmax()]))).real
-    drawn = new_figure(1.25 * PAGE, 4.1)
-    left, right = drawn.subplots(1, 2, width_ratios=[1.15, 1])
-    scale = draw_solid(left, mesh, shape, {"contact": brake.contact_nodes})
-    drawn.colorbar(scale, ax=left, label="|u| / max|u|  [-]", shrink=0.6, location="left")
-    triad(left)
-    left.set_title(f"unstable mode of the full model at μ = {mu:g}: {row['hertz']:.0f} Hz, Re λ = {row['growth']:.3g} 1/s")
-    panel = errors(told)
-    labels = draw_panel(right, panel, [value for one in panel.series for value in one.y], {})
-    right.set(title=panel.title, xlabel=panel.x, ylabel="largest error over |λ|  [-]")
-    legend_below(drawn, (left, right), 4)
-    drawn.suptitle(f"A disc brake of {told['size']:,} DOF, and reduced models of it\n"
-                   "filled: to solve once; hollow: to reduce and to solve; numbers: DOF")
-    label_points(drawn, labels)
+def figure(count: int = 141) -> Any:
+    """Left frequencies, with the cells of the proof, above growth rates, at `count` values of μ; right a mode that grows."""
+    brake = Brake(BrakeScene(), lambda _: None)
+    # the small model, its modes, and those of the full one at a few values; seconds before and after each
+    band, mus, clock = brake.band, np.linspace(*brake.range, count), [time.process_time()]
+    small = fs.reduce(brake.system, fs.ParameterBox({"mu": brake.range}, band), contacts=brake.contacts(0.0))
+    clock.append(time.process_time())
+    found = [small.modes(mu=mu) for mu in mus]
+    clock.append(time.process_time())
+    full = {mu: fs.complex_modes(brake.system, brake.contacts(mu), band=band).eigenvalues for mu in brake.scene.full}
+    made, each, once = np.diff([*clock, time.process_time()]) / [1, count, len(full)]
+    radius = max(np.max(one.error_bar / np.abs(one.eigenvalues)) for one in found)
+    error = max(np.abs(small.modes(mu=mu).eigenvalues / one - 1).max() for mu, one in full.items())  # both have as many
+    # the mode of the lowest frequency among those that grow at the last of these values
+    mu, modes = max(full), small.modes(mu=max(full))
+    at = min(modes.unstable, key=lambda k: modes.eigenvalues[k].imag)
+    value = modes.eigenvalues[at]
+    (_, (mesh, fields)), = by_kind(brake.system, brake.meshes, small.expand(modes.shapes[:, [at]])).items()
+    shape = fields[..., 0] * np.exp(-1j * np.angle(fields.ravel()[np.abs(fields).argmax()]))
+    drawn = new_figure(1.25 * PAGE, 6.2)
+    axes = drawn.subplot_mosaic([["imag", "mode"], ["real", "mode"]], width_ratios=[1.2, 1])
+    scale = draw_solid(axes["mode"], mesh, shape.real, {"contact": brake.contact_nodes})
+    drawn.colorbar(scale, ax=axes["mode"], label="|u| / max|u|  [-]", shrink=0.6)
+    triad(axes["mode"])
+    # the flutter diagram, where each branch that grows has a colour of its own, and where it begins to
+    lost = fs.critical_value(small, None, "mu", between=brake.range, band=band).losses
+    own, whole = f"small model up to {band[1] / (2 * np.pi):,.0f} Hz, {small.evidence}", f"full model, within {error:.0e} |λ|"
+    chart = flutter_chart("", {own: fs.track(small, None, "mu", mus, band=band)}, {own: lost}, "", "", {whole: [*full.items()]})
+    for part, unit, panel, linear in zip(("imag", "real"), (2 * np.pi, 1.0), chart.panels, ({}, {"y": 100.0}), strict=True):
+        series, colours = [], iter(PARTS)
+        for one, above in zip(panel.series, chart.panels[0].series, strict=True):
+            look: dict[str, Any] = {"y": np.divide(one.y, unit), "size": min(one.size, 4.0)}
+            if one.name == "a mode grows":
+                x, y = next((x, y) for x, y in zip(above.x, above.y, strict=True) if np.isfinite(y))
+                look |= {"name": f"{y / (2 * np.pi):,.0f} Hz, grows from μ = {x:.4f}", "legend": True, "colour": next(colours)}
+            series.append(replace(one, **look))
+        draw_panel(axes[part], replace(panel, series=series, levels=panel.levels[1:], linear=linear), [], {})
+        axes[part].plot(mu, getattr(value, part) / unit, "*", ms=12, color="#e41a1c", zorder=4, label="mode on the right")
+    # the cells
+    for cell in small.cells:
+        assert cell.contour and cell.contour.sides  # none is open
+        (lo, hi), top = cell.ranges["mu"], cell.contour.sides[2] / (2 * np.pi)
+        axes["imag"].plot([lo, lo, hi, hi], [0, top, top, 0], "k", lw=0.8, label=f"cell: {cell.number} λ, with conjugates")
+        axes["imag"].text((lo + hi) / 2, top, f"{cell.number} λ", ha="center", va="bottom", fontsize=8)
+    axes["imag"].set(title="frequencies", ylabel="Im λ / 2π  [Hz]", ylim=(0, 1.1 * top), xlim=brake.range, xticklabels=[])
+    axes["real"].set(title="growth rates, logarithmic beyond 100 1/s", ylabel="Re λ  [1/s]", xlabel="μ  [-]", xlim=brake.range)
+    axes["mode"].set_title(f"mode at the star: μ = {mu:g}, {value.imag / (2 * np.pi):,.0f} Hz, Re λ = {value.real:.3g} 1/s")
+    legend_below(drawn, axes.values(), 3)
+    drawn.suptitle(f"A disc brake of {len(small.V):,} DOF over its friction: one small model of {small.size} DOF for all μ\n"
+                   f"number of λ {small.evidence} for all μ; each λ within {radius:.0e} |λ| of the full model (estimate)\n"
+                   f"seconds of the processor: {made:.0f} to make, then {each:.2f} for each μ; full model: {once:.1f} for each μ")
     return drawn
 
 
-def main(*, brake: Path, out: Path = Path("out/readme")) -> None:
-    told = json.loads((brake / "results.json").read_text(encoding="utf-8"))
+def main(*, out: Path = Path("out/readme")) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    save(out / NAME, lambda: figure(told))
-    rows = [{"mode": disc_mode(told)["hertz"], "growth": disc_mode(told)["growth"]},
-            *(one for one in shown(told, "error-time") if one["panel"] == PANEL)]
-    (out / NUMBERS).write_text(json.dumps({NAME: rows}), encoding="utf-8")
+    save(out / "brake-over-friction.png", figure)

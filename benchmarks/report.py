@@ -7,8 +7,9 @@ kept in WORK/NAME/printed.txt, its results beside it. A step that has ended well
 where it was, and --fresh repeats what is named. DATA/NAME.txt holds what a step has printed, below its command, its seconds, the
 commit and the machine. PICTURES gets its figures, and PICTURES/data.json for each of them the step, the commit and the numbers
 that are drawn: tests/test_pictures.py compares them with a run of that day. The pages with the conclusions are written by hand.
-Two pictures were made by what is in the history: that of a run's page, report.png, by benchmarks/page_picture.py (commit
-e0d65ca), and methods.png by benchmarks/compare_methods.py (commit ace8ad5).
+Three pictures were made by what is in the history: that of a run's page, report.png, by benchmarks/page_picture.py (commit
+e0d65ca), methods.png by benchmarks/compare_methods.py (commit ace8ad5), and brake-mode-and-error.png by
+benchmarks/readme_picture.py (commit 12e5fba0).
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ STEPS = (
     scene("scripts/long-chain.toml", "A chain of 100,000 masses. Beyond its border of stability."),
     scene("scripts/disc-transient.toml", "A disc in time. 10,800 DOF: what a simulated period costs, full and reduced."),
     scene("brake", "A brake. Disc and two pads with friction between them: full and reduced.", "flutter", "error-time"),
-    Step("brake-mode-and-error", "The README's picture. A brake's unstable mode, and errors of reduced models; after brake.",
-         "readme-picture --brake {work}/brake --out {out}", ("brake-mode-and-error",), table=False),
+    Step("brake-over-friction", "The README's picture. A brake over friction, by one small model with its proof, and a mode.",
+         "readme-picture --out {out}", ("brake-over-friction",), table=False),
     Step("bases", "Bases of a slab. Ratios against SciPy and plain SLEPc, each in one run.", "bases --repeats 1 --out {out}"),
     Step("bases-bulk", "Bases of a bulky solid. Quadratic hexahedra, where factors are dense.",
          "bases --component bulk --repeats 1 --out {out}"),
