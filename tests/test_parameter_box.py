@@ -170,6 +170,27 @@ def test_some_of_the_parameters_may_be_fixed():
     np.testing.assert_allclose(np.sort_complex(found.eigenvalues), np.sort_complex(part.modes(mu=0.4).eigenvalues), rtol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_box_may_end_beside_the_axis(seed):
+    """Fewer shapes, and still all that grows or decays slowly."""
+    full, band = family(seed), (0.0, 0.5)
+    strong = sp.diags_array(np.where(np.arange(full.size) < 20, 6.0, 0.0))
+    full = fs.Affine(full.M, [*full.D, (1.0, sp.csr_array(strong))], full.K)
+    wide, near = (fs.reduce(full, fs.ParameterBox({"mu": (0.0, 1.0), "speed": (0.5, 2.0)}, band, re=re))
+                  for re in (None, (-0.03, 0.5)))
+    assert near.evidence == "certified" and near.size < wide.size
+    assert "Re λ from -0.03 to 0.5" in repr(near.box)
+    for place in ({"mu": 0.0, "speed": 0.5}, {"mu": 1.0, "speed": 2.0}, {"mu": 0.3, "speed": 0.9}):
+        every, cell, found = truth(full.at(**place)), near.cell(**place), near.modes(**place)
+        assert np.count_nonzero(cell.contour.encloses(every)) == cell.number
+        wanted = every[(every.real > -0.0299) & (every.imag >= 0) & (every.imag < 0.4999)]
+        assert len(wanted) > 1
+        assert (np.abs(wanted[:, None] - found.eigenvalues).min(axis=1) < found.error_bar.max() + 1e-11).all()
+        assert (np.abs(found.eigenvalues[:, None] - every).min(axis=1) < found.error_bar + 1e-11).all()
+        assert found.searched == (-0.03, 0.5, *band) and (found.eigenvalues.real >= -0.03).all()
+    assert near.fixed(mu=0.5).box.re == (-0.03, 0.5)
+
+
 def test_values_outside_the_box_are_refused():
     small = reduced_family(4)
     for ask in (small.at, small.modes, small.number):
@@ -188,6 +209,12 @@ def test_values_outside_the_box_are_refused():
 def test_a_bad_box_is_refused(ranges, band, says):
     with pytest.raises((InputError, TypeError), match=says):
         fs.ParameterBox(ranges, band)
+
+
+@pytest.mark.parametrize("re", [(0.1, 1.0), (-1.0, 0.0), (1.0, -1.0), (-1.0,)])
+def test_a_box_without_the_axis_is_refused(re):
+    with pytest.raises((InputError, TypeError), match="re must be"):
+        fs.ParameterBox({"mu": (0, 1)}, (0, 1), re=re)
 
 
 def test_a_pole_in_the_box_is_refused():

@@ -135,6 +135,56 @@ def test_few_columns_that_change_act_inside_the_basis_alone() -> None:
     assert acting.size == projection.size and acting.terms[-1].weights == (1.5, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.sampled(4)
+def test_each_sign_of_damping_has_its_own_bound(seed: int) -> None:
+    """Re xᴴP(s)x ≥ c xᴴAx outside the basis all over an uneven rectangle, and as many eigenvalues as by LAPACK."""
+    pencil = random_pencil(seed)
+    hi, rng = 0.5, np.random.default_rng(seed)
+    a, b = (float(-hi * 10 ** rng.uniform(-2, 0)), float(hi * 10 ** rng.uniform(-2, 0)))
+    try:
+        projection = Projection(pencil, Contour(sides=(a, b, hi)))
+    except (fs.SingularMatrixError, fs.NotConvergedError, fs.MissedModesError):
+        return
+    A = projection.A.formed().toarray()
+    V = np.hstack([projection.V, projection.free])
+    outside = la.null_space((A @ V).T)
+    held = la.cholesky(outside.T @ A @ outside, lower=True)
+    least = np.inf
+    for s in (complex(x, y) for x in (a, 0.0, b) for y in (0.0, hi)):
+        P = outside.T @ pencil.at(s).toarray() @ outside
+        real = la.solve_triangular(held, la.solve_triangular(held, (P + P.conj().T) / 2, lower=True).conj().T, lower=True)
+        least = min(least, float(la.eigvalsh(real)[0]))
+    assert least >= projection.least - 1e-9
+    found = projection.on(lambda *_: Contour(sides=(a, b, hi)))
+    if found is not None:
+        assert found.number == np.count_nonzero(found.contour.encloses(by_lapack(pencil)))
+
+
+def test_little_decay_needs_few_shapes_of_strong_damping() -> None:
+    pencil = random_pencil(0)
+    damped = fs.Pencil(pencil.M, sp.csr_array(sp.diags_array(np.linspace(0.0, 20.0, pencil.size))), pencil.K)
+    wide, narrow = (Projection(damped, Contour(sides=(a, 0.4, 0.4))) for a in (-0.4, -0.01))
+    assert narrow.least > 0 and wide.least > 0 and narrow.size < wide.size - 20
+
+
+@pytest.mark.parametrize("seed", range(6, 10))
+def test_both_halves_of_a_change_move_an_eigenvalue_together(seed: int) -> None:
+    """An entry on one side of the diagonal in a model that is unsymmetric already: what one half moves, the other takes back."""
+    pencil = random_pencil(seed)
+    n = pencil.size
+    T = sp.csr_array(([3.0], ([5], [n - 7])), shape=(n, n))
+    projection = Projection(pencil, Contour(sides=(-0.5, 0.5, 0.5)), changes=[Varied(T, 0, 1.0)]).changed([0.0], [1e-6])
+    small = Coupling.of(projection, 0.7)
+    near = small.nu != 0
+    moved, lam = projection._moved(small)[near], small.values
+    other = Coupling.of(projection.changed([1e-6]), 0.7).values
+    alone = np.abs(lam[:, None] - lam + np.diag(np.full(len(lam), np.inf))).min(axis=1) > 1e-2 * np.abs(lam)
+    at = np.flatnonzero(alone & (np.abs(lam) < 0.5))
+    change = np.abs(lam[at, None] - other).min(axis=1)
+    assert len(at) > 4 and np.allclose(moved[at], change, rtol=1e-2, atol=1e-12)
+
+
 def test_a_mode_that_the_basis_lacks_leaves_no_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without one undamped mode, and with a wrong bound of what is left out, the number would be two short: it is not given."""
     pencil = random_pencil(0)

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.attacks.borders import meetings
+from femsub.algebra import factors_made
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.components import two_mode, two_mode_critical, ziegler, ziegler_critical
@@ -247,6 +248,29 @@ def test_a_sparse_model_is_searched_in_its_band() -> None:
         assert np.abs(modes.eigenvalues[:, None] - row[~np.isnan(row)]).min(axis=1).max() < 1e-9
     with pytest.raises(fs.InputError, match="needs a band"):
         fs.track(model, None, "p", values)
+
+
+def test_many_values_of_a_large_model_take_one_small_one() -> None:
+    """Its branches are those of single solutions within their error bars, and meet where these do; no value has a factor."""
+    n, band = 400, (0.0, 0.06)
+    K = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
+    follower = sp.csr_array(([1.0, -1.0], ([5, n - 9], [n - 9, 5])), shape=(n, n))
+    model = fs.Affine(sp.eye_array(n, format="csr"), 1e-3 * K, [(1.0, K), ("p", follower)])
+    values = np.linspace(0.0, 0.01, 10)
+    before = factors_made()
+    small = fs.reduce(model, fs.ParameterBox({"p": (0.0, 0.01)}, (0.0, 0.066)))
+    made, before = factors_made() - before, factors_made()
+    found = fs.track(model, None, "p", values, band=band)
+    assert factors_made() - before == made
+    for at, p in zip(np.flatnonzero(found.asked), values, strict=True):
+        modes, row = fs.complex_modes(model.at(p=p), band=band), found.eigenvalues[at]
+        near = np.abs(modes.eigenvalues[:, None] - np.nan_to_num(row, nan=np.inf))
+        assert len(modes) == np.count_nonzero((row.imag >= 0) & (row.imag <= band[1])) > 5
+        assert (near.min(axis=1) <= found.error_bar[at][near.argmin(axis=1)] + modes.error_bar).all()
+        assert (found.error_bar[at] <= 1e-6 * np.abs(row))[~np.isnan(row)].all()
+    again = fs.track(small, None, "p", values, band=band)
+    assert again.eigenvalues.shape == found.eigenvalues.shape
+    assert np.allclose(again.eigenvalues, found.eigenvalues, rtol=1e-6, atol=0.0, equal_nan=True)
 
 
 def test_the_limit_of_the_effort_is_reported() -> None:

@@ -14,7 +14,7 @@ from femsub.checks import EPS, Array, Tally, check_band, finite_number, interval
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
-from femsub.reduction.states import States, listed
+from femsub.reduction.states import States, iterated, listed
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -317,11 +317,11 @@ class BoxModel(Affine):
         """Eigenvalues of the full model inside the contour of the cell, conjugates included; None where that is open."""
         return self.cell(**values).number
 
-    @one_thread(True)  # of these sizes two threads take longer than one
-    def modes(self, **values: float) -> ComplexModes:
-        """The complex modes in the band at values of all parameters; the error bars are distances from λ of the full model.
+    def pairs(self, values: Mapping[str, float], fine: bool = False) -> tuple[Pencil, Array, Array, Array, Array]:
+        """The pencil; λ (k,), Im λ ≥ 0, in the band and beside it; x and z (r, k), |zᴴP'(λ)x| = 1; the radius of each λ alone.
 
-        Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
+        λ are in the order of Im λ, without those of free rigid motion, which are 0. Pairs are as exact as the tolerance of the
+        box requires, or `fine`: to rounding.
         """
         cell, region, free = self.cell(**values), self.box.region, self.free
         factors = self.factors(**values)
@@ -331,6 +331,9 @@ class BoxModel(Affine):
         if cell.states is not None and cell.number is not None:
             number, tol = cell.number - 2 * free, self.box.tol
             found = listed(cell.states, factors, self.moving(pencil), contour.encloses, number, sizes, tol)
+            if fine and found is not None:
+                better = iterated(self.moving(pencil), *found[:3])
+                found = *better, sizes(*better)
         if found is None:
             lam, x, z = self.every(pencil)
             near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
@@ -338,6 +341,18 @@ class BoxModel(Affine):
             found = lam, x, z, sizes(lam, x, z)
         order = np.argsort(found[0].imag, kind="stable")
         lam, x, z, size = (part[..., order] for part in found)
+        none = np.zeros((free, len(lam)))
+        return pencil, lam, np.vstack([none, x]), np.vstack([none, z]), size
+
+    @one_thread(True)  # of these sizes two threads take longer than one
+    def modes(self, **values: float) -> ComplexModes:
+        """The complex modes in the band at values of all parameters; the error bars are distances from λ of the full model.
+
+        Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
+        """
+        cell, region, free = self.cell(**values), self.box.region, self.free
+        contour = cell.contour or Contour(sides=(*region[:2], region[3]))
+        pencil, lam, x, _, size = self.pairs(values)
         enclosed = contour.encloses(lam)
         number = 2 * free + int(enclosed.sum() + np.count_nonzero(lam[enclosed].imag))
         near = np.flatnonzero(in_band(lam, region[2:], region[:2]))
@@ -346,7 +361,7 @@ class BoxModel(Affine):
         zeros = np.zeros(2 * free * (self.box.band[0] == 0))
         shapes = np.zeros((self.size, len(zeros) + len(near)), dtype=complex)
         shapes[np.arange(len(zeros)) // 2, np.arange(len(zeros))] = 1.0
-        shapes[free:, len(zeros):] = x / np.linalg.norm(x, axis=0)
+        shapes[:, len(zeros):] = x / np.linalg.norm(x, axis=0)
         values_, bar = np.append(zeros, values_), np.append(zeros, bar)
         rigid = np.arange(len(values_)) < len(zeros)
         tally = Tally(number, cell.number, sampled=cell.sampled)

@@ -12,7 +12,7 @@ knows right vectors alone and takes the two modes of a coalescence for one.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,11 +22,14 @@ from femsub.algebra import QUADRATIC, WIDE
 from femsub.checks import EPS, EQUAL, Array, real_array, until, whole_number
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import DOUBLE, Affine, Contacts, Pencil, Substructure, in_band, upper
-from femsub.modes import Region, assigned, clusters, with_bars
+from femsub.modes import UNCOUNTED, Region, assigned, clusters, with_bars
 from femsub.modes.quadratic.search import search
+from femsub.reduction.over_box import over_box
+from femsub.reduction.parameter_box import BoxModel, ParameterBox
 from femsub.stability.critical_value import question_of
 from femsub.stability.crossings import ASIDE
 from femsub.stability.meetings import Meeting, meetings_of
+from femsub.stability.parameter import pencil_over
 from femsub.stability.question import LossQuestion
 
 log = logging.getLogger(__name__)
@@ -135,11 +138,13 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
 
     Notes
     -----
-    Up to 300 DOF each value costs one decomposition by LAPACK, and steps are halved down to 1e-9 of the range. For a larger model
-    each value is one search of `complex_modes` in the band with a factorisation of its own, since K changes. Steps are then
-    halved to 1e-3 of the range only: a veering narrower than that is taken for a crossing. Modes that meet and part again
-    between two values, without a trace in slopes and vectors at either, are not seen; `critical_value` excludes that. Nor is a
-    mode that crosses the whole band between two values, and is in it at none.
+    Up to 300 DOF each value costs one decomposition by LAPACK, and steps are halved down to 1e-9 of the range. Of a larger model
+    whose contacts declare how they depend on the parameter, a small model over the whole range is made if more than 8 values are
+    asked for (`ParameterBox`). Its λ are within about 1e-6 |λ|; error bars are distances from λ of the full model, and
+    condition numbers those of the small one. Else each value is one search of `complex_modes` in the band with a factorisation of
+    its own, since K changes. Steps are halved to 1e-3 of the range only: a veering narrower than that is taken for a crossing.
+    Modes that meet and part again between two values, without a trace in slopes and vectors at either, are not seen;
+    `critical_value` excludes that. Nor is a mode that crosses the whole band between two values, and is in it at none.
 
     References
     ----------
@@ -162,7 +167,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     # all steps from left to right, each halved as often as it must be
     lo, hi = question.between
     finest = (EQUAL if model.size <= WIDE else ASIDE) * (hi - lo)
-    nodes, spent = _Nodes(question), 0
+    nodes, spent = _Nodes(question, len(points) > 8), 0  # a small model of the range takes as long as four to eight solutions
     steps = np.union1d(points, question.over.kinks((lo, hi))).tolist()
     last, still = nodes.at(steps[-1]), nodes.still  # both ends first: they show what passes 0 at the other one
     here = nodes.at(steps[0])
@@ -233,11 +238,14 @@ class _Nodes:
     Modes are followed beyond the ends of the band by a share `beyond` of its width, so that none is lost at an edge.
     """
 
-    def __init__(self, question: LossQuestion, beyond: float = 0.1) -> None:
+    def __init__(self, question: LossQuestion, many: bool, beyond: float = 0.1) -> None:
         self.pencil_at, self.band, self.between = question.over, question.band, question.between
         margin = beyond * (self.band[1] - self.band[0])
         self.wide = max(self.band[0] - margin, 0.0), self.band[1] + margin
         self.still = 2 * question.model.size
+        self.parameter, self.small = question.parameter, _small(question, self.wide, many)
+        if self.small is not None:
+            self.pencil_at = pencil_over(self.small, None, self.parameter)
 
     def modes(self, p: float) -> tuple[Array, Array]:
         """λ and their rates at one value."""
@@ -245,19 +253,25 @@ class _Nodes:
         return node.values, node.rates
 
     def at(self, p: float) -> _Node:
-        pencil = self.pencil_at(p)
-        if pencil.size <= WIDE or (not np.isfinite(self.band[1]) and pencil.size <= QUADRATIC):
-            pencil, region = pencil.dense(), Region()
+        if self.small is not None:
+            zero = np.zeros(0, dtype=int)
+            pencil, values, X, Y, size = self.small.pairs({self.parameter: p}, fine=True)
+            modes = with_bars(pencil, values, X, Y)
+            modes = replace(modes, error_bar=self.small.radii.circles(values, size))
         else:
-            region = Region(box=(-self.wide[1], self.wide[1], *self.wide))
-        found = search(pencil, region, None)
-        zero = np.flatnonzero(found.values == 0)
-        self.still = min(self.still, len(zero))
-        moving = upper(found.values)
-        moving[zero[:self.still]] = False  # the others pass 0 here, or so near that they look like rigid motion
-        moving &= in_band(np.where(moving, found.values, 0), self.wide, (-self.wide[1], self.wide[1]))
-        values, X, Y = found.values[moving], found.X[:, moving], found.Y[:, moving]
-        modes = with_bars(pencil, values, X, Y, found.known)
+            pencil = self.pencil_at(p)
+            if pencil.size <= WIDE or (not np.isfinite(self.band[1]) and pencil.size <= QUADRATIC):
+                pencil, region = pencil.dense(), Region()
+            else:
+                region = Region(box=(-self.wide[1], self.wide[1], *self.wide))
+            found = search(pencil, region, None)
+            zero = np.flatnonzero(found.values == 0)
+            self.still = min(self.still, len(zero))
+            moving = upper(found.values)
+            moving[zero[:self.still]] = False  # the others pass 0 here, or so near that they look like rigid motion
+            moving &= in_band(np.where(moving, found.values, 0), self.wide, (-self.wide[1], self.wide[1]))
+            values, X, Y = found.values[moving], found.X[:, moving], found.Y[:, moving]
+            modes = with_bars(pencil, values, X, Y, found.known)
         pair = values.imag > 0
         values, X, Y = (np.concatenate([part, part[..., pair].conj()], axis=-1) for part in (values, X, Y))
         bar, condition = (np.append(figure, figure[pair]) for figure in (modes.error_bar, modes.condition))
@@ -283,6 +297,20 @@ class _Nodes:
             rates = Y.conj().T @ ((self.pencil_at(p + step).residual(values, X) - pencil.residual(values, X)) / step)
         rates[~np.isfinite(rates)] = 0.0
         return _Node(p, pencil, values, X, Y, bar, condition, cluster, inside, rates)
+
+
+def _small(question: LossQuestion, band: tuple[float, float], many: bool) -> BoxModel | None:
+    """A small model over the whole range: the given one, or that of a large model of which `many` values are asked for."""
+    model, over, ends = question.model, question.over, question.between
+    if isinstance(model, BoxModel):
+        return model
+    if model.size <= WIDE or not many or (family := over.family(ends)) is None:
+        return None
+    try:
+        return over_box(family, ParameterBox({question.parameter: ends}, band))
+    except (*UNCOUNTED, np.linalg.LinAlgError) as error:
+        log.info("no small model over the range, so that each value is solved alone: %s", error)
+        return None
 
 
 def _overlap(pencil: Pencil, left: _Node, right: _Node) -> Array:
