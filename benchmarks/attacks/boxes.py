@@ -44,7 +44,8 @@ SHORTEST = 1e-5  # of a range: between two such values a crossing is not looked 
 def boxes(kind: str, rng: Random) -> str:
     """The evidence of a model that is right all over its box, 'refused', or what is wrong."""
     full, ranges, band = family(kind, rng)
-    box = fs.ParameterBox(ranges, band=band, tol=float(rng.choice([1e-3, 1e-6, 1e-6, 1e-8])))
+    re = (-band[1] * 10.0 ** rng.uniform(-3, 0), band[1]) if rng.random() < 0.5 else None
+    box = fs.ParameterBox(ranges, band=band, tol=float(rng.choice([1e-3, 1e-6, 1e-6, 1e-8])), re=re)
     start = time.perf_counter()
     try:
         small = fs.reduce(full, box)
@@ -59,8 +60,8 @@ def boxes(kind: str, rng: Random) -> str:
         found, counts, reached = judged(full, small, point)
         proved = any(cell.evidence == "certified" for cell in cells(small, point))
         faults, doubts, worst = faults + found + counts * proved, doubts + counts * (not proved), np.maximum(worst, reached)
-    name = str(rng.choice(list(ranges)))  # bisection of all crossings takes minutes of larger models
-    found, losses = along(full, small, name, points[-1], count) if full.size <= 120 else (list[str](), 0)
+    # bisection of all crossings takes minutes of larger models
+    found, losses = along(full, small, str(rng.choice(list(ranges))), points[-1], count) if full.size <= 120 else (list[str](), 0)
     faults += found
     text = (f"made in {seconds:.2f} s, {small.size} of {full.size} DOF, {len(small.cells)} cells, {100 * small.open_share:.3g} % "
             f"open, error/radius {worst[0]:.2g}, radius/tol {worst[1] / box.tol:.2g}, {losses} crossings")
@@ -151,7 +152,7 @@ def judged(full: fs.Affine, small: Any, point: dict[str, float]) -> tuple[list[s
     """What is wrong at a value with λ, growth and verdicts, and with the count; the largest error over its radius, and radius
     over |λ|.
     """
-    pencil, modes, (lo, hi) = full.at(**point), small.modes(**point), small.box.band
+    pencil, modes, (a, b, lo, hi) = full.at(**point), small.modes(**point), small.box.region
     exact, found, radius = spectrum(full, point), modes.eigenvalues, modes.error_bar
     told, counts, ratio = list[str](), list[str](), 0.0
     where = ", ".join(f"{name} = {value:.9g}" for name, value in point.items())
@@ -159,7 +160,8 @@ def judged(full: fs.Affine, small: Any, point: dict[str, float]) -> tuple[list[s
     def inside(sign: int) -> Array:
         """The exact λ in the band with its edges moved inwards (1) or outwards (-1)."""
         by = sign * (BESIDE * hi + radius.max(initial=0.0))
-        return exact[(exact.imag >= (lo + by if lo else 0.0)) & (exact.imag <= hi - by) & (np.abs(exact.real) <= hi - by)]
+        high = (exact.imag >= (lo + by if lo else 0.0)) & (exact.imag <= hi - by)
+        return exact[high & (exact.real >= a + by) & (exact.real <= b - by)]
 
     for value in inside(1):
         if not (np.abs(value - found) <= radius).any():
@@ -206,7 +208,6 @@ def newton(pencil: fs.Pencil, value: complex) -> tuple[complex, float]:
     """λ next to a value, by two-sided Rayleigh quotients, and what rounding may do to it."""
     M, D, K = (dense(part) for part in (pencil.M, pencil.D, pencil.K))
     x = y = np.random.default_rng(0).standard_normal(len(M)) + 0j
-    bar = 0.0
     for _ in range(5):
         factor = la.lu_factor(value * (value * M + D) + K)
         for _ in range(2):
