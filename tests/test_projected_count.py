@@ -161,6 +161,19 @@ def test_each_sign_of_damping_has_its_own_bound(seed: int) -> None:
         assert found.number == np.count_nonzero(found.contour.encloses(by_lapack(pencil)))
 
 
+@pytest.mark.parametrize("low", [0.5, 1.5, 3.0])
+def test_a_stiffness_that_is_far_from_definite_keeps_room_for_damping(low: float) -> None:
+    """The mass that lifts it is at most twice what it needs: of what the lift takes from c, half is left for other terms."""
+    n, hi = 80, 1.0
+    k = np.append(-low * 2 * hi**2, np.linspace(0.2, 40.0, n - 1))
+    N = sp.csr_array(([0.1, -0.1], ([2, 5], [5, 2])), shape=(n, n))
+    pencil = fs.Pencil(sp.eye_array(n, format="csr"), sp.csr_array(1e-3 * sp.eye_array(n)), sp.csr_array(sp.diags_array(k) + N))
+    projection = Projection(pencil, Contour(sides=(-hi, hi, hi)))
+    assert projection.mu <= 2 * max(low, 0.5) * 2 * hi**2 * (1 + 1e-9)
+    found = count(pencil, Contour(sides=(-hi, hi, hi)))
+    assert found is not None and found.number == np.count_nonzero(found.contour.encloses(by_lapack(pencil)))
+
+
 def test_little_decay_needs_few_shapes_of_strong_damping() -> None:
     pencil = random_pencil(0)
     damped = fs.Pencil(pencil.M, sp.csr_array(sp.diags_array(np.linspace(0.0, 20.0, pencil.size))), pencil.K)

@@ -55,7 +55,7 @@ log = logging.getLogger(__name__)
 UNCOUNTED = (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError)
 
 REACH = 2.5  # undamped modes are kept up to so many times the largest Im λ
-LIFTS = (0.0, 0.2, 1.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
+LIFTS = (0.0, 0.2, 1.0, 2.0, 4.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
 MOTION = 1e-9  # quotient relative to the largest up to which a shape is rigid motion, or nearly
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
 COLUMNS = 500  # of n numbers that are needed at most while a process looks for strong damping
