@@ -14,7 +14,6 @@ bases of states: A. Antoulas, Approximation of Large-Scale Dynamical Systems (20
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -54,13 +53,25 @@ class States:
     def pairs(self, factors: Array, inside: Inside) -> tuple[Array, Array, Array]:
         """λ (k,) inside a contour with Im λ ≥ 0, x and z (d, k)."""
         a, b = ((np.append(1.0, factors) @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.a, self.b))
-        lu = la.lu_factor(b, check_finite=False)
-        lam, y = np.linalg.eig(la.lu_solve(lu, a))
+        solve = _solver(b)
+        lam, y = np.linalg.eig(solve(a))
         lam = self.unit * lam
         at = np.flatnonzero(inside(lam) & (lam.imag >= 0))
-        w = la.lu_solve(lu, np.linalg.inv(y)[at].T, trans=1).conj()
+        w = solve(np.linalg.inv(y)[at].T, 1).conj()
         w = np.where(lam[at].imag == 0, w.real, w)  # the inverse left them a rounding
         return lam[at], self.x @ y[:, at], self.z @ w
+
+
+def _solver(A: Array) -> Callable[..., Array]:
+    """(b, trans) to A⁻¹b, A⁻ᵀb or A⁻ᴴb. Where A is singular the result is not finite; there is no warning."""
+    getrf, = la.get_lapack_funcs(("getrf",), (A,))
+    lu, pivots, _ = getrf(A)
+
+    def solve(b: Array, trans: int = 0) -> Array:
+        getrs, = la.get_lapack_funcs(("getrs",), (lu, b))
+        return np.asarray(getrs(lu, pivots, b, trans=trans)[0])
+
+    return solve
 
 
 def settled(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
@@ -78,8 +89,8 @@ def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
     better = []
     for value, right, left in zip(lam, x.T, z.T, strict=True):
         value, right, left = (part.real if not value.imag else part for part in (value, right, left))
-        lu = la.lu_factor(K + value * (D + value * M), check_finite=False)
-        better.append((la.lu_solve(lu, right, check_finite=False), la.lu_solve(lu, left, trans=2, check_finite=False)))
+        solve = _solver(K + value * (D + value * M))
+        better.append((solve(right), solve(left, 2)))
     return settled(matrices, lam, *(np.array(side, dtype=complex).T for side in zip(*better, strict=True)))
 
 
@@ -90,8 +101,7 @@ def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, n
     They count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
     None otherwise: then the whole problem is to be solved.
     """
-    with np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", la.LinAlgWarning)  # what is singular has no finite radius
+    with np.errstate(all="ignore"):
         try:
             lam, x, z = settled(matrices, *states.pairs(factors, inside))
         except la.LinAlgError:
