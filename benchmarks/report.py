@@ -7,9 +7,8 @@ kept in WORK/NAME/printed.txt, its results beside it. A step that has ended well
 where it was, and --fresh repeats what is named. DATA/NAME.txt holds what a step has printed, below its command, its seconds, the
 commit and the machine. PICTURES gets its figures, and PICTURES/data.json for each of them the step, the commit and the numbers
 that are drawn: tests/test_pictures.py compares them with a run of that day. The pages with the conclusions are written by hand.
-Three pictures were made by what is in the history: that of a run's page, report.png, by benchmarks/page_picture.py (commit
-e0d65ca), methods.png by benchmarks/compare_methods.py (commit ace8ad5), and brake-mode-and-error.png by
-benchmarks/readme_picture.py (commit 12e5fba0).
+Two pictures were made by what is in the history: that of a run's page, report.png, by benchmarks/page_picture.py (commit
+e0d65ca), and methods.png by benchmarks/compare_methods.py (commit ace8ad5).
 """
 
 from __future__ import annotations

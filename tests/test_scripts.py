@@ -117,7 +117,7 @@ def test_the_judge_of_models_over_a_box_sees_each_fault(fault: str, said: str) -
     """`python -m benchmarks attack boxes`, without the reduction."""
     for seed in (6, 9, 10):  # of 64 to 88 DOF: two stable families, one that flutters
         full, ranges, band = boxes.family("circulatory", np.random.default_rng(seed))
-        small = Faulty(full, SimpleNamespace(ranges=ranges, band=band), fault)
+        small = Faulty(full, SimpleNamespace(ranges=ranges, band=band, region=(-band[1], band[1], *band)), fault)
         found, counts, ratio = boxes.judged(full, small, boxes.at_random(ranges, np.random.default_rng(seed)))
         assert (bool(counts), bool(found)) == (fault == "number", fault not in ("", "number"))
         assert all(said in text for text in (found + counts)[:1]) and (fault or 0.4 < ratio[0] < 0.6)

@@ -52,7 +52,7 @@ from .quadratic.projected_count import (
     few_columns as few_columns,
 )
 from .quadratic.region import Contour as Contour, Count as Count, Region as Region, region_of as region_of
-from .quadratic.search import count_over as count_over, projection_over as projection_over
+from .quadratic.search import count_over as count_over, projection_over as projection_over, search as search
 from .quadratic.singular_mass import REGULAR as REGULAR
 from .receptance import (
     FrequencyResponse as FrequencyResponse,

@@ -22,10 +22,9 @@ from femsub.algebra import QUADRATIC, WIDE
 from femsub.checks import EPS, EQUAL, Array, real_array, until, whole_number
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import DOUBLE, Affine, Contacts, Pencil, Substructure, in_band, upper
-from femsub.modes import UNCOUNTED, Region, assigned, clusters, with_bars
-from femsub.modes.quadratic.search import search
+from femsub.modes import UNCOUNTED, Region, assigned, clusters, search, with_bars
+from femsub.reduction import BoxModel, ParameterBox
 from femsub.reduction.over_box import over_box
-from femsub.reduction.parameter_box import BoxModel, ParameterBox
 from femsub.stability.critical_value import question_of
 from femsub.stability.crossings import ASIDE
 from femsub.stability.meetings import Meeting, meetings_of

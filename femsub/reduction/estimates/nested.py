@@ -21,8 +21,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from femsub.algebra import ROUNDING, WIDE, negative_eigenvalues, without
 from femsub.checks import EPS, EQUAL, Array, Matrix
 from femsub.model import SHARE, Estimate, Pencil, RigidMotion, Substructure, beyond, in_band, moving, units, upper, within
-from femsub.modes import all_modes, energy_directions, match, motion_of, region_of, solve
-from femsub.modes.quadratic.search import search
+from femsub.modes import all_modes, energy_directions, match, motion_of, region_of, search, solve
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
