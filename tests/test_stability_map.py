@@ -215,9 +215,9 @@ def test_fields_of_contacts_are_parameters() -> None:
 def test_a_large_model_is_solved_in_a_band() -> None:
     chain = fs.chain(320, belt=2)
     found = fs.stability_map(chain, {"slope": (-0.05, -0.01), "force": (0.5, 1.0)}, contacts=fs.Belt(slope=0.0), points=(2, 2),
-                             band=(0.0, 0.05), halvings=0)
+                             band=(0.0, 0.03), halvings=0)
     for i, j in ((0, 0), (0, 1)):
-        modes = fs.complex_modes(chain, fs.Belt(slope=found.values[0][i], force=found.values[1][j]), band=(0.0, 0.05))
+        modes = fs.complex_modes(chain, fs.Belt(slope=found.values[0][i], force=found.values[1][j]), band=(0.0, 0.03))
         assert found.number[i, j] == len(modes.unstable) and found.growth[i, j] == pytest.approx(modes.growth, rel=1e-6)
 
 

@@ -440,15 +440,17 @@ class Coupling:
             return 0.0, []
         for x in (self.x[:, at] * scale, self.z[:, at] * scale):
             real = np.where(self.nu[at].imag >= 0, x.real, x.imag) * np.where(self.nu[at].imag, np.sqrt(2), 1.0)
-            lengths, directions = [], []
-            for i, term in enumerate(self.basis.terms):
-                gram = real.T @ (self.lost[i, :, i] @ real)
-                values, vectors = la.eigh(gram, subset_by_index=[max(0, len(at) - WIDER), len(at) - 1], check_finite=False)
+            root = np.linalg.qr(real.T, mode="r")  # with no more rows than U has coordinates, and the same XXᵀ
+            grams, last = [root @ (self.lost[i, :, i] @ root.T) for i in range(len(self.basis.terms))], len(root) - 1
+            lengths = []
+            for i, (term, gram) in enumerate(zip(self.basis.terms, grams, strict=True)):
+                largest = float(la.eigvalsh(gram, subset_by_index=[last, last], check_finite=False)[0])
                 rounding = float(self.noise[i] @ (real**2).sum(axis=1))
-                lengths.append(term.largest(contour.size) * np.sqrt(max(float(values[-1]), 0.0) + rounding))
-                directions.append(real @ vectors[:, values > 0.04 * values[-1]])
+                lengths.append(term.largest(contour.size) * np.sqrt(max(largest, 0.0) + rounding))
             bound *= sum(lengths)
-            found.append((int(np.argmax(lengths)), directions[int(np.argmax(lengths))]))
+            most = int(np.argmax(lengths))
+            values, vectors = la.eigh(grams[most], subset_by_index=[max(0, last + 1 - WIDER), last], check_finite=False)
+            found.append((most, root.T @ vectors[:, values > 0.04 * values[-1]]))
         return bound, found
 
     def _products(self, x: Array) -> Array:
@@ -467,12 +469,13 @@ class Coupling:
         """Bounds of ‖P_LU x_k‖ and ‖z_kᴴP_UL‖ for |s' - s| ≤ reach (l, 1), of x and z with these products, (l, k)."""
         terms, found = self.basis.terms, []
         weights = np.stack([term.weight(s) for term in terms], axis=1)
+        changes = np.hstack([term.change(s[:, None], reach) for term in terms])
         signs = np.array([term.sign for term in terms])
         for own, w in zip(products, (weights, signs * weights.conj()), strict=True):
-            square = np.einsum("sa,kab,sb->sk", w.conj(), own, w, optimize=True).real
+            outer = (w.conj()[:, :, None] * w[:, None, :]).reshape(len(s), len(terms) ** 2)
+            square = (outer @ own.reshape(len(own), len(terms) ** 2).T).real
             lengths = np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0))
-            change = sum(term.change(s[:, None], reach) * length for term, length in zip(terms, lengths, strict=True))
-            found.append(np.sqrt(np.maximum(square, 0.0)) + change)
+            found.append(np.sqrt(np.maximum(square, 0.0)) + changes @ lengths)
         return found
 
     def _apart(self, s: Array, at: Array | slice) -> Array:

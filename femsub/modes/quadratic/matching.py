@@ -134,6 +134,8 @@ def clusters(values: Array, radius: float) -> list[Array]:
     if len(at) > 1:
         relative = np.stack([np.log(size[at]), np.angle(values[at])], axis=1)
         pairs = cKDTree(relative).query_pairs(radius, output_type="ndarray")
+        if not len(pairs):  # of most small models
+            return found
         links = sp.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(at), len(at)))
         label = sp.csgraph.connected_components(links, directed=False)[1]
         order = np.argsort(label, kind="stable")
