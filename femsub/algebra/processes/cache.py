@@ -56,15 +56,16 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
 
     global _unseen
     made = make()
+    need = int(size(made))
     with _lock:
-        _kept[key] = made, int(size(made))
+        _kept[key] = made, need
         for owner in owners:
             if id(owner) not in _owners or _owners[id(owner)]() is not owner:
                 _owners[id(owner)] = weakref.ref(owner, partial(_gone, id(owner)))
             _keys.setdefault(id(owner), set()).add(key)
-        _unseen += int(size(made))
+        _unseen += need
         # beside many models a look at the memory for each small object takes longer than the object: one for each percent will do
-        if _unseen and (limit is not None or _unseen >= 0.01 * kept_bytes()):
+        if need and (limit is not None or _unseen >= 0.01 * kept_bytes()):
             _unseen = 0
             give_up_until(within)
     return made

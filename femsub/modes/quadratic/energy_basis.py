@@ -205,7 +205,7 @@ class EnergyBasis:
             return self._lost
         lost = np.zeros((p, m, p, m))
         grown = self.inside[:, old:, :old]
-        lost[:, :old, :, :old] = self._lost - np.einsum("aij,bik->ajbk", grown, grown, optimize=True)
+        lost[:, :old, :, :old] = self._lost - np.tensordot(grown, grown, (1, 1))
         inside = np.einsum("aij,aij->aj", self.inside, self.inside)  # of the squares of all images
         inside[:, :old] = self._whole
         step = max(1, self.columns // max(p, 1))
@@ -271,8 +271,8 @@ class EnergyBasis:
         """XᴴX for X = P_LU and for X = P_ULᴴ at s, in the norm on L, (m, m) each."""
         weights = np.array([complex(term.weight(np.array(s))) for term in self.terms])
         lost, signs = self.lost, [term.sign for term in self.terms]
-        right, left = (np.einsum("a,aibj,b->ij", own.conj(), lost, own, optimize=True)
-                       + np.diag((np.abs(own) ** 2) @ self.noise) for own in (weights, weights.conj() * signs))
+        right, left = (own @ np.tensordot(own.conj(), lost, 1) + np.diag((np.abs(own) ** 2) @ self.noise)
+                       for own in (weights, weights.conj() * signs))
         return right, left
 
     def image(self, i: int, x: Array) -> Array:
