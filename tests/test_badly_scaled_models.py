@@ -13,7 +13,7 @@ import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.modes.quadratic.complex_modes import with_bars
 
-SEEDS = (0, 3, 5, 6, 9, 17, 277, 25, 37, 55, 58, 62, 78, 22)  # each kind of model, damping, units and question; most were refused
+SEEDS = (0, 3, 5, 6, 9, 17, 277, 25, 37, 58, 55, 62, 78, 22)  # each kind of model, damping, units and question; most were refused
 
 
 @pytest.mark.sampled(5)

@@ -26,11 +26,19 @@ CHAIN = 'scene = "chain"\nbelts = [2]\nsizes = [3]\nrepeats = 1\noutputs = ["cri
 MARK = "from pathlib import Path\nPath({!r}).write_text('run')\n"
 
 
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene, and the folder of its run beside it."""
+    folder = tmp_path_factory.mktemp("sound")
+    (folder / "chain.toml").write_text(CHAIN)
+    assert main(["run", "-q", str(folder / "chain.toml"), "--out", str(folder / "out")]) == 0
+    return folder
+
+
 @pytest.fixture
-def out(tmp_path: Path) -> Path:
-    """The folder of a run."""
-    (tmp_path / "chain.toml").write_text(CHAIN)
-    assert main(["run", "-q", str(tmp_path / "chain.toml"), "--out", str(tmp_path / "out")]) == 0
+def out(sound: Path, tmp_path: Path) -> Path:
+    """The folder of a run, a copy of its own."""
+    shutil.copytree(sound, tmp_path, dirs_exist_ok=True)
     return tmp_path / "out"
 
 
