@@ -343,6 +343,7 @@ figures = false
 """
 
 
+@pytest.mark.slow
 def test_an_unsupported_solid_drifts_first_and_writes_all_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fs.write_mesh(str(tmp_path / "free.vtu"), fs.block((0.1, 0.06, 0.01), (4, 3, 1), "hexahedron20"), {})
     assert main(["run", scene_file(tmp_path, FREE), "-v", "--out", str(tmp_path / "out")]) == 0

@@ -64,7 +64,7 @@ def test_sentences_are_short() -> None:
                 for sentence in re.split(r"(?<=[.?!])\**\s", paragraph) if len(sentence.split()) > 30]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("page", [pytest.param(page, marks=slow(page)) for page, text in TEXTS.items() if blocks_of(text)])
 def test_a_page_prints_what_it_shows(page: str, tmp_path: Path) -> None:
     found, printed, fault = run(TEXTS[page], tmp_path)
@@ -89,7 +89,7 @@ def test_your_own_matrices_lose_their_stability_where_the_full_model_does() -> N
         fs.critical_slope(fs.reduce(sub, fs.CraigChang(modes=20)), band=band)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("text", [pytest.param(text, marks=slow(page)) for page, kind, text in BLOCKS if kind == "toml"])
 def test_scene_files(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     sub = fs.chain(10)

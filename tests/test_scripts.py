@@ -213,6 +213,8 @@ def test_bases_of_all_methods_agree_and_a_bench_goes_on_where_it_stopped(
     for row in rows.values():
         assert row["component"] == component and row["interface"] == 18 and row["reference"] == "femsub" and not row["ended"]
         assert row["error"] < 1e-9 and row["missed"] == 0 and row["residual"] < 1e-9
+    if component != "slab":
+        return  # how a bench goes on is the same for all
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     journal = tmp_path / "measured.jsonl"
     lines = [line for line in journal.read_text().splitlines() if line]

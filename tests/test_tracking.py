@@ -87,7 +87,7 @@ def test_a_mode_that_looks_rigid_beside_its_coalescence_breaks_no_branch() -> No
         assert meetings("symmetric", 2) == "certified"
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("rigid", [0, 1])
 @pytest.mark.parametrize("values", [[-1, 0, 1], [-1, 0.3, 1], [0, 0.5, 1], [-1, -0.5, 0], [-1, -0.5, 0, 0.5, 1]])
 @pytest.mark.parametrize("damping", [0.0, 0.1])

@@ -440,7 +440,7 @@ class Coupling:
             return 0.0, []
         for x in (self.x[:, at] * scale, self.z[:, at] * scale):
             real = np.where(self.nu[at].imag >= 0, x.real, x.imag) * np.where(self.nu[at].imag, np.sqrt(2), 1.0)
-            root = np.linalg.qr(real.T, mode="r")  # with no more rows than U has coordinates, and the same XXᵀ
+            root: Array = np.asarray(np.linalg.qr(real.T, mode="r"))  # with no more rows than U has coordinates, and the same XXᵀ
             grams, last = [root @ (self.lost[i, :, i] @ root.T) for i in range(len(self.basis.terms))], len(root) - 1
             lengths = []
             for i, (term, gram) in enumerate(zip(self.basis.terms, grams, strict=True)):
