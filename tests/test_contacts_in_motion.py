@@ -154,6 +154,7 @@ def test_van_der_pol(eps: float, period: float) -> None:
     assert again.omega == pytest.approx(cycle.omega, rel=1e-10) and again.newton <= 3
 
 
+@pytest.mark.slow
 def test_the_mean_displacement_follows_an_even_force() -> None:
     """-b u² shifts the mean by -b⟨u²⟩ / k: it is eliminated, and agrees with the mean of the orbit that shooting finds."""
     model, contact = fs.Substructure([[1.0]], [[2.0]], ports={"mass": [1.0]}), VanDerPol(0.5, 0.2)

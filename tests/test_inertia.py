@@ -240,6 +240,7 @@ def test_the_process_starts_before_the_factor_where_it_is_sure_to_be_worth_it(mo
     assert CountBeside.early(chain.K, chain.M, 30) is None  # its factor has few nonzeros
 
 
+@pytest.mark.slow
 def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """From about the middle of the search on: its limit need not be known to more than a few digits."""
     asked, ask, made, order, blocks = [], CountBeside.ask, [], [], []

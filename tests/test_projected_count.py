@@ -277,7 +277,7 @@ def test_a_counted_band_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None
         assert found.backward_error.max() < 1e-14 and (found.error_bar < 1e-11 * np.abs(found.eigenvalues)).all()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["works", "is killed"])
 def test_a_fork_corrects_half_of_the_pairs(end: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Right and left vectors, doublets among them, are those that this process finds alone; also where the fork is killed."""
@@ -504,6 +504,7 @@ def test_a_projection_whose_eigenvalues_are_all_real_gives_left_vectors() -> Non
         assert len(found) == count and (found.eigenvalues.imag == 0).all() and np.isfinite(found.error_bar).all()
 
 
+@pytest.mark.slow
 def test_a_large_floating_model_needs_no_square_of_its_size() -> None:
     sub = fs.chain(50_000, fixed=False, belt=2)
     modes = fs.complex_modes(sub, fs.Belt(slope=-1e-3), band=(0.0, 4e-4))

@@ -137,7 +137,7 @@ def test_divergence_has_no_frequency(damping: Any) -> None:
     assert line.points.sum(axis=1) == pytest.approx(1.0, abs=1e-6) and not line.omega.any()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(4))
 def test_numbers_and_borders_are_those_of_dense_solutions(seed: int) -> None:
     model, rng = random_family(seed), np.random.default_rng(seed)

@@ -312,7 +312,7 @@ def stopped_processes(folder: Path) -> list[int]:
     return [pid for pid in map(int, (folder / "pids").read_text().split()) if is_stopped(pid)]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
 @pytest.mark.parametrize("sent", [signal.SIGCONT, signal.SIGKILL])
 def test_a_worker_that_is_stopped_is_named_and_what_is_advised_works(sent: signal.Signals, tmp_path: Path,
