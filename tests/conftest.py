@@ -65,9 +65,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Thousands of collected tests live to the end: the garbage collector need not look through them again and again."""
+    """Thousands of collected tests live to the end: the garbage collector need not look through them again and again.
+
+    Nor so often: at Python's own 700 objects, figures and syntax trees take a fifteenth of their time for it.
+    """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(10_000, 10, 10)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import inspect
 import re
 import subprocess
@@ -37,9 +38,11 @@ def _nodes(text: str) -> list[ast.AST]:
 
 @pytest.fixture(scope="module", autouse=True)
 def _nodes_are_let_go() -> Iterator[None]:
-    """Half a million of them would slow the garbage collector down in all later tests."""
+    """Half a million of them would slow the garbage collector down, here and in all later tests."""
+    gc.disable()
     yield
     _nodes.cache_clear()
+    gc.enable()
 
 
 def nodes(path: Path) -> list[ast.AST]:
