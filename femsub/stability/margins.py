@@ -129,8 +129,8 @@ class ModesAt:
         found: list[PointModes | None] = []
         parts = [points[first:first + BLOCK] for first in range(0, len(points), BLOCK)] if self.together else points[:, None]
         with one_thread(True), ThreadPoolExecutor(own_processors()) as pool:  # LAPACK in NumPy holds no lock of Python
-            beside = pool.map if self.together or self.modes else map
-            for part in beside(self._many if self.together else self._one, parts):
+            solve: Callable[[Array], Sequence[PointModes | None]] = self._many if self.together else self._one
+            for part in pool.map(solve, parts) if self.together or self.modes else map(solve, parts):
                 found += part
                 self.say(f"{len(found)} of {len(points)} points")
             self.solved += len(points)
