@@ -158,6 +158,17 @@ def test_rigid_motion_stays_at_zero():
     assert small.number(k=0.1) == 4
 
 
+@pytest.mark.parametrize("damping", [0.0, 1e-3])
+def test_a_band_far_from_all_modes_is_empty(damping):
+    """Without a shape to keep, the number is 0 all the same, for all values."""
+    K = fs.chain(60).K + sp.eye_array(60)
+    full = fs.Affine(sp.eye_array(60), damping * K, [(1.0, sp.csr_array(K)), ("k", sp.csr_array(K))])
+    small = fs.reduce(full, fs.ParameterBox({"k": (0.0, 0.05)}, (0.0, 0.1)))
+    assert small.evidence == "certified" and [cell.number for cell in small.cells] == [0]
+    modes = small.modes(k=0.03)
+    assert len(modes) == 0 and modes.evidence == "certified" and small.error == 0
+
+
 def test_some_of_the_parameters_may_be_fixed():
     small = reduced_family(4)
     part = small.fixed(speed=1.0)

@@ -186,6 +186,8 @@ class Projection(EnergyBasis):
         for shapes in joining[1:]:
             if shapes.shape[1]:
                 self.add(shapes)
+        if not self.size:  # nothing is near the region, and any shape shows it
+            self.add(self.factor.solve(np.ones((pencil.size, 1)) - self.momenta @ self.free.sum(axis=0)[:, None]))
 
     def changed(self, theta: Sequence[float] | Array, half: Sequence[float] | Array = ()) -> Projection:
         """The projection for P(s) + Σ θ_q s^q T_q, with one θ for each of the `changes`; `on` counts for all θ ± `half` then."""
