@@ -37,7 +37,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
-from femsub.modes.quadratic.energy_basis import PIECES, SAFE, WIDER, Coupling, EnergyBasis, discs_on, pieces
+from femsub.modes.quadratic.energy_basis import PIECES, SAFE, WIDER, Coupling, EnergyBasis, discs_on, of_pieces, pieces
 
 if TYPE_CHECKING:
     from femsub.modes.quadratic.region import Contour
@@ -255,7 +255,7 @@ class CellBound:
         s, reach = discs_on(self.contour, start, stop)
         apart = np.ones(len(s), dtype=bool)
         worst, seen = 0.0, 0
-        of_far = np.array([self._of_far(*one, apart=True) for one in zip(s, reach, strict=True)])
+        of_far = of_pieces(self._of_far, s, reach, apart)
         while len(start):
             found = self._bound(s, reach, of_far[:, 1], apart)
             good, seen = found < SAFE, seen + len(s)
@@ -274,8 +274,8 @@ class CellBound:
             start, stop, of_far, apart = (np.append(start, middle[~here]), np.append(middle, stop[~here]),
                                           np.concatenate([of_far, of_far[~here]]), np.append(apart & ~here, apart[~here]))
             s, reach = discs_on(self.contour, start, stop)
-            for k in np.flatnonzero(again):
-                of_far[k] = self._of_far(s[k], reach[k], apart[k])
+            if again.any():
+                of_far[again] = of_pieces(self._of_far, s[again], reach[again], apart[again])
         return worst, [], np.zeros(len(self.changes))
 
     def _blame(self, s: complex) -> Array:
