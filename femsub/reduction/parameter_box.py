@@ -14,7 +14,7 @@ from femsub.checks import EPS, Array, Tally, check_band, finite_number, interval
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
-from femsub.reduction.states import States, iterated, listed
+from femsub.reduction.states import States, listed
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -317,6 +317,7 @@ class BoxModel(Affine):
         """Eigenvalues of the full model inside the contour of the cell, conjugates included; None where that is open."""
         return self.cell(**values).number
 
+    @one_thread(True)  # of these sizes two threads take longer than one
     def pairs(self, values: Mapping[str, float], fine: bool = False) -> tuple[Pencil, Array, Array, Array, Array]:
         """The pencil; λ (k,), Im λ ≥ 0, in the band and beside it; x and z (r, k), |zᴴP'(λ)x| = 1; the radius of each λ alone.
 
@@ -330,10 +331,7 @@ class BoxModel(Affine):
         found, sizes = None, self.radii.at((factors - self.middle)[self.varied])
         if cell.states is not None and cell.number is not None:
             number, tol = cell.number - 2 * free, self.box.tol
-            found = listed(cell.states, factors, self.moving(pencil), contour.encloses, number, sizes, tol)
-            if fine and found is not None:
-                better = iterated(self.moving(pencil), *found[:3])
-                found = *better, sizes(*better)
+            found = listed(cell.states, factors, self.moving(pencil), contour.encloses, number, sizes, tol, fine)
         if found is None:
             lam, x, z = self.every(pencil)
             near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
@@ -344,7 +342,7 @@ class BoxModel(Affine):
         none = np.zeros((free, len(lam)))
         return pencil, lam, np.vstack([none, x]), np.vstack([none, z]), size
 
-    @one_thread(True)  # of these sizes two threads take longer than one
+    @one_thread(True)
     def modes(self, **values: float) -> ComplexModes:
         """The complex modes in the band at values of all parameters; the error bars are distances from λ of the full model.
 

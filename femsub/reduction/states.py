@@ -95,8 +95,8 @@ def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
 
 
 def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, number: int,
-           sizes: RadiiAt, tol: float) -> tuple[Array, ...] | None:
-    """λ, x, z and `sizes` of the eigenpairs inside a contour with Im λ ≥ 0; `inside` says which λ are.
+           sizes: RadiiAt, tol: float, fine: bool = False) -> tuple[Array, ...] | None:
+    """λ, x, z and `sizes` of the eigenpairs inside a contour with Im λ ≥ 0; `inside` says which λ are. `fine`: all are iterated.
 
     They count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
     None otherwise: then the whole problem is to be solved.
@@ -107,7 +107,7 @@ def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, n
         except la.LinAlgError:
             return None
         size = sizes(lam, x, z)
-        poor = np.flatnonzero(~(size <= tol * np.abs(lam) / 2))  # radii may grow by what a new value shows
+        poor = np.flatnonzero(fine | ~(size <= tol * np.abs(lam) / 2))  # radii may grow by what a new value shows
         if len(poor):
             lam[poor], x[:, poor], z[:, poor] = iterated(matrices, lam[poor], x[:, poor], z[:, poor])
             size[poor] = sizes(lam[poor], x[:, poor], z[:, poor])
