@@ -202,6 +202,20 @@ def test_a_box_may_end_beside_the_axis(seed):
     assert near.fixed(mu=0.5).box.re == (-0.03, 0.5)
 
 
+def test_many_values_are_those_one_by_one():
+    small, mu = reduced_family(0), np.linspace(0.0, 1.0, 7)
+    many = small.modes_over(mu=mu, speed=1.5)
+    assert len(many) == 7
+    for p, found in zip(mu.tolist(), many, strict=True):
+        alone = small.modes(mu=p, speed=1.5)
+        assert np.array_equal(found.eigenvalues, alone.eigenvalues) and np.array_equal(found.error_bar, alone.error_bar)
+    assert len(small.modes_over(mu=np.zeros((2, 3)), speed=1.0)) == 6
+    with pytest.raises(InputError, match="speed = 3 is outside the box"):
+        small.modes_over(mu=mu, speed=[1.0, 3.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    with pytest.raises(InputError, match=r"equal shape, or numbers, but these are mu \(7,\), speed \(2,\)"):
+        small.modes_over(mu=mu, speed=[1.0, 2.0])
+
+
 def test_values_outside_the_box_are_refused():
     small = reduced_family(4)
     for ask in (small.at, small.modes, small.number):

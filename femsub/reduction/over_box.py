@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import Affine, projected
-from femsub.modes import Contour, Varied, count_over, eigenpairs, projection_over
+from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
 from femsub.reduction.states import States
 
@@ -172,7 +172,7 @@ class _Maker:
 
         train = np.vstack([(lo + hi) / 2, qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES * len(names)), lo, hi)])
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
-        at, errors = 0, np.full(len(places), np.inf)
+        at, errors, columns = 0, np.full(len(places), np.inf), dict(zip(names, train.T, strict=True))
         model = self.small(nodes, cells)
         for _ in range(NODES * len(names)):
             new, known = self.node(places[at], contour), self.least
@@ -182,7 +182,7 @@ class _Maker:
                 break
             nodes = self.enriched([*nodes, new], 1)
             model = self.small(nodes, cells)
-            errors = np.array([_error(model, place) for place in places])
+            errors = np.array([_error(found) for found in model.modes_over(**columns)])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
         model = model._with(radii=replace(model.radii, least=self.least))
@@ -261,8 +261,7 @@ class _Maker:
         self.least = min(self.least, float(np.min(found.error_bar[seen] / far[seen], initial=np.inf)) * model.radii.least / 3)
 
 
-def _error(model: BoxModel, place: Mapping[str, float]) -> float:
-    found = model.modes(**place)
+def _error(found: ComplexModes) -> float:
     size = np.abs(found.eigenvalues)
     return float(np.max(found.error_bar[size > 0] / size[size > 0], initial=0.0))
 

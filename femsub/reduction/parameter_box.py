@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from math import prod
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from femsub.algebra import one_thread
-from femsub.checks import EPS, Array, Tally, check_band, finite_number, interval, items, mapping, positive_number, whole_number
+from femsub.algebra import one_thread, own_processors
+from femsub.checks import (
+    EPS,
+    Array,
+    Tally,
+    check_band,
+    finite_number,
+    interval,
+    items,
+    mapping,
+    positive_number,
+    real_array,
+    whole_number,
+)
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
@@ -368,6 +381,26 @@ class BoxModel(Affine):
         return ComplexModes(values_, shapes, np.linalg.norm(residual, axis=0) / scale, bar, rigid, np.zeros(len(bar), dtype=bool),
                             searched=region, tally=tally, cutoff=self.cutoff,
                             full_growth=np.stack([values_.real - bar, values_.real + bar], axis=1))
+
+    def modes_over(self, **values: Any) -> list[ComplexModes]:
+        """`modes` at many values, by as many threads as there are cores: arrays of equal shape, or numbers for all of them.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            A value is outside the box, missing or unknown; arrays of unlike shapes.
+        """
+        try:
+            columns = np.broadcast_arrays(*(real_array(name, value) for name, value in values.items()))
+        except ValueError:
+            sizes = ", ".join(f"{name} {np.shape(value)}" for name, value in values.items())
+            raise InputError(f"values must be arrays of equal shape, or numbers, but these are {sizes}") from None
+        rows = np.stack([part.ravel() for part in columns], axis=1).tolist()
+        places = [dict(zip(values, row, strict=True)) for row in rows]
+        for place in places:  # before any work
+            self.cell(**place)
+        with one_thread(True), ThreadPoolExecutor(own_processors()) as pool:
+            return list(pool.map(lambda place: self.modes(**place), places))
 
     def moving(self, pencil: Pencil) -> tuple[Array, Array, Array]:
         """K, D and M of a small pencil without free rigid motion."""
