@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -271,6 +272,25 @@ def test_many_values_of_a_large_model_take_one_small_one() -> None:
     again = fs.track(small, None, "p", values, band=band)
     assert again.eigenvalues.shape == found.eigenvalues.shape
     assert np.allclose(again.eigenvalues, found.eigenvalues, rtol=1e-6, atol=0.0, equal_nan=True)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("what", ["pole", "open"])
+def test_where_no_small_model_is_proved_values_are_solved_alone(what: str) -> None:
+    """A factor that is infinite between two values, or gyroscopic forces beyond the bound: no error, and no word of cells."""
+    n, band = 320, (0.0, 0.05)
+    K = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
+    turn = sp.csr_array(sp.diags_array([np.ones(n - 1), -np.ones(n - 1)], offsets=[1, -1]))
+    pair = sp.csr_array(([1.0, -1.0], ([5, n - 9], [n - 9, 5])), shape=(n, n))
+    D, K_of = ([(1.0, 1e-3 * K)], [(1.0, K), (lambda p: 1e-4 / p, pair)]) if what == "pole" else \
+        ([(1.0, 1e-3 * K), ("p", turn)], [(1.0, K)])
+    model, values = fs.Affine(sp.eye_array(n, format="csr"), D, K_of), np.linspace(-0.3, 0.3, 10)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", ".*cells")
+        found = fs.track(model, None, "p", values, band=band)
+    for p, row in zip(values.tolist(), found.eigenvalues[found.asked], strict=True):
+        modes = fs.complex_modes(model.at(p=p), band=band)
+        assert len(modes) and np.abs(modes.eigenvalues[:, None] - row[~np.isnan(row)]).min(axis=1).max() < 1e-9
 
 
 def test_the_limit_of_the_effort_is_reported() -> None:

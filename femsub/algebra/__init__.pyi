@@ -118,6 +118,7 @@ from .processes.stored import (
 )
 from .processes.system import own_processors as own_processors, processors as processors, variable as variable
 from .processes.threads import (
+    by_threads as by_threads,
     libraries as libraries,
     one_thread as one_thread,
     times as times,

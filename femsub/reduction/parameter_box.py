@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from femsub.algebra import one_thread, own_processors
+from femsub.algebra import by_threads, one_thread
 from femsub.checks import (
     EPS,
     Array,
@@ -101,6 +100,12 @@ class ParameterBox:
     def region(self) -> tuple[float, float, float, float]:
         """(a, b, lo, hi)."""
         return *(self.re or (-self.band[1], self.band[1])), *self.band
+
+    @property
+    def contour(self) -> Contour:
+        """About the region, where no cell has a better one."""
+        a, b, _, hi = self.region
+        return Contour(sides=(a, b, hi))
 
 
 @dataclass(frozen=True)
@@ -340,7 +345,7 @@ class BoxModel(Affine):
         cell, region, free = self.cell(**values), self.box.region, self.free
         factors = self.factors(**values)
         pencil = self.weighted(factors)
-        contour = cell.contour or Contour(sides=(*region[:2], region[3]))
+        contour = cell.contour or self.box.contour
         found, sizes = None, self.radii.at((factors - self.middle)[self.varied])
         if cell.states is not None and cell.number is not None:
             number, tol = cell.number - 2 * free, self.box.tol
@@ -362,7 +367,7 @@ class BoxModel(Affine):
         Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
         """
         cell, region, free = self.cell(**values), self.box.region, self.free
-        contour = cell.contour or Contour(sides=(*region[:2], region[3]))
+        contour = cell.contour or self.box.contour
         pencil, lam, x, _, size = self.pairs(values)
         enclosed = contour.encloses(lam)
         number = 2 * free + int(enclosed.sum() + np.count_nonzero(lam[enclosed].imag))
@@ -399,8 +404,7 @@ class BoxModel(Affine):
         places = [dict(zip(values, row, strict=True)) for row in rows]
         for place in places:  # before any work
             self.cell(**place)
-        with one_thread(True), ThreadPoolExecutor(own_processors()) as pool:
-            return list(pool.map(lambda place: self.modes(**place), places))
+        return list(by_threads(lambda place: self.modes(**place), places))
 
     def moving(self, pencil: Pencil) -> tuple[Array, Array, Array]:
         """K, D and M of a small pencil without free rigid motion."""

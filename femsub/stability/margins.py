@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import BLOCK, WIDE, one_thread, own_processors
+from femsub.algebra import BLOCK, WIDE, by_threads, one_thread
 from femsub.checks import EPS, Array
 from femsub.model import Affine, Pencil, upper, within
 from femsub.modes import REGULAR, ComplexModes
@@ -128,9 +127,9 @@ class ModesAt:
         """Of (m, 2) points."""
         found: list[PointModes | None] = []
         parts = [points[first:first + BLOCK] for first in range(0, len(points), BLOCK)] if self.together else points[:, None]
-        with one_thread(True), ThreadPoolExecutor(own_processors()) as pool:  # LAPACK in NumPy holds no lock of Python
+        with one_thread(True):
             solve: Callable[[Array], Sequence[PointModes | None]] = self._many if self.together else self._one
-            for part in pool.map(solve, parts) if self.together or self.modes else map(solve, parts):
+            for part in by_threads(solve, parts) if self.together or self.modes else map(solve, parts):
                 found += part
                 self.say(f"{len(found)} of {len(points)} points")
             self.solved += len(points)

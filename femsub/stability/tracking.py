@@ -12,6 +12,7 @@ knows right vectors alone and takes the two modes of a coalescence for one.
 from __future__ import annotations
 
 import logging
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, WIDE
-from femsub.checks import EPS, EQUAL, Array, real_array, until, whole_number
+from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, real_array, until, whole_number
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import DOUBLE, Affine, Contacts, Pencil, Substructure, in_band, upper
 from femsub.modes import UNCOUNTED, Region, assigned, clusters, search, with_bars
@@ -137,13 +138,14 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
 
     Notes
     -----
-    Up to 300 DOF each value costs one decomposition by LAPACK, and steps are halved down to 1e-9 of the range. Of a larger model
-    whose contacts declare how they depend on the parameter, a small model over the whole range is made if more than 8 values are
-    asked for (`ParameterBox`). Its λ are within about 1e-6 |λ|; error bars are distances from λ of the full model, and
-    condition numbers those of the small one. Else each value is one search of `complex_modes` in the band with a factorisation of
-    its own, since K changes. Steps are halved to 1e-3 of the range only: a veering narrower than that is taken for a crossing.
-    Modes that meet and part again between two values, without a trace in slopes and vectors at either, are not seen;
-    `critical_value` excludes that. Nor is a mode that crosses the whole band between two values, and is in it at none.
+    Up to 300 DOF each value costs one decomposition by LAPACK, and steps are halved down to 1e-9 of the range. Of a larger
+    model whose contacts declare how they depend on the parameter, a small model over the whole range is made if more than 8
+    values are asked for, and taken if the number of its modes is proved for all of them (`ParameterBox`). Its λ are within
+    about 1e-6 |λ|; error bars are distances from λ of the full model, and condition numbers those of the small one. Else each
+    value is one search of `complex_modes` in the band with a factorisation of its own, since K changes. Steps are halved to
+    1e-3 of the range only: a veering narrower than that is taken for a crossing. Modes that meet and part again between two
+    values, without a trace in slopes and vectors at either, are not seen; `critical_value` excludes that. Nor is a mode that
+    crosses the whole band between two values, and is in it at none.
 
     References
     ----------
@@ -166,7 +168,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     # all steps from left to right, each halved as often as it must be
     lo, hi = question.between
     finest = (EQUAL if model.size <= WIDE else ASIDE) * (hi - lo)
-    nodes, spent = _Nodes(question, len(points) > 8), 0  # a small model of the range takes as long as four to eight solutions
+    nodes, spent = _Nodes(question, len(points)), 0
     steps = np.union1d(points, question.over.kinks((lo, hi))).tolist()
     last, still = nodes.at(steps[-1]), nodes.still  # both ends first: they show what passes 0 at the other one
     here = nodes.at(steps[0])
@@ -237,12 +239,12 @@ class _Nodes:
     Modes are followed beyond the ends of the band by a share `beyond` of its width, so that none is lost at an edge.
     """
 
-    def __init__(self, question: LossQuestion, many: bool, beyond: float = 0.1) -> None:
+    def __init__(self, question: LossQuestion, values: int, beyond: float = 0.1) -> None:
         self.pencil_at, self.band, self.between = question.over, question.band, question.between
         margin = beyond * (self.band[1] - self.band[0])
         self.wide = max(self.band[0] - margin, 0.0), self.band[1] + margin
         self.still = 2 * question.model.size
-        self.parameter, self.small = question.parameter, _small(question, self.wide, many)
+        self.parameter, self.small = question.parameter, _small(question, self.wide, values)
         if self.small is not None:
             self.pencil_at = pencil_over(self.small, None, self.parameter)
 
@@ -298,18 +300,27 @@ class _Nodes:
         return _Node(p, pencil, values, X, Y, bar, condition, cluster, inside, rates)
 
 
-def _small(question: LossQuestion, band: tuple[float, float], many: bool) -> BoxModel | None:
-    """A small model over the whole range: the given one, or that of a large model of which `many` values are asked for."""
+def _small(question: LossQuestion, band: tuple[float, float], values: int) -> BoxModel | None:
+    """A small model over the whole range: the given one, or that of a large model of which many values are asked for.
+
+    It takes as long as four to eight solutions, and a cell of its proof no longer than one. None where not all of it is proved.
+    """
     model, over, ends = question.model, question.over, question.between
     if isinstance(model, BoxModel):
         return model
-    if model.size <= WIDE or not many or (family := over.family(ends)) is None:
+    if model.size <= WIDE or values <= 8 or (family := over.family(ends)) is None:
         return None
+    why: object = "it is not proved for all values"
     try:
-        return over_box(family, ParameterBox({question.parameter: ends}, band))
-    except (*UNCOUNTED, np.linalg.LinAlgError) as error:
-        log.info("no small model over the range, so that each value is solved alone: %s", error)
-        return None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FemsubWarning)  # of what is open: then it is not taken
+            small = over_box(family, ParameterBox({question.parameter: ends}, band, cells=values))
+        if small.evidence != NOT_CHECKED and small.error <= small.box.tol:
+            return small
+    except (*UNCOUNTED, InputError, np.linalg.LinAlgError) as error:  # InputError: a factor has a pole in the range
+        why = error
+    log.info("no small model over the range, so that each value is solved alone: %s", why)
+    return None
 
 
 def _overlap(pencil: Pencil, left: _Node, right: _Node) -> Array:

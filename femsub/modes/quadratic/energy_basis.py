@@ -29,7 +29,6 @@ constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -38,7 +37,7 @@ from typing import Self
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import FEW, halves, one_thread, orthonormal, own_processors, times
+from femsub.algebra import FEW, by_threads, halves, one_thread, orthonormal, times
 from femsub.checks import EPS, Array, Matrix
 from femsub.modes.normal_modes import ACCEPTED
 from femsub.modes.quadratic.region import Contour
@@ -545,9 +544,8 @@ def pieces(number: int) -> tuple[Array, Array]:
 
 
 def of_pieces(of_one: Callable[..., Array], *columns: Array) -> Array:
-    """What a function finds of each piece, stacked, by as many threads as there are cores: products in NumPy hold no lock."""
-    with one_thread(True), ThreadPoolExecutor(own_processors()) as pool:
-        return np.array(list(pool.map(of_one, *columns)))
+    """What a function finds of each piece, stacked, by threads."""
+    return np.array(list(by_threads(of_one, *columns)))
 
 
 def discs_on(contour: Contour, start: Array, stop: Array) -> tuple[Array, Array]:

@@ -141,8 +141,8 @@ class Projection(EnergyBasis):
         beyond = modes.counted[0] ** 2 - lift + self.mu
         if simple is not None:  # outside V, D is αM + βK = (α - βμ)M + βA
             alpha, beta = simple[:2]
-            most_of = beta + (alpha - beta * self.mu) / beyond
-            spread = min(beta, most_of), max(beta, most_of)
+            first = beta + (alpha - beta * self.mu) / beyond  # of the first mode that is left out
+            spread = min(beta, first), max(beta, first)
         given = (Term(M, (-self.mu, 0.0, 1.0), range=(0.0, 1 / beyond)),
                  Term(damping, (0.0, 1.0, 0.0), range=spread, modal=simple is not None,
                       spanned=simple is not None and not any(spread)),
@@ -450,7 +450,7 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
     check_columns("the pencil", A.shape[0], 2 * number + 1)
     start = np.random.default_rng(3).standard_normal(A.shape[0])
     found = []
-    for wanted, most_of, which in zip(each, d, ("LA", "SA"), strict=True):
+    for wanted, least, which in zip(each, d, ("LA", "SA"), strict=True):
         if not wanted:
             continue
         try:
@@ -458,7 +458,7 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
                                    tol=1e-12, v0=start)
         except ArpackNoConvergence as error:
             raise NotConvergedError(f"of {number} strongly damped shapes {len(error.eigenvalues)} were found") from None
-        if np.abs(values).min() < most_of * (1 - 1e-9):
+        if np.abs(values).min() < least * (1 - 1e-9):
             raise NotConvergedError(f"of {number} strongly damped shapes some were missed")
         found.append(shapes)
     return np.hstack(found), ends
