@@ -140,7 +140,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     -----
     Up to 300 DOF each value costs one decomposition by LAPACK, and steps are halved down to 1e-9 of the range. Of a larger
     model whose contacts declare how they depend on the parameter, a small model over the whole range is made if more than 8
-    values are asked for, and taken if the number of its modes is proved for all of them (`ParameterBox`). Its λ are within
+    values are asked for (`ParameterBox`). It is taken if the number of modes is proved for the whole range. Its λ are within
     about 1e-6 |λ|; error bars are distances from λ of the full model, and condition numbers those of the small one. Else each
     value is one search of `complex_modes` in the band with a factorisation of its own, since K changes. Steps are halved to
     1e-3 of the range only: a veering narrower than that is taken for a crossing. Modes that meet and part again between two
