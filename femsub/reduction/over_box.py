@@ -25,7 +25,7 @@ from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import Affine, projected
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import States
+from femsub.reduction.states import States, seen
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -168,9 +168,7 @@ class _Maker:
         self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
-        from scipy.stats import qmc  # takes a tenth of a second to load
-
-        train = np.vstack([(lo + hi) / 2, qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES * len(names)), lo, hi)])
+        train = np.vstack([(lo + hi) / 2, _spread(lo, hi, PLACES * len(names))])
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
         at, errors, columns = 0, np.full(len(places), np.inf), dict(zip(names, train.T, strict=True))
         model = self.small(nodes, cells)
@@ -246,12 +244,28 @@ class _Maker:
             columns[0].extend(_real(np.vstack([x, x * lam[at] / unit])))
             columns[1].extend(_real(np.vstack([unit * (D.T @ z + M.T @ (z * lam[at].conj())), z])))
         found = [la.svd(np.hstack(side), full_matrices=False)[:2] for side in columns]
-        # projected between two spaces vectors are less exact than between equal ones
-        k = max(int(np.count_nonzero(size > self.kept / 4)) for _, size in found)
-        X, Z = (U[:, :k] for U, _ in found)
         terms = tuple([unit**power * np.asarray(A)[model.free:, model.free:] for _, A in several]
                       for power, several in ((2, model.M), (1, model.D), (0, model.K)))
-        return States.of(terms, X, Z, unit) if 0 < k < 1.5 * d else None
+        tried = list[tuple[int, States]]()
+        # between two spaces vectors are less exact than between equal ones; how much less changes with each column
+        sizes = np.maximum(*(size for _, size in found))
+        for k in np.unique([np.count_nonzero(sizes > self.kept / part) for part in np.linspace(4, 8, 5)]):
+            if 0 < k < 1.5 * d and not (tried and tried[-1][0] == 0):
+                X, Z = (U[:, :k] for U, _ in found)
+                states = States.of(terms, X, Z, unit)
+                tried.append((self.lacking(model, cell, states), states))
+        return min(tried, key=lambda one: one[0])[1] if tried else None
+
+    def lacking(self, model: BoxModel, cell: Cell, states: States) -> int:
+        """How many pairs these states do not list without iteration, at some values in a cell."""
+        assert cell.contour is not None and cell.number is not None
+        lacking, (lo, hi) = 0, np.transpose(list(cell.ranges.values()))
+        for values in _spread(lo, hi, 4):
+            factors = model.factors(**dict(zip(cell.ranges, values.tolist(), strict=True)))
+            sizes = model.radii.at((factors - self.middle)[self.varied])
+            lacking += abs(seen(states, factors, model.moving(model.weighted(factors)), cell.contour.encloses,
+                                cell.number - 2 * model.free, sizes, self.box.tol)[2])
+        return lacking
 
     def learn(self, model: BoxModel, node: Node) -> None:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
@@ -259,6 +273,13 @@ class _Maker:
         far = np.abs(found.eigenvalues[:, None] - node.lam).min(axis=1, initial=np.inf)
         seen = (far > EPS**0.75 * np.abs(found.eigenvalues)) & ~found.rigid  # others are rounding
         self.least = min(self.least, float(np.min(found.error_bar[seen] / far[seen], initial=np.inf)) * model.radii.least / 3)
+
+
+def _spread(lo: Array, hi: Array, count: int) -> Array:
+    """So many values (count, k) all over a box."""
+    from scipy.stats import qmc  # takes a tenth of a second to load
+
+    return np.asarray(qmc.scale(qmc.Sobol(len(lo), seed=1).random(count), lo, hi))
 
 
 def _error(found: ComplexModes) -> float:

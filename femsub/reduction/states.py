@@ -94,28 +94,45 @@ def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
     return settled(matrices, lam, *(np.array(side, dtype=complex).T for side in zip(*better, strict=True)))
 
 
-def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, number: int,
-           sizes: RadiiAt, tol: float, fine: bool = False) -> tuple[Array, ...] | None:
-    """λ, x, z and `sizes` of the eigenpairs inside a contour with Im λ ≥ 0; `inside` says which λ are. `fine`: all are iterated.
-
-    They count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
-    None otherwise: then the whole problem is to be solved.
-    """
+def seen(states: States, factors: Array, matrices: Matrices, inside: Inside, number: int, sizes: RadiiAt,
+         tol: float) -> tuple[list[Array], Array, int]:
+    """λ, x, z and `sizes` of the states; which of these count, see `listed`; and how many lack, with conjugates."""
     with np.errstate(all="ignore"):
         try:
             lam, x, z = settled(matrices, *states.pairs(factors, inside))
         except la.LinAlgError:
-            return None
+            lam, x, z = np.zeros(0, dtype=complex), *np.zeros((2, len(matrices[0]), 0), dtype=complex)
         size = sizes(lam, x, z)
-        poor = np.flatnonzero(fine | ~(size <= tol * np.abs(lam) / 2))  # radii may grow by what a new value shows
-        if len(poor):
-            lam[poor], x[:, poor], z[:, poor] = iterated(matrices, lam[poor], x[:, poor], z[:, poor])
-            size[poor] = sizes(lam[poor], x[:, poor], z[:, poor])
-    first = np.argsort(size)
-    lam, x, z, size = lam[first], x[:, first], z[:, first], size[first]
-    apart = np.abs(lam[:, None] - lam) > size[:, None] + size
-    apart[np.triu_indices(len(lam))] = True  # each from those of smaller circles
-    keep = (size <= tol * np.abs(lam)) & inside(lam) & (lam.imag >= 0) & apart.all(axis=1)
-    if np.count_nonzero(keep) + np.count_nonzero(lam[keep].imag) != number:
-        return None
-    return lam[keep], x[:, keep], z[:, keep], size[keep]
+        # half of the tolerance: radii may grow by what a new value shows
+        return [lam, x, z, size], *_apart(lam, size, inside, tol / 2, number)
+
+
+def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, number: int,
+           sizes: RadiiAt, tol: float, fine: bool = False) -> tuple[Array, ...] | None:
+    """λ, x, z and `sizes` of the eigenpairs inside a contour with Im λ ≥ 0; `inside` says which λ are.
+
+    Pairs whose circles are too large are iterated; if `fine`, all are.
+    These count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
+    None otherwise: then the whole problem is to be solved.
+    """
+    (lam, x, z, size), at, missing = seen(states, factors, matrices, inside, number, sizes, tol)
+    waiting = np.argsort(size)
+    waiting = waiting[~np.isin(waiting, at)]  # most of them belong to nothing, and have the largest residuals
+    better = np.append(at[:len(at) * fine], waiting[:max(missing, 0)])
+    with np.errstate(all="ignore"):
+        while len(better):
+            lam[better], x[:, better], z[:, better] = iterated(matrices, lam[better], x[:, better], z[:, better])
+            size[better] = sizes(lam[better], x[:, better], z[:, better])
+            at, missing = _apart(lam, size, inside, tol, number)
+            waiting = waiting[~np.isin(waiting, better)]
+            better = waiting[:len(waiting) * (missing > 0)]
+    return None if missing else (lam[at], x[:, at], z[:, at], size[at])
+
+
+def _apart(lam: Array, size: Array, inside: Inside, tol: float, number: int) -> tuple[Array, int]:
+    """Those of size ≤ tol |λ| whose circle is apart from all smaller ones, and how many lack, with conjugates."""
+    at = np.argsort(size)
+    apart = np.abs(lam[at, None] - lam[at]) > size[at, None] + size[at]
+    apart[np.triu_indices(len(at))] = True
+    at = at[(size <= tol * np.abs(lam))[at] & (inside(lam) & (lam.imag >= 0))[at] & apart.all(axis=1)]
+    return at, number - len(at) - np.count_nonzero(lam[at].imag)
