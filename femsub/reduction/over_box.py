@@ -34,6 +34,7 @@ log = logging.getLogger(__name__)
 
 GAP = 0.1  #: of the band's top: how far the contour may move out, into gaps that no eigenvalue crosses
 PLACES = 32  #: at which the error is looked at, for each parameter
+SHOWN = 3  #: open cells in a warning
 NODES = 12  #: values whose vectors are taken, for each parameter, at most
 
 
@@ -79,27 +80,27 @@ class _Maker:
 
     def cells(self) -> list[Cell]:
         """The box in cells, each with the number of eigenvalues inside a contour, if that is proved."""
-        waiting: list[Ranges] = [self.box.ranges]
-        done, tried = [], 0
-        whole = Cell(self.box.ranges).volume
+        waiting, done, tried = [Cell(self.box.ranges)], list[Cell](), 0
         while waiting and tried < self.box.cells:
-            ranges = waiting.pop(0)
-            lo, hi, known = self.family.factor_ranges(ranges)
+            cell = waiting.pop(0)
+            lo, hi, known = self.family.factor_ranges(cell.ranges)
             theta, half = ((lo + hi) / 2 - self.middle)[self.varied], (hi - lo)[self.varied] / 2
             self.projection = self.projection.changed(theta, half)
             count, tried = count_over(self.projection, self.box.region, GAP), tried + 1
             if count is not None:
-                log.info("%d eigenvalues in %s over %s, margin %.2g", count.number, count.contour.where, ranges, count.margin)
-                done.append(Cell(ranges, count.contour, count.number, count.margin, sampled=not known.all()))
+                log.info("%d eigenvalues in %s over %s, margin %.2g", count.number, count.contour.where, cell.where, count.margin)
+                done.append(replace(cell, contour=count.contour, number=count.number, margin=count.margin,
+                                    sampled=not known.all(), why=""))
             else:
-                log.info("%s is not proved: %s", ranges, self.projection.why)
-                waiting += self._halves(ranges, half)
-        done += [Cell(ranges) for ranges in waiting]
+                log.info("%s is not proved: %s", cell.where, self.projection.why)
+                waiting += [Cell(ranges, why=self.projection.why) for ranges in self._halves(cell.ranges, half)]
         if waiting:
-            share = sum(cell.volume for cell in done if cell.number is None) / whole
-            warn(f"{share:.1%} of the box is not proved after {tried} cells: {self.projection.why or 'the limit was reached'}. "
-                 f"Take a smaller box or band, or cells={4 * self.box.cells}", FemsubWarning)
-        return done
+            share = sum(cell.volume for cell in waiting) / Cell(self.box.ranges).volume
+            places = [f"{cell.where} ({cell.why})" for cell in waiting[:SHOWN]]
+            more = f"; and {len(waiting) - SHOWN} more in .cells" if len(waiting) > SHOWN else ""
+            warn(f"{share:.1%} of the box is not proved after {tried} cells: {'; '.join(places)}{more}. Take a smaller box or "
+                 f"band, or cells={4 * self.box.cells}", FemsubWarning)
+        return done + waiting
 
     def _halves(self, ranges: Ranges, half: Array) -> list[Ranges]:
         """The cell halved in the parameter whose halving would lower most what failed."""

@@ -50,7 +50,7 @@ class ParameterBox:
     tol : float
         The largest distance of a λ of the small model from one of the full model, relative to |λ|. It is estimated.
     cells : int
-        So many cells of the box are tried at most. What is not proved then is open, and a warning gives its share.
+        So many cells of the box are tried at most. What is not proved then is open, and a warning names it.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class ParameterBox:
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
-        ranges = ", ".join(f"{name} from {lo:g} to {hi:g}" for name, (lo, hi) in self.ranges.items())
+        ranges = Cell(self.ranges).where
         growth = "" if self.re is None else f", Re λ from {self.re[0]:g} to {self.re[1]:g}"
         return f"ParameterBox: {ranges}; band {self.band[0]:g} to {self.band[1]:g} rad/time{growth}, tol {self.tol:g}"
 
@@ -125,6 +125,8 @@ class Cell:
         Whether a factor was sampled, since it takes no `Interval`.
     states : States or None
         On which the pairs are found, where they are fewer than the shapes.
+    why : str
+        Why the cell is open, and near which s = λ: of a cell that was not tried, that of the one of which it is a half.
 
     Examples
     --------
@@ -142,11 +144,16 @@ class Cell:
     margin: float = np.inf
     sampled: bool = False
     states: States | None = field(default=None, repr=False, compare=False)
+    why: str = ""
 
     @property
     def evidence(self) -> str:
         """'certified' for all values in the cell, 'confirmed' where a factor was sampled, or 'not checked'."""
         return Tally(self.number or 0, self.number, self.sampled).evidence
+
+    @property
+    def where(self) -> str:
+        return ", ".join(f"{name} from {lo:g} to {hi:g}" for name, (lo, hi) in self.ranges.items())
 
     @property
     def volume(self) -> float:

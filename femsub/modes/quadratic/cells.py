@@ -237,11 +237,11 @@ class CellBound:
         found[:len(self.near) * apart] = 0.0
         return found
 
-    def margin(self) -> tuple[float, list[Array], Array]:
-        """ϱ(β)² on the contour, at most; directions that lower it; and the share of each change where it fails.
+    def margin(self) -> tuple[float, list[Array], Array, complex]:
+        """ϱ(β)² on the contour, at most; directions that lower it; and where it fails, the share of each change there, and s.
 
         Near pairs stand apart, but where that is too much, as in a cluster whose vectors depend on each other nearly.
-        Infinite where it cannot be shown to be below `SAFE`.
+        Where it cannot be shown to be below `SAFE`, it is that at s, or the like.
         """
         every, zero = self.contour.at(np.linspace(0.0, 1.0, 128)), np.zeros(1)
         none = np.zeros((128, 4 + (2 + len(self.near)) * len(self.near)))
@@ -249,8 +249,8 @@ class CellBound:
         at = every[[least.argmax()]]  # where most cells that are too large fail
         tried = [(self._of_far(at[0], 0.0, apart)[:1], np.array([apart])) for apart in (True, False)]
         best = min(tried, key=lambda one: float(self._bound(at, zero, *one)[0]))
-        if self._bound(at, zero, *best)[0] >= SAFE:
-            return np.inf, self._directions(at, *best), self._blame(at[0])
+        if (bound := float(self._bound(at, zero, *best)[0])) >= SAFE:
+            return bound, self._directions(at, *best), self._blame(at[0]), at[0]
         start, stop = pieces(12)
         s, reach = discs_on(self.contour, start, stop)
         apart = np.ones(len(s), dtype=bool)
@@ -264,11 +264,11 @@ class CellBound:
             if not len(s):
                 break
             if seen > PIECES // 100 or (stop - start < 1e6 * EPS).any():  # a smaller cell takes less time
-                return np.inf, [], self._blame(s[0])
+                return float(found[~good][0]), [], self._blame(s[0]), s[0]
             here, coarse = (self._bound(s, 0 * reach, of_far[:, k], apart) >= SAFE for k in range(2))
             if (here & ~apart).any():  # halving does not help
                 k = int(np.argmax(here & ~apart))
-                return np.inf, self._directions(s[[k]], of_far[k, :1], apart[[k]]), self._blame(s[k])
+                return float(found[~good][k]), self._directions(s[[k]], of_far[k, :1], apart[[k]]), self._blame(s[k]), s[k]
             middle = np.where(here, stop, (start + stop) / 2)
             again = np.append(coarse, coarse[~here])
             start, stop, of_far, apart = (np.append(start, middle[~here]), np.append(middle, stop[~here]),
@@ -276,7 +276,7 @@ class CellBound:
             s, reach = discs_on(self.contour, start, stop)
             if again.any():
                 of_far[again] = of_pieces(self._of_far, s[again], reach[again], apart[again])
-        return worst, [], np.zeros(len(self.changes))
+        return worst, [], np.zeros(len(self.changes)), 0j
 
     def _blame(self, s: complex) -> Array:
         """How far each change moves eigenvalues beside their distances from s: about what halving its range would gain."""

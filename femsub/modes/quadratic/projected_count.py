@@ -249,16 +249,17 @@ class Projection(EnergyBasis):
             if not small.wrong < RIGHT:
                 self.why = f"eigenpairs of the projection have errors of {small.wrong:.0e}"
                 return None
-            margin, new = small.margin(contour, c)
+            (margin, new), place = small.margin(contour, c), ""
             if margin < SAFE and self.half.any():
                 changes, outside = self._varied()
-                margin, new, self.blamed = CellBound(small, contour, c, list(zip(changes, self.half, strict=True)),
-                                                     outside).margin()
+                cell = CellBound(small, contour, c, list(zip(changes, self.half, strict=True)), outside)
+                margin, new, self.blamed, s = cell.margin()
+                place = f" at s = {s:.5g} for all values"
             if margin < SAFE:
                 self.counted, small.contour = small, contour
                 values = np.append(small.values, np.zeros(2 * self.free.shape[1]))
                 return Count(contour, int(np.count_nonzero(contour.encloses(values))), values, self.size, margin)
-            self.why = f"on {self.size} shapes the bound of what they leave out is {margin:.2g}, but must be below {SAFE}"
+            self.why = f"on {self.size} shapes the bound of what they leave out is {margin:.2g}{place}, but must be below {SAFE}"
             if self.size > self.most:
                 self.why += f", and {self.most} shapes are the limit"
                 break
