@@ -11,6 +11,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from femsub.model import in_band
 from femsub.modes import Contour
 from femsub.reduction import parameter_box
 from femsub.reduction.states import States, iterated, listed, settled
@@ -151,3 +152,12 @@ def test_a_model_of_a_box_solves_its_states_alone(monkeypatch: pytest.MonkeyPatc
         found = small.modes(mu=float(mu))
         assert found.evidence == "certified" and len(found) == len(other)
         assert (np.abs(found.eigenvalues - other.eigenvalues) <= found.error_bar + other.error_bar).all()
+
+
+def test_eigenvalues_that_are_all_real_are_no_frequencies() -> None:
+    """NumPy returns real arrays then, which `in_band` would take for ω: a mode in the band was not listed, but certified."""
+    matrices = np.eye(2), 5.0 * np.eye(2), np.diag([1.0, 2.0])
+    states = States.of(tuple([A] for A in matrices), np.eye(4), np.eye(4), 1.0)
+    lam, _, _ = states.pairs(np.ones(3), lambda s: np.ones(len(s), dtype=bool))
+    assert len(lam) == 4 and not lam.imag.any()
+    assert in_band(lam, (0.0, 1.0), (-1.0, 1.0)).sum() == 2

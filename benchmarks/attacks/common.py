@@ -128,9 +128,9 @@ def crossed(spectrum: Callable[[float], Array], grid: Array, shortest: float) ->
         a, b, before, after = waiting.pop()
         m = (a + b) / 2
         if before != after and b - a < shortest:
-            z = spectrum(m)
-            z = z[z.imag >= 0]
-            exact += [(m, float(value.imag)) for value in z[np.argsort(np.abs(z.real))[:max(1, abs(after - before) // 2)]]]
+            z = spectrum(b if after > before else a)
+            z = z[(z.imag >= 0) & (z.real > 0)]  # what has just begun to grow, or is about to end; not what is damped lightly
+            exact += [(m, float(value.imag)) for value in z[np.argsort(z.real)[:max(1, abs(after - before) // 2)]]]
         elif before != after:
             waiting += [(a, m, before, middle := grown(m)), (m, b, middle, after)]
     return exact

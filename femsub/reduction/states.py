@@ -55,7 +55,7 @@ class States:
         a, b = ((np.append(1.0, factors) @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.a, self.b))
         solve = _solver(b)
         lam, y = np.linalg.eig(solve(a))
-        lam = self.unit * lam
+        lam = self.unit * lam.astype(complex)  # NumPy's are real where all are, and would be taken for frequencies
         at = np.flatnonzero(inside(lam) & (lam.imag >= 0))
         w = solve(np.linalg.inv(y)[at].T, 1).conj()
         w = np.where(lam[at].imag == 0, w.real, w)  # the inverse left them a rounding
