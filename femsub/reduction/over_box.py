@@ -22,7 +22,7 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.model import Affine, projected
+from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
 from femsub.reduction.states import States
@@ -57,6 +57,7 @@ class _Maker:
 
     def __init__(self, family: Affine, box: ParameterBox) -> None:
         self.family, self.box = family, box
+        usable_band(family, box.band)  # a basis of parts may end below
         lo, hi, _ = family.factor_ranges(box.ranges)
         if not np.isfinite([lo, hi]).all():
             raise InputError("a factor of the model may be infinite in the box: give other ranges of "
@@ -170,7 +171,8 @@ class _Maker:
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
         from scipy.stats import qmc  # takes a tenth of a second to load
 
-        train = np.vstack([(lo + hi) / 2, qmc.scale(qmc.Sobol(len(names), seed=1).random(PLACES * len(names)), lo, hi)])
+        unit = qmc.Sobol(len(names), seed=1).random_base2((PLACES * len(names) - 1).bit_length())  # a balanced number
+        train = np.vstack([(lo + hi) / 2, qmc.scale(unit, lo, hi)])
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
         at, errors, columns = 0, np.full(len(places), np.inf), dict(zip(names, train.T, strict=True))
         model = self.small(nodes, cells)
@@ -228,7 +230,8 @@ class _Maker:
         model = BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,
                          values=np.array([list(node.values.values()) for node in nodes]))
-        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in cells))
+        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in cells),
+                           cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where that of the family is not known
 
     def states(self, model: BoxModel, cell: Cell) -> States | None:
         """The states of the model at the corners and in the middle of a cell, if they are fewer than three quarters of all."""
