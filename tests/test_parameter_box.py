@@ -246,7 +246,8 @@ def pressed(seed: int = 0, n: int = 60) -> fs.Affine:
     def both(mu, pressure):
         return mu * pressure
 
-    return fs.Affine(M, 1e-2 * K, [(1.0, K - soft + 0.2 * A), ("E", soft), ("pressure", 0.1 * A), ("mu", 0.2 * B), (both, 0.1 * B)])
+    touching = [(1.0, 0.2 * A), ("pressure", 0.1 * A), ("mu", 0.2 * B), (both, 0.1 * B)]
+    return fs.Affine(M, 1e-2 * K, [(1.0, K - soft), ("E", soft), *touching])
 
 
 def test_three_parameters_of_joined_parts():

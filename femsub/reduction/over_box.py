@@ -231,7 +231,7 @@ class _Maker:
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,
                          values=np.array([list(node.values.values()) for node in nodes]))
         return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in cells),
-                           cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where that of the family is not known
+                           cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
 
     def states(self, model: BoxModel, cell: Cell) -> States | None:
         """The states of the model at the corners and in the middle of a cell, if they are fewer than three quarters of all."""

@@ -287,7 +287,7 @@ class CellBound:
         small, T = self.small, (self.X[0] * self._coefficients(s, True)) @ self.X[1]
         size = np.abs(small.nu[self.near]) / np.maximum(small._apart(np.array([s]), self.near)[0], EPS)
         found = []
-        for (change, delta), (power, left, *_), (own_left, _), (own_right, _) in zip(self.changes, self.first, *self.parts, strict=True):
+        for (power, left, *_), (own_left, _), (own_right, _) in zip(self.first, *self.parts, strict=True):
             near = np.abs(np.einsum("ki,ik->k", left, small.x[:, self.near])) @ size
             found.append(abs(s)**power * (float(near) + _norm(own_right.T @ T @ own_left)))
         return np.array(found)
