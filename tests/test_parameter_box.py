@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import re
+import warnings
 from functools import cache
 from pathlib import Path
 
@@ -153,6 +154,17 @@ def test_a_box_too_wide_for_the_bound_is_open_at_its_ends():
     check(small, full.at, (0.0, 0.5), [{"speed": speed} for speed in (-0.03, -0.01, 0.013, 0.03)])
 
 
+def test_a_parameter_that_leaves_c_as_it_is_is_not_halved():
+    """Where other shapes may lack stiffness, the range of the parameter that takes it is halved, not that of the first one."""
+    n = 80
+    K, turn = fs.chain(n).K, sp.diags_array([np.ones(n - 1), -np.ones(n - 1)], offsets=[1, -1])
+    spring = sp.csr_array(([0.1], ([4], [4])), shape=(n, n))
+    full = fs.Affine(sp.eye_array(n), [(1.0, 1e-3 * K), ("speed", sp.csr_array(turn))], [(1.0, K), ("spring", spring)])
+    with pytest.warns(FemsubWarning, match="of the box is not proved"):
+        small = fs.reduce(full, fs.ParameterBox({"spring": (0.0, 1.0), "speed": (-0.03, 0.03)}, (0.0, 0.5), cells=8))
+    assert 0 < small.open_share < 1 and {cell.ranges["spring"] for cell in small.cells} == {(0.0, 1.0)}
+
+
 def test_rigid_motion_stays_at_zero():
     full = fs.Affine(np.eye(3), None, [(1.0, np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]])),
                                        ("k", np.array([[1.0, -1, 0], [-1, 1, 0], [0, 0, 0]]))])
@@ -218,6 +230,54 @@ def test_many_values_are_those_one_by_one():
         small.modes_over(mu=mu, speed=[1.0, 3.0, 1.0, 1.0, 1.0, 1.0, 1.0])
     with pytest.raises(InputError, match=r"equal shape, or numbers, but these are mu \(7,\), speed \(2,\)"):
         small.modes_over(mu=mu, speed=[1.0, 2.0])
+
+
+def pressed(seed: int = 0, n: int = 60) -> fs.Affine:
+    """Two chains that touch, as the parts of a brake: the contact's stiffness is 0.2 + 0.1 p, its friction μ times that; the
+    second half of the second chain, its lining, has the stiffness E times that of the others.
+    """
+    one = fs.chain(n)
+    M, K = sp.block_diag([one.M, one.M], format="csr"), sp.block_diag([one.K, one.K], format="csr")
+    lining = sp.csr_array(sp.diags_array(np.where(np.arange(n - 1) >= n // 2, 1.0, 0.0)))
+    jump = sp.diags_array([-np.ones(n - 1), np.ones(n - 1)], offsets=[0, 1], shape=(n - 1, n))
+    soft = sp.csr_array(sp.block_diag([sp.csr_array((n, n)), jump.T @ lining @ jump]))
+    rows = np.random.default_rng(seed).choice(n, 6, replace=False)
+    N = sp.csr_array((np.tile([1.0, -1.0], 6), (np.repeat(np.arange(6), 2), np.stack([rows, n + rows], axis=1).ravel())),
+                     shape=(6, 2 * n))
+    T = sp.csr_array((np.ones(6), (np.arange(6), n + (rows + 3) % n)), shape=(6, 2 * n))
+    A, B = N.T @ N, 0.2 * (T.T @ N)
+
+    def both(mu, pressure):
+        return mu * pressure
+
+    touching = [(1.0, 0.2 * A), ("pressure", 0.1 * A), ("mu", 0.2 * B), (both, 0.1 * B)]
+    return fs.Affine(M, 1e-2 * K, [(1.0, K - soft), ("E", soft), *touching])
+
+
+def test_three_parameters_of_joined_parts():
+    """All of the box is proved, and each λ lies in its radius."""
+    full, band = pressed(), (0.0, 0.3)
+    ranges = {"mu": (0.0, 0.6), "E": (0.8, 1.25), "pressure": (0.5, 2.0)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        small = fs.reduce(full, fs.ParameterBox(ranges, band))
+    assert small.evidence == "certified" and small.error < 1e-6
+    rng = np.random.default_rng(1)
+    check(small, full.at, band, [{name: float(rng.uniform(*ends)) for name, ends in ranges.items()} for _ in range(6)])
+
+
+def test_a_projection_without_a_cut_off_is_not_checked():
+    """It may lack modes of the full model, whatever is proved of itself."""
+    full = family(2)
+    V = np.linalg.eigh(full.at(mu=0.0, speed=1.0).K.toarray())[1][:, :30]
+    box = fs.ParameterBox({"mu": (0.0, 0.5), "speed": (1.0, 2.0)}, (0.0, 0.3))
+    small = fs.reduce(full.reduced(V), box)
+    assert small.evidence == "not checked" and small.open_share == 0
+    assert small.modes(mu=0.1, speed=1.0).evidence == small.fixed(speed=1.0).evidence == "not checked"
+    known = fs.reduce(full.reduced(V, cutoff=0.5), box)
+    assert known.evidence == "certified" and known.cutoff == 0.3
+    with pytest.raises(InputError, match="above the cut-off"):
+        fs.reduce(full.reduced(V, cutoff=0.2), box)
 
 
 def test_values_outside_the_box_are_refused():

@@ -22,7 +22,7 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.model import Affine, projected
+from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
 from femsub.reduction.states import States, seen
@@ -58,6 +58,7 @@ class _Maker:
 
     def __init__(self, family: Affine, box: ParameterBox) -> None:
         self.family, self.box = family, box
+        usable_band(family, box.band)  # a basis of parts may end below
         lo, hi, _ = family.factor_ranges(box.ranges)
         if not np.isfinite([lo, hi]).all():
             raise InputError("a factor of the model may be infinite in the box: give other ranges of "
@@ -227,7 +228,8 @@ class _Maker:
         model = BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,
                          values=np.array([list(node.values.values()) for node in nodes]))
-        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in cells))
+        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in cells),
+                           cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
 
     def states(self, model: BoxModel, cell: Cell) -> States | None:
         """The states of the model at the corners and in the middle of a cell, if they are fewer than three quarters of all."""
@@ -277,10 +279,10 @@ class _Maker:
 
 
 def _spread(lo: Array, hi: Array, count: int) -> Array:
-    """So many values (count, k) all over a box."""
+    """At least so many values (l, k) all over a box, a power of two."""
     from scipy.stats import qmc  # takes a tenth of a second to load
 
-    return np.asarray(qmc.scale(qmc.Sobol(len(lo), seed=1).random(count), lo, hi))
+    return np.asarray(qmc.scale(qmc.Sobol(len(lo), seed=1).random_base2((count - 1).bit_length()), lo, hi))
 
 
 def _error(found: ComplexModes) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from femsub.algebra import by_threads, one_thread
 from femsub.checks import (
     EPS,
+    NOT_CHECKED,
     Array,
     Tally,
     check_band,
@@ -254,7 +255,8 @@ class BoxModel(Affine):
     V : ndarray, shape (n, r)
     evidence : str
         'certified': in each cell the number of eigenvalues in the band is proved for all values. 'confirmed': the same, but a
-        factor of the model was sampled, since it takes no interval. 'not checked': some cells are open.
+        factor of the model was sampled, since it takes no interval. 'not checked': some cells are open, or the model was a
+        projection whose cut-off is not known. Numbers and radii hold for the model that was given: of reduced parts, for these.
     open_share : float
         The share of the box's volume that is open.
     error : float
@@ -293,6 +295,8 @@ class BoxModel(Affine):
 
     @property
     def evidence(self) -> str:
+        if np.isnan(self.cutoff):
+            return NOT_CHECKED
         known = [cell for cell in self.cells if cell.number is not None]
         return Tally(len(self.cells), len(known), any(cell.sampled for cell in known)).evidence
 

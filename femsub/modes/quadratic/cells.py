@@ -154,6 +154,7 @@ class CellBound:
         weights = np.transpose([term.weights for term in small.basis.terms])
         signs = np.array([term.sign for term in small.basis.terms])
         self.H = [np.tensordot(self.root * own, H, 1).astype(np.complex64) for own in (signs * weights.conj(), weights)]
+        self.parts = parts
         self.Q = [(np.hstack([np.zeros((len(x), 0)), *(columns for columns, _ in several)]).astype(np.float32),
                    np.repeat([power for _, power in several], [columns.shape[1] for columns, _ in several]).astype(int))
                   for several in parts]
@@ -279,11 +280,17 @@ class CellBound:
         return worst, [], np.zeros(len(self.changes)), 0j
 
     def _blame(self, s: complex) -> Array:
-        """How far each change moves eigenvalues beside their distances from s: about what halving its range would gain."""
-        small = self.small
-        size = np.abs(small.nu) / np.maximum(small._apart(np.array([s]), slice(None))[0], EPS)
-        return np.array([delta * abs(s) ** change.power * float(
-            np.abs(np.einsum("ik,ik->k", small.z.conj(), change.inside @ small.x)) @ size) for change, delta in self.changes])
+        """About what halving the range of each change would gain: its share in β, of near pairs and of all others together.
+
+        A sum over all pairs would blame a change with many shapes of its own, such as that of a whole part's stiffness.
+        """
+        small, T = self.small, (self.X[0] * self._coefficients(s, True)) @ self.X[1]
+        size = np.abs(small.nu[self.near]) / np.maximum(small._apart(np.array([s]), self.near)[0], EPS)
+        found = []
+        for (power, left, *_), (own_left, _), (own_right, _) in zip(self.first, *self.parts, strict=True):
+            near = np.abs(np.einsum("ki,ik->k", left, small.x[:, self.near])) @ size
+            found.append(abs(s)**power * (float(near) + _norm(own_right.T @ T @ own_left)))
+        return np.array(found)
 
     def _directions(self, at: Array, of_far: Array, apart: Array) -> list[Array]:
         """Residuals of what the changes move most, if the coupling with the outside has a share in the bound."""

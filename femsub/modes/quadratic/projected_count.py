@@ -234,6 +234,9 @@ class Projection(EnergyBasis):
         self.why, self.blamed = "", np.zeros(len(self.changes))
         c = self.least
         if c <= 0:
+            for q in np.flatnonzero(self.half):  # what each change takes of c
+                others = self.changed(self.theta, np.where(np.arange(len(self.half)) == q, 0.0, self.half))
+                self.blamed[q] = others.least - c
             self.why = f"damping or gyroscopic forces may outweigh the stiffness of other shapes by {1 - c:.2g}"
             return None
         if not self.size:
