@@ -52,6 +52,7 @@ from femsub.modes import (
     Inverse,
     Line,
     Met,
+    PlaneSweep,
     Projection,
     Varied,
     corrected,
@@ -171,14 +172,15 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     over, (lo, hi), band = question.over, question.between, question.band
     if not over.affine((lo, hi)) or (terms := over.terms((lo, hi))) is None:
         raise NotConvergedError("a contact is not affine in the parameter")
-    if not terms or any(few_columns(sp.csr_array(half)) is None for _, T, _ in terms for half in (T + T.T, T - T.T)):
-        raise NotConvergedError("the parameter acts through many columns")
+    if not terms:
+        raise NotConvergedError("nothing depends on the parameter")
     if any(is_mirrored(over(p)) for p in (lo, hi)):
         raise NotConvergedError("without damping eigenvalues are on the axis for all values")
     p0 = lo + SAMPLES[2] * (hi - lo)  # a crossing there would have an infinite μ
     reference = over(p0)
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
     changes = [Varied(T, q, abs(w) * (hi - lo)) for (q, T, _), w in zip(terms, weights, strict=True)]
+    few = all(few_columns(sp.csr_array(half)) is not None for _, T, _ in terms for half in (T + T.T, T - T.T))
     projection = projection_over(reference, changes, (0.0, band[1], *band)).changed(np.zeros(len(terms)))
     if projection.least <= 0 or projection.free.shape[1]:
         raise NotConvergedError("the model floats, or damping outweighs the stiffness of other shapes")
@@ -186,16 +188,22 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     axis = Line(1j * band[0], 1j, height)
     edges = [Line(1j * edge, 1.0, side) for edge in band if edge]
     lines = [axis, *edges, Line(side + 1j * band[0], 1j, height)]
-    for _ in range(4):
-        if not _enriched(projection, band):
-            break
-    sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
+    sweep: AxisSweep | PlaneSweep
+    if few:
+        for _ in range(4):
+            if not _enriched(projection, band):
+                break
+        sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
+    else:
+        _enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 7), band)
+        sweep = PlaneSweep(projection, weights, (lo - p0, hi - p0))
     met: list[list[Met]] = []
     for line in lines:
         found, left = sweep.swept(line, RESOLUTION * band[1])
         if left:
             raise NotConvergedError(f"in {len(left)} pieces it is not known what crosses, such as beside s = "
                                     f"{line.start + line.along * sum(left[0]) / 2:.6g}")
+        log.info("%d crossings of the line from %s", len(found), line.start)
         met.append([one for one in found if one.values[1] >= lo - p0 and one.values[0] <= hi - p0])
         # at an end of the range it would not be known what grows, and at a corner whether it is in the band
         if any(one.values[0] <= end - p0 <= one.values[1] for one in met[-1] for end in (lo, hi)) or (
@@ -245,7 +253,31 @@ def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
     return bool(keep.any()) and projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
 
 
-def _crossing(question: LossQuestion, sweep: AxisSweep, V: Array, start: float, one: Met, p0: float, steps: int
+def _enriched_over(projection: Projection, weights: Array, values: Array, band: tuple[float, float]) -> None:
+    """Let residuals of eigenvectors at some values join V where they are large: of all in the band, and of those near the axis.
+
+    Their share is that of a coupling with the outside beside a distance from the eigenvalue, of a hundredth of the band's end, or
+    of |Re λ| where that is less.
+    """
+    projection.lost  # noqa: B018  (before residuals)
+    columns = []
+    for i, value in enumerate(values):
+        here = projection.changed(weights * value)
+        small = Coupling.of(here, projection.outer.size)
+        lam = np.nan_to_num(small.each)
+        near = np.flatnonzero((small.nu != 0) & (lam.imag >= 0.9 * band[0]) & (lam.imag <= 1.3 * band[1])
+                              & (np.abs(lam.real) < (0.1 if i % 3 == 0 else 1e-3) * band[1]))
+        scale = np.sqrt(projection.least * np.clip(np.abs(lam[near].real), 2e-4 * band[1], 1e-2 * band[1]))
+        columns += [here.residuals(lam[near], x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))]
+    R = np.hstack(columns)
+    size, mix = la.eigh(R.T @ projection.product(R)) if R.size else (np.zeros(0), np.zeros((0, 0)))
+    keep = size > 0.02
+    log.info("%d of %d residuals join %d columns", np.count_nonzero(keep), len(size), projection.size)
+    if keep.any():
+        projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
+
+
+def _crossing(question: LossQuestion, sweep: AxisSweep | PlaneSweep, V: Array, start: float, one: Met, p0: float, steps: int
               ) -> Crossing | None:
     """A crossing of the axis on the full pencil, where Newton's method comes to one that is the one that was met."""
     over, (lo, hi) = question.over, question.between
