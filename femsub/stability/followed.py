@@ -176,12 +176,12 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
         raise NotConvergedError("nothing depends on the parameter")
     if any(is_mirrored(over(p)) for p in (lo, hi)):
         raise NotConvergedError("without damping eigenvalues are on the axis for all values")
-    p0 = lo + SAMPLES[2] * (hi - lo)  # a crossing there would have an infinite μ
+    few = all(few_columns(sp.csr_array(half)) is not None for _, T, _ in terms for half in (T + T.T, T - T.T))
+    p0 = lo + SAMPLES[2] * (hi - lo) if few else (lo + hi) / 2  # a crossing there would have an infinite μ
     reference = over(p0)
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
-    changes = [Varied(T, q, abs(w) * (hi - lo)) for (q, T, _), w in zip(terms, weights, strict=True)]
-    few = all(few_columns(sp.csr_array(half)) is not None for _, T, _ in terms for half in (T + T.T, T - T.T))
-    projection = projection_over(reference, changes, (0.0, band[1], *band)).changed(np.zeros(len(terms)))
+    changes = [Varied(T, q, abs(w) * max(hi - p0, p0 - lo)) for (q, T, _), w in zip(terms, weights, strict=True)]
+    projection = projection_over(reference, changes, (0.0, band[1], *band), 0.01).changed(np.zeros(len(terms)))
     if projection.least <= 0 or projection.free.shape[1]:
         raise NotConvergedError("the model floats, or damping outweighs the stiffness of other shapes")
     side, height = band[1], band[1] - band[0]

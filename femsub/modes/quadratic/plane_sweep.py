@@ -37,6 +37,7 @@ References: as for `energy_basis`; T. Kato, Math. Ann. 125 (1952) 208 (‖CTX‖
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from math import comb
 from typing import TYPE_CHECKING
@@ -52,6 +53,8 @@ from femsub.modes.quadratic.energy_basis import eigenpairs
 
 if TYPE_CHECKING:
     from femsub.modes.quadratic.projected_count import Projection
+
+log = logging.getLogger(__name__)
 
 Poly = dict[tuple[int, int], Array]  #: coefficients of t^a ε^b
 
@@ -97,10 +100,9 @@ class PlaneSweep:
         self.reach = min(0.02 * max(map(abs, between)), 0.1 * c / grows if grows else np.inf)  # of complex ε
         root = self.least**-0.5 if c > 0 else np.inf
         self.R, self.L = ({at: root * part for at, part in several.items()} for several in (self.R, self.L))
-        self.gram = [{(i, j): several[i].T @ several[j] for i in several for j in several} for several in (self.R, self.L)]
-        self.left_out = root * lost + (m * EPS * max(
-            sum(float(np.trace(own[i, i])) * size ** (2 * i[0]) * most ** (2 * i[1]) for i, j in own if i == j)
-            for own in self.gram)) ** 0.5
+        self.gram = [{(i, j): (several[i].T @ several[j]).astype(np.float32) for i in several for j in several}
+                     for several in (self.R, self.L)]
+        self.left_out = root * lost
         V = np.abs(projection.V)
         self.rounding = 8 * EPS * m**-0.5 * sum(weight * float(la.norm(V.T @ (abs(A) @ V), 2)) for weight, A in zip(
             (1.0, *sizes), (projection.A.formed(), *(term.matrix for term in projection.terms)), strict=True))
@@ -110,7 +112,7 @@ class PlaneSweep:
         for at, A in self.P.items():
             if sum(at) > 1:
                 u, s, v = la.svd(A)
-                self.moduli[at] = (u * s) @ u.T, (v.T * s) @ v
+                self.moduli[at] = ((u * s) @ u.T).astype(np.float32), ((v.T * s) @ v).astype(np.float32)
         lo, hi = between
         self.nodes = np.linspace(lo, hi, 2 * slices + 1)
         self.pairs = dict(zip(self.nodes.tolist(), by_threads(self.pairs_at, self.nodes.tolist()), strict=True))
@@ -135,6 +137,7 @@ class PlaneSweep:
                    for c, d in zip(values[:-1], values[1:], strict=True)]
         while waiting:
             seen += len(waiting)
+            log.info("%d patches of %s", len(waiting), line)
             found = list(by_threads(lambda *at: self._patch(line, *at), *map(list, zip(*waiting, strict=True))))
             again: list[tuple[float, float, float, float]] = []
             for (t, h, e, b), (known, along) in zip(waiting, found, strict=True):
@@ -166,7 +169,7 @@ class PlaneSweep:
         ends = np.sort([0.7 * reach, *apart[(apart > 0.7 * reach) & (apart < 1.3 * reach)], 1.3 * reach])
         at = int(np.argmax(ends[1:] / ends[:-1]))
         reach = float(np.sqrt(ends[at] * ends[at + 1]))
-        if np.count_nonzero(apart <= reach) > 20 * len(values) and 6 * h > 0.01 * abs(s):
+        if np.count_nonzero(apart <= reach) > 12 * len(values) and 6 * h > 0.01 * abs(s):
             return None, True
         patch = Patch(self, s, e, line.along, (h, b), pairs, reach)
         if not patch.known or patch.zeta > 8:
@@ -197,7 +200,8 @@ class PlaneSweep:
                 inside |= (np.abs(boxes[:, 0] + t - one.at) + boxes[:, 2] <= one.room) & (
                     np.abs(boxes[:, 1] + e - at_value) + boxes[:, 3] <= room)
             boxes, along = boxes[~inside], along[~inside]
-            if seen > 6000 or turn > 60 or (turn == 7 and len(boxes) > 256):
+            # halving does not help where the bound itself is too large; beside curves little is left
+            if seen > 6000 or turn > 60 or (boxes[:, 2:].prod(axis=1).sum() > h * b * max(0.5 ** (turn / 2), 0.02) and turn > 3):
                 return None, patch.along
             move = np.where(along[:, None], [1, 0], [0, 1]) * boxes[:, 2:] / 2
             size = np.where(along[:, None], [0.5, 1], [1, 0.5]) * boxes[:, 2:]
@@ -266,7 +270,7 @@ class Patch:
     def __init__(self, sweep: PlaneSweep, s: complex, value: float, along: complex, half: tuple[float, float],
                  pairs: Sequence[tuple[Array, Array, Array]], reach: float) -> None:
         self.half, (h, b), m = half, half, len(sweep.P[0, 0])
-        P, R, L = (_moved(part, s, value, along) for part in (sweep.P, sweep.R, sweep.L))
+        P = _moved(sweep.P, s, value, along)
         near = [np.abs(lam - s) <= reach for lam, *_ in pairs]
         spans = []
         for side in (1, 2):
@@ -277,15 +281,22 @@ class Patch:
         C_L, C_R = la.qr(P[0, 0] @ right)[0][:, k:], la.qr((left @ P[0, 0]).conj().T)[0][:, k:]
         u, size, v = la.svd(C_L.conj().T @ P[0, 0] @ C_R)
         C_L, C_R, largest = (C_L @ (u * size**-0.5)).conj().T, C_R @ (v.conj().T * size**-0.5), float(size[-1] ** -0.5)
-        # ν, by norms to first order, and by |A| beyond
-        S_L, S_R = C_L.T @ C_L.conj(), C_R @ C_R.conj().T
-        first = [step * la.norm(C_L @ (P[at] @ C_R), 2) if at in P else 0.0 for at, step in (((1, 0), h), ((0, 1), b))]
+        # ν, by norms to first order, and by |A| beyond; in single precision
+        left_32, right_32, digits = C_L.astype(np.complex64), C_R.astype(np.complex64), 4 * float(np.finfo(np.float32).eps)
+        S_L, S_R = left_32.T @ left_32.conj(), right_32 @ right_32.conj().T
+        first = []
+        for at, step in (((1, 0), h), ((0, 1), b)):
+            if at in P:
+                A = P[at].astype(np.complex64)
+                first.append(step * (_largest(left_32 @ (A @ right_32)) + digits * largest**2 * float(la.norm(A))))
+            else:
+                first.append(0.0)
         sizes = {at: (_root(A, S_L) * _root(B, S_R)) ** 0.5 for at, (A, B) in sweep.moduli.items()}
         both = sizes.get((2, 1), 0.0)
         second = h * h * (sizes.get((2, 0), 0.0) + (abs(value) + b) * both) + h * b * (sizes.get((1, 1), 0.0) + 2 * abs(s) * both)
         nu = sum(first) + second + largest**2 * sweep.rounding + m * EPS * float(size[0] / size[-1])
         self.along, self.known, self.zeta = first[0] + second > first[1], False, np.inf
-        if nu >= 0.97:
+        if nu >= 0.9:
             return
         # κ
         lengths = []
@@ -295,12 +306,19 @@ class Patch:
                   (1, 1): lambda a, e: e * a * s ** max(a - 1, 0), (2, 1): lambda a, e: e * (a == 2)}
             length = largest * sweep.left_out
             for (i, j), weight in at.items():
-                A = sum(np.conj(weight(*p)) * weight(*q) * part for (p, q), part in gram.items() if weight(*p) and weight(*q))
-                if not isinstance(A, int):
-                    length += _root(A, S) ** 0.5 if not i + j else h**i * b**j * max(float(np.einsum("ij,ji->", A, S).real), 0.0) ** 0.5
+                w = {p: complex(weight(*p)) for p in {p for p, _ in gram}}
+                found = 0.0
+                if not i + j:
+                    A = sum(np.complex64(w[p].conjugate() * w[q]) * part for (p, q), part in gram.items() if w[p] and w[q])
+                    found = _root(A, S)
+                else:  # of a sum no more than the sum
+                    traces = {p: max(float(np.vdot(gram[p, p], S.real)), 0.0) for p in w if w[p]}
+                    found = sum(abs(w[p]) * traces[p] ** 0.5 for p in traces) ** 2 * h ** (2 * i) * b ** (2 * j)
+                scale = sum(abs(w[p]) ** 2 * float(np.trace(gram[p, p])) for p in w) * h ** (2 * i) * b ** (2 * j)
+                length += (found + digits * largest**2 * scale) ** 0.5
             lengths.append(length)
         kappa = float(np.prod(lengths)) ** 0.5
-        if 1 - nu - kappa**2 <= 0.05:
+        if 1 - nu - kappa**2 <= 0.1:
             return
         self.known, self.zeta = True, float(la.norm(la.inv([[1 - nu, -kappa], [-kappa, 1.0]]), 2))
         if not k:
@@ -323,8 +341,10 @@ class Patch:
         balance = (lengths[1] / lengths[0]) ** 0.5 if kappa else 1.0  # units of y in which both lengths are κ
         wide = [float(la.norm(part, 2)) for part in (left, right)]
         self.F = {at: left @ A @ right for at, A in P.items()}
-        self.Y, lost = self._short([{at: C_L @ A @ right for at, A in P.items()}, {at: balance * (A @ right) for at, A in R.items()}])
-        Z, other = self._short([{at: (left @ A @ C_R).T for at, A in P.items()}, {at: A @ left.T / balance for at, A in L.items()}])
+        self.Y, lost = self._short([{at: C_L @ (A @ right) for at, A in P.items()}, _moved(
+            {at: balance * (A @ right) for at, A in sweep.R.items()}, s, value, along)])
+        Z, other = self._short([{at: (left @ A @ C_R).T for at, A in P.items()}, _moved(
+            {at: A @ left.T / balance for at, A in sweep.L.items()}, s, value, along)])
         self.Z = {at: A.T for at, A in Z.items()}
         rounding = largest * sweep.rounding
         self.off = (sweep.rounding * wide[0] * wide[1], lost + rounding * wide[1] + sweep.left_out * balance * wide[1],
@@ -465,8 +485,13 @@ def _four(A: Array) -> Array:
 
 def _root(A: Array, S: Array) -> float:
     """At least the norm of XᴴAX, S = XXᴴ, A positive semidefinite: (tr ASAS)^½."""
-    product = A @ S if np.iscomplexobj(A) else A @ S.real + 1j * (A @ S.imag)
+    product = A @ S
     return max(float(np.einsum("ij,ji->", product, product).real), 0.0) ** 0.5
+
+
+def _largest(A: Array) -> float:
+    """The largest singular value, by AᴴA."""
+    return float(la.eigvalsh(A.conj().T @ A, subset_by_index=[len(A) - 1] * 2, check_finite=False)[0]) ** 0.5 if A.size else 0.0
 
 
 def _norm(A: Array) -> float:
