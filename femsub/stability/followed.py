@@ -2,8 +2,9 @@
 
 Where the parameter acts through few columns, one projection of the model serves all of its values, and sweeps run around the
 rectangle of all λ in the band that grow: up the axis, out along the edges of the band, and up at Re λ = the end of the band
-(`femsub.modes.quadratic.axis_sweep`). They find all eigenvalues that cross its border for any value, and prove that no other
-does. So the number inside is known for each value, once it is known for one: the answer is certified.
+(`femsub.modes.quadratic.axis_sweep`). Where it acts through many and a proof is asked for, they cover the plane of s on these
+lines and the parameter (`femsub.modes.quadratic.plane_sweep`). They find all eigenvalues that cross its border for any value, and
+prove that no other does. So the number inside is known for each value, once it is known for one: the answer is certified.
 
 Elsewhere it is confirmed. Right vectors of the full pencil at some values of the parameter span a basis V. The pencil VᵀP(λ; p)V
 is exact at these values, and `discs` finds all of its crossings. Each starts Newton's method on the full pencil, P(iω; p)x = 0,
@@ -85,13 +86,15 @@ class Followed:
     Newton's method takes at most `steps` steps, each with a factorisation, and so many small models are made, each from the
     crossings of the last one that it did not reach. What is not verified then is open. A small model has at most so many
     `columns`, and the band as many parts as it takes: with a third of 90 columns the discs take a fifth of the time, but without
-    the modes beside them crossings are rougher, and more small models are made.
+    the modes beside them crossings are rougher, and more small models are made. With `any_rank` sweeps prove the answer as well
+    where the parameter acts through many columns, which may take several times as long.
     """
 
     first: bool = False
     near: float = np.nan
     steps: int = 6
     columns: int = 30
+    any_rank: bool = False
 
     def unfit(self, question: LossQuestion) -> str:
         if not np.isfinite(question.between[1]):
@@ -107,7 +110,7 @@ class Followed:
         over.affine((lo, hi))  # refuses a false declaration
         if not self.first:
             try:
-                return _swept(question, self.steps)
+                return _swept(question, self.steps, self.any_rank)
             except (*UNCOUNTED, la.LinAlgError) as error:  # LAPACK's where P_U is singular at its shift
                 log.info("no proof by a sweep of the frequency: %s", error)
         beyond = self.near + EXPECTED * (hi - lo)
@@ -161,7 +164,7 @@ class Followed:
                                 solved=len(samples), method="followed")
 
 
-def _swept(question: LossQuestion, steps: int) -> CriticalValue:
+def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> CriticalValue:
     """The certified answer.
 
     Raises
@@ -177,6 +180,8 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     if any(is_mirrored(over(p)) for p in (lo, hi)):
         raise NotConvergedError("without damping eigenvalues are on the axis for all values")
     few = all(few_columns(sp.csr_array(half)) is not None for _, T, _ in terms for half in (T + T.T, T - T.T))
+    if not few and not any_rank:
+        raise NotConvergedError("the parameter acts through many columns; solver='swept' may prove the answer, in more time")
     p0 = lo + SAMPLES[2] * (hi - lo) if few else (lo + hi) / 2  # a crossing there would have an infinite μ
     reference = over(p0)
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
@@ -189,6 +194,7 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     edges = [Line(1j * edge, 1.0, side) for edge in band if edge]
     lines = [axis, *edges, Line(side + 1j * band[0], 1j, height)]
     sweep: AxisSweep | PlaneSweep
+    solved = 3
     if few:
         for _ in range(4):
             if not _enriched(projection, band):
@@ -197,6 +203,7 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     else:
         _enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 7), band)
         sweep = PlaneSweep(projection, weights, (lo - p0, hi - p0))
+        solved = len(sweep.nodes) + 2
     met: list[list[Met]] = []
     for line in lines:
         found, left = sweep.swept(line, RESOLUTION * band[1])
@@ -234,7 +241,7 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     losses, regains = (sorted(part, key=lambda one: (one.value, one.omega)) for part in both)
     begin, end = (weight(z.imag) for z in grown)
     return CriticalValue.of(question, losses, regains, Tally(change(losses, regains), end - begin - entered), growing=begin,
-                            fastest=fastest(grown[0]), lost=lost, solved=3, method="followed")
+                            fastest=fastest(grown[0]), lost=lost, solved=solved, method="followed")
 
 
 def _enriched(projection: Projection, band: tuple[float, float]) -> bool:

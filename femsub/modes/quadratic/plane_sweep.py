@@ -1,8 +1,8 @@
 """Where a parameter of any rank brings an eigenvalue to a line in the plane of s, for all its values: proved.
 
 P(s; ε) = P(s) + ε T(s), where T acts through any number of columns, inside U and outside (see `energy_basis`). The line is
-s = s_0 + t d. The plane of (t, ε) is covered by patches, |t - t_c| ≤ H and |ε - ε_c| ≤ E. In a patch W_R and W_L (m, k) span right
-and left vectors of eigenvalues of P_U near s_c, at values ε in the patch, and C_R and C_L the vectors with
+s = s_0 + t d. The plane of (t, ε) is covered by patches, |t - t_c| ≤ H and |ε - ε_c| ≤ E. In a patch W_R and W_L (m, k) span
+right and left vectors of eigenvalues of P_U near s_c, at values ε in the patch, and C_R and C_L the vectors with
 
     C_Lᴴ P_U(s_c; ε_c) W_R = 0,   W_Lᴴ P_U(s_c; ε_c) C_R = 0,   C_Lᴴ P_U(s_c; ε_c) C_R = I.
 
@@ -15,22 +15,22 @@ with F = W_Lᴴ P_U W_R and N = C_Lᴴ P_U C_R. All but P_L are polynomials in t
 
     [ 1 - ν  -κ ; -κ  1 ]⁻¹ (|r_1|, |r_2|),   so that ‖Z⁻¹‖ ≤ ζ, the norm of this inverse, where 1 - ν > κ².
 
-P(s; ε) is regular where F is, and ζ ‖Y F⁻¹ Y'‖ < 1. In a box |t - t_0| ≤ a, |ε - ε_0| ≤ b, with F = F_0 + ΔF, Y = Y_0 + ΔY and so on,
-e = ‖F_0⁻¹ΔF‖ < 1 and l = ‖Y_0F_0⁻¹‖ ‖ΔF‖ + ‖ΔY‖,
+P(s; ε) is regular where F is, and ζ ‖Y F⁻¹ Y'‖ < 1. In a box |t - t_0| ≤ a, |ε - ε_0| ≤ b, with F = F_0 + ΔF, Y = Y_0 + ΔY,
+Y' = Y'_0 + ΔY', e = ‖F_0⁻¹ΔF‖ < 1 and l = ‖Y_0F_0⁻¹‖ ‖ΔF‖ + ‖ΔY‖,
 
     ‖Y F⁻¹ Y'‖ ≤ ‖Y_0F_0⁻¹Y'_0‖ + l ‖F_0⁻¹Y'_0‖ / (1 - e) + ‖ΔY'‖ (‖Y_0F_0⁻¹‖ + l ‖F_0⁻¹‖ / (1 - e)).
 
 Boxes are halved until they are excluded, or lie in the window of a crossing. In the window, with the singular vectors of F_0 as
-coordinates, all but the last belong to Z. What is left is one equation φ(t, ε) = φ_0 + φ_t t + φ_ε ε + ρ(t, ε) = 0, analytic in complex
-|t| ≤ A and |ε| ≤ B, |ρ| ≤ r there. For complex ε, c is less by |Im ε| Σ |s^k| g, g a bound of |xᴴTx| / xᴴAx. With the least singular
-value σ of the real matrix of (A φ_t, B φ_ε),
+coordinates, all but the last belong to Z. What is left is one equation φ(t, ε) = φ_0 + φ_t t + φ_ε ε + ρ(t, ε) = 0, analytic in
+complex |t| ≤ A and |ε| ≤ B, |ρ| ≤ r there. For complex ε, c is less by |Im ε| Σ |s^k| g, g a bound of |xᴴTx| / xᴴAx. With the
+least singular value σ of the real matrix of (A φ_t, B φ_ε),
 
 - all zeros with |t| ≤ A and |ε| ≤ B, real, are in the ellipse of the radius q = (r + |φ_0|) / σ in (t/A, ε/B), and if q < 1/2
   there is an odd number (degree);
 - where |t| ≤ A/2 and |ε| ≤ B/2, ρ has derivatives of at most 2r/A and 2r/B (Cauchy). So if σ > √2 2r, there is one at most.
 
-As dλ/dε = -φ_ε / φ_s, its direction is known. The same holds for any share of the coupling with the outside. So in what lines enclose
-P has as many eigenvalues as P_U.
+As dλ/dε = -φ_ε / φ_s, its direction is known. The same holds for any share of the coupling with the outside. So in what lines
+enclose P has as many eigenvalues as P_U.
 
 References: as for `energy_basis`; T. Kato, Math. Ann. 125 (1952) 208 (‖CTX‖² ≤ ‖C|Tᵀ|Cᴴ‖ ‖Xᴴ|T|X‖).
 """
@@ -39,6 +39,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from itertools import pairwise
 from math import comb
 from typing import TYPE_CHECKING
 
@@ -75,7 +76,7 @@ class PlaneSweep:
     """
 
     def __init__(self, projection: Projection, weights: Sequence[float], between: tuple[float, float], slices: int = 4) -> None:
-        self.between, self.outer, self.slices = between, projection.outer, slices
+        self.projection, self.between, self.outer, self.slices = projection, between, projection.outer, slices
         w, m, size = np.array(weights), projection.size, projection.outer.size
         base, most = projection.changed(np.zeros(len(w))), 1.02 * max(map(abs, between))
         c = projection.changed(np.zeros(len(w)), np.abs(w) * most).least
@@ -97,7 +98,7 @@ class PlaneSweep:
                         self.P[at] = self.P.get(at, 0.0) + weight * inside
                     self.R[at] = self.R.get(at, 0.0) + weight * image
                     self.L[at] = self.L.get(at, 0.0) + term.sign * weight * image
-        self.reach = min(0.02 * max(map(abs, between)), 0.1 * c / grows if grows else np.inf)  # of complex ε
+        self.reach = min(0.01 * max(map(abs, between)), 0.1 * c / grows if grows else np.inf)  # of complex ε
         root = self.least**-0.5 if c > 0 else np.inf
         self.R, self.L = ({at: root * part for at, part in several.items()} for several in (self.R, self.L))
         self.gram = [{(i, j): (several[i].T @ several[j]).astype(np.float32) for i in several for j in several}
@@ -126,15 +127,16 @@ class PlaneSweep:
         x, z, nu = x[:, nu != 0], z[:, nu != 0], nu[nu != 0]
         return shift + 1 / nu, x / la.norm(x, axis=0), z / la.norm(z, axis=0)
 
-    def swept(self, line: Line, least: float, most: int = 4000, start: int = 16) -> tuple[list[Met], list[tuple[float, float]]]:
+    def swept(self, line: Line, least: float, most: int = 4000, start: int = 0) -> tuple[list[Met], list[tuple[float, float]]]:
         """All crossings of a line, and the pieces (of t) in which they are not known.
 
         The first of them has a length of `least`, or there are more than `most` patches.
         """
         (lo, hi), met, left, seen = self.between, [], [], 0
+        start = start or (32 if not line.start.real and line.along == 1j else 8)  # far from the axis there are few eigenvalues
         ends, values = np.linspace(0.0, line.length, start + 1), np.linspace(lo, hi, self.slices + 1)
-        waiting = [((a + b) / 2, (b - a) / 2, (c + d) / 2, (d - c) / 2) for a, b in zip(ends[:-1], ends[1:], strict=True)
-                   for c, d in zip(values[:-1], values[1:], strict=True)]
+        waiting = [((a + b) / 2, (b - a) / 2, (c + d) / 2, (d - c) / 2) for a, b in pairwise(ends.tolist())
+                   for c, d in pairwise(values.tolist())]
         while waiting:
             seen += len(waiting)
             log.info("%d patches of %s", len(waiting), line)
@@ -163,7 +165,7 @@ class PlaneSweep:
         if not len(values):
             values = self.nodes[[np.argmin(np.abs(self.nodes - e))]]
         pairs = [self.pairs[value] for value in values.tolist()]
-        # near pairs end in a gap
+        # near pairs end in a gap, beyond six half widths
         apart = np.concatenate([np.abs(lam - s) for lam, *_ in pairs])
         reach = max(6 * h, 0.01 * abs(s))
         ends = np.sort([0.7 * reach, *apart[(apart > 0.7 * reach) & (apart < 1.3 * reach)], 1.3 * reach])
@@ -186,11 +188,13 @@ class PlaneSweep:
             parts = [patch.excluded(boxes[i:i + 256]) for i in range(0, len(boxes), 256)]
             done, along, towards = (np.concatenate(part) for part in zip(*parts, strict=True))
             boxes, along, towards = boxes[~done], along[~done], towards[~done]
-            near = np.flatnonzero((np.abs(towards - boxes[:, :2]) <= 2 * boxes[:, 2:]).all(axis=1)) if turn >= step else []
+            near = np.flatnonzero((np.abs(towards - boxes[:, :2]) <= 2 * boxes[:, 2:]).all(axis=1) & (turn >= step))
             for i in near:
                 place, size = towards[i] + (t, e), boxes[i, 2:]
-                if any((np.abs(place - other[:2]) <= 3 * other[2:]).all() and (size > other[2:] / 8).any() for other in tried) or any(
-                        abs(place[0] - one.at) <= one.room and abs(place[1] - sum(one.values) / 2) <= room for one, (_, room) in met):
+                known = any(abs(place[0] - one.at) <= one.room and abs(place[1] - at_value) <= room
+                            for one, (at_value, room) in met)
+                if known or any((np.abs(place - other[:2]) <= 3 * other[2:]).all() and (size > other[2:] / 8).any()
+                                for other in tried):
                     continue
                 tried.append(np.append(place, size))
                 window = self._window(line, *place.tolist())
@@ -202,7 +206,7 @@ class PlaneSweep:
             boxes, along = boxes[~inside], along[~inside]
             # halving does not help where the bound itself is too large; beside curves little is left
             if seen > 6000 or turn > 60 or (boxes[:, 2:].prod(axis=1).sum() > h * b * max(0.5 ** (turn / 2), 0.02) and turn > 3):
-                return None, patch.along
+                return None, patch.far
             move = np.where(along[:, None], [1, 0], [0, 1]) * boxes[:, 2:] / 2
             size = np.where(along[:, None], [0.5, 1], [1, 0.5]) * boxes[:, 2:]
             boxes = np.vstack([np.hstack([boxes[:, :2] + sign * move, size]) for sign in (-1, 1)])
@@ -213,6 +217,10 @@ class PlaneSweep:
         h, b = 0.006 * self.outer.size, 0.03 * (self.between[1] - self.between[0])
         for _ in range(8):
             s = line.start + t * line.along
+            room = min(self.outer.top - s.imag, s.real - self.outer.re[0], self.outer.re[1] - s.real)
+            if room <= 0 or abs(e) > 1.01 * max(map(abs, self.between)):
+                return None  # c holds up to there
+            h = min(h, room)
             try:
                 pairs = [self.pairs_at(e)]
                 patch = Patch(self, s, e, line.along, (h, b), pairs, max(6 * h, 0.02 * abs(s)))
@@ -228,8 +236,9 @@ class PlaneSweep:
                 t, e = t + float(place[0]), e + float(place[1])
                 continue
             proved = patch.single(place, self.reach)
-            if proved is None:
-                return None
+            if proved is None:  # a smaller patch has fewer pairs, that are less coupled
+                h, b = h / 4, b / 4
+                continue
             room, off, value_room, value_off, left = proved
             t, e = t + float(place[0]), e + float(place[1])
             return Met(t, room, (t - off, t + off), (e - value_off, e + value_off), left), (e, value_room)
@@ -237,9 +246,8 @@ class PlaneSweep:
 
     def _at(self, s: complex, value: float) -> tuple[Array, Array, Array]:
         """P_U, ∂P_U/∂s and ∂P_U/∂ε."""
-        P = sum(A * s**a * value**b for (a, b), A in self.P.items())
-        slope = sum(A * a * s ** (a - 1) * value**b for (a, b), A in self.P.items() if a)
-        return P, slope, sum(A * s**a for (a, b), A in self.P.items() if b)
+        P, slope, change = _all(self.P, np.array([s]), np.array([value]))
+        return P[0], slope[0], change[0]
 
     def shapes(self, s: complex, value: float, steps: int = 4) -> tuple[Array, Array, complex, complex]:
         """Right and left vectors in V (m,) of the eigenvalue nearest to s; how far it is, and dλ/dε."""
@@ -296,20 +304,21 @@ class Patch:
         second = h * h * (sizes.get((2, 0), 0.0) + (abs(value) + b) * both) + h * b * (sizes.get((1, 1), 0.0) + 2 * abs(s) * both)
         nu = sum(first) + second + largest**2 * sweep.rounding + m * EPS * float(size[0] / size[-1])
         self.along, self.known, self.zeta = first[0] + second > first[1], False, np.inf
+        self.far = first[0] + second > 2 * first[1]  # where the vectors at other ε do not serve either
         if nu >= 0.9:
             return
         # κ
         lengths = []
         for gram, S in zip(sweep.gram, (S_R, S_L), strict=True):
-            at = {(0, 0): lambda a, e: s**a * value**e, (1, 0): lambda a, e: a * s ** max(a - 1, 0) * value**e,
+            parts = {(0, 0): lambda a, e: s**a * value**e, (1, 0): lambda a, e: a * s ** max(a - 1, 0) * value**e,
                   (0, 1): lambda a, e: e * s**a, (2, 0): lambda a, e: (a == 2) * value**e,
                   (1, 1): lambda a, e: e * a * s ** max(a - 1, 0), (2, 1): lambda a, e: e * (a == 2)}
             length = largest * sweep.left_out
-            for (i, j), weight in at.items():
+            for (i, j), weight in parts.items():
                 w = {p: complex(weight(*p)) for p in {p for p, _ in gram}}
-                found = 0.0
                 if not i + j:
-                    A = sum(np.complex64(w[p].conjugate() * w[q]) * part for (p, q), part in gram.items() if w[p] and w[q])
+                    A = sum((np.complex64(w[p].conjugate() * w[q]) * part for (p, q), part in gram.items() if w[p] and w[q]),
+                            np.zeros_like(S))
                     found = _root(A, S)
                 else:  # of a sum no more than the sum
                     traces = {p: max(float(np.vdot(gram[p, p], S.real)), 0.0) for p in w if w[p]}
@@ -318,6 +327,8 @@ class Patch:
                 length += (found + digits * largest**2 * scale) ** 0.5
             lengths.append(length)
         kappa = float(np.prod(lengths)) ** 0.5
+        # units of y in which both lengths are κ
+        self.sides, self.balance = (C_L, C_R), (lengths[1] / lengths[0]) ** 0.5 if kappa else 1.0
         if 1 - nu - kappa**2 <= 0.1:
             return
         self.known, self.zeta = True, float(la.norm(la.inv([[1 - nu, -kappa], [-kappa, 1.0]]), 2))
@@ -338,7 +349,7 @@ class Patch:
         if not (np.isfinite(right).all() and np.isfinite(left).all()):
             self.known = False
             return
-        balance = (lengths[1] / lengths[0]) ** 0.5 if kappa else 1.0  # units of y in which both lengths are κ
+        balance = self.balance
         wide = [float(la.norm(part, 2)) for part in (left, right)]
         self.F = {at: left @ A @ right for at, A in P.items()}
         self.Y, lost = self._short([{at: C_L @ (A @ right) for at, A in P.items()}, _moved(
@@ -415,12 +426,13 @@ class Patch:
         return None
 
     def single(self, place: Array, reach: float) -> tuple[float, float, float, float, bool] | None:
-        """Half widths of a window in t and of the crossing's interval in it, both in ε, and whether λ crosses to the left; or None."""
+        """Half widths of a window in t and of the crossing's interval, both in ε; whether λ crosses to the left. Or None."""
         F, slope, change = (part[0] for part in _all(self.F, place[:1], place[1:]))
         (Y, Y_t, Y_e), (Z, Z_t, Z_e) = ([part[0] for part in _all(poly, place[:1], place[1:])] for poly in (self.Y, self.Z))
         u, size, v = la.svd(F)
         u, v = u.conj().T, v.conj().T
-        slope, change, Y, Y_t, Y_e, Z, Z_t, Z_e = (u @ slope @ v, u @ change @ v, Y @ v, Y_t @ v, Y_e @ v, u @ Z, u @ Z_t, u @ Z_e)
+        slope, change = u @ slope @ v, u @ change @ v
+        (Y, Y_t, Y_e), (Z, Z_t, Z_e) = (Y @ v, Y_t @ v, Y_e @ v), (u @ Z, u @ Z_t, u @ Z_e)
         p, q, inverse = slope[-1, -1], change[-1, -1], 1 / np.maximum(size[:-1], EPS * size[0])
         if not abs(p) * abs(q):
             return None
@@ -436,15 +448,18 @@ class Patch:
             def moved(i: int, A: Array, B: Array, a: float = a, b: float = b, seconds: list[float] = seconds) -> float:
                 return a * _norm(A) + b * _norm(B) + seconds[i]
 
-            share = a * _norm(inverse[:, None] * slope[:-1, :-1]) + b * _norm(inverse[:, None] * change[:-1, :-1]) + f * seconds[0]
+            share = f * seconds[0] + sum(step * _norm(inverse[:, None] * part[:-1, :-1]) for step, part in (
+                (a, slope), (b, change)))
             whole, of_y, of_z = moved(0, slope, change), moved(1, Y_t, Y_e), moved(2, Z_t, Z_e)
             if share < 0.9:
                 f_all, left = f / (1 - share), of_Y * whole + of_y
                 product = both + left * of_Z / (1 - share) + of_z * (of_Y + left * f_all)
                 if self.zeta * product < 0.9:
-                    zeta, to_y, to_z = self.zeta / (1 - self.zeta * product), of_Y + left * f_all, of_Z + (of_Z * whole + of_z) * f_all
+                    zeta = self.zeta / (1 - self.zeta * product)
+                    to_y, to_z = of_Y + left * f_all, of_Z + (of_Z * whole + of_z) * f_all
                     column, row = moved(0, slope[:-1, -1:], change[:-1, -1:]), moved(0, slope[-1:, :-1], change[-1:, :-1])
-                    below, beside = _norm(Y[:, -1:]) + moved(1, Y_t[:, -1:], Y_e[:, -1:]), _norm(Z[-1:]) + moved(2, Z_t[-1:], Z_e[-1:])
+                    below = _norm(Y[:, -1:]) + moved(1, Y_t[:, -1:], Y_e[:, -1:])
+                    beside = _norm(Z[-1:]) + moved(2, Z_t[-1:], Z_e[-1:])
                     outer = zeta * (below + to_y * column)
                     rest = seconds[0] + row * (f_all * column + to_z * outer) + beside * outer
                     sigma = float(la.svd(real * [a, b], compute_uv=False)[-1])
