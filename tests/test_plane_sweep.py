@@ -10,11 +10,9 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub.errors import NotConvergedError
 from femsub.modes import Line, PlaneSweep, Varied, projection_over
 from femsub.modes.quadratic import plane_sweep
 from femsub.stability import followed
-from femsub.stability.critical_value import question_of
 
 BAND = (0.1, 0.6)
 
@@ -40,14 +38,14 @@ def sweep_of(family: fs.Affine) -> PlaneSweep:
     terms = [(1, family.D[1][1]), (0, family.K[1][1])]
     projection = projection_over(family.at(p=0.5), [Varied(sp.csr_array(T), power, 0.5) for power, T in terms],
                                  (-0.05, BAND[1], *BAND), 0.01).changed([0.0, 0.0])
-    followed._enriched_over(projection, np.ones(2), np.linspace(-0.5, 0.5, 7), BAND)
+    followed.enriched_over(projection, np.ones(2), np.linspace(-0.5, 0.5, 7), BAND)
     return PlaneSweep(projection, [1.0, 1.0], (-0.5, 0.5))
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_its_losses_are_those_of_the_discs(seed: int) -> None:
     family = rubbing(seed)
-    found = followed._swept(question_of(family, None, "p", (0.0, 1.0), BAND), 6, any_rank=True)
+    found = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=BAND, solver="swept")
     exact = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=BAND, solver="discs")
     assert found.evidence == "certified" and not found.open
     for several, every in ((found.losses, exact.losses), (found.regains, exact.regains)):
@@ -107,9 +105,7 @@ def test_the_far_block_of_a_patch_is_bounded_by_its_zeta() -> None:
 
 
 def test_what_is_not_bounded_is_left() -> None:
-    """With no room for patches the sweep gives pieces, and the answer is refused."""
+    """With no room for smaller patches the sweep gives pieces instead of crossings."""
     family = rubbing(0)
     _, left = sweep_of(family).swept(Line(1j * BAND[0], 1j, 0.5), 1.0)
     assert left
-    with pytest.raises(NotConvergedError, match="solver='swept'"):
-        followed._swept(question_of(family, None, "p", (0.0, 1.0), BAND), 6)

@@ -201,7 +201,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
                 break
         sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
     else:
-        _enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 7), band)
+        enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 7), band)
         sweep = PlaneSweep(projection, weights, (lo - p0, hi - p0))
         solved = len(sweep.nodes) + 2
     met: list[list[Met]] = []
@@ -260,7 +260,7 @@ def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
     return bool(keep.any()) and projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
 
 
-def _enriched_over(projection: Projection, weights: Array, values: Array, band: tuple[float, float]) -> None:
+def enriched_over(projection: Projection, weights: Array, values: Array, band: tuple[float, float]) -> None:
     """Let residuals of eigenvectors at some values join V where they are large: of all in the band, and of those near the axis.
 
     Their share is that of a coupling with the outside beside a distance from the eigenvalue, of a hundredth of the band's end, or

@@ -46,11 +46,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import by_threads
 from femsub.checks import EPS, Array
 from femsub.modes.quadratic.axis_sweep import Line, Met
 from femsub.modes.quadratic.cells import images
-from femsub.modes.quadratic.energy_basis import eigenpairs
+from femsub.modes.quadratic.energy_basis import each_of, eigenpairs
 
 if TYPE_CHECKING:
     from femsub.modes.quadratic.projected_count import Projection
@@ -116,7 +115,7 @@ class PlaneSweep:
                 self.moduli[at] = ((u * s) @ u.T).astype(np.float32), ((v.T * s) @ v).astype(np.float32)
         lo, hi = between
         self.nodes = np.linspace(lo, hi, 2 * slices + 1)
-        self.pairs = dict(zip(self.nodes.tolist(), by_threads(self.pairs_at, self.nodes.tolist()), strict=True))
+        self.pairs = dict(zip(self.nodes.tolist(), each_of(self.pairs_at, self.nodes.tolist()), strict=True))
         self.solved = len(self.nodes)
 
     def pairs_at(self, value: float) -> tuple[Array, Array, Array]:
@@ -140,7 +139,7 @@ class PlaneSweep:
         while waiting:
             seen += len(waiting)
             log.info("%d patches of %s", len(waiting), line)
-            found = list(by_threads(lambda *at: self._patch(line, *at), *map(list, zip(*waiting, strict=True))))
+            found = each_of(lambda *at: self._patch(line, *at), *zip(*waiting, strict=True))
             again: list[tuple[float, float, float, float]] = []
             for (t, h, e, b), (known, along) in zip(waiting, found, strict=True):
                 if known is not None:
@@ -161,10 +160,11 @@ class PlaneSweep:
     def _patch(self, line: Line, t: float, h: float, e: float, b: float, step: int = 4) -> tuple[list[Met] | None, bool]:
         """The crossings in a patch, None if they are not known; and whether t is to be divided then, or ε."""
         s = line.start + t * line.along
-        values = self.nodes[np.abs(self.nodes - e) <= 1.01 * b]
-        if not len(values):
-            values = self.nodes[[np.argmin(np.abs(self.nodes - e))]]
-        pairs = [self.pairs[value] for value in values.tolist()]
+        values = self.nodes[np.abs(self.nodes - e) <= 1.01 * b].tolist() or [e]  # vectors of a farther node serve no small patch
+        for value in values:
+            if value not in self.pairs:
+                self.pairs[value] = self.pairs_at(value)
+        pairs = [self.pairs[value] for value in values]
         # near pairs end in a gap, beyond six half widths
         apart = np.concatenate([np.abs(lam - s) for lam, *_ in pairs])
         reach = max(6 * h, 0.01 * abs(s))
