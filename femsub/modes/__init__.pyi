@@ -44,6 +44,7 @@ from .quadratic.matching import (
     spectrum_errors as spectrum_errors,
     turnover as turnover,
 )
+from .quadratic.plane_sweep import PlaneSweep as PlaneSweep
 from .quadratic.port_function import PortFunction as PortFunction
 from .quadratic.projected_count import (
     UNCOUNTED as UNCOUNTED,

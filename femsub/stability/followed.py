@@ -2,8 +2,9 @@
 
 Where the parameter acts through few columns, one projection of the model serves all of its values, and sweeps run around the
 rectangle of all λ in the band that grow: up the axis, out along the edges of the band, and up at Re λ = the end of the band
-(`femsub.modes.quadratic.axis_sweep`). They find all eigenvalues that cross its border for any value, and prove that no other
-does. So the number inside is known for each value, once it is known for one: the answer is certified.
+(`femsub.modes.quadratic.axis_sweep`). Where it acts through many and a proof is asked for, they cover the plane of s on these
+lines and the parameter (`femsub.modes.quadratic.plane_sweep`). They find all eigenvalues that cross its border for any value, and
+prove that no other does. So the number inside is known for each value, once it is known for one: the answer is certified.
 
 Elsewhere it is confirmed. Right vectors of the full pencil at some values of the parameter span a basis V. The pencil VᵀP(λ; p)V
 is exact at these values, and `discs` finds all of its crossings. Each starts Newton's method on the full pencil, P(iω; p)x = 0,
@@ -52,6 +53,7 @@ from femsub.modes import (
     Inverse,
     Line,
     Met,
+    PlaneSweep,
     Projection,
     Varied,
     corrected,
@@ -84,13 +86,15 @@ class Followed:
     Newton's method takes at most `steps` steps, each with a factorisation, and so many small models are made, each from the
     crossings of the last one that it did not reach. What is not verified then is open. A small model has at most so many
     `columns`, and the band as many parts as it takes: with a third of 90 columns the discs take a fifth of the time, but without
-    the modes beside them crossings are rougher, and more small models are made.
+    the modes beside them crossings are rougher, and more small models are made. With `any_rank` sweeps prove the answer as well
+    where the parameter acts through many columns, which may take several times as long.
     """
 
     first: bool = False
     near: float = np.nan
     steps: int = 6
     columns: int = 30
+    any_rank: bool = False
 
     def unfit(self, question: LossQuestion) -> str:
         if not np.isfinite(question.between[1]):
@@ -106,7 +110,7 @@ class Followed:
         over.affine((lo, hi))  # refuses a false declaration
         if not self.first:
             try:
-                return _swept(question, self.steps)
+                return _swept(question, self.steps, self.any_rank)
             except (*UNCOUNTED, la.LinAlgError) as error:  # LAPACK's where P_U is singular at its shift
                 log.info("no proof by a sweep of the frequency: %s", error)
         beyond = self.near + EXPECTED * (hi - lo)
@@ -160,7 +164,7 @@ class Followed:
                                 solved=len(samples), method="followed")
 
 
-def _swept(question: LossQuestion, steps: int) -> CriticalValue:
+def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> CriticalValue:
     """The certified answer.
 
     Raises
@@ -171,31 +175,42 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     over, (lo, hi), band = question.over, question.between, question.band
     if not over.affine((lo, hi)) or (terms := over.terms((lo, hi))) is None:
         raise NotConvergedError("a contact is not affine in the parameter")
-    if not terms or any(few_columns(sp.csr_array(half)) is None for _, T, _ in terms for half in (T + T.T, T - T.T)):
-        raise NotConvergedError("the parameter acts through many columns")
+    if not terms:
+        raise NotConvergedError("nothing depends on the parameter")
     if any(is_mirrored(over(p)) for p in (lo, hi)):
         raise NotConvergedError("without damping eigenvalues are on the axis for all values")
-    p0 = lo + SAMPLES[2] * (hi - lo)  # a crossing there would have an infinite μ
+    few = all(few_columns(sp.csr_array(half)) is not None for _, T, _ in terms for half in (T + T.T, T - T.T))
+    if not few and not any_rank:
+        raise NotConvergedError("the parameter acts through many columns; solver='swept' may prove the answer, in more time")
+    p0 = lo + SAMPLES[2] * (hi - lo) if few else (lo + hi) / 2  # a crossing there would have an infinite μ
     reference = over(p0)
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
-    changes = [Varied(T, q, abs(w) * (hi - lo)) for (q, T, _), w in zip(terms, weights, strict=True)]
-    projection = projection_over(reference, changes, (0.0, band[1], *band)).changed(np.zeros(len(terms)))
+    changes = [Varied(T, q, abs(w) * max(hi - p0, p0 - lo)) for (q, T, _), w in zip(terms, weights, strict=True)]
+    projection = projection_over(reference, changes, (0.0, band[1], *band), 0.01).changed(np.zeros(len(terms)))
     if projection.least <= 0 or projection.free.shape[1]:
         raise NotConvergedError("the model floats, or damping outweighs the stiffness of other shapes")
     side, height = band[1], band[1] - band[0]
     axis = Line(1j * band[0], 1j, height)
     edges = [Line(1j * edge, 1.0, side) for edge in band if edge]
     lines = [axis, *edges, Line(side + 1j * band[0], 1j, height)]
-    for _ in range(4):
-        if not _enriched(projection, band):
-            break
-    sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
+    sweep: AxisSweep | PlaneSweep
+    solved = 3
+    if few:
+        for _ in range(4):
+            if not _enriched(projection, band):
+                break
+        sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
+    else:
+        enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 7), band)
+        sweep = PlaneSweep(projection, weights, (lo - p0, hi - p0))
+        solved = len(sweep.nodes) + 2
     met: list[list[Met]] = []
     for line in lines:
         found, left = sweep.swept(line, RESOLUTION * band[1])
         if left:
             raise NotConvergedError(f"in {len(left)} pieces it is not known what crosses, such as beside s = "
                                     f"{line.start + line.along * sum(left[0]) / 2:.6g}")
+        log.info("%d crossings of the line from %s", len(found), line.start)
         met.append([one for one in found if one.values[1] >= lo - p0 and one.values[0] <= hi - p0])
         # at an end of the range it would not be known what grows, and at a corner whether it is in the band
         if any(one.values[0] <= end - p0 <= one.values[1] for one in met[-1] for end in (lo, hi)) or (
@@ -226,7 +241,7 @@ def _swept(question: LossQuestion, steps: int) -> CriticalValue:
     losses, regains = (sorted(part, key=lambda one: (one.value, one.omega)) for part in both)
     begin, end = (weight(z.imag) for z in grown)
     return CriticalValue.of(question, losses, regains, Tally(change(losses, regains), end - begin - entered), growing=begin,
-                            fastest=fastest(grown[0]), lost=lost, solved=3, method="followed")
+                            fastest=fastest(grown[0]), lost=lost, solved=solved, method="followed")
 
 
 def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
@@ -245,7 +260,31 @@ def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
     return bool(keep.any()) and projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
 
 
-def _crossing(question: LossQuestion, sweep: AxisSweep, V: Array, start: float, one: Met, p0: float, steps: int
+def enriched_over(projection: Projection, weights: Array, values: Array, band: tuple[float, float]) -> None:
+    """Let residuals of eigenvectors at some values join V where they are large: of all in the band, and of those near the axis.
+
+    Their share is that of a coupling with the outside beside a distance from the eigenvalue, of a hundredth of the band's end, or
+    of |Re λ| where that is less.
+    """
+    projection.lost  # noqa: B018  (before residuals)
+    columns = []
+    for i, value in enumerate(values):
+        here = projection.changed(weights * value)
+        small = Coupling.of(here, projection.outer.size)
+        lam = np.nan_to_num(small.each)
+        near = np.flatnonzero((small.nu != 0) & (lam.imag >= 0.9 * band[0]) & (lam.imag <= 1.3 * band[1])
+                              & (np.abs(lam.real) < (0.1 if i % 3 == 0 else 1e-3) * band[1]))
+        scale = np.sqrt(projection.least * np.clip(np.abs(lam[near].real), 2e-4 * band[1], 1e-2 * band[1]))
+        columns += [here.residuals(lam[near], x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))]
+    R = np.hstack(columns)
+    size, mix = la.eigh(R.T @ projection.product(R)) if R.size else (np.zeros(0), np.zeros((0, 0)))
+    keep = size > 0.02
+    log.info("%d of %d residuals join %d columns", np.count_nonzero(keep), len(size), projection.size)
+    if keep.any():
+        projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
+
+
+def _crossing(question: LossQuestion, sweep: AxisSweep | PlaneSweep, V: Array, start: float, one: Met, p0: float, steps: int
               ) -> Crossing | None:
     """A crossing of the axis on the full pencil, where Newton's method comes to one that is the one that was met."""
     over, (lo, hi) = question.over, question.between

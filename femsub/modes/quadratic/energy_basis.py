@@ -32,7 +32,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import scipy.linalg as la
@@ -48,6 +48,8 @@ RIGHT = 1e-6  # largest error of the sum over eigenpairs, as the inverse of P_U
 WIDER = 40  # residuals of each kind that enrich the basis at a time
 PIECES = 20_000  # of a contour at most
 BATCH = 512  # of these are looked at together
+
+T = TypeVar("T")
 
 Weights = tuple[complex, float, float]  #: c_0, c_1, c_2 of c_0 + c_1 s + c_2 s²; c_0 of a symmetric T alone may be complex
 
@@ -545,7 +547,12 @@ def pieces(number: int) -> tuple[Array, Array]:
 
 def of_pieces(of_one: Callable[..., Array], *columns: Array) -> Array:
     """What a function finds of each piece, stacked, by threads."""
-    return np.array(list(by_threads(of_one, *columns)))
+    return np.array(each_of(of_one, *columns))
+
+
+def each_of(of_one: Callable[..., T], *columns: Any) -> list[T]:
+    """What a function finds of each, by threads."""
+    return list(by_threads(of_one, *columns))
 
 
 def discs_on(contour: Contour, start: Array, stop: Array) -> tuple[Array, Array]:

@@ -205,6 +205,10 @@ class Projection(EnergyBasis):
         """c for all θ."""
         return self.at(self._weighted(np.abs(self.theta) + self.half)).coercivity(self.outer.re, self.outer.top)
 
+    def norm(self, term: Term) -> float:
+        """g with |xᴴTx| ≤ g xᴴAx for all complex x."""
+        return _bound(self.A, term.matrix, self.factor.solve, term.sign)
+
     def images_outside(self) -> Array:
         """H (p, h, m), see `images`."""
         return self._varied()[1][0]

@@ -1,0 +1,111 @@
+"""A sweep of the plane of (t, ε) meets all crossings of a parameter of any rank, and its bounds are not too small."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+
+import femsub as fs
+from femsub.modes import Line, PlaneSweep, Varied, projection_over
+from femsub.modes.quadratic import plane_sweep
+from femsub.stability import followed
+
+BAND = (0.1, 0.6)
+
+
+def rubbing(seed: int, n: int = 64) -> fs.Affine:
+    """A damped net of springs on which friction acts through all DOF, inside and outside of its low modes."""
+    rng = np.random.default_rng(seed)
+    extra, rub = (sp.random_array((n, n), density=3 / n, rng=rng) for _ in range(2))
+    K = sp.csr_array(fs.chain(n).K + sp.diags_array(rng.uniform(0.0, 0.3, n)) + 0.1 * extra @ extra.T)
+    M = sp.diags_array(rng.uniform(0.7, 1.4, n), format="csr")
+    rub = sp.csr_array(rub + 0.3 * sp.diags_array(rng.standard_normal(n)) + 0.2 * sp.diags_array([np.ones(n - 1)], offsets=[1]))
+    D = 1e-3 * K + 1e-3 * M
+    return fs.Affine(M, [(1.0, D), ("p", sp.csr_array(0.01 * rub.T))], [(1.0, K), ("p", sp.csr_array(0.1 * rub))])
+
+
+def eigenvalues(family: fs.Affine, p: float) -> np.ndarray:
+    pencil = family.at(p=p).dense()
+    n, inverse = pencil.size, np.linalg.inv(pencil.M)
+    return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ pencil.K, -inverse @ pencil.D]]))
+
+
+def sweep_of(family: fs.Affine) -> PlaneSweep:
+    terms = [(1, family.D[1][1]), (0, family.K[1][1])]
+    projection = projection_over(family.at(p=0.5), [Varied(sp.csr_array(T), power, 0.5) for power, T in terms],
+                                 (-0.05, BAND[1], *BAND), 0.01).changed([0.0, 0.0])
+    followed.enriched_over(projection, np.ones(2), np.linspace(-0.5, 0.5, 7), BAND)
+    return PlaneSweep(projection, [1.0, 1.0], (-0.5, 0.5))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_its_losses_are_those_of_the_discs(seed: int) -> None:
+    family = rubbing(seed)
+    found = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=BAND, solver="swept")
+    exact = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=BAND, solver="discs")
+    assert found.evidence == "certified" and not found.open
+    for several, every in ((found.losses, exact.losses), (found.regains, exact.regains)):
+        assert [one.value for one in several] == pytest.approx([one.value for one in every], abs=1e-9)
+        assert [one.omega for one in several] == pytest.approx([one.omega for one in every], rel=1e-7)
+    assert seed or found.losses
+
+
+@pytest.mark.parametrize("rate", [-0.003, 0.002])
+def test_it_meets_all_eigenvalues_that_cross_a_line_beside_the_axis(rate: float) -> None:
+    """Against dense eigenvalues of the full pencil, whose Re λ changes its sign about the line from value to value."""
+    family = rubbing(0)
+    line = Line(rate + 1j * BAND[0], 1j, BAND[1] - BAND[0])
+    met, left = sweep_of(family).swept(line, 1e-9)
+    assert not left
+    values, exact = np.linspace(0.0, 1.0, 501), []
+    before = eigenvalues(family, 0.0)
+    for a, b in pairwise(values.tolist()):
+        after = eigenvalues(family, b)
+        after = after[np.abs(before[:, None] - after).argmin(axis=1)]
+        for i in np.flatnonzero((before.real < rate) != (after.real < rate)):
+            share = (rate - before[i].real) / (after[i].real - before[i].real)
+            at = before[i] + share * (after[i] - before[i])
+            if BAND[0] < at.imag < BAND[1]:
+                exact.append((at.imag - BAND[0], a + share * (b - a) - 0.5, after[i].real < rate))
+        before = after
+    inside = [one for one in met if -0.5 < sum(one.values) / 2 < 0.5 and 0 < one.at < line.length]
+    assert len(inside) == len(exact) > 0
+    for (at, value, left_of), one in zip(sorted(exact), inside, strict=True):
+        assert abs(at - one.at) < 1e-4 and abs(value - sum(one.values) / 2) < 1e-3 and left_of == one.left
+        assert one.between[0] - 1e-6 < at < one.between[1] + 1e-6 and one.values[0] - 1e-5 < value < one.values[1] + 1e-5
+
+
+def test_the_far_block_of_a_patch_is_bounded_by_its_zeta() -> None:
+    """‖Z⁻¹‖ of the full pencil, with unknown coordinates outside of V, is no more than ζ anywhere in the patch."""
+    family, rng = rubbing(1), np.random.default_rng(0)
+    sweep = sweep_of(family)
+    projection, (h, b) = sweep.projection, (0.01, 0.1)
+    value = 0.1
+    pairs = [sweep.pairs_at(value)]
+    lam = pairs[0][0]
+    s = 1j * lam[np.abs(lam - 0.3j).argmin()].imag
+    patch = plane_sweep.Patch(sweep, s, value, 1j, (h, b), pairs, 0.06)
+    assert patch.known and patch.size
+    A = projection.A.formed().toarray()
+    V, root = projection.V, la.cholesky(A)
+    outside = la.solve_triangular(root, la.null_space((root @ V).T))  # an orthonormal basis in the norm of A
+    C_L, C_R = patch.sides
+    scale = sweep.least**-0.5
+    for _ in range(20):
+        t, e = rng.uniform(-1, 1, 2) * (h, b)
+        pencil = family.at(p=0.5 + value + e)
+        P = pencil.dense().at(s + 1j * t)
+        Z = np.block([[C_L @ V.T @ P @ V @ C_R, scale * C_L @ V.T @ P @ outside / patch.balance],
+                      [scale * patch.balance * outside.T @ P @ V @ C_R, scale**2 * outside.T @ P @ outside]])
+        assert la.norm(la.inv(Z), 2) <= patch.zeta
+
+
+def test_what_is_not_bounded_is_left() -> None:
+    """With no room for smaller patches the sweep gives pieces instead of crossings."""
+    family = rubbing(0)
+    _, left = sweep_of(family).swept(Line(1j * BAND[0], 1j, 0.5), 1.0)
+    assert left
