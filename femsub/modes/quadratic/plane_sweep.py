@@ -290,7 +290,7 @@ class Patch:
         u, size, v = la.svd(C_L.conj().T @ P[0, 0] @ C_R)
         C_L, C_R, largest = (C_L @ (u * size**-0.5)).conj().T, C_R @ (v.conj().T * size**-0.5), float(size[-1] ** -0.5)
         # ν, by norms to first order, and by |A| beyond; in single precision
-        left_32, right_32, digits = C_L.astype(np.complex64), C_R.astype(np.complex64), 4 * float(np.finfo(np.float32).eps)
+        left_32, right_32, digits = C_L.astype(np.complex64), C_R.astype(np.complex64), m**0.5 * float(np.finfo(np.float32).eps)
         S_L, S_R = left_32.T @ left_32.conj(), right_32 @ right_32.conj().T
         first = []
         for at, step in (((1, 0), h), ((0, 1), b)):
@@ -499,9 +499,10 @@ def _four(A: Array) -> Array:
 
 
 def _root(A: Array, S: Array) -> float:
-    """At least the norm of XᴴAX, S = XXᴴ, A positive semidefinite: (tr ASAS)^½."""
+    """At least the norm of XᴴAX, S = XXᴴ, A positive semidefinite: (tr ASAS)^½, with the rounding of this sum."""
     product = A @ S
-    return max(float(np.einsum("ij,ji->", product, product).real), 0.0) ** 0.5
+    rounding = len(A) ** 0.5 * float(np.finfo(product.dtype).eps * np.vdot(product, product).real)
+    return (max(float(np.einsum("ij,ji->", product, product).real), 0.0) + rounding) ** 0.5
 
 
 def _largest(A: Array) -> float:
