@@ -88,7 +88,7 @@ def test_the_far_block_of_a_patch_is_bounded_by_its_zeta() -> None:
     pairs = [sweep.pairs_at(value)]
     lam = pairs[0][0]
     s = 1j * lam[np.abs(lam - 0.3j).argmin()].imag
-    patch = plane_sweep.Patch(sweep, s, value, 1j, (h, b), pairs, 0.06)
+    patch = plane_sweep.PlanePatch(sweep, s, value, 1j, (h, b), pairs, 0.06)
     assert patch.known and patch.size
     A = projection.A.formed().toarray()
     V, root = projection.V, la.cholesky(A)

@@ -173,7 +173,7 @@ class PlaneSweep:
         reach = float(np.sqrt(ends[at] * ends[at + 1]))
         if np.count_nonzero(apart <= reach) > 12 * len(values) and 6 * h > 0.01 * abs(s):
             return None, True
-        patch = Patch(self, s, e, line.along, (h, b), pairs, reach)
+        patch = PlanePatch(self, s, e, line.along, (h, b), pairs, reach)
         if not patch.known or patch.zeta > 8:
             return None, patch.along
         if not patch.size:
@@ -223,7 +223,7 @@ class PlaneSweep:
             h = min(h, room)
             try:
                 pairs = [self.pairs_at(e)]
-                patch = Patch(self, s, e, line.along, (h, b), pairs, max(6 * h, 0.02 * abs(s)))
+                patch = PlanePatch(self, s, e, line.along, (h, b), pairs, max(6 * h, 0.02 * abs(s)))
             except la.LinAlgError:
                 return None
             if not patch.known:
@@ -272,7 +272,7 @@ class PlaneSweep:
         return s
 
 
-class Patch:
+class PlanePatch:
     """The matrices F, Y and Y' of a patch about (s, ε) with the half widths `half`, as polynomials; see the module's text."""
 
     def __init__(self, sweep: PlaneSweep, s: complex, value: float, along: complex, half: tuple[float, float],
