@@ -291,8 +291,32 @@ def test_values_outside_the_box_are_refused():
         small.modes(mu=0.5)
 
 
+def test_friction_that_makes_the_stiffness_indefinite():
+    n, random = 60, np.random.default_rng(3)
+    K = np.diag(np.full(n, 2.0)) - np.diag(np.ones(n - 1), 1) - np.diag(np.ones(n - 1), -1)
+    rub = np.zeros((n, n))  # the normal force at one DOF pushes at another, a hundred times as stiff as the chain
+    rub[[40, 45, 50], [10, 15, 20]] = 100.0
+    assert np.linalg.eigvalsh(K + 0.9 * (rub + rub.T) / 2)[0] < -10
+    full = fs.Affine(np.eye(n), 1e-3 * K, [(1.0, K + np.diag(np.isin(np.arange(n), [10, 15, 20]) * 100.0)), ("mu", rub)])
+    band = (0.0, 0.3)
+    small = fs.reduce(full, fs.ParameterBox({"mu": (0.8, 1.0)}, band))
+    assert small.evidence == "certified"
+    check(small, full.at, band, [{"mu": mu} for mu in random.uniform(0.8, 1.0, 5).tolist()])
+
+
+@pytest.mark.filterwarnings("ignore:the error over the box")
+def test_a_box_of_one_value():
+    full = fs.Affine(np.diag([1.0, 2.0, 3.0]), None, np.diag([1.0, 8.0, 27.0]))
+    small = fs.reduce(full, fs.ParameterBox({}, (0.0, 2.5)))
+    assert small.evidence == "certified" and small.size == 2 and "one value" in repr(small)
+    np.testing.assert_allclose(np.sort(small.modes().eigenvalues.imag), [1.0, 2.0], rtol=1e-9)
+    with pytest.warns(FemsubWarning, match=r"100.0% of the box is not proved after 1 cells: one value"):
+        fs.reduce(fs.Affine(np.eye(60), np.triu(np.full((60, 60), 9.0), 1) - np.tril(np.full((60, 60), 9.0), -1),
+                            np.diag(np.arange(1.0, 61.0))), fs.ParameterBox({}, (0.0, 2.0)))
+
+
 @pytest.mark.parametrize(("ranges", "band", "says"), [
-    ({}, (0, 1), "ranges has no parameter"), ({"mu": (1, 1)}, (0, 1), r"the range of mu must be \(lo, hi\) with lo < hi"),
+    ({"mu": (1, 1)}, (0, 1), r"the range of mu must be \(lo, hi\) with lo < hi"),
     ({"mu": (0, 1)}, (0, np.inf), "band"), ({"mu": (0, np.nan)}, (0, 1), "range of mu"),
 ])
 def test_a_bad_box_is_refused(ranges, band, says):

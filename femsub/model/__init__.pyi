@@ -2,6 +2,7 @@ from .affine import Affine as Affine
 from .bands import (
     DOUBLE as DOUBLE,
     REAL_ROOT as REAL_ROOT,
+    SMALL_SHARE as SMALL_SHARE,
     beyond as beyond,
     distance_outside as distance_outside,
     in_band as in_band,

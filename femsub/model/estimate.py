@@ -142,10 +142,11 @@ class Estimate:
         return self.worst <= self.tol and self.band[1] < self.share * self.cutoff
 
     def __repr__(self) -> str:
-        text = f"{len(self.frequencies)} ω within {self.frequency_error.max(initial=0.0):.1e}"
+        text = f"{len(self.frequencies)} ω within {self.frequency_error.max(initial=0.0):.1e}, "
+        text = text if len(self.frequencies) or not len(self.eigenvalues) else ""  # complex vectors span no undamped modes
         if len(self.eigenvalues) or self.unmatched:
-            text += f", {len(self.eigenvalues)} λ within {self.eigenvalue_error.max(initial=0.0):.1e}"
+            text += f"{len(self.eigenvalues)} λ within {self.eigenvalue_error.max(initial=0.0):.1e}, "
         if self.unmatched:
-            text += f", {self.unmatched} λ without a counterpart"
-        return (f"Estimate: {text}, {self.tol:g} asked from {self.band[0]:.5g} to {self.band[1]:.5g} rad/time: "
+            text += f"{self.unmatched} λ without a counterpart, "
+        return (f"Estimate: {text}{self.tol:g} asked from {self.band[0]:.5g} to {self.band[1]:.5g} rad/time: "
                 f"{'met' if self.met else 'not met'} with {self.modes} modes (cut-off {self.cutoff:.4g})")

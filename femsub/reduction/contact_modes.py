@@ -5,18 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import scipy.linalg as la
+
+from femsub.algebra import ROUNDING
 from femsub.checks import Array, truth, word
 from femsub.errors import InputError
-from femsub.model import ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
-from femsub.reduction.basis import Kept, Partition, Statics, projected
-from femsub.reduction.estimates.friction import FrictionSpace
-from femsub.reduction.estimates.search import chosen_in
+from femsub.model import Affine, ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
+from femsub.reduction.basis import Basis, Kept, Partition, Statics, projected
 from femsub.reduction.free_interface import FreeInterface
+from femsub.reduction.vectors import vectors_within
 
 if TYPE_CHECKING:
     from femsub.model import Contacts, Pencil
     from femsub.modes import ShiftInvert
-
+    from femsub.reduction.method import Request
 
 @dataclass(frozen=True)
 class ContactModes(FreeInterface):
@@ -38,21 +41,22 @@ class ContactModes(FreeInterface):
     modes : int
         Number of elastic modes of the system in contact.
     band : (lo, hi), with tol : float
-        In place of `modes`: few modes that keep every λ of the system with friction within the relative error `tol`, if
-        lo ≤ Im λ ≤ hi and |Re λ| ≤ hi. This holds for the contacts as they are given, with their μ. ``.estimate`` has the error
-        of each λ, and where λ of the full system is. `complex_modes` under these contacts calls a mode stable or unstable only if
-        both agree. If that makes the basis smaller, the responses to K₁ᵀΦ and D₁Φ join it, too; D₁ is what the contacts add to D.
+        In place of `modes`: right and left vectors of the system with friction that keep every λ within the relative error `tol`,
+        if lo ≤ Im λ ≤ hi and |Re λ| ≤ hi. This is a `ParameterBox` of one value: it holds for the contacts as they are given,
+        with their μ. The number of eigenvalues is counted. ``.estimate`` has the error of each λ, and so where λ of the full
+        system is. `complex_modes` under these contacts calls a mode stable or unstable only if both agree. For other values of
+        μ take a `ParameterBox` over it, or a number of modes.
     contacts : contact, or sequence of contacts
         `FrictionContact` or others whose stiffness is linear in the parameter.
     parameter : str
         The field of the contacts that is 0 in K₀, by default 'mu'.
     friction : bool
-        Whether Ξ joins the basis, by default True.
+        Whether Ξ joins the basis, by default True; only with a number of modes.
 
     Raises
     ------
     InputError, InputTypeError
-        No contacts, or none with this parameter.
+        No contacts, or none with this parameter; a tolerance without friction.
     NotConvergedError
         When it is used: no model meets the tolerance, or it cannot be excluded that the full system has further eigenvalues.
 
@@ -89,26 +93,34 @@ class ContactModes(FreeInterface):
         super().__post_init__()
         if not contacts_of(self.contacts):
             raise InputError("ContactModes needs the contacts of the system, e.g. contacts=[fs.FrictionContact(...)]")
-        truth("friction", self.friction)
+        if not truth("friction", self.friction) and self.band is not None:
+            raise InputError("a tolerance is met with the friction that is given: friction=False needs a number of modes")
         contacts_at(self.contacts, word("parameter", self.parameter), 0.0)
 
     @property
     def row_key(self) -> str:
         return self.key if self.friction else "real-modes"
 
-    def part(self, sub: Substructure) -> Rubbing:
-        """The whole system with the contact's stiffness at μ = 0, and K₁."""
+    def title(self, modes: int) -> str:
+        """'Contact modes with 4 real modes', or what the tolerance is."""
+        return super().title(modes) if self.goal is None else f"{self.label} of {modes} λ within {self.goal.tol:g}"
+
+    def part(self, sub: Substructure) -> Partition:
+        """The whole system in contact; with a tolerance the system as it is."""
+        return Partition(sub, slice(None)) if self.goal is not None else self.at_rest(sub)
+
+    def at_rest(self, sub: Substructure) -> Rubbing:
+        """The system with the contact's stiffness at μ = 0, and K₁."""
         pencil, terms = sub.pencil, []
         for without, with_friction in zip(*(contacts_at(self.contacts, self.parameter, mu) for mu in (0.0, 1.0)), strict=True):
             (W, _, C0), (_, _, C1) = small_matrices(sub, without), small_matrices(sub, with_friction)
             pencil = pencil.with_contact(0.0, W, C0)
             terms.append(contact_matrix(W, C1 - C0))  # a difference of two K would take the memory of both
         K0 = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) * 0.5
-        damping = None if self.band is None else sub.linearised(self.contacts, structural=True).D - sub.D
         whole = Substructure(sub.M, K0, None, sub.interface, sub.ports, sub.name)
         if pencil.rigid_motion is not None:  # the contact's stiffness would be rounding in it
             whole = whole._with(rigid_motion=pencil.damped_by(None).rigid_motion)
-        return Rubbing(whole, slice(None), friction=sum(terms), damping=damping)
+        return Rubbing(whole, slice(None), friction=sum(terms))
 
     def static_columns(self, sub: Substructure) -> int:
         """One response to friction for each mode; the interface has no shapes of its own, however large it is."""
@@ -123,16 +135,37 @@ class ContactModes(FreeInterface):
         return sub.linearised([*contacts_of(self.contacts), *contacts_of(contacts)], structural=True)
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """A given number of modes, or as many as the tolerance requires; see `FrictionSpace`."""
-        part = statics.part
+        """A given number of modes, and the forces K₁Φ."""
+        part, kept = statics.part, super().kept(statics, pencil)
         assert isinstance(part, Rubbing)
-        if (goal := self.goal) is None or pencil is None:
-            kept = super().kept(statics, pencil)
-            return replace(kept, forces=part.friction @ kept.shapes) if self.friction else kept
-        return chosen_in(FrictionSpace(statics, pencil, part.friction, part.damping, self.friction), goal)
+        return replace(kept, forces=part.friction @ kept.shapes) if self.friction else kept
+
+    def found(self, request: Request, part: Partition) -> tuple[Basis, Statics | None, Kept | None]:
+        """With a tolerance [Z, the rest]: rigid motion that the contacts leave, and vectors without a share of it, ZᵀMV = 0."""
+        goal, pencil, sub = self.goal, request.pencil, request.sub
+        if goal is None or pencil is None:
+            return super().found(request, part)
+        friction = [contact_matrix(W, C1 - C0) for (W, _, C1), (_, _, C0) in (
+            [small_matrices(sub, one) for one in pair] for pair in
+            zip(contacts_of(self.contacts), contacts_at(self.contacts, self.parameter, 0.0), strict=True))]
+        K = pencil.K - sum(friction)
+        if abs(K - K.T).max() <= ROUNDING * abs(pencil.K).max():  # no other contact acts like friction
+            K = (K + K.T) / 2
+        motion = sub.floating(self.contacts)
+        Z = np.zeros((sub.size, 0)) if motion is None else motion.shapes
+        answers = self.at_rest(sub).factored().elastic_solve(request.extra) if request.extra.shape[1] else request.extra
+        family = Affine(pencil.M, pencil.D, [(1.0, K), (1.0, sum(friction))])
+        V, estimate = vectors_within(family, goal, np.hstack([Z, answers]), repr(sub.name))
+        V = np.hstack([Z, V @ la.null_space((sub.M @ Z).T @ V) if Z.shape[1] else V])
+        M, K = (projected(A, V, V, symmetric=True) for A in (sub.M, sub.K))
+        kinds = ("rigid",) * Z.shape[1] + ("complex",) * (V.shape[1] - Z.shape[1])
+        return Basis(V, (M + M.T) / 2, (K + K.T) / 2, kinds, estimate.modes, estimate.cutoff, 0, {}, 1, V[sub.interface],
+                     estimate, np.eye(V.shape[1], Z.shape[1]), Z), None, None
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """With VᵀKV of the system itself: the contact is no part of it."""
+        if self.goal is not None:
+            return model
         K, motion = projected(sub.K, model.V, model.V), model.rigid_motion
         if motion is not None:  # what moves in contact does so without it
             motion = replace(motion, belong=None)  # type: ignore[type-var]
@@ -141,7 +174,6 @@ class ContactModes(FreeInterface):
 
 @dataclass(frozen=True, eq=False)
 class Rubbing(Partition):
-    """A system with its contact at μ = 0, K₁ = ∂K/∂μ, and, for a tolerance, what the contact adds to D."""
+    """A system with its contact at μ = 0, and K₁ = ∂K/∂μ."""
 
     friction: Any = None
-    damping: Any = None

@@ -178,6 +178,13 @@ class Method(ABC):
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """C, CᵀKC and the forces F. F includes `extra` (n, s), the ports' columns whose static responses were requested."""
 
+    def found(self, request: Request, part: Partition) -> tuple[Basis, Statics | None, Kept | None]:
+        """[C Φ Ξ], and the steps that led to it; or a basis that is finished."""
+        turned = request if part.turn is None else request.turned(part)
+        statics = self.statics(replace(part, alone=True), part.factored(self.modes or 0), turned.extra)
+        kept = statics.sought or self.kept(statics, turned.pencil)
+        return assembled(statics, kept, turned.ports, self.mode_kind), statics, kept
+
     def sought(self, handle: ShiftInvert) -> Kept | None:
         """A given number of modes, or all below the cut-off; static shapes may be solved for meanwhile. None with a tolerance."""
         if self.cutoff is not None:
@@ -226,10 +233,7 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
             part = method.part(sub)
             if method.held and not len(part.sub.interior):
                 return finished(request, part, whole_basis(request, part))
-            turned = request if part.turn is None else request.turned(part)
-            statics = method.statics(replace(part, alone=True), part.factored(method.modes or 0), turned.extra)
-            kept = statics.sought or method.kept(statics, turned.pencil)
-            return finished(request, part, assembled(statics, kept, turned.ports, method.mode_kind), statics, kept)
+            return finished(request, part, *method.found(request, part))
     except SingularMatrixError as error:
         reason = str(error).removeprefix(f"{sub.name!r}: ")
         is_cut = any(sub.name in key.split("+") for key in sub.sets)  # as `cut` names what its parts share

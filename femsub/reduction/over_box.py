@@ -21,8 +21,8 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.checks import EPS, Array
-from femsub.errors import FemsubWarning, InputError, warn
-from femsub.model import Affine, projected, usable_band
+from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
+from femsub.model import DOUBLE, Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
 from femsub.reduction.states import States, seen
@@ -49,29 +49,64 @@ class Node(NamedTuple):
 
 
 def over_box(family: Affine, box: ParameterBox) -> BoxModel:
-    """The small model of a family over a box; see `reduce`."""
-    return _Maker(family, box).made()
+    """The small model of a family over a box; see `reduce`. It warns of what is open, and of a tolerance that is not met."""
+    model = _Maker(family, box, np.zeros((family.M[0][1].shape[0], 0))).made()
+    if left := [cell for cell in model.cells if cell.number is None]:
+        places = [f"{cell.where} ({cell.why})" for cell in left[:SHOWN]]
+        more = f"; and {len(left) - SHOWN} more in .cells" if len(left) > SHOWN else ""
+        tried = box.cells if box.ranges else 1
+        warn(f"{model.open_share:.1%} of the box is not proved after {tried} cells: {'; '.join(places)}{more}. Take a smaller "
+             f"box or band, or cells={4 * box.cells}", FemsubWarning)
+    if model.error > box.tol:
+        warn(f"the error over the box is estimated as {model.error:.1e} |λ|, but {box.tol:g} was asked for, on {model.size} "
+             f"shapes from {len(model.values)} values. Take a smaller box", FemsubWarning)
+    return model
+
+
+def at_one_value(family: Affine, box: ParameterBox, shapes: Array) -> tuple[BoxModel, int]:
+    """The small model of a family without parameters, and how many of its first columns span these shapes (n, k).
+
+    The last term of K may make its symmetric part indefinite, as friction does.
+    """
+    maker = _Maker(family, box, shapes)
+    return maker.made(), maker.fixed
 
 
 class _Maker:
-    """One projection for the box, its cells, and the nodes whose vectors span the small model."""
+    """One projection for the box, its cells, and the nodes whose vectors span the small model, with what joins them."""
 
-    def __init__(self, family: Affine, box: ParameterBox) -> None:
+    def __init__(self, family: Affine, box: ParameterBox, shapes: Array) -> None:
         self.family, self.box = family, box
         usable_band(family, box.band)  # a basis of parts may end below
         lo, hi, _ = family.factor_ranges(box.ranges)
         if not np.isfinite([lo, hi]).all():
             raise InputError("a factor of the model may be infinite in the box: give other ranges of "
                              f"{', '.join(box.ranges)}, without its pole")
-        self.middle, half = (lo + hi) / 2, (hi - lo) / 2
-        self.varied = np.flatnonzero(half > 0)
-        self.half = half[self.varied]
         terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
-        reference = family.weighted(self.middle)
-        self.projection = projection_over(reference, [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(half[q]))
-                                                      for q in self.varied], box.region, GAP)
+        middle, half = (lo + hi) / 2, (hi - lo) / 2
+        varies = half > 0 if box.ranges else np.arange(len(terms)) == len(terms) - 1
+        rubs = [one and power == 0 and abs(matrix - matrix.T).max() > 0
+                for one, (power, matrix) in zip(varies, terms, strict=True)]
+        for self.middle in middle, np.where(rubs, 0.0, middle):  # strong friction may make (K + Kᵀ)/2 indefinite
+            self.varied = np.flatnonzero((half > 0) | (self.middle != middle))
+            self.centre, self.half = (middle - self.middle)[self.varied], half[self.varied]
+            reference = family.weighted(self.middle)
+            changes = [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(size))
+                       for q, size in zip(self.varied, np.abs(self.centre) + self.half, strict=True)]
+            try:
+                self.projection = projection_over(reference, changes, box.region, GAP)
+                break
+            except SingularMatrixError as error:
+                log.info("there is no projection: %s", error)
+                singular = error
+        else:
+            raise singular
         sparse = reference.sparse()
         self.unit = np.ones(reference.size) if sparse.alike() is sparse else sparse.units[1]
+        self.joining = shapes / self.unit[:, None]
+        if self.joining.shape[1]:
+            self.joining /= np.sqrt(np.einsum("ij,ij->j", self.joining, self.projection.product(self.joining)))
+            self.projection.add(self.joining)
 
     def theta(self, **values: float) -> Array:
         """Factors that vary, less those of the reference."""
@@ -94,13 +129,9 @@ class _Maker:
                                     sampled=not known.all(), why=""))
             else:
                 log.info("%s is not proved: %s", cell.where, self.projection.why)
-                waiting += [Cell(ranges, why=self.projection.why) for ranges in self._halves(cell.ranges, half)]
-        if waiting:
-            share = sum(cell.volume for cell in waiting) / Cell(self.box.ranges).volume
-            places = [f"{cell.where} ({cell.why})" for cell in waiting[:SHOWN]]
-            more = f"; and {len(waiting) - SHOWN} more in .cells" if len(waiting) > SHOWN else ""
-            warn(f"{share:.1%} of the box is not proved after {tried} cells: {'; '.join(places)}{more}. Take a smaller box or "
-                 f"band, or cells={4 * self.box.cells}", FemsubWarning)
+                halves = self._halves(cell.ranges, half) if cell.ranges else []
+                waiting += [Cell(ranges, why=self.projection.why) for ranges in halves]
+                done += [] if halves else [replace(cell, why=self.projection.why)]
         return done + waiting
 
     def _halves(self, ranges: Ranges, half: Array) -> list[Ranges]:
@@ -128,9 +159,14 @@ class _Maker:
         return Node(values, theta, lam[at], x * even, z / even)
 
     def allowed(self, lam: Array) -> Array:
-        """√(c tol |λ|): residuals of this size on both sides make an error of the tolerance; infinite for λ = 0."""
-        size = np.sqrt(self.c * self.box.tol * np.abs(lam))
-        return np.where(size > 0, size, np.inf)
+        """√(c tol |λ|): residuals of this size on both sides make an error of the tolerance."""
+        return np.sqrt(self.c * self.box.tol * np.maximum(np.abs(lam), DOUBLE * self.box.band[1]))
+
+    def error(self, modes: ComplexModes) -> float:
+        """The largest radius of a λ, relative to |λ|; rigid motion has λ = 0, but for rounding."""
+        size = np.abs(modes.eigenvalues)
+        moving = size > DOUBLE * self.box.band[1]
+        return float(np.max(modes.error_bar[moving] / size[moving], initial=0.0))
 
     def enriched(self, nodes: list[Node], new: int) -> list[Node]:
         """The nodes, after A⁻¹ times residuals of the last `new` of them has joined V as far as the tolerance needs it."""
@@ -160,36 +196,35 @@ class _Maker:
         """The model."""
         box, names = self.box, list(self.box.ranges)
         cells = self.cells()
-        lo, hi = np.array(list(box.ranges.values())).T
+        lo, hi = np.array(list(box.ranges.values())).reshape(-1, 2).T
         sides = np.array([cell.contour.sides for cell in cells if cell.contour is not None] or [self.projection.outer.sides])
         contour = Contour(sides=(sides[:, 0].min(), sides[:, 1].max(), sides[:, 2].max()))
-        self.projection = self.projection.changed(np.zeros(len(self.varied)), self.half)
+        self.projection = self.projection.changed(self.centre, self.half)
         self.projection.lost  # noqa: B018
         c = self.projection.least
         self.c = self.least = c if c > 0 else 1.0  # of the whole box; `learn` corrects it
         self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
-        train = np.vstack([(lo + hi) / 2, _spread(lo, hi, PLACES * len(names))])
+        train = np.vstack([(lo + hi) / 2, _spread(lo, hi, PLACES * len(names))]) if names else np.zeros((1, 0))
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
-        at, errors, columns = 0, np.full(len(places), np.inf), dict(zip(names, train.T, strict=True))
+        at, errors = 0, np.full(len(places), np.inf)
         model = self.small(nodes, cells)
-        for _ in range(NODES * len(names)):
+        for _ in range(NODES * max(len(names), 1)):
             new, known = self.node(places[at], contour), self.least
             self.learn(model, new)
             errors = errors * (known / self.least)
             if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
-            nodes = self.enriched([*nodes, new], 1)
+            nodes = self.enriched([*(nodes if names else []), new], 1)
             model = self.small(nodes, cells)
-            errors = np.array([_error(found) for found in model.modes_over(**columns)])
+            found = model.modes_over(**dict(zip(names, train.T, strict=True))) if names else [model.modes()]
+            before, errors = errors, np.array([self.error(one) for one in found])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
-        model = model._with(radii=replace(model.radii, least=self.least))
-        if errors.max() > box.tol:
-            warn(f"the error over the box is estimated as {errors.max():.1e} |λ|, but {box.tol:g} was asked for, on {model.size} "
-                 f"shapes from {len(nodes)} values. Take a smaller box", FemsubWarning)
-        return model._with(error=float(errors.max()))
+            if not names and errors[0] > before[0] / 2:  # rounding
+                break
+        return model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
 
     def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
         """The model on the vectors of these nodes."""
@@ -197,9 +232,14 @@ class _Maker:
         columns = []
         for node in nodes:
             scale = self.allowed(node.lam)
-            columns += [*_real(node.x / scale), *_real(node.z / scale)]
-        U, size, _ = la.svd(np.hstack(columns), full_matrices=False)
-        W = U[:, size > self.kept]
+            columns += [*real_parts(node.x / scale), *real_parts(node.z / scale)]
+        vectors = np.hstack(columns)
+        # what joins in any case, at unit energy; of free rigid motion nothing is left but rounding
+        known, share, _ = np.linalg.svd(self.projection.V.T @ self.projection.product(self.joining), full_matrices=False)
+        known = known[:, share > EPS**0.5]
+        self.fixed = projection.free.shape[1] + known.shape[1]
+        U, size, _ = la.svd(vectors - known @ (known.T @ vectors), full_matrices=False)
+        W = np.hstack([known, U[:, size > self.kept]])
         if not W.shape[1]:
             W = np.eye(len(U), 1)  # without an eigenvalue any shape serves
         inside = projection.inside
@@ -208,7 +248,7 @@ class _Maker:
         blocks = np.concatenate([np.vstack([projection.energy @ W, np.zeros((outside.shape[1], d))])[None],
                                  np.concatenate([inside @ W, outside], axis=1)])
         # only lengths count: a rotation, without directions that are too small beside the residuals that the tolerance allows
-        largest = projection.changed(self.half).terms
+        largest = projection.changed(np.abs(self.centre) + self.half).terms
         scale = np.array([1.0, *(term.largest(projection.outer.size) or 1.0 for term in largest)])[:, None, None]
         flat = (blocks * scale).transpose(1, 0, 2).reshape(blocks.shape[1], -1)
         square, mix = la.eigh(flat.T @ flat)
@@ -234,7 +274,7 @@ class _Maker:
     def states(self, model: BoxModel, cell: Cell) -> States | None:
         """The states of the model at the corners and in the middle of a cell, if they are fewer than three quarters of all."""
         d, unit = model.size - model.free, self.projection.outer.size
-        if cell.contour is None or not 0 < (cell.number or 0) - 2 * model.free < 1.5 * d:
+        if not cell.ranges or cell.contour is None or not 0 < (cell.number or 0) - 2 * model.free < 1.5 * d:
             return None
         columns: tuple[list[Array], list[Array]] = [], []
         ends = list(cell.ranges.values())
@@ -244,8 +284,8 @@ class _Maker:
             at = np.flatnonzero(cell.contour.encloses(lam) & (lam.imag >= 0))
             scale = self.allowed(lam[at])
             x, z, (_, D, M) = x[:, at] / scale, z[:, at] / scale, model.moving(pencil)
-            columns[0].extend(_real(np.vstack([x, x * lam[at] / unit])))
-            columns[1].extend(_real(np.vstack([unit * (D.T @ z + M.T @ (z * lam[at].conj())), z])))
+            columns[0].extend(real_parts(np.vstack([x, x * lam[at] / unit])))
+            columns[1].extend(real_parts(np.vstack([unit * (D.T @ z + M.T @ (z * lam[at].conj())), z])))
         found = [la.svd(np.hstack(side), full_matrices=False)[:2] for side in columns]
         terms = tuple([unit**power * np.asarray(A)[model.free:, model.free:] for _, A in several]
                       for power, several in ((2, model.M), (1, model.D), (0, model.K)))
@@ -285,12 +325,7 @@ def _spread(lo: Array, hi: Array, count: int) -> Array:
     return np.asarray(qmc.scale(qmc.Sobol(len(lo), seed=1).random_base2((count - 1).bit_length()), lo, hi))
 
 
-def _error(found: ComplexModes) -> float:
-    size = np.abs(found.eigenvalues)
-    return float(np.max(found.error_bar[size > 0] / size[size > 0], initial=0.0))
-
-
-def _real(vectors: Array) -> list[Array]:
+def real_parts(vectors: Array) -> list[Array]:
     """Real and imaginary parts, each vector turned to be as real as it can."""
     turned = vectors * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", vectors, vectors)))
     return [turned.real, turned.imag]

@@ -42,21 +42,22 @@ class ParameterBox:
     Parameters
     ----------
     ranges : mapping of str to (lo, hi)
-        lo < hi, in the units of each parameter.
+        lo < hi, in the units of each parameter. Without any the box is one value: the model as it is.
     band : (lo, hi)
         In radians per unit of time: every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi is kept.
     re : (a, b), optional
         In place of |Re λ| ≤ hi: only those with a ≤ Re λ ≤ b. With strong damping a is best close to 0, such as -hi/40. Then the
         model has no shapes for what decays faster: it is smaller and made sooner. All that grows up to b is in it.
     tol : float
-        The largest distance of a λ of the small model from one of the full model, relative to |λ|. It is estimated.
+        The largest distance of a λ of the small model from one of the full model, relative to |λ|. It is estimated. A |λ| below
+        1e-6 of hi counts as 0, and is as exact as rounding allows.
     cells : int
         So many cells of the box are tried at most. What is not proved then is open, and a warning names it.
 
     Raises
     ------
     InputError, InputTypeError
-        No range, lo ≥ hi, a band without an end, a ≥ 0 or b ≤ 0.
+        lo ≥ hi, a band without an end, a ≥ 0 or b ≤ 0.
 
     Examples
     --------
@@ -78,8 +79,6 @@ class ParameterBox:
             if len(ends) != 2 or ends[0] >= ends[1]:
                 raise InputError(f"the range of {name} must be (lo, hi) with lo < hi, not {pair!r}")
             found[name] = (ends[0], ends[1])
-        if not found:
-            raise InputError('ranges has no parameter. Give one, e.g. {"speed": (1.0, 4.0)}')
         band = check_band(self.band)
         if not np.isfinite(band[1]):
             raise InputError("band must end: give (lo, hi) in rad per unit of time")
@@ -154,7 +153,7 @@ class Cell:
 
     @property
     def where(self) -> str:
-        return ", ".join(f"{name} from {lo:g} to {hi:g}" for name, (lo, hi) in self.ranges.items())
+        return ", ".join(f"{name} from {lo:g} to {hi:g}" for name, (lo, hi) in self.ranges.items()) or "one value"
 
     @property
     def volume(self) -> float:
@@ -290,7 +289,8 @@ class BoxModel(Affine):
     def __repr__(self) -> str:
         inside = f"{len(self.cells)} cell{'s' * (len(self.cells) != 1)}"
         share = f", {self.open_share:.1%} of it open" if self.open_share else ""
-        return (f"BoxModel: {self.size} of {len(self.V)} DOF, {', '.join(self.box.ranges)} in {inside}, {self.evidence}{share}; "
+        over = ", ".join(self.box.ranges) or "one value"
+        return (f"BoxModel: {self.size} of {len(self.V)} DOF, {over} in {inside}, {self.evidence}{share}; "
                 f"λ within {self.error:.1e}")
 
     @property

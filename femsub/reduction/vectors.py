@@ -1,0 +1,63 @@
+"""Right and left eigenvectors of a system with friction at one value of its parameters, as many as a tolerance needs.
+
+A box of one value (`femsub.reduction.over_box`) gives a model that is closer to the full one than the tolerance asks for, with
+the number of eigenvalues in the band counted. Real and imaginary parts of its right and left vectors are ordered by their shares
+of the residual that the tolerance allows. The fewest of them span the basis whose λ are within the tolerance of that model, and
+its radii count in.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import Array
+from femsub.errors import NotConvergedError
+from femsub.model import DOUBLE, SMALL_SHARE, Affine, Estimate, Pencil, distance_outside, upper
+from femsub.modes import solve
+from femsub.reduction.estimates.nested import MARGIN, compared
+from femsub.reduction.estimates.search import Goal
+from femsub.reduction.over_box import at_one_value, real_parts
+from femsub.reduction.parameter_box import ParameterBox
+
+FINER = 1e-3  # of the tolerance: that of the model with which the small one is compared
+FIRST = 8.0  # times the tolerance: the share of a direction from which on it is in the first basis tried
+
+
+def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str) -> tuple[Array, Estimate]:
+    """V (n, r), whose span holds shapes (n, k), and the error of each λ of VᵀP(s)V in a band; P has no parameters.
+
+    Raises
+    ------
+    NotConvergedError
+        The eigenvalues in the band cannot be counted, or rounding does not let the tolerance be met.
+    """
+    (lo, hi), tol = goal.band, goal.tol
+    model, fixed = at_one_value(family, ParameterBox({}, goal.band, tol * FINER), shapes)
+    cell, = model.cells
+    if cell.number is None or cell.contour is None:
+        raise NotConvergedError(f"{name}: the eigenvalues of the full system up to {hi:.5g} rad/time cannot be counted: "
+                                f"{cell.why}. Lower the band, mu, or the contact's stiffness")
+    larger, exact, x, z, size = model.pairs({})
+    still, cutoff = DOUBLE * hi, float((cell.contour.sides or (0.0, 0.0, hi))[2])  # rigid motion has λ = 0, but for rounding
+    share = np.sqrt(model.radii.least * tol * np.maximum(np.abs(exact), still))
+    U, weight, _ = np.linalg.svd(np.hstack([part for side in (x, z) for part in real_parts(side[fixed:] / share)]),
+                                 full_matrices=False)
+    moving = np.abs(exact) > still
+    exact, radius = exact[moving], model.radii.circles(exact, size)[moving]
+    wanted = distance_outside(exact, goal.band, (-hi, hi)) <= radius  # λ of the full system may be in the band
+    count = max(int(np.count_nonzero(weight > FIRST)), int(not fixed))
+    while True:
+        T = la.block_diag(np.eye(fixed), U[:, :count])
+        found = solve(Pencil(*(T.T @ part @ T for part in (larger.M, larger.D, larger.K))))[0]
+        found = found[upper(found) & (np.abs(found) > still)]
+        at, to, distance, inside, alone = compared(exact, found, goal.band, wanted)
+        error = (MARGIN * distance + radius[at]) / np.maximum(np.abs(exact[at]), SMALL_SHARE * hi)
+        estimate = Estimate(goal.band, tol, int(inside.sum()), cutoff, np.zeros(0), np.zeros(0), found[to[inside]], error[inside],
+                            alone, model.size, 1.0, exact[at[inside]], radius[at[inside]])
+        if estimate.met:
+            return model.V @ T, estimate
+        if count >= len(weight):
+            raise NotConvergedError(f"{name} cannot be reduced to a relative error of {tol:g} from {lo:.5g} to {hi:.5g} rad/time "
+                                    f"under this friction: {estimate!r}. Lower the band, or raise tol")
+        count = min(len(weight), max(count + 1, int(1.1 * count)))
