@@ -64,19 +64,19 @@ def over_box(family: Affine, box: ParameterBox) -> BoxModel:
 
 
 def at_one_value(family: Affine, box: ParameterBox, shapes: Array) -> tuple[BoxModel, int]:
-    """The small model of a family without parameters, and how many of its first columns span these shapes (n, k).
+    """The projection of a family without parameters, and how many of its first columns span these shapes (n, k).
 
-    The last term of K may make its symmetric part indefinite, as friction does.
+    It has as many eigenvalues in the contour as were counted. The last term of K may make its symmetric part indefinite.
     """
-    maker = _Maker(family, box, shapes)
+    maker = _Maker(family, box, shapes, whole=True)
     return maker.made(), maker.fixed
 
 
 class _Maker:
     """One projection for the box, its cells, and the nodes whose vectors span the small model, with what joins them."""
 
-    def __init__(self, family: Affine, box: ParameterBox, shapes: Array) -> None:
-        self.family, self.box = family, box
+    def __init__(self, family: Affine, box: ParameterBox, shapes: Array, whole: bool = False) -> None:
+        self.family, self.box, self.whole = family, box, whole
         usable_band(family, box.band)  # a basis of parts may end below
         lo, hi, _ = family.factor_ranges(box.ranges)
         if not np.isfinite([lo, hi]).all():
@@ -222,7 +222,7 @@ class _Maker:
             before, errors = errors, np.array([self.error(one) for one in found])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
-            if not names and errors[0] > before[0] / 2:  # rounding
+            if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
         return model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
 
@@ -238,8 +238,11 @@ class _Maker:
         known, share, _ = np.linalg.svd(self.projection.V.T @ self.projection.product(self.joining), full_matrices=False)
         known = known[:, share > EPS**0.5]
         self.fixed = projection.free.shape[1] + known.shape[1]
-        U, size, _ = la.svd(vectors - known @ (known.T @ vectors), full_matrices=False)
-        W = np.hstack([known, U[:, size > self.kept]])
+        if self.whole:
+            W = np.hstack([known, la.null_space(known.T)]) if known.shape[1] else np.eye(len(known))
+        else:
+            U, size, _ = la.svd(vectors - known @ (known.T @ vectors), full_matrices=False)
+            W = np.hstack([known, U[:, size > self.kept]])
         if not W.shape[1]:
             W = np.eye(len(U), 1)  # without an eigenvalue any shape serves
         inside = projection.inside

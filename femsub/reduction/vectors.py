@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError
 from femsub.model import DOUBLE, SMALL_SHARE, Affine, Estimate, Pencil, distance_outside, upper
 from femsub.modes import solve
@@ -41,10 +41,13 @@ def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str) -> tupl
     larger, exact, x, z, size = model.pairs({})
     still, cutoff = DOUBLE * hi, float((cell.contour.sides or (0.0, 0.0, hi))[2])  # rigid motion has λ = 0, but for rounding
     share = np.sqrt(model.radii.least * tol * np.maximum(np.abs(exact), still))
-    U, weight, _ = np.linalg.svd(np.hstack([part for side in (x, z) for part in real_parts(side[fixed:] / share)]),
-                                 full_matrices=False)
+    # beyond the vectors all other directions, those of the most inertia first: a poor basis may have λ that belong to nothing
+    sides = [part for side in (x, z) for part in real_parts(side[fixed:] / share)]
+    U, weight, _ = np.linalg.svd(np.hstack([*sides, EPS**0.5 / larger.norms[0] * larger.M[fixed:, fixed:]]), full_matrices=False)
     moving = np.abs(exact) > still
     exact, radius = exact[moving], model.radii.circles(exact, size)[moving]
+    both = np.append(np.arange(len(exact)), np.flatnonzero((exact.imag > 0) & upper(exact.conj())))  # two real ones, by rounding
+    exact, radius = np.where(np.arange(len(both)) < len(exact), exact[both], exact[both].conj()), radius[both]
     wanted = distance_outside(exact, goal.band, (-hi, hi)) <= radius  # λ of the full system may be in the band
     count = max(int(np.count_nonzero(weight > FIRST)), int(not fixed))
     while True:
