@@ -135,8 +135,6 @@ class EnergyBasis:
         Loads B without a part whose A⁻¹B is known to lie in V, and would be so large that rounding of it is not small.
     kept : bool
         Whether A⁻¹T_iV outside V is kept in single precision, up to p/2 times the size of V. Then `residuals` need no solve.
-    columns : int
-        Right-hand sides that are solved for together: enough for two processes to share them, and few beside V.
 
     Attributes
     ----------
@@ -148,11 +146,11 @@ class EnergyBasis:
     """
 
     def __init__(self, product: Callable[[Array], Array], solve: Callable[[Array], Array], terms: Sequence[Term], size: int,
-                 deflate: Callable[[Array], Array] | None = None, kept: bool = False, columns: int = 2 * BLOCK) -> None:
+                 deflate: Callable[[Array], Array] | None = None, kept: bool = False) -> None:
         self.deflate, self.kept = deflate, kept
         self._outside: list[tuple[int, slice, float, Array]] = []  # of a term: the columns of V, a unit, A⁻¹T times these by it
         self._seen = np.zeros(0, dtype=int)  # columns that V had when these were made: outside of those
-        self.product, self.solve, self.terms, self.columns = product, solve, list(terms), columns
+        self.product, self.solve, self.terms = product, solve, list(terms)
         p = len(self.terms)
         self.V, self.energy, self.inside = np.zeros((size, 0)), np.zeros((0, 0)), np.zeros((p, 0, 0))
         self._room = Room()
@@ -170,10 +168,16 @@ class EnergyBasis:
         With `modes` they span eigenvectors of A and the first term's matrix; with `unit` they are orthonormal.
         """
         m = self.size
+        for at in range(0, new.shape[1], BLOCK):  # few beside V
+            self._append(new[:, at:at + BLOCK], modes, unit)
+        return self.size > m
+
+    def _append(self, new: Array, modes: bool, unit: bool) -> None:
+        m = self.size
         new, Anew = (new, self.product(new)) if unit else orthonormal(np.ascontiguousarray(new), self.product, self.V)
         k = new.shape[1]
         if not k:
-            return False
+            return
         beside = self.V.T @ Anew
         own = new.T @ Anew
         self.energy = np.block([[self.energy, beside], [beside.T, (own + own.T) / 2]])
@@ -191,7 +195,6 @@ class EnergyBasis:
         known[[term.modal for term in self.terms]] = modes
         known[[term.spanned for term in self.terms]] = True
         self._known = np.hstack([self._known, known])
-        return True
 
     def at(self, weights: Sequence[Weights]) -> Self:
         """The same basis for a pencil whose terms have other weights; what is added to either is not in the other."""
@@ -216,7 +219,7 @@ class EnergyBasis:
         self._lost = lost  # not both of them
         inside = np.einsum("aij,aij->aj", self.inside, self.inside)  # of the squares of all images
         inside[:, :old] = self._whole
-        step = max(1, self.columns // max(p, 1))
+        step = max(1, BLOCK // max(p, 1))  # two processes share the solves, and few columns are beside V
         V = [self.V[term.rows] for term in self.terms]
         for start in range(old, m, step):
             at = slice(start, min(start + step, m))
@@ -224,21 +227,24 @@ class EnergyBasis:
             B = np.zeros((len(self.V), k * len(sought)))
             for turn, i in enumerate(sought):
                 B[self.terms[i].rows, turn * k:(turn + 1) * k] = self.terms[i].image(self.V[:, at])
-            within = [self.inside[j][:, at] for j in sought]
+            within = np.hstack([np.zeros((m, 0)), *(self.inside[j][:, at] for j in sought)])
             if self.deflate is not None:
                 B = self.deflate(B)
-                within = np.split(self.V.T @ B, max(len(sought), 1), axis=1)
-            answers = np.split(self.solve(B), len(sought), axis=1) if sought else []
+                within = self.V.T @ B
+            images = self.solve(B) if sought else B
             del B
-            for j, answer, known in zip(sought, answers, within, strict=False):
-                answer = answer - self.V @ known
-                inside[j, at] = np.einsum("ij,ij->j", known, known)
-                if self.kept and answer.any():
-                    unit = float(max(answer.max(), -answer.min()))  # within the range of single precision
-                    self._outside = [*self._outside, (j, at, unit, np.divide(answer, unit, casting="same_kind", out=np.empty(
-                        answer.shape, dtype=np.float32)))]
-                for i, term in enumerate(self.terms):
-                    lost[i, :, j, at] = term.sign * (V[i].T @ times(term.acting, answer))
+            images = images - self.V @ within
+            squares = np.einsum("ij,ij->j", within, within)
+            for turn, j in enumerate(sought):
+                own = slice(turn * k, (turn + 1) * k)
+                inside[j, at], image = squares[own], images[:, own]
+                if self.kept and image.any():
+                    unit = float(max(image.max(), -image.min()))  # within the range of single precision
+                    self._outside = [*self._outside, (j, at, unit, np.divide(image, unit, casting="same_kind", out=np.empty(
+                        image.shape, dtype=np.float32)))]
+            for i, term in enumerate(self.terms):
+                products = term.sign * (V[i].T @ times(term.acting, images))
+                lost[i, :, sought, at] = products.reshape(m, len(sought), k).transpose(1, 0, 2)
         for i, j in np.ndindex(p, p):
             lost[i, old:, j, :old] = lost[j, :old, i, old:].T
             if i <= j:
@@ -318,8 +324,10 @@ class EnergyBasis:
         keep = size > least
         log.info("%d of %d residuals, up to %.1e, join %d columns", keep.sum(), len(size), max(size[-1], 0.0)**0.5, self.size)
         C = C @ (mix[:, keep] / np.sqrt(size[keep]))
-        return bool(keep.any()) and self.add(np.hstack([self._outside_of(C[..., at:at + BLOCK])
-                                                        for at in range(0, C.shape[2], BLOCK)]))
+        R = np.empty((len(self.V), C.shape[2]))
+        for at in range(0, C.shape[2], BLOCK):
+            R[:, at:at + BLOCK] = self._outside_of(C[..., at:at + BLOCK])
+        return self.add(R)
 
     def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
         """A⁻¹P(s)Vx outside V column by column, or of Pᴴ: real and imaginary parts by turns, (n, 2k)."""

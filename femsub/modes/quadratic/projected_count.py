@@ -187,13 +187,9 @@ class Projection(EnergyBasis):
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
         self._parts: tuple[int, list[WholeTerm], tuple[Array, float]] = (-1, [], (np.zeros(0), 0.0))  # of so many columns of V
         del modes, strong, rest  # each goes when it has joined V
-        shapes = joining.pop(0)
-        for at in range(0, shapes.shape[1], BLOCK):
-            self.add(shapes[:, at:at + BLOCK], modes=True)
+        self.add(joining.pop(0), modes=True)
         while joining:
-            shapes = joining.pop(0)
-            if shapes.shape[1]:
-                self.add(shapes)
+            self.add(joining.pop(0))
         if not self.size:  # nothing is near the region, and any shape shows it
             self.add(self.factor.solve(np.ones((pencil.size, 1)) - self.momenta @ self.free.sum(axis=0)[:, None]))
 
@@ -219,12 +215,13 @@ class Projection(EnergyBasis):
 
     def sizes(self, V: Array) -> Array:
         """‖|V|ᵀ|B||V|‖ of V (n, r), for B = A and each term: times EPS what rounding in the entries of B may do to VᵀBV."""
-        blocks, found = [V[:, at:at + BLOCK] for at in range(0, V.shape[1], BLOCK)], []
-        for matrix in (self.A.formed(), *(term.matrix for term in self.terms)):
-            B = without_signs(matrix)
+        blocks = [V[:, at:at + BLOCK] for at in range(0, V.shape[1], BLOCK)]
+
+        def size(B: Matrix) -> float:
             images = (times(B, np.abs(block)) for block in blocks)  # one at a time
-            found.append(la.norm(np.hstack([np.vstack([np.abs(block).T @ image for block in blocks]) for image in images]), 2))
-        return np.array(found)
+            return float(la.norm(np.hstack([np.vstack([np.abs(block).T @ image for block in blocks]) for image in images]), 2))
+
+        return np.array([size(without_signs(self.A.formed())), *(size(without_signs(term.matrix)) for term in self.terms)])
 
     def images_outside(self) -> Array:
         """H (p, h, m), see `images`."""
@@ -243,7 +240,7 @@ class Projection(EnergyBasis):
         """Append directions without the free rigid motion."""
         m, p = self.size, len(self.terms)
         held = (1 + self.kept * p / 2) * (m + new.shape[1])
-        check_columns("the pencil", len(new), int(held) + max(3 * new.shape[1], 3 * self.columns))
+        check_columns("the pencil", len(new), int(held) + new.shape[1] + 4 * BLOCK)
         check_room("the count by projection", 8.0 * (3 * p * p + 24) * (m + new.shape[1])**2)  # products, and the eigenproblem
         return super().add(new - self.free @ (self.momenta.T @ new) if self.free.size else new, modes=modes, unit=unit)
 
@@ -288,7 +285,9 @@ class Projection(EnergyBasis):
             if self.size > self.most:
                 self.why += f", and {self.most} shapes are the limit"
                 break
-            if not new or not self.add(np.hstack(new)):
+            columns = np.hstack(new) if new else np.zeros((len(self.V), 0))
+            new.clear()  # half of the memory
+            if not self.add(columns):
                 break
         return None
 
