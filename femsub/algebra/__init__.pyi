@@ -123,5 +123,5 @@ from .processes.threads import (
     one_thread as one_thread,
     times as times,
 )
-from .subspace import orthonormal as orthonormal
+from .subspace import Room as Room, orthonormal as orthonormal
 from .timing import phase as phase, timed as timed

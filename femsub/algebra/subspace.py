@@ -1,4 +1,4 @@
-"""Block Gram-Schmidt: orthonormalise columns against a basis and among themselves."""
+"""Block Gram-Schmidt: orthonormalise columns against a basis and among themselves; a basis that grows where it is."""
 
 from __future__ import annotations
 
@@ -6,7 +6,29 @@ from collections.abc import Callable
 
 import numpy as np
 
+from femsub.algebra.processes.limits import BLOCK
 from femsub.checks import EPS, Array
+
+
+class Room:
+    """Memory for the columns of a basis and for more of them, which takes no pages until they are there.
+
+    A copy of a large basis for each new block would take twice its memory for a while.
+    """
+
+    def __init__(self) -> None:
+        self._array, self._used = np.zeros((0, 0)), 0
+
+    def joined(self, V: Array, new: Array) -> tuple[Array, Room]:
+        """[V new], and the room in which it is: this one where V is the last that was made in it. V itself does not change."""
+        m, both = V.shape[1], V.shape[1] + new.shape[1]
+        room = self
+        if m != self._used or both > self._array.shape[1]:
+            room = Room()
+            room._array = np.empty((len(V), 2 * both), order="F")
+            room._array[:, :m] = V
+        room._array[:, m:both], room._used = new, both
+        return room._array[:, :both], room
 
 
 def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | None = None, inside: float = 1e-9
@@ -37,7 +59,11 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
         # the second pass begins with columns of unit length, but for those that are what rounding left of dependent ones
         x, image, length = _longer(x, image, 0.5 if last else 0.0)
         if V is not None and V.shape[1]:
-            x = x / length - V @ ((V.T @ image) / length)
+            share = (V.T @ image) / length
+            del image  # few arrays of this size at a time
+            x = x / length
+            for at in range(0, len(length), BLOCK):
+                x[:, at:at + BLOCK] -= V @ share[:, at:at + BLOCK]
             x, image, length = _longer(x, product(x), 0.0 if last else inside)
         if not x.shape[1]:
             break

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import (
+    BLOCK,
     Frozen,
     as_matrix,
     equilibration,
@@ -327,7 +328,7 @@ def contact_matrix(W: Matrix, C: float | Array | Matrix) -> Matrix:
 
 def projected(A: Matrix, V: Array) -> Array:
     """VᵀAV (r, r), symmetric if A is."""
-    found: Array = np.asarray(V.T @ (A @ V))
+    found: Array = np.hstack([V.T @ (A @ V[:, at:at + BLOCK]) for at in range(0, V.shape[1], BLOCK)])
     return (found + found.T) / 2 if not (A != A.T).sum() else found
 
 

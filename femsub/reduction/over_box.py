@@ -123,6 +123,7 @@ class _Maker:
             theta, half = ((lo + hi) / 2 - self.middle)[self.varied], (hi - lo)[self.varied] / 2
             self.projection = self.projection.changed(theta, half)
             count, tried = count_over(self.projection, self.box.region, GAP), tried + 1
+            self.projection.counted = None  # it has the projection: both would stay in memory until the garbage collector looks
             if count is not None:
                 log.info("%d eigenvalues in %s over %s, margin %.2g", count.number, count.contour.where, cell.where, count.margin)
                 done.append(replace(cell, contour=count.contour, number=count.number, margin=count.margin,
@@ -175,11 +176,9 @@ class _Maker:
             here = self.projection.changed(node.theta)
             scale = self.allowed(node.lam)
             for vectors, adjoint in ((node.x, False), (node.z, True)):
-                columns.append(here.residuals(node.lam, vectors / scale, adjoint))
-        R, m = np.hstack(columns), self.projection.size
-        size, mix = la.eigh(R.T @ self.projection.product(R)) if R.size else (np.zeros(0), np.zeros((0, 0)))
-        keep = size > 0.03  # squares: a direction with a sixth of the residual that the tolerance allows
-        if not keep.any() or not self.projection.add(R @ (mix[:, keep] / np.sqrt(size[keep]))):
+                columns.append(here.weighted(node.lam, vectors / scale, adjoint))
+        m = self.projection.size
+        if not self.projection.join(columns, 0.03):  # squares: a direction with a sixth of the residual that the tolerance allows
             return nodes
         self.projection.lost  # noqa: B018  (before `residuals`)
         more = ((0, self.projection.size - m), (0, 0))
@@ -216,6 +215,7 @@ class _Maker:
             errors = errors * (known / self.least)
             if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
+            del model  # before the next one takes memory
             nodes = self.enriched([*(nodes if names else []), new], 1)
             model = self.small(nodes, cells)
             found = model.modes_over(**dict(zip(names, train.T, strict=True))) if names else [model.modes()]
@@ -262,11 +262,10 @@ class _Maker:
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
-        size = np.abs(projection.V @ W)
-        matrices = projection.A.formed(), *(term.matrix for term in projection.terms)
-        rounding = [la.norm(size.T @ (abs(A) @ size), 2) for A in matrices]
-        radii = Radii(mix[..., kept], lost, signs, places, base, np.array(rounding), self.least)
-        V = self.unit[:, None] * np.hstack([projection.free, projection.V @ W])
+        V = projection.V @ W
+        radii = Radii(mix[..., kept], lost, signs, places, base, projection.sizes(V), self.least)
+        V = np.hstack([projection.free, V]) if projection.free.size else V
+        V *= self.unit[:, None]
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))
         model = BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,

@@ -246,18 +246,14 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
 
 def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
     """Whether residuals of eigenvectors in the band had to join V, so that what is outside moves none by much."""
-    projection.lost  # noqa: B018  (before residuals)
     small = Coupling.of(projection, projection.outer.size)
     near = np.flatnonzero((small.nu != 0) & (small.each.imag >= 0) & in_band(np.nan_to_num(small.each), band))
     if not len(near):
         return False
     lam = small.each[near]
     scale = np.sqrt(projection.least * np.maximum(np.abs(lam.real), EPS * np.abs(lam)))
-    R = np.hstack([projection.residuals(lam, x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))])
-    size, mix = la.eigh(R.T @ projection.product(R))
-    keep = size > EPS**0.5  # shares of a coupling that must be below 1
-    log.info("%d columns join %d, residuals up to %.1e", np.count_nonzero(keep), projection.size, size.max(initial=0.0))
-    return bool(keep.any()) and projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
+    residuals = [projection.weighted(lam, x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))]
+    return projection.join(residuals, EPS**0.5)  # squares of shares of a coupling that must be below 1
 
 
 def enriched_over(projection: Projection, weights: Array, values: Array, band: tuple[float, float]) -> None:
@@ -266,7 +262,6 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
     Their share is that of a coupling with the outside beside a distance from the eigenvalue, of a hundredth of the band's end, or
     of |Re λ| where that is less.
     """
-    projection.lost  # noqa: B018  (before residuals)
     columns = []
     for i, value in enumerate(values):
         here = projection.changed(weights * value)
@@ -275,13 +270,8 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
         near = np.flatnonzero((small.nu != 0) & (lam.imag >= 0.9 * band[0]) & (lam.imag <= 1.3 * band[1])
                               & (np.abs(lam.real) < (0.1 if i % 3 == 0 else 1e-3) * band[1]))
         scale = np.sqrt(projection.least * np.clip(np.abs(lam[near].real), 2e-4 * band[1], 1e-2 * band[1]))
-        columns += [here.residuals(lam[near], x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))]
-    R = np.hstack(columns)
-    size, mix = la.eigh(R.T @ projection.product(R)) if R.size else (np.zeros(0), np.zeros((0, 0)))
-    keep = size > 0.02
-    log.info("%d of %d residuals join %d columns", np.count_nonzero(keep), len(size), projection.size)
-    if keep.any():
-        projection.add(R @ (mix[:, keep] / np.sqrt(size[keep])))
+        columns += [here.weighted(lam[near], x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))]
+    projection.join(columns, 0.02)
 
 
 def _crossing(question: LossQuestion, sweep: AxisSweep | PlaneSweep, V: Array, start: float, one: Met, p0: float, steps: int

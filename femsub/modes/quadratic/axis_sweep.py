@@ -102,9 +102,8 @@ class AxisSweep:
         self.lengths = [np.linalg.norm(part, axis=0) for part in (small.x, small.z)]
         self.each = [np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) for own in small.both_products]
         # independent errors in the entries of a matrix are a √m-th of their sizes in its norm
-        size, m = np.abs(projection.V), projection.size
-        self.rounding = 4 * EPS * m**-0.5 * sum(w * float(la.norm(size.T @ (abs(A) @ size), 2)) for w, A in zip(
-            (1.0, *largest), (projection.A.formed(), *(term.matrix for term in projection.terms)), strict=True))
+        m = projection.size
+        self.rounding = 4 * EPS * m**-0.5 * float(np.append(1.0, largest) @ projection.sizes(projection.V))
         self.matrices, self.A = projection.matrices, parts @ self.B
         self.rounding += 4 * EPS * float(
             projection.outer.size ** np.arange(3) @ [la.norm(np.abs(part), 2) for part in self.matrices])

@@ -89,13 +89,16 @@ def images(basis: EnergyBasis, sizes: Array) -> tuple[Array, float]:
     """
     p, m = basis.lost.shape[:2]
     scale = np.repeat(sizes, m)
-    gram = np.array(basis.lost.reshape(p * m, p * m) * np.outer(scale, scale), order="F")
+    gram = np.array(basis.lost.reshape(p * m, p * m), order="F")
+    gram *= scale[:, None]
+    gram *= scale
     whole = float(np.trace(gram))
-    factor, order, rank, _ = la.lapack.dpstrf(gram, tol=EPS**0.6 / max(p * m, 1))
+    factor, order, rank, _ = la.lapack.dpstrf(gram, tol=EPS**0.6 / max(p * m, 1), overwrite_a=True)
     H = np.zeros((rank, p * m))
-    H[:, order - 1] = np.triu(factor)[:rank]
+    H[:, order - 1] = np.triu(factor[:rank])
+    del gram, factor
     left = max(whole - float(np.einsum("ij,ij->", H, H)), 0.0) + float(scale**2 @ basis.noise.ravel())
-    H = np.divide(H, scale, out=np.zeros_like(H), where=scale > 0)
+    np.divide(H, scale, out=H, where=scale > 0)  # other columns are 0
     return np.ascontiguousarray(H.reshape(rank, p, m).transpose(1, 0, 2)), float(np.sqrt(p * left))
 
 

@@ -262,7 +262,7 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
         sizes = np.abs(theta).max(axis=0).tolist()
         changes = [Varied(T, q, size) for (q, T, _), size in zip(terms, sizes, strict=True)]
         try:
-            projection = projection_over(middle, changes, (-band[1], band[1], *band))
+            projection = projection_over(middle, changes, (-band[1], band[1], *band), kept=True)
         except UNCOUNTED as error:
             log.info("no projection for all values of the parameter, so that each is solved alone: %s", error)
     for p, weights in zip(values, theta.tolist(), strict=True):

@@ -28,6 +28,7 @@ constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -37,7 +38,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra import FEW, by_threads, halves, one_thread, orthonormal, times
+from femsub.algebra import BLOCK, FEW, Room, by_threads, halves, one_thread, orthonormal, times
 from femsub.checks import EPS, Array, Matrix
 from femsub.modes.normal_modes import ACCEPTED
 from femsub.modes.quadratic.region import Contour
@@ -50,6 +51,7 @@ PIECES = 20_000  # of a contour at most
 BATCH = 512  # of these are looked at together
 
 T = TypeVar("T")
+log = logging.getLogger(__name__)
 
 Weights = tuple[complex, float, float]  #: c_0, c_1, c_2 of c_0 + c_1 s + c_2 s²; c_0 of a symmetric T alone may be complex
 
@@ -132,9 +134,7 @@ class EnergyBasis:
     deflate : callable, optional
         Loads B without a part whose A⁻¹B is known to lie in V, and would be so large that rounding of it is not small.
     kept : bool
-        Whether A⁻¹T_iV outside V is kept in single precision. Then `residuals` need no solve.
-    columns : int
-        Right-hand sides that are solved for together: enough for two processes to share them, and few beside V.
+        Whether A⁻¹T_iV outside V is kept in single precision, up to p/2 times the size of V. Then `residuals` need no solve.
 
     Attributes
     ----------
@@ -146,13 +146,14 @@ class EnergyBasis:
     """
 
     def __init__(self, product: Callable[[Array], Array], solve: Callable[[Array], Array], terms: Sequence[Term], size: int,
-                 deflate: Callable[[Array], Array] | None = None, kept: bool = False, columns: int = 512) -> None:
+                 deflate: Callable[[Array], Array] | None = None, kept: bool = False) -> None:
         self.deflate, self.kept = deflate, kept
         self._outside: list[tuple[int, slice, float, Array]] = []  # of a term: the columns of V, a unit, A⁻¹T times these by it
         self._seen = np.zeros(0, dtype=int)  # columns that V had when these were made: outside of those
-        self.product, self.solve, self.terms, self.columns = product, solve, list(terms), columns
+        self.product, self.solve, self.terms = product, solve, list(terms)
         p = len(self.terms)
         self.V, self.energy, self.inside = np.zeros((size, 0)), np.zeros((0, 0)), np.zeros((p, 0, 0))
+        self._room = Room()
         self._lost, self._whole = np.zeros((p, 0, p, 0)), np.zeros((p, 0))
         self._known = np.zeros((p, 0), dtype=bool)  # images that lie in V: MΦ of modes, AΦ = MΦ(Ω² + μ)
 
@@ -167,14 +168,21 @@ class EnergyBasis:
         With `modes` they span eigenvectors of A and the first term's matrix; with `unit` they are orthonormal.
         """
         m = self.size
-        new, Anew = (new, self.product(new)) if unit else orthonormal(np.array(new, order="C"), self.product, self.V)
+        for at in range(0, new.shape[1], BLOCK):  # few beside V
+            self._append(new[:, at:at + BLOCK], modes, unit)
+        return self.size > m
+
+    def _append(self, new: Array, modes: bool, unit: bool) -> None:
+        m = self.size
+        new, Anew = (new, self.product(new)) if unit else orthonormal(np.ascontiguousarray(new), self.product, self.V)
         k = new.shape[1]
         if not k:
-            return False
+            return
         beside = self.V.T @ Anew
         own = new.T @ Anew
         self.energy = np.block([[self.energy, beside], [beside.T, (own + own.T) / 2]])
-        self.V = np.hstack([self.V, new]) if m else new
+        del Anew
+        self.V, self._room = self._room.joined(self.V, new)
         inside = np.zeros((len(self.terms), m + k, m + k))
         inside[:, :m, :m] = self.inside
         for own, term in zip(inside, self.terms, strict=True):
@@ -187,7 +195,6 @@ class EnergyBasis:
         known[[term.modal for term in self.terms]] = modes
         known[[term.spanned for term in self.terms]] = True
         self._known = np.hstack([self._known, known])
-        return True
 
     def at(self, weights: Sequence[Weights]) -> Self:
         """The same basis for a pencil whose terms have other weights; what is added to either is not in the other."""
@@ -207,36 +214,42 @@ class EnergyBasis:
             return self._lost
         lost = np.zeros((p, m, p, m))
         grown = self.inside[:, old:, :old]
-        lost[:, :old, :, :old] = self._lost - np.tensordot(grown, grown, (1, 1))
+        for i, j in np.ndindex(p, p):
+            lost[i, :old, j, :old] = self._lost[i, :, j] - grown[i].T @ grown[j]
+        self._lost = lost  # not both of them
         inside = np.einsum("aij,aij->aj", self.inside, self.inside)  # of the squares of all images
         inside[:, :old] = self._whole
-        step = max(1, self.columns // max(p, 1))
+        step = max(1, BLOCK // max(p, 1))  # two processes share the solves, and few columns are beside V
+        V = [self.V[term.rows] for term in self.terms]
         for start in range(old, m, step):
             at = slice(start, min(start + step, m))
             k, sought = at.stop - start, [i for i in range(p) if not self._known[i, at].all()]
             B = np.zeros((len(self.V), k * len(sought)))
             for turn, i in enumerate(sought):
                 B[self.terms[i].rows, turn * k:(turn + 1) * k] = self.terms[i].image(self.V[:, at])
-            within = [self.inside[j][:, at] for j in sought]
+            within = np.hstack([np.zeros((m, 0)), *(self.inside[j][:, at] for j in sought)])
             if self.deflate is not None:
                 B = self.deflate(B)
-                within = np.split(self.V.T @ B, max(len(sought), 1), axis=1)
-            answers = np.split(self.solve(B), len(sought), axis=1) if sought else []
+                within = self.V.T @ B
+            images = self.solve(B) if sought else B
             del B
-            for j, answer, known in zip(sought, answers, within, strict=False):
-                answer = answer - self.V @ known
-                inside[j, at] = np.einsum("ij,ij->j", known, known)
-                if self.kept and answer.any():
-                    unit = float(max(answer.max(), -answer.min()))  # within the range of single precision
-                    self._outside = [*self._outside, (j, at, unit, np.divide(answer, unit, casting="same_kind", out=np.empty(
-                        answer.shape, dtype=np.float32)))]
-                for i, term in enumerate(self.terms):
-                    lost[i, :, j, at] = term.sign * (self.V[term.rows].T @ times(term.acting, answer))
-        for i in range(p):
-            for j in range(p):
-                lost[i, old:, j, :old] = lost[j, :old, i, old:].T
-        new = lost[:, old:, :, old:]
-        lost[:, old:, :, old:] = (new + new.transpose(2, 3, 0, 1)) / 2
+            images = images - self.V @ within
+            squares = np.einsum("ij,ij->j", within, within)
+            for turn, j in enumerate(sought):
+                own = slice(turn * k, (turn + 1) * k)
+                inside[j, at], image = squares[own], images[:, own]
+                if self.kept and image.any():
+                    unit = float(max(image.max(), -image.min()))  # within the range of single precision
+                    self._outside = [*self._outside, (j, at, unit, np.divide(image, unit, casting="same_kind", out=np.empty(
+                        image.shape, dtype=np.float32)))]
+            for i, term in enumerate(self.terms):
+                products = term.sign * (V[i].T @ times(term.acting, images))
+                lost[i, :, sought, at] = products.reshape(m, len(sought), k).transpose(1, 0, 2)
+        for i, j in np.ndindex(p, p):
+            lost[i, old:, j, :old] = lost[j, :old, i, old:].T
+            if i <= j:
+                lost[i, old:, j, old:] = (lost[i, old:, j, old:] + lost[j, old:, i, old:].T) / 2
+                lost[j, old:, i, old:] = lost[i, old:, j, old:].T
         where = np.nonzero(self._known)
         lost[where] = 0.0
         lost[(slice(None), slice(None), *where)] = 0.0
@@ -292,22 +305,52 @@ class EnergyBasis:
             found[term.rows] += term.image(moved).view(complex) * (term.sign * weight.conj() if adjoint else weight)
         return found.view(float)
 
+    def weighted(self, s: Array, x: Array, adjoint: bool = False) -> Array:
+        """C (p, m, 2k): P(s)Vx - AVx = Σ T_iVC_i column by column, or of Pᴴ, real and imaginary parts by turns."""
+        weights = [term.weight(s) for term in self.terms]
+        return np.stack([np.ascontiguousarray(x * (term.sign * weight.conj() if adjoint else weight)).view(float)
+                         for term, weight in zip(self.terms, weights, strict=True)])
+
+    def join(self, residuals: Sequence[Array], least: float) -> bool:
+        """Let V grow by the directions of residuals whose squares in the norm of A exceed `least`; return whether there were any.
+
+        Each is given by its C (p, m, l) of `weighted`. `lost` has the products of all, so that no other one takes a solve.
+        """
+        C, rows = np.concatenate(residuals, axis=2), len(self.terms) * self.size
+        if not C.size:
+            return False
+        flat = C.reshape(rows, -1)
+        size, mix = la.eigh(flat.T @ (self.lost.reshape(rows, rows) @ flat))
+        keep = size > least
+        log.info("%d of %d residuals, up to %.1e, join %d columns", keep.sum(), len(size), max(size[-1], 0.0)**0.5, self.size)
+        C = C @ (mix[:, keep] / np.sqrt(size[keep]))
+        R = np.empty((len(self.V), C.shape[2]))
+        for at in range(0, C.shape[2], BLOCK):
+            R[:, at:at + BLOCK] = self._outside_of(C[..., at:at + BLOCK])
+        return self.add(R)
+
     def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
         """A⁻¹P(s)Vx outside V column by column, or of Pᴴ: real and imaginary parts by turns, (n, 2k)."""
         if not self.kept:
             loads = self.forces(s, x, adjoint)
             return np.asarray(self.solve(loads) - self.V @ (self.V.T @ loads))
-        weights = [term.weight(s) for term in self.terms]
-        weighted = [np.ascontiguousarray(x * (term.sign * weight.conj() if adjoint else weight)).view(float)
-                    for term, weight in zip(self.terms, weights, strict=True)]
+        return self._outside_of(self.weighted(s, x, adjoint))
+
+    def _outside_of(self, C: Array) -> Array:
+        """Σ A⁻¹T_iVC_i outside V, (n, l)."""
+        if not self.kept:
+            loads = np.zeros((len(self.V), C.shape[2]))
+            for i, own in enumerate(C):
+                loads[self.terms[i].rows] += self.terms[i].image(self.V @ own)
+            return np.asarray(self.solve(loads) - self.V @ (self.V.T @ loads))
         assert self.lost.size and self._seen.size == self.size
-        sizes = [size * float(np.abs(weighted[i][at]).max(initial=0.0)) for i, at, size, _ in self._outside]
+        sizes = [size * float(np.abs(C[i, at]).max(initial=0.0)) for i, at, size, _ in self._outside]
         unit = max(sizes, default=0.0) or 1.0
-        total = np.zeros((len(self.V), 2 * x.shape[1]), dtype=np.float32)
+        total = np.zeros((len(self.V), C.shape[2]), dtype=np.float32)
         for i, at, size, block in self._outside:
-            total += block @ (weighted[i][at] * (size / unit)).astype(np.float32)
+            total += block @ (C[i, at] * (size / unit)).astype(np.float32)
         later = np.arange(self.size)[:, None] >= self._seen  # columns of V that have come since
-        within = sum(np.where(later, own, 0.0) @ given for own, given in zip(self.inside, weighted, strict=True))
+        within = sum(np.where(later, own, 0.0) @ given for own, given in zip(self.inside, C, strict=True))
         return np.asarray(unit * total.astype(float) - self.V @ within)
 
 

@@ -17,6 +17,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.algebra import (
+    BLOCK,
     QUADRATIC,
     ROUNDING,
     SINGULAR,
@@ -35,7 +36,9 @@ from femsub.algebra import (
     signs,
     smooth_shape,
     solved,
+    times,
     translations,
+    without_signs,
 )
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import FemsubError, MissedModesError, NotConvergedError, NotEnoughMemoryError, SingularMatrixError
@@ -86,7 +89,8 @@ class Projection(EnergyBasis):
     with the first mode ω that is left out, |xᴴ(D + Dᵀ)x| ≤ 2d and |xᴴ(D - Dᵀ)x| ≤ 2g; Cholesky factors of dA ± (D + Dᵀ)/2 prove
     both. For a < 0 positive damping takes from c, and for a > 0 negative damping: each has its own d. With `changes` θ_q s^q T_q
     that a parameter makes, `changed` gives the same projection for P(s) + Σ θ_q s^q T_q. Of a T_q with few columns A⁻¹T_q joins
-    V, so that it does not act outside. Others are bounded there as D is.
+    V, so that it does not act outside. Others are bounded there as D is. `kept` is that of `EnergyBasis`: it pays where residuals
+    of many pairs are looked at, as in corrections.
 
     Raises
     ------
@@ -96,7 +100,7 @@ class Projection(EnergyBasis):
     """
 
     def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC, changes: Sequence[Varied] = (),
-                 lowest: tuple[ShiftInvert, NormalModes] | None = None) -> None:
+                 lowest: tuple[ShiftInvert, NormalModes] | None = None, kept: bool = True) -> None:
         if not pencil.symmetric[0]:
             raise SingularMatrixError("M is unsymmetric")
         self.outer, self.most, M = outer, most, pencil.M
@@ -127,7 +131,7 @@ class Projection(EnergyBasis):
         modes, lift, (strong, spread, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds,
                                                      most, lowest)
         # rigid motion on which no other part of P acts is free, by rounding in the products; the rest of the modes joins V
-        self.free, rest = modes.shapes[:, :modes.rigid], modes.shapes[:, modes.rigid:]
+        self.free, rest = modes.shapes[:, :modes.rigid].copy(), modes.shapes[:, modes.rigid:]
         others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
         if others and self.unsure:
             raise SingularMatrixError("K shows rigid motion only within the rounding of its entries, as damping may")
@@ -178,14 +182,14 @@ class Projection(EnergyBasis):
                         joining.append(shapes)
                 terms.append(Term(half, (0.0, 0.0, 0.0), sign, ends, spanned=columns is not None))
                 self.own_weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
-        super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=True)
+        super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=kept)
         self.counted: Coupling | None = None  # the last one, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
         self._parts: tuple[int, list[WholeTerm], tuple[Array, float]] = (-1, [], (np.zeros(0), 0.0))  # of so many columns of V
-        self.add(rest, modes=True)
-        for shapes in joining[1:]:
-            if shapes.shape[1]:
-                self.add(shapes)
+        del modes, strong, rest  # each goes when it has joined V
+        self.add(joining.pop(0), modes=True)
+        while joining:
+            self.add(joining.pop(0))
         if not self.size:  # nothing is near the region, and any shape shows it
             self.add(self.factor.solve(np.ones((pencil.size, 1)) - self.momenta @ self.free.sum(axis=0)[:, None]))
 
@@ -209,6 +213,16 @@ class Projection(EnergyBasis):
         """g with |xᴴTx| ≤ g xᴴAx for all complex x."""
         return _bound(self.A, term.matrix, self.factor.solve, term.sign)
 
+    def sizes(self, V: Array) -> Array:
+        """‖|V|ᵀ|B||V|‖ of V (n, r), for B = A and each term: times EPS what rounding in the entries of B may do to VᵀBV."""
+        blocks = [V[:, at:at + BLOCK] for at in range(0, V.shape[1], BLOCK)]
+
+        def size(B: Matrix) -> float:
+            images = (times(B, np.abs(block)) for block in blocks)  # one at a time
+            return float(la.norm(np.hstack([np.vstack([np.abs(block).T @ image for block in blocks]) for image in images]), 2))
+
+        return np.array([size(without_signs(self.A.formed())), *(size(without_signs(term.matrix)) for term in self.terms)])
+
     def images_outside(self) -> Array:
         """H (p, h, m), see `images`."""
         return self._varied()[1][0]
@@ -225,9 +239,10 @@ class Projection(EnergyBasis):
     def add(self, new: Array, *, modes: bool = False, unit: bool = False) -> bool:
         """Append directions without the free rigid motion."""
         m, p = self.size, len(self.terms)
-        check_columns("the pencil", len(new), int((p / 2 + 2) * (m + new.shape[1])) + 2 * self.columns)
+        held = (1 + self.kept * p / 2) * (m + new.shape[1])
+        check_columns("the pencil", len(new), int(held) + new.shape[1] + 4 * BLOCK)
         check_room("the count by projection", 8.0 * (3 * p * p + 24) * (m + new.shape[1])**2)  # products, and the eigenproblem
-        return super().add(new - self.free @ (self.momenta.T @ new), modes=modes, unit=unit)
+        return super().add(new - self.free @ (self.momenta.T @ new) if self.free.size else new, modes=modes, unit=unit)
 
     def on(self, choose: Callable[[Array, Array], Contour], rounds: int = 8) -> Count | None:
         """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without.
@@ -270,7 +285,9 @@ class Projection(EnergyBasis):
             if self.size > self.most:
                 self.why += f", and {self.most} shapes are the limit"
                 break
-            if not new or not self.add(np.hstack(new)):
+            columns = np.hstack(new) if new else np.zeros((len(self.V), 0))
+            new.clear()  # half of the memory
+            if not self.add(columns):
                 break
         return None
 

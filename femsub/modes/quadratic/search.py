@@ -254,10 +254,11 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
     return None
 
 
-def projection_over(pencil: Pencil, changes: Sequence[Varied], box: Box, room: float = ROOM) -> Projection:
+def projection_over(pencil: Pencil, changes: Sequence[Varied], box: Box, room: float = ROOM, kept: bool = False) -> Projection:
     """One projection that counts in a rectangle for all values of parameters, which make these changes of a pencil.
 
-    `search` takes it where it is `Projection.changed` for a value, and `pencil` has the units of that value's pencil.
+    `search` takes it where it is `Projection.changed` for a value, and `pencil` has the units of that value's pencil. `kept` is
+    that of `Projection`.
 
     Raises
     ------
@@ -270,7 +271,7 @@ def projection_over(pencil: Pencil, changes: Sequence[Varied], box: Box, room: f
     alike = sparse.alike()
     changes = [change._replace(matrix=sp.csr_array(change.matrix) if alike is sparse else
                                scaled(sp.csr_array(change.matrix), *sparse.units)) for change in changes]
-    return Projection(alike, _around(box, room), min(pencil.size, QUADRATIC), changes)
+    return Projection(alike, _around(box, room), min(pencil.size, QUADRATIC), changes, kept=kept)
 
 
 def count_over(projection: Projection, box: Box, room: float = ROOM) -> Count | None:
