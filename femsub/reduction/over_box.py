@@ -173,7 +173,9 @@ class _Maker:
         train = np.vstack([(lo + hi) / 2, _spread(lo, hi, PLACES * len(names))])
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
         at, errors, columns = 0, np.full(len(places), np.inf), dict(zip(names, train.T, strict=True))
-        model = self.small(nodes, cells)
+        # states take a solution in full at each corner of each cell: of many cells more than they save here
+        soon = len(cells) * (len(corners) + 1) < len(places)
+        model = self.small(nodes, cells, soon)
         for _ in range(NODES * len(names)):
             new, known = self.node(places[at], contour), self.least
             self.learn(model, new)
@@ -181,7 +183,7 @@ class _Maker:
             if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
             nodes = self.enriched([*nodes, new], 1)
-            model = self.small(nodes, cells)
+            model = self.small(nodes, cells, soon)
             errors = np.array([_error(found) for found in model.modes_over(**columns)])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
@@ -189,9 +191,9 @@ class _Maker:
         if errors.max() > box.tol:
             warn(f"the error over the box is estimated as {errors.max():.1e} |λ|, but {box.tol:g} was asked for, on {model.size} "
                  f"shapes from {len(nodes)} values. Take a smaller box", FemsubWarning)
-        return model._with(error=float(errors.max()))
+        return (model if soon else self.listing(model))._with(error=float(errors.max()))
 
-    def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
+    def small(self, nodes: list[Node], cells: list[Cell], listing: bool) -> BoxModel:
         """The model on the vectors of these nodes."""
         projection = self.projection
         columns = []
@@ -211,25 +213,29 @@ class _Maker:
         largest = projection.changed(self.half).terms
         scale = np.array([1.0, *(term.largest(projection.outer.size) or 1.0 for term in largest)])[:, None, None]
         flat = (blocks * scale).transpose(1, 0, 2).reshape(blocks.shape[1], -1)
-        square, mix = la.eigh(flat.T @ flat)
+        _, length, mix = la.svd(flat, full_matrices=False)  # of squares, dashpots of 10⁶ times critical would leave no digits
         allowed = 0.1 / np.fmax(max(float(la.norm(part, axis=0).max(initial=0.0)) for part in columns), EPS)
-        kept = square > max(allowed**2, len(square) * EPS * square[-1])
-        mix = (mix * np.sqrt(np.maximum(square, 0.0))).reshape(len(scale), d, -1) / scale
-        lost = np.array([la.norm(part @ part.T, 2) ** 0.5 for part in mix[..., ~kept]])
+        kept = length > max(allowed, len(length) * EPS * length[0])
+        mix = (mix.T * length).reshape(len(scale), d, -1) / scale
+        lost = np.array([la.norm(part, 2) for part in mix[..., ~kept]]) if not kept.all() else np.zeros(len(scale))
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
         size = np.abs(projection.V @ W)
         matrices = projection.A.formed(), *(term.matrix for term in projection.terms)
-        rounding = [la.norm(size.T @ (abs(A) @ size), 2) for A in matrices]
+        rounding = [size.T @ (abs(A) @ size) for A in matrices]
         radii = Radii(mix[..., kept], lost, signs, places, base, np.array(rounding), self.least)
         V = self.unit[:, None] * np.hstack([projection.free, projection.V @ W])
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))
         model = BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,
                          values=np.array([list(node.values.values()) for node in nodes]))
-        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in cells),
-                           cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
+        model = model._with(cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
+        return self.listing(model) if listing else model
+
+    def listing(self, model: BoxModel) -> BoxModel:
+        """The same with states of each cell, where there are fewer of them."""
+        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in model.cells))
 
     def states(self, model: BoxModel, cell: Cell) -> States | None:
         """The states of the model at the corners and in the middle of a cell, if they are fewer than three quarters of all."""
