@@ -194,7 +194,7 @@ class Radii:
         terms, d, r = self.images.shape
         adjoint = weights * np.append(1.0, self.signs)[:, None]
         sides = [(own.T @ self.images.reshape(terms, d * r)).reshape(3 * d, r) for own in (weights, adjoint)]
-        return RadiiAt(self, weights, *sides)
+        return RadiiAt(self, weights, *sides, np.tensordot(np.abs(weights.T), self.rounding, 1))
 
     @staticmethod
     def circles(values: Array, size: Array) -> Array:
@@ -221,18 +221,20 @@ class Radii:
 
 
 class RadiiAt(NamedTuple):
-    """`Radii` at some θ: images by the parts of P = Σ s^k P_k and of its adjoint, (3d, r)."""
+    """`Radii` at some θ: images by the parts of P = Σ s^k P_k and of its adjoint, (3d, r), and their rounding, (3, d, d)."""
 
     radii: Radii
     weights: Array
     right: Array
     left: Array
+    rounding: Array
 
     def __call__(self, values: Array, x: Array, z: Array) -> Array:
         """The radius of each λ alone, with its x and z of |zᴴP'(λ)x| = 1, (k,)."""
         size, own = 1 / self.radii.least, np.abs(self.weights @ values ** np.arange(3)[:, None])
         # by entries: norms of dashpots, 10⁶ times critical, would be above the tolerance; 16 roundings were too few
-        rounding = 64 * EPS * np.einsum("pk,pik,ik->k", own, self.radii.rounding @ np.abs(x), np.abs(z))
+        moved = np.einsum("ji,jki->ik", np.abs(values) ** np.arange(3)[:, None], self.rounding @ np.abs(x))
+        rounding = 64 * EPS * np.einsum("ik,ki->i", moved, np.abs(z))
         for images, s, part in ((self.right, values, x), (self.left, values.conj(), z)):
             columns = np.concatenate([part, part * s, part * s * s])
             image = np.vstack([columns.real.T, columns.imag.T]) @ images  # real times complex
