@@ -218,6 +218,21 @@ def test_a_box_may_end_beside_the_axis(seed):
     assert near.fixed(mu=0.5).box.re == (-0.03, 0.5)
 
 
+def test_radii_beside_dashpots_of_a_million_times_critical():
+    """Squares of their images, and norms of their rounding, would leave few digits for modes in which they stand still."""
+    n, band = 16, (0.0, 0.7)
+    K, strong = fs.chain(n).K, np.zeros(n)
+    strong[[3, 11]] = 2e6
+    full = fs.Affine(sp.eye_array(n), [(1.0, 1e-3 * K), (1.0, sp.diags_array(strong))],
+                     [(1.0, K), ("k", sp.diags_array(np.linspace(0.0, 0.1, n)))])
+    small = fs.reduce(full, fs.ParameterBox({"k": (0.0, 1.0)}, band))
+    assert small.evidence == "certified"
+    found, exact = small.modes(k=0.4), fs.complex_modes(full.at(k=0.4), band=band)
+    assert len(found) == len(exact) > 3 and (found.error_bar < 1e-4 * np.abs(found.eigenvalues)).all()
+    apart = np.abs(found.eigenvalues[:, None] - exact.eigenvalues) - exact.error_bar
+    assert (apart.min(axis=1) <= found.error_bar).all()
+
+
 def test_many_values_are_those_one_by_one():
     small, mu = reduced_family(0), np.linspace(0.0, 1.0, 7)
     many = small.modes_over(mu=mu, speed=1.5)

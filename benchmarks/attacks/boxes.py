@@ -10,15 +10,14 @@ At each value the λ of the full model in the band lie within the radius of some
 its radius of one of the full model. Re λ lies within its bounds. Verdicts of stability and the count in the cell's contour are
 those of the full model. Along a line through the box every loss and regain is found, and none beside them. λ beside an edge
 count on neither side. Values that contradict a radius are solved again by Newton's method. Where only the count is false and not
-proved, the outcome is 'confirmed, but'. 'within more than tol': a radius exceeds ten times what was asked. The text of an
-outcome has the seconds, the sizes, and the largest error over its radius.
+proved, the outcome is 'confirmed, but'. 'within more than tol': a radius exceeds ten times what was asked.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -52,20 +51,22 @@ def boxes(kind: str, rng: Random) -> str:
     except fs.FemsubError as error:
         return f"refused: {type(error).__name__}: {error}"
     seconds = time.perf_counter() - start
-    # dense solutions at corners, at random values and along a line: fewer of larger models, as each takes n³
-    count = int(np.clip(2e8 / full.size**3, 6, 40))
-    points = corners(ranges) + [at_random(ranges, rng) for _ in range(count)]
+    # dense solutions at corners, at random values and on a line: fewer of larger models, as each takes n³
+    count = int(np.clip(6e7 / full.size**3, 3, 24))
+    points = [{key: float(rng.uniform(*ends)) for key, ends in ranges.items()} for _ in range(max(2, count // 2))]
+    name, ends, exact = str(rng.choice(list(ranges))), corners(ranges), list[Array]()
+    line = [{**points[-1], name: float(value)} for value in np.linspace(*ranges[name], count + 2)]
+    points += [ends[i] for i in rng.permutation(len(ends))[:4 if full.size > 200 else 8]] + line
     faults, doubts, worst = list[str](), list[str](), np.zeros(2)
     for point in points:
-        found, counts, reached = judged(full, small, point)
-        proved = any(cell.evidence == "certified" for cell in cells(small, point))
+        exact.append(spectrum(full, point))
+        found, counts, reached = judged(full, small, point, exact[-1])
+        proved = any(cell.evidence == "certified" for cell in small.cells if cell.holds(point))
         faults, doubts, worst = faults + found + counts * proved, doubts + counts * (not proved), np.maximum(worst, reached)
-    # bisection of all crossings takes minutes of larger models
-    found, losses = along(full, small, str(rng.choice(list(ranges))), points[-1], count) if full.size <= 120 else (list[str](), 0)
-    faults += found
+    found, losses = along(full, small, name, line, exact[-len(line):])
     text = (f"made in {seconds:.2f} s, {small.size} of {full.size} DOF, {len(small.cells)} cells, {100 * small.open_share:.3g} % "
             f"open, error/radius {worst[0]:.2g}, radius/tol {worst[1] / box.tol:.2g}, {losses} crossings")
-    if faults:
+    if faults := faults + found:
         return f"wrong: {'; '.join(faults[:3])}: {small.evidence}, {text}"
     word = small.evidence + ", within more than tol" * bool(worst[1] > 10 * box.tol)
     return f"{word}, but: {'; '.join(doubts[:3])}: {text}" if doubts else f"{word}: {text}"
@@ -144,16 +145,12 @@ def corners(ranges: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]
     return [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
 
 
-def at_random(ranges: Mapping[str, tuple[float, float]], rng: Random) -> dict[str, float]:
-    return {name: float(rng.uniform(*ends)) for name, ends in ranges.items()}
-
-
-def judged(full: fs.Affine, small: Any, point: dict[str, float]) -> tuple[list[str], list[str], Array]:
+def judged(full: fs.Affine, small: Any, point: dict[str, float], exact: Array) -> tuple[list[str], list[str], Array]:
     """What is wrong at a value with λ, growth and verdicts, and with the count; the largest error over its radius, and radius
     over |λ|.
     """
     pencil, modes, (a, b, lo, hi) = full.at(**point), small.modes(**point), small.box.region
-    exact, found, radius = spectrum(full, point), modes.eigenvalues, modes.error_bar
+    found, radius = modes.eigenvalues, modes.error_bar
     told, counts, ratio = list[str](), list[str](), 0.0
     where = ", ".join(f"{name} = {value:.9g}" for name, value in point.items())
 
@@ -181,8 +178,8 @@ def judged(full: fs.Affine, small: Any, point: dict[str, float]) -> tuple[list[s
         better, bar = newton(pencil, better)
     if contradicts(modes.is_stable, better, bar):
         told.append(f"{'stable' if modes.is_stable else 'unstable'} with {better:.9g} at {where}")
-    for cell in cells(small, point):
-        if cell.number is not None:
+    for cell in small.cells:
+        if cell.number is not None and cell.holds(point):
             least, most = (int(np.count_nonzero(cell.contour.encloses(exact * (1 + side * BESIDE)))) for side in (1, -1))
             if not least <= cell.number <= most:
                 counts.append(f"{least} in the contour, but {cell.number} ({cell.evidence}) at {where}")
@@ -192,11 +189,6 @@ def judged(full: fs.Affine, small: Any, point: dict[str, float]) -> tuple[list[s
 def contradicts(stable: bool | None, value: complex, bar: float) -> bool:
     """Whether λ surely lies on the other side of the axis than a verdict says."""
     return stable is not None and (value.real > bar if stable else value.real < -bar)
-
-
-def cells(small: Any, point: dict[str, float]) -> list[Any]:
-    """Those that hold a value."""
-    return [cell for cell in small.cells if all(a <= point[name] <= b for name, (a, b) in cell.ranges.items())]
 
 
 def spectrum(full: fs.Affine, point: Mapping[str, float]) -> Array:
@@ -219,29 +211,37 @@ def newton(pencil: fs.Pencil, value: complex) -> tuple[complex, float]:
     return complex(value), bar
 
 
-def along(full: fs.Affine, small: Any, name: str, point: dict[str, float], count: int) -> tuple[list[str], int]:
-    """What is wrong with losses and regains along a line through a value, and how many there are in the band."""
-    others, (begin, end), (lo, hi) = {key: point[key] for key in point if key != name}, small.box.ranges[name], small.box.band
+def along(full: fs.Affine, small: Any, name: str, line: list[dict[str, float]], spectra: list[Array]) -> tuple[list[str], int]:
+    """What is wrong with losses and regains along a line, and how many there are. Each is looked at, and between two points of
+    the line all are found by bisection if they do not add up to how many more grow by the `spectra`.
+    """
+    others, (begin, end), (lo, hi) = {key: line[0][key] for key in line[0] if key != name}, small.box.ranges[name], small.box.band
     found = fs.critical_value(small.fixed(**others), None, name, between=(begin, end), band=(lo, hi))
-    every, span = (*found.losses, *found.regains), end - begin
+    shortest, shift, told = SHORTEST * (end - begin), ROUNDING * hi, list[str]()
+    every = [(one, sign * (1 + (one.omega > 0))) for sign, several in ((1, found.losses), (-1, found.regains)) for one in several]
+
+    def growing(exact: Array) -> Array:
+        return exact[(np.abs(exact.imag) >= lo) & (np.abs(exact.imag) <= hi) & (exact.real > shift)]
 
     def near(omega: float, p: float) -> tuple[complex, float]:
         """λ of the full model next to iω, and the radius of that of the small one."""
-        exact, modes = spectrum(full, {**point, name: p}), small.modes(**{**point, name: p})
+        exact, modes = spectrum(full, {**others, name: p}), small.modes(**{**others, name: p})
         found, size = np.append(modes.eigenvalues, np.inf), np.append(modes.error_bar, 0.0)
         return complex(exact[np.argmin(np.abs(exact - 1j * omega))]), float(size[np.argmin(np.abs(found - 1j * omega))])
 
-    exact = [(p, omega) for p, omega in crossed(lambda p: spectrum(full, {**point, name: p}), np.linspace(begin, end, count),
-                                                SHORTEST * span) if lo + BESIDE * hi < omega < hi * (1 - BESIDE)]
-    told = list[str]()
-    for one in every:
+    for one, _ in every:
         value, size = near(one.omega, one.value)
         told += [f"{one!r} is none at {others}"] * (not abs(value - 1j * one.omega) <= size + BESIDE * hi)
-    for p, omega in exact if found.evidence != "not checked" else ():
-        a, b = max(begin, p - 10 * SHORTEST * span), min(end, p + 10 * SHORTEST * span)
-        slope = abs(near(omega, b)[0].real - near(omega, a)[0].real) / (b - a)
-        room = 2 * SHORTEST * span + 2 * near(omega, p)[1] / max(slope, EPS)
-        if not any(abs(one.value - p) <= room + one.width and abs(one.omega - omega) <= 1e-3 * hi for one in every) and \
-                not any(a - room <= p <= b + room for a, b in found.open):
-            told.append(f"the crossing at {name} = {p:.9g}, ω = {omega:.6g} is missing at {others}")
-    return told, len(exact)
+    for i, (before, after) in enumerate(pairwise(spectra)):
+        a, b = line[i][name], line[i + 1][name]
+        more = len(growing(after)) - len(growing(before)) - sum(step for one, step in every if a < one.value <= b)
+        grid = np.array([a, b] if more else [])
+        for p, omega in crossed(lambda p: growing(spectrum(full, {**others, name: p})), grid, shortest):
+            a, b = max(begin, p - 10 * shortest), min(end, p + 10 * shortest)
+            ends = near(omega, a)[0].real, near(omega, b)[0].real  # of what comes into the band both grow
+            room = 2 * shortest + 2 * (near(omega, p)[1] + shift) / max(abs(ends[1] - ends[0]) / (b - a), EPS)
+            known = any(abs(one.value - p) <= room + one.width and abs(one.omega - omega) <= 1e-3 * hi for one, _ in every)
+            if not (known or found.evidence == "not checked" or any(a - room <= p <= b + room for a, b in found.open)) and \
+                    lo + BESIDE * hi < omega < hi * (1 - BESIDE) and min(ends) <= shift:
+                told.append(f"the crossing at {name} = {p:.9g}, ω = {omega:.6g} is missing at {others}")
+    return told, len(every)

@@ -24,7 +24,7 @@ from mpmath import mp
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
-from benchmarks.attacks.boxes import KINDS, at_random, family
+from benchmarks.attacks.boxes import KINDS, family
 from benchmarks.attacks.common import (
     Random,
     attack,
@@ -192,7 +192,7 @@ def lossy_eigenvalues(pencil: fs.Pencil, H: Array, by_lapack: bool) -> Array:
 def counts(kind: str, rng: Random) -> str:
     """The evidence, or what is wrong."""
     full, ranges, (_, hi) = family(kind, rng)
-    pencil = full.at(**at_random(ranges, rng))
+    pencil = full.at(**{name: float(rng.uniform(*ends)) for name, ends in ranges.items()})
     every = fs.complex_modes(pencil.dense()).eigenvalues
     try:
         if rng.random() < 0.6:

@@ -208,7 +208,9 @@ class _Maker:
         train = np.vstack([(lo + hi) / 2, _spread(lo, hi, PLACES * len(names))]) if names else np.zeros((1, 0))
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
         at, errors = 0, np.full(len(places), np.inf)
-        model = self.small(nodes, cells)
+        # states take a solution in full at each corner of each cell: of many cells more than they save here
+        soon = len(cells) * (len(corners) + 1) < len(places)
+        model = self.small(nodes, cells, soon)
         for _ in range(NODES * max(len(names), 1)):
             new, known = self.node(places[at], contour), self.least
             self.learn(model, new)
@@ -217,16 +219,17 @@ class _Maker:
                 break
             del model  # before the next one takes memory
             nodes = self.enriched([*(nodes if names else []), new], 1)
-            model = self.small(nodes, cells)
+            model = self.small(nodes, cells, soon)
             found = model.modes_over(**dict(zip(names, train.T, strict=True))) if names else [model.modes()]
             before, errors = errors, np.array([self.error(one) for one in found])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
-        return model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
+        model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
+        return model if soon else self.listing(model)
 
-    def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
+    def small(self, nodes: list[Node], cells: list[Cell], listing: bool) -> BoxModel:
         """The model on the vectors of these nodes."""
         projection = self.projection
         columns = []
@@ -254,11 +257,11 @@ class _Maker:
         largest = projection.changed(np.abs(self.centre) + self.half).terms
         scale = np.array([1.0, *(term.largest(projection.outer.size) or 1.0 for term in largest)])[:, None, None]
         flat = (blocks * scale).transpose(1, 0, 2).reshape(blocks.shape[1], -1)
-        square, mix = la.eigh(flat.T @ flat)
+        _, length, mix = la.svd(flat, full_matrices=False)  # of squares, dashpots of 10⁶ times critical would leave no digits
         allowed = 0.1 / np.fmax(max(float(la.norm(part, axis=0).max(initial=0.0)) for part in columns), EPS)
-        kept = square > max(allowed**2, len(square) * EPS * square[-1])
-        mix = (mix * np.sqrt(np.maximum(square, 0.0))).reshape(len(scale), d, -1) / scale
-        lost = np.array([la.norm(part @ part.T, 2) ** 0.5 for part in mix[..., ~kept]])
+        kept = length > max(allowed, len(length) * EPS * length[0])
+        mix = (mix.T * length).reshape(len(scale), d, -1) / scale
+        lost = np.array([la.norm(part, 2) for part in mix[..., ~kept]]) if not kept.all() else np.zeros(len(scale))
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
@@ -270,8 +273,12 @@ class _Maker:
         model = BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,
                          values=np.array([list(node.values.values()) for node in nodes]))
-        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in cells),
-                           cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
+        model = model._with(cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
+        return self.listing(model) if listing else model
+
+    def listing(self, model: BoxModel) -> BoxModel:
+        """The same with states of each cell, where there are fewer of them."""
+        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in model.cells))
 
     def states(self, model: BoxModel, cell: Cell) -> States | None:
         """The states of the model at the corners and in the middle of a cell, if they are fewer than three quarters of all."""

@@ -27,7 +27,7 @@ from femsub.checks import (
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
-from femsub.reduction.states import States, listed
+from femsub.reduction.states import States, listed, settled
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -179,7 +179,7 @@ class Radii:
     signs: Array
     places: Array  #: of each term: the change that it follows, or -1
     base: Array  #: (p, 3): weights c_0, c_1, c_2
-    rounding: Array  #: (p + 1,): ‖|V|ᵀ|A||V|‖ and those of the terms; times EPS what rounding of their entries may do
+    rounding: Array  #: (p + 1, d, d): |V|ᵀ|A||V| and those of the terms; times EPS what rounding of their entries may do
     least: float  #: c
 
     def weights(self, theta: Array) -> Array:
@@ -192,8 +192,8 @@ class Radii:
         weights = self.weights(theta)
         terms, d, r = self.images.shape
         adjoint = weights * np.append(1.0, self.signs)[:, None]
-        sides = [(own.T @ self.images.reshape(terms, d * r)).reshape(3 * d, r) for own in (weights, adjoint)]
-        return RadiiAt(self, weights, *sides)
+        right, left = ((own.T @ self.images.reshape(terms, d * r)).reshape(3 * d, r) for own in (weights, adjoint))
+        return RadiiAt(self, weights, right, left, np.tensordot(np.abs(weights.T), self.rounding, 1))
 
     @staticmethod
     def circles(values: Array, size: Array) -> Array:
@@ -220,23 +220,26 @@ class Radii:
 
 
 class RadiiAt(NamedTuple):
-    """`Radii` at some θ: images by the parts of P = Σ s^k P_k and of its adjoint, (3d, r)."""
+    """`Radii` at some θ: images by the parts of P = Σ s^k P_k and of its adjoint, (3d, r), and their rounding, (3, d, d)."""
 
     radii: Radii
     weights: Array
     right: Array
     left: Array
+    rounding: Array
 
     def __call__(self, values: Array, x: Array, z: Array) -> Array:
         """The radius of each λ alone, with its x and z of |zᴴP'(λ)x| = 1, (k,)."""
         size, own = 1 / self.radii.least, np.abs(self.weights @ values ** np.arange(3)[:, None])
-        rounding = 64 * EPS * self.radii.rounding @ own  # dashpots, 10⁶ times critical, moved λ by more than 16 roundings
+        # by entries: norms of dashpots, 10⁶ times critical, would be above the tolerance; 16 roundings were too few
+        moved = np.einsum("ji,jki->ik", np.abs(values) ** np.arange(3)[:, None], self.rounding @ np.abs(x))
+        rounding = 64 * EPS * np.einsum("ik,ki->i", moved, np.abs(z))
         for images, s, part in ((self.right, values, x), (self.left, values.conj(), z)):
             columns = np.concatenate([part, part * s, part * s * s])
             image = np.vstack([columns.real.T, columns.imag.T]) @ images  # real times complex
             square = np.einsum("ka,ka->k", image, image).reshape(2, -1).sum(axis=0)
             length = np.linalg.norm(part, axis=0)
-            size, rounding = size * (np.sqrt(square) + self.radii.lost @ own * length), rounding * length
+            size = size * (np.sqrt(square) + self.radii.lost @ own * length)
         return np.asarray(size + rounding)
 
 
@@ -364,7 +367,7 @@ class BoxModel(Affine):
         if found is None:
             lam, x, z = self.every(pencil)
             near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
-            lam, x, z = lam[near], x[:, near], z[:, near]
+            lam, x, z = settled(self.moving(pencil), lam[near], x[:, near], z[:, near])
             found = lam, x, z, sizes(lam, x, z)
         order = np.argsort(found[0].imag, kind="stable")
         lam, x, z, size = (part[..., order] for part in found)

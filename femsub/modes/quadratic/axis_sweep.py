@@ -103,7 +103,8 @@ class AxisSweep:
         self.each = [np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) for own in small.both_products]
         # independent errors in the entries of a matrix are a √m-th of their sizes in its norm
         m = projection.size
-        self.rounding = 4 * EPS * m**-0.5 * float(np.append(1.0, largest) @ projection.sizes(projection.V))
+        self.rounding = 4 * EPS * m**-0.5 * float(np.append(1.0, largest) @ [
+            la.norm(one, 2) for one in projection.sizes(projection.V)])
         self.matrices, self.A = projection.matrices, parts @ self.B
         self.rounding += 4 * EPS * float(
             projection.outer.size ** np.arange(3) @ [la.norm(np.abs(part), 2) for part in self.matrices])

@@ -103,7 +103,8 @@ class PlaneSweep:
         self.gram = [{(i, j): (several[i].T @ several[j]).astype(np.float32) for i in several for j in several}
                      for several in (self.R, self.L)]
         self.left_out = root * lost
-        self.rounding = 8 * EPS * m**-0.5 * float(np.append(1.0, sizes) @ projection.sizes(projection.V))
+        self.rounding = 8 * EPS * m**-0.5 * float(np.append(1.0, sizes) @ [
+            la.norm(one, 2) for one in projection.sizes(projection.V)])
         self.rounding += 8 * EPS * sum(size**a * most**b * float(la.norm(np.abs(A), 2)) for (a, b), A in self.P.items())
         # |Aᵀ| and |A| of all coefficients of second order
         self.moduli: dict[tuple[int, int], tuple[Array, Array]] = {}

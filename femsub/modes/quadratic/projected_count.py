@@ -214,12 +214,12 @@ class Projection(EnergyBasis):
         return _bound(self.A, term.matrix, self.factor.solve, term.sign)
 
     def sizes(self, V: Array) -> Array:
-        """‖|V|ᵀ|B||V|‖ of V (n, r), for B = A and each term: times EPS what rounding in the entries of B may do to VᵀBV."""
+        """|V|ᵀ|B||V| (p + 1, r, r) of V (n, r) for B = A and each term: times EPS what rounding of B's entries may do to VᵀBV."""
         blocks = [V[:, at:at + BLOCK] for at in range(0, V.shape[1], BLOCK)]
 
-        def size(B: Matrix) -> float:
+        def size(B: Matrix) -> Array:
             images = (times(B, np.abs(block)) for block in blocks)  # one at a time
-            return float(la.norm(np.hstack([np.vstack([np.abs(block).T @ image for block in blocks]) for image in images]), 2))
+            return np.hstack([np.vstack([np.abs(block).T @ image for block in blocks]) for image in images])
 
         return np.array([size(without_signs(self.A.formed())), *(size(without_signs(term.matrix)) for term in self.terms)])
 
