@@ -26,10 +26,7 @@ from .quadratic.dense import (
 )
 from .quadratic.energy_basis import (
     Coupling as Coupling,
-    EnergyBasis as EnergyBasis,
-    Term as Term,
     eigenpairs as eigenpairs,
-    terms_of as terms_of,
 )
 from .quadratic.matching import (
     NEAR as NEAR,

@@ -20,12 +20,13 @@ from femsub.reduction.estimates.search import Goal
 from femsub.reduction.over_box import at_one_value, real_parts
 from femsub.reduction.parameter_box import ParameterBox
 
-FINER = 1e-3  # of the tolerance: that of the model with which the small one is compared
-FIRST = 8.0  # times the tolerance: the share of a direction from which on it is in the first basis tried
 
-
-def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str) -> tuple[Array, Estimate]:
+def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str, finer: float = 1e-3,
+                   first: float = 8.0) -> tuple[Array, Estimate]:
     """V (n, r), whose span holds shapes (n, k), and the error of each λ of VᵀP(s)V in a band; P has no parameters.
+
+    The model with which that of V is compared has the tolerance times `finer`. The first V that is tried has the directions whose
+    shares of the residual that is allowed exceed `first`.
 
     Raises
     ------
@@ -33,7 +34,7 @@ def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str) -> tupl
         The eigenvalues in the band cannot be counted, or rounding does not let the tolerance be met.
     """
     (lo, hi), tol = goal.band, goal.tol
-    model, fixed = at_one_value(family, ParameterBox({}, goal.band, tol * FINER), shapes)
+    model, fixed = at_one_value(family, ParameterBox({}, goal.band, tol * finer), shapes)
     cell, = model.cells
     if cell.number is None or cell.contour is None:
         raise NotConvergedError(f"{name}: the eigenvalues of the full system up to {hi:.5g} rad/time cannot be counted: "
@@ -49,7 +50,7 @@ def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str) -> tupl
     both = np.append(np.arange(len(exact)), np.flatnonzero((exact.imag > 0) & upper(exact.conj())))  # two real ones, by rounding
     exact, radius = np.where(np.arange(len(both)) < len(exact), exact[both], exact[both].conj()), radius[both]
     wanted = distance_outside(exact, goal.band, (-hi, hi)) <= radius  # λ of the full system may be in the band
-    count = max(int(np.count_nonzero(weight > FIRST)), int(not fixed))
+    count = max(int(np.count_nonzero(weight > first)), int(not fixed))
     while True:
         T = la.block_diag(np.eye(fixed), U[:, :count])
         found = solve(Pencil(*(T.T @ part @ T for part in (larger.M, larger.D, larger.K))))[0]

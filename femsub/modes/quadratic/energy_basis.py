@@ -12,12 +12,11 @@ P_U, P_UL, P_LU and P_L. Norms on L are those of A and A⁻¹. If for all s in a
 
 then ‖P_L⁻¹‖ ≤ 1/c, and P(s) is singular only if P_U - P_UL P_L⁻¹ P_LU is. So
 
-    ‖P_LU P_U⁻¹ P_UL‖ < c                                               (`Coupling.margin`, `Coupling.excludes`)
+    ‖P_LU P_U⁻¹ P_UL‖ < c                                               (`Coupling.margin`)
 
 excludes s. If that holds on a closed curve in the region, P has as many eigenvalues inside as P_U = VᵀPV: none crosses the curve
-while the coupling grows from 0 to its value (Rouché), and L alone has none. On a circle about an eigenvalue of P_U this gives an
-eigenvalue of P that is not farther away. c follows from a range of xᴴT_ix / xᴴAx in L for each term. Where all ranges are proved,
-so are the count and the circle; where some are sampled, c is called so (`EnergyBasis.sampled`).
+while the coupling grows from 0 to its value (Rouché), and L alone has none. c follows from a range of xᴴT_ix / xᴴAx in L for each
+term. Where all ranges are proved, so is the count.
 
 With P_U⁻¹ = Σ_k x_k z_kᴴ / (λ_k - s), the norm is at most Σ_k ‖P_LU x_k‖ ‖z_kᴴP_UL‖ / |λ_k - s|. Lengths of images in L
 follow from the Gram matrix of all A⁻¹T_iV outside V, which is small.
@@ -64,10 +63,8 @@ class Term:
     weights: Weights
     sign: float = 1.0  #: Tᵀ = sign T
     range: tuple[float, float] = (-np.inf, np.inf)
-    sampled: bool = False  #: whether the range is an estimate
     modal: bool = False  #: whether A⁻¹T maps the modes of `EnergyBasis.add` into the basis, as a proportional damping does
     spanned: bool = False  #: whether A⁻¹T maps into the basis, as that of few columns that have joined it; its range is 0 then
-    rounding: float = 0.0  #: images with smaller lengths, relative to |T||x|, are rounding and set to 0
 
     @cached_property
     def rows(self) -> Array | slice:
@@ -82,11 +79,7 @@ class Term:
 
     def image(self, x: Array) -> Array:
         """Tx in these rows."""
-        found = times(self.acting, x)
-        if self.rounding:
-            least = self.rounding * np.linalg.norm(abs(self.acting) @ abs(x), axis=0)
-            found[:, np.linalg.norm(found, axis=0) <= least] = 0.0
-        return found
+        return times(self.acting, x)
 
     def weight(self, s: Array) -> Array:
         """w(s)."""
@@ -115,10 +108,9 @@ class Term:
         return min(w * share if w else 0.0 for w in real for share in self.range)
 
 
-def terms_of(matrix: Matrix, weights: Weights, *, sampled: bool = False, rounding: float = 0.0) -> list[Term]:
+def terms_of(matrix: Matrix, weights: Weights) -> list[Term]:
     """The symmetric and the skew half of a matrix, as far as they are not 0."""
-    return [Term(half, weights, sign, sampled=sampled, rounding=rounding)
-            for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True) if abs(half).max()]
+    return [Term(half, weights, sign) for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True) if abs(half).max()]
 
 
 class EnergyBasis:
@@ -131,8 +123,6 @@ class EnergyBasis:
     terms : sequence of Term
     size : int
         n.
-    deflate : callable, optional
-        Loads B without a part whose A⁻¹B is known to lie in V, and would be so large that rounding of it is not small.
     kept : bool
         Whether A⁻¹T_iV outside V is kept in single precision, up to p/2 times the size of V. Then `residuals` need no solve.
 
@@ -146,8 +136,8 @@ class EnergyBasis:
     """
 
     def __init__(self, product: Callable[[Array], Array], solve: Callable[[Array], Array], terms: Sequence[Term], size: int,
-                 deflate: Callable[[Array], Array] | None = None, kept: bool = False) -> None:
-        self.deflate, self.kept = deflate, kept
+                 kept: bool = False) -> None:
+        self.kept = kept
         self._outside: list[tuple[int, slice, float, Array]] = []  # of a term: the columns of V, a unit, A⁻¹T times these by it
         self._seen = np.zeros(0, dtype=int)  # columns that V had when these were made: outside of those
         self.product, self.solve, self.terms = product, solve, list(terms)
@@ -228,9 +218,6 @@ class EnergyBasis:
             for turn, i in enumerate(sought):
                 B[self.terms[i].rows, turn * k:(turn + 1) * k] = self.terms[i].image(self.V[:, at])
             within = np.hstack([np.zeros((m, 0)), *(self.inside[j][:, at] for j in sought)])
-            if self.deflate is not None:
-                B = self.deflate(B)
-                within = self.V.T @ B
             images = self.solve(B) if sought else B
             del B
             images = images - self.V @ within
@@ -269,11 +256,6 @@ class EnergyBasis:
     def coercivity(self, re: tuple[float, float], top: float) -> float:
         """c with Re xᴴP(s)x ≥ c xᴴAx for all x outside V, Re s in `re`, which holds 0, and |Im s| ≤ top."""
         return 1 + sum(term.least(re, top) for term in self.terms)
-
-    @property
-    def sampled(self) -> bool:
-        """Whether a term's range, and so c, is an estimate."""
-        return any(term.sampled for term in self.terms)
 
     @property
     def matrices(self) -> Array:
@@ -406,26 +388,6 @@ class Coupling:
     def both_products(self) -> tuple[Array, Array]:
         """`_products` of all right and all left vectors."""
         return self._products(self.x), self._products(self.z)
-
-    def lengths(self, s: complex) -> tuple[Array, Array]:
-        """‖P_LU x_k‖ and ‖z_kᴴP_UL‖ at s, of all eigenvectors, (2m,) each."""
-        right, left = self._lengths(np.array([s]), np.zeros((1, 1)), self.both_products)
-        return right[0], left[0]
-
-    def excludes(self, s: complex, limit: float, thorough: bool = True) -> bool:
-        """Whether ‖P_LU P_U⁻¹ P_UL‖ < limit at s: then it is no eigenvalue, where the limit is at most c.
-
-        By the sum over eigenpairs and the triangle's inequality, which takes no solution. Where that is too much, since
-        eigenvalues meet, by the Frobenius norm, if it is to be `thorough`. So, too, where the sum is not the inverse: of a double
-        eigenvalue whose left and right vectors do not belong together.
-        """
-        if self.wrong < RIGHT and self._shares(np.array([s]), np.zeros(1), slice(None), self.both_products).sum() < limit:
-            return True
-        if not thorough:
-            return False
-        right, left = self.basis.products(s)
-        inverse = np.linalg.inv(np.tensordot([1.0, s, s * s], self.basis.matrices, 1))
-        return bool(np.einsum("ij,ji->", inverse.conj().T @ right, inverse @ left).real < limit**2)
 
     def margin(self, contour: Contour, c: float) -> tuple[float, list[Array]]:
         """‖P_LU P_U⁻¹ P_UL‖ / c, bounded on pieces that cover the contour; and directions that lower it if it is not safe.
