@@ -89,5 +89,6 @@ from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track
 from .studies.audit import Audit as Audit, audit as audit
 from .studies.error_vs_time import study as study
+from .studies.participation import EffectiveMasses as EffectiveMasses, effective_masses as effective_masses
 from .studies.results import Study as Study
 from .studies.self_excitation import SelfExcitation as SelfExcitation, self_excitation as self_excitation

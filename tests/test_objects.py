@@ -55,6 +55,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Material": lambda: fs.Material(2.1e11, 0.3, 7850.0),
     "Mesh": lambda: fs.rectangle((1.0, 1.0), (2, 2)),
     "ModeSet": lambda: fs.ModeSet([1j, -0.1 + 2j], np.eye(3)[:, :2], made("DofMap"), ["a note"]),
+    "EffectiveMasses": lambda: fs.effective_masses(full(), fs.normal_modes(full(), count=3), directions={"x": np.ones(6)}),
     "NormalModes": lambda: fs.normal_modes(full(), count=3),
     "Pencil": lambda: full().linearised(BELT),
     "ParameterBox": lambda: fs.ParameterBox({"slope": (-0.1, 0.0)}, (0.0, 0.5), tol=1e-3),

@@ -36,6 +36,7 @@ from .families import (
     coefficients as coefficients,
     family_of as family_of,
 )
+from .inertia import Inertia as Inertia, Supported as Supported
 from .intervals import Interval as Interval
 from .origin import Origin as Origin
 from .pencil import (

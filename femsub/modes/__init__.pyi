@@ -13,6 +13,7 @@ from .quadratic.axis_sweep import AxisSweep as AxisSweep, Line as Line, Met as M
 from .quadratic.complex_modes import (
     ComplexModes as ComplexModes,
     beside_the_full as beside_the_full,
+    complex_modes as complex_modes,
     modes_over as modes_over,
     with_bars as with_bars,
 )
