@@ -25,7 +25,7 @@ from .contact import (
     small_matrices as small_matrices,
 )
 from .digits import rounding_of as rounding_of
-from .dof_map import LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
+from .dof_map import AXES as AXES, LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, Estimate as Estimate
 from .families import (
     COLUMNS_ALONE as COLUMNS_ALONE,
@@ -57,6 +57,7 @@ from .rigid_motion import (
     Touched as Touched,
     annihilates_a_translation as annihilates_a_translation,
     bare as bare,
+    by_places as by_places,
     changed as changed,
     coordinates as coordinates,
     costs as costs,
