@@ -56,6 +56,8 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Mesh": lambda: fs.rectangle((1.0, 1.0), (2, 2)),
     "ModeSet": lambda: fs.ModeSet([1j, -0.1 + 2j], np.eye(3)[:, :2], made("DofMap"), ["a note"]),
     "EffectiveMasses": lambda: fs.effective_masses(full(), fs.normal_modes(full(), count=3), directions={"x": np.ones(6)}),
+    "ModeCard": lambda: fs.mode_cards(full(), BELT, fs.complex_modes(full(), BELT))[0],
+    "ModeName": lambda: fs.mode_names(full(), fs.normal_modes(full(), count=1))[0],
     "NormalModes": lambda: fs.normal_modes(full(), count=3),
     "Pencil": lambda: full().linearised(BELT),
     "ParameterBox": lambda: fs.ParameterBox({"slope": (-0.1, 0.0)}, (0.0, 0.5), tol=1e-3),

@@ -127,11 +127,12 @@ def mode_names(model: Substructure, modes: NormalModes | ComplexModes, *, full: 
                ) -> tuple[ModeName, ...]:
     """Names of modes (n, k) by their shapes: the part that moves, and what it does.
 
-    A disc is a body of revolution that is not longer than wide, also with a hat, and with pads attached to it. u(r, θ, z) is
-    expanded in cos nθ and sin nθ about its axis, and the n with most of the motion is the number of nodal diameters. Nodal circles
-    are the changes of sign of that part of u along the radius, in the plane of the rim. A beam is more than three times as long
-    as wide, a plate twice as wide as thick. Half waves are one more than changes of sign. A part that moves as a rigid body by
-    more than a half is called so. All else is named by the DOF that moves most.
+    A disc is a body of revolution that is not longer than wide, also with a hat, and with pads attached to it. Its motion is
+    expanded in cos nθ and sin nθ about its axis. The n with most of the motion is the number of nodal diameters. Nodal circles
+    are the changes of sign of that part along the radius. Circles and the plane of the motion are read where the rim is, since a
+    hat moves in the plane where its ring bends. A beam is more than three times as long as wide, a plate twice as wide as thick.
+    Half waves are one more than changes of sign. A part that nothing within itself holds, and that moves as a rigid body by more
+    than a half, is called so. All else is named by the DOF that moves most.
 
     Parameters
     ----------
@@ -158,6 +159,9 @@ def mode_names(model: Substructure, modes: NormalModes | ComplexModes, *, full: 
     >>> disc = fs.solid(mesh, fs.Material(1.1e11, 0.26, 7200.0), supports=["inner"], name="disc")
     >>> for name in fs.mode_names(disc, fs.normal_modes(disc, count=5))[2:]:
     ...     print(name)
+    disc: out of plane, no nodal diameter
+    disc: out of plane, 2 nodal diameters
+    disc: out of plane, 2 nodal diameters
     """
     instance("model", model, Substructure)
     shapes = getattr(modes, "shapes", None)

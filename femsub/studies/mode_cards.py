@@ -109,10 +109,12 @@ class ModeCard:
     --------
     >>> import numpy as np
     >>> import femsub as fs
-    >>> hoffmann = fs.Substructure(np.eye(2), [[2.0, -0.5], [-0.5, 1.8]], ports={"n": [0, 1], "t": [1, 0]})
-    >>> rubbing = fs.LinearContact(("t", "n"), stiffness=[[0.0, -0.9], [0.0, 0.0]])
-    >>> card = fs.mode_cards(hoffmann, rubbing, fs.complex_modes(hoffmann, rubbing))[0]
-    >>> card
+    >>> hoffmann = fs.Substructure(np.eye(2), [[2.0, 1.0], [1.0, 2.0]], ports={"x": [1, 0], "y": [0, 1]})
+    >>> rubbing = fs.LinearContact(("x", "y"), stiffness=[[0.0, -1.2], [0.0, 0.0]])
+    >>> modes = fs.complex_modes(hoffmann, rubbing)
+    >>> card = fs.mode_cards(hoffmann, rubbing, modes, modes.unstable)[0]
+    >>> [round(mode.share, 2) for mode in card.met], round(card.eigenvalue.real, 3), round(card.growth["circulatory"], 3)
+    ([0.5, 0.5], 0.157, 0.157)
     """
 
     eigenvalue: complex
@@ -144,10 +146,11 @@ class ModeCard:
         return {key: 2 * np.pi / self.eigenvalue.imag * self.kinetic * part for key, part in self.growth.items()}
 
     @property
-    def feeding(self) -> ContactWork | None:
-        """The contact that adds most to Re λ, if any adds something."""
-        most = max(self.contacts, key=lambda one: one.growth.sum(), default=None)
-        return most if most is not None and most.growth.sum() > self.error_bar else None
+    def feeding(self) -> tuple[ContactWork, ...]:
+        """The contact that adds most to Re λ, if any adds something, and those that add at least half as much."""
+        added = [float(one.growth.sum()) for one in self.contacts]
+        most = max(added, default=0.0)
+        return tuple(one for one, own in zip(self.contacts, added, strict=True) if own > self.error_bar and own >= most / 2)
 
     @property
     def sentence(self) -> str:
@@ -157,12 +160,12 @@ class ModeCard:
     @property
     def _made_of(self) -> str:
         if self.met is None:
-            return f"{phrase(self.real_modes[0].name)} ({self.real_modes[0].share:.0%} of it)".replace("%", " %")
+            return f"{phrase(self.real_modes[0])} ({self.real_modes[0].share:.0%} of it)".replace("%", " %")
         one, other = self.met
         how = f"({hertz(self.apart)} apart without friction)"
-        if one.name.same == other.name.same:
-            return f"the two modes of {phrase(one.name)} meet {how}"
-        return f"{phrase(one.name)} meets {phrase(other.name)} {how}"
+        if one.name.family == "disc" and one.name.same == other.name.same:
+            return f"the two modes of {phrase(one)} meet {how}"
+        return f"{phrase(one)} meets {phrase(other)} {how}"
 
     @property
     def _fed_by(self) -> str:
@@ -170,11 +173,13 @@ class ModeCard:
         feeds = {key: part for key, part in self.growth.items() if part > self.error_bar}
         if not feeds:
             return "nothing feeds it"
-        at = self.feeding
         what = "friction" if self.contacts else "the circulatory force"
         if max(feeds, key=lambda key: feeds[key]) != "circulatory":
             what = "negative damping"
-        what += "" if at is None else f" on {f'the {at.where} of ' if at.where else ''}{at.name}"
+        edges = {one.where for one in self.feeding}
+        if self.feeding:
+            what += f" on {f'the {edges.pop()} of ' if len(edges) == 1 and all(edges) else ''}"
+            what += " and ".join(one.name for one in self.feeding)
         return f"{what} feeds it" + ("" if self.eigenvalue.real > self.error_bar else ", and damping takes out more")
 
     def __repr__(self) -> str:
@@ -183,10 +188,11 @@ class ModeCard:
     @property
     def tables(self) -> tuple[Table, ...]:
         """The real modes with their phases, the parts, and what adds up to Re λ."""
-        rows = [{"name": str(one.name), "omega": one.frequency, "share": one.share, "phase": one.phase} for one in self.real_modes]
+        rows = [{"name": str(one.name), "omega": one.frequency, "share": one.share, "phase": round(one.phase, 3) + 0.0}
+                for one in self.real_modes]
         made = Table("real-modes", rows, [
             Column("name", "real mode", "s"), column("omega", "ω", ".6g"), Column("share", "share", ".1%"),
-            Column("phase", "phase [°]", ".0f", "°", "of its coordinate, beside the first")], "Real modes without friction", most=6)
+            Column("phase", "phase [°]", ".0f", "°", "of its coordinate, beside the first")], "Real modes", most=6)
         parts = [{"part": key, "kinetic": self.energy[key], "elastic": self.strain[key]} for key in self.energy]
         forces = [{"force": key, "growth": part, "work": self.work[key]} for key, part in self.growth.items()]
         forces.append({"force": "sum: Re λ", "growth": sum(self.growth.values()), "work": sum(self.work.values())})
@@ -204,13 +210,13 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     """Cards of complex modes (λ²M + λD + K)x = 0: the real modes that meet in each, and what adds up to Re λ.
 
     The real modes φ of M and of the symmetric part of K at μ = 0 make up x. Their shares are |yᴴMφ φᵀMx| over the sum of all,
-    with the left vector y: what one real mode contributes to yᴴMx. Of a sparse model the real modes up to 1.5 |λ| are taken, and y
-    in their span and that of x. The parts of Re λ are the powers of the forces over 2E:
+    with the left vector y: what one real mode contributes to yᴴMx. Of a sparse model the real modes up to 1.5 |λ| are taken,
+    and y in their span and that of x. The parts of Re λ are the powers of the forces over 2E:
 
         2 Re λ E = -ω² Re xᴴDx - ω Im xᴴKx,   E = ω² xᴴMx + ω Im xᴴDx / 2.
 
-    At a node of a contact the power is Re(conj(iωu)f) with its force f = -(C_K - C_K⁰)u - iω C_D u. C_K⁰ is the symmetric part of C_K
-    at μ = 0, or of C_K where the contact has no μ.
+    At a node of a contact the power is Re(conj(iωu)f) with its force f = -(C_K - C_K⁰)u - iω C_D u. C_K⁰ is the symmetric part
+    of C_K at μ = 0, or of C_K where the contact has no μ.
 
     Parameters
     ----------
@@ -221,7 +227,7 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     modes : ComplexModes
         Of this model with these contacts.
     which : iterable of int, optional
-        Which modes, in their order; by default all that oscillate, one of each pair.
+        Which modes, as `modes.unstable`. Of a pair the one with Im λ > 0 has the card. By default all that oscillate.
     full : Substructure, optional
         Of a reduced system: what it was reduced from, so that its parts are named.
     parameter : str
@@ -248,8 +254,13 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     --------
     >>> import femsub as fs
     >>> model = fs.Pencil([[1, 0], [0, 1]], [[0.02, 0], [0, 0.02]], [[2, 0.3], [-0.3, 2.2]])
-    >>> for card in fs.mode_cards(model, None, fs.complex_modes(model)):
-    ...     print(card.sentence)
+    >>> modes = fs.complex_modes(model)
+    >>> print(fs.mode_cards(model, None, modes, modes.unstable)[0].tables[2].text())
+    force        part of Re λ  work in a period
+    -----------  ------------  ----------------
+    circulatory       0.09737            0.8886
+    damping             -0.01          -0.09126
+    sum: Re λ         0.08737            0.7973
     """
     given = contacts_of(contacts)
     if not isinstance(modes, ComplexModes):
@@ -270,8 +281,9 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
         raise InputError("full must be what the model was reduced from: a substructure with as many DOF as V has rows")
     values = modes.eigenvalues
     chosen = np.flatnonzero((values.imag > 0) & ~modes.rigid) if which is None else whole_numbers("which", which)
-    if (bad := [at for at in chosen.tolist() if not 0 <= at < len(values) or values[at].imag <= 0]):
-        raise InputError(f"which: mode {bad[0]} is not one of those with Im λ > 0, {np.flatnonzero(values.imag > 0).tolist()}")
+    if (bad := [at for at in chosen.tolist() if not 0 <= at < len(values) or values[at].imag == 0]):
+        raise InputError(f"which: mode {bad[0]} is not one of those that oscillate, {np.flatnonzero(values.imag).tolist()}")
+    chosen = chosen[values[chosen].imag > 0]
     if not len(chosen):
         return ()
 
@@ -415,9 +427,9 @@ def hertz(omega: float) -> str:
     return f"{f / 1000:.3g} kHz" if f >= 1000 else f"{f:.3g} Hz"
 
 
-def phrase(name: ModeName) -> str:
+def phrase(mode: RealMode) -> str:
     """A mode as part of a sentence: "the disc's out-of-plane pair with 4 nodal diameters"."""
-    owner = f"the {name.part}'s"
+    name, owner = mode.name, f"the {mode.name.part}'s"
     if name.family == "disc":
         n, m = name.counts
         motion = name.motion.replace("out of plane", "out-of-plane").replace("in plane, ", "in-plane ")
@@ -429,4 +441,4 @@ def phrase(name: ModeName) -> str:
         return f"{owner} {motion.replace(' ', '-')} mode with {waves}"
     if name.family == "rigid":
         return f"{owner} rigid motion {name.motion}"
-    return f"{owner} motion of {name.motion}"
+    return f"{owner} mode at {hertz(mode.frequency)} (mostly {name.motion})"
