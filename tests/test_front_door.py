@@ -201,7 +201,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "frequency_bounds": {"model": fs.reduce(sub, fs.CraigBampton(3), ports=True), "count": 1},
         "growth_rate": {"between": (0.0, 10.0)}, "harmonic_balance": {"model": rom, "harmonics": 40, "tol": 0.001},
         "mode_names": {"modes": fs.normal_modes(sub, count=3), "full": None},
-        "mode_cards": {"contacts": slope, "modes": fs.complex_modes(sub, slope), "which": None, "full": None},
+        "mode_cards": {"contacts": slope, "modes": fs.complex_modes(sub, slope), "which": None, "full": None, "most": 3},
         "effective_masses": {"modes": fs.normal_modes(sub, count=3), "directions": {"x": np.ones(6)}},
         "normal_modes": {"count": 3}, "normal_modes(band)": {"band": (0.0, 1.0)},
         "plate": {"mesh": flat, "supports": {"left": "clamped"}, "interface": ("right",), "ports": {"belt": "right"},

@@ -76,8 +76,7 @@ def test_the_parts_of_growth_add_up(seed: int) -> None:
         t = np.arange(64) / 64 * 2 * np.pi / value.imag
         u = (model.port("face").T @ x)[:, None] * np.exp(1j * value.imag * t)
         v = (1j * value.imag * u).real
-        skewed = (contact.stiffness - contact.stiffness.T) / 2  # type: ignore[operator,union-attr]
-        power = -(skewed @ u.real + contact.damping @ v) * v  # type: ignore[operator]
+        power = -((C - C.T) / 2 @ u.real + 0.1 * B @ v) * v
         work = power.mean(axis=1) * 2 * np.pi / value.imag
         assert np.allclose(work, 2 * np.pi * card.kinetic / value.imag * rubbed.growth, atol=1e-9 * np.abs(work).max())
 
@@ -91,7 +90,7 @@ def test_shares_are_those_of_left_and_right_vectors(seed: int) -> None:
     modes = fs.complex_modes(model, contact)
     omega2, Phi = la.eigh(K, M)
     square, left, right = la.eig(K + contact.linearised(model)[1], M, left=True)
-    for card in fs.mode_cards(model, contact, modes):
+    for card in fs.mode_cards(model, contact, modes, most=5):
         at = int(np.abs(square + card.eigenvalue**2).argmin())
         a, b = Phi.T @ M @ right[:, at], Phi.T @ M @ left[:, at]
         share = np.abs(a * b.conj()) / np.abs(a * b).sum()
@@ -155,7 +154,7 @@ def test_a_sparse_model_has_the_cards_of_the_dense_one_to_its_real_modes() -> No
     n = 60
     chain = sp.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=(-1, 0, 1), format="csr")
     w = np.eye(n)[:, [3, 20]]
-    contact = fs.LinearContact(("face",), stiffness=[[0.0, 0.3], [-0.3, 0.0]])
+    contact = fs.LinearContact(("face",), stiffness=np.array([[0.0, 0.3], [-0.3, 0.0]]))
     cards = []
     for K in (chain, chain.toarray()):
         model = fs.Substructure(sp.eye_array(n, format="csr") if sp.issparse(K) else np.eye(n), K, ports={"face": w})
@@ -163,7 +162,7 @@ def test_a_sparse_model_has_the_cards_of_the_dense_one_to_its_real_modes() -> No
         cards.append(fs.mode_cards(model, contact, modes))
     assert len(cards[0]) == len(cards[1]) > 3
     for few, every in zip(*cards, strict=True):
-        assert len(few.real_modes) < len(every.real_modes) and few.captured > 0.99
+        assert 0.99 < few.captured < 1 - 1e-9 and np.isclose(every.captured, 1.0)
         assert np.allclose([mode.share for mode in few.real_modes[:3]], [mode.share for mode in every.real_modes[:3]], atol=0.02)
 
 
@@ -195,7 +194,7 @@ def test_bad_input_is_refused() -> None:
                         ((chain, fs.Belt(slope=-0.1), modes, [99]), "which"),
                         ((chain.pencil, fs.Belt(slope=-0.1), modes), "no ports")):
         with pytest.raises(fs.InputError, match=said):
-            fs.mode_cards(*given)  # type: ignore[arg-type]
+            fs.mode_cards(*given)
     # one belt: its falling characteristic feeds the mode
     belt = fs.Belt(slope=-0.3)
     growing = fs.complex_modes(chain, belt)

@@ -65,12 +65,22 @@ class ModeName:
         return self.part, self.family, self.motion, self.counts
 
     @property
+    def mixed(self) -> bool:
+        """Whether less than two thirds of a disc's motion have these counts: what is attached mixes its modes."""
+        return self.family == "disc" and self.purity < 2 / 3
+
+    @property
+    def lines(self) -> str:
+        """'4 nodal diameters and 1 nodal circle', of a disc."""
+        n, m = self.counts
+        diameters = f"{n} nodal diameter{'s' * (n != 1)}" if n else "no nodal diameter"
+        return diameters + (f" and {m} nodal circle{'s' * (m != 1)}" if m else "")
+
+    @property
     def form(self) -> str:
         """The motion in words, without the part."""
         if self.family == "disc":
-            n, m = self.counts
-            diameters = f"{n} nodal diameter{'s' * (n != 1)}" if n else "no nodal diameter"
-            return f"{self.motion}, {diameters}" + (f", {m} nodal circle{'s' * (m != 1)}" if m else "")
+            return f"{self.motion}, {'mixed, mostly ' if self.mixed else ''}{self.lines}"
         if self.family in ("beam", "plate"):
             waves = " x ".join(map(str, self.counts))
             twisting = self.family == "plate" and self.motion == "out of plane" and self.counts == (2, 2)
@@ -113,14 +123,14 @@ def energies(A: Any, q: Array) -> Array:
     return np.einsum("ij,ij->j", q.conj(), A @ q).real
 
 
-def parts_energies(model: Any, X: Array, full: Any = None) -> tuple[dict[str, Array], dict[str, Array]]:
-    """The share of each part in qᴴMq and in qᴴKq of motions X (n, k), (k,) each."""
+def parts_energies(model: Any, X: Array, full: Any = None) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
+    """The share of each part in qᴴMq and in qᴴKq of motions X (n, k), (k,) each, and qᵀMq, whose angle is twice its phase."""
     pieces = list(pieces_of(model, X, full))
     kinetic, elastic = ({piece.name: energies(getattr(piece.model, key), piece.q) for piece in pieces} for key in "MK")
     for table in (kinetic, elastic):
         whole = sum(table.values())
         table |= {name: np.divide(one, whole, out=np.zeros_like(one), where=whole != 0) for name, one in table.items()}
-    return kinetic, elastic
+    return kinetic, elastic, {piece.name: np.einsum("ij,ij->j", piece.q, piece.model.M @ piece.q) for piece in pieces}
 
 
 def mode_names(model: Substructure, modes: NormalModes | ComplexModes, *, full: Substructure | None = None
@@ -294,7 +304,8 @@ class Body:
         return max(motions, key=lambda name: abs((w * motions[name] * v).sum()) / size[name]**0.5)
 
     def as_disc(self, V: list[Array]) -> list[tuple[str, str, tuple[int, ...], float]]:
-        disc, found = self.disc, []
+        disc = self.disc
+        found: list[tuple[str, str, tuple[int, ...], float]] = []
         parts = [np.stack([np.einsum("ij,ij->i", v, e) for e in disc.directions]) for v in V]  # radial, tangential, axial
         if not parts:
             return []

@@ -12,15 +12,15 @@ over a period 2π/ω. So each force has a part of Re λ, its power over 2E, and 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import POSITION, Array, Matrix, instance, whole_numbers, word
+from femsub.checks import POSITION, Array, Matrix, instance, whole_number, whole_numbers, word
 from femsub.errors import InputError
-from femsub.model import Pencil, ReducedSubstructure, Substructure, contacts_of, fields_of, small_matrices
+from femsub.model import Pencil, ReducedSubstructure, Substructure, contacts_at, contacts_of, fields_of, small_matrices
 from femsub.modes import ComplexModes, ModeName, ShiftInvert, all_modes, modes_below, named, parts_energies
 from femsub.studies.tables import Column, Table, column, fitted
 
@@ -87,7 +87,7 @@ class ModeCard:
     ----------
     eigenvalue : complex
     real_modes : tuple of RealMode
-        Those of the system without friction, the largest share first.
+        Some of those of the system without friction, the largest share first.
     captured : float
         The share of the kinetic energy of x in the real modes that were looked at.
     name : ModeName
@@ -100,8 +100,10 @@ class ModeCard:
     contacts : tuple of ContactWork
     kinetic : float
         E of the shape as it is given: 2 Re λ E is the power of all forces that are not conservative.
-    phase : float
-        The angle in degrees by which x is turned to be drawn with most motion: Re(x exp(iφ)).
+    turn : float
+        The angle φ in degrees by which x is turned to be drawn with most motion: Re(x exp(iφ)).
+    phases : mapping of str to float
+        The angle at which each part has most motion, beside that, in degrees from -90 to 90: ½ arg of qᵀMq.
     error_bar : float
         That of Re λ. A force that adds less than this is not said to feed the mode.
 
@@ -126,7 +128,8 @@ class ModeCard:
     growth: Mapping[str, float]
     contacts: tuple[ContactWork, ...]
     kinetic: float
-    phase: float
+    turn: float
+    phases: Mapping[str, float]
     error_bar: float = 0.0
 
     @property
@@ -192,12 +195,15 @@ class ModeCard:
                 for one in self.real_modes]
         made = Table("real-modes", rows, [
             Column("name", "real mode", "s"), column("omega", "ω", ".6g"), Column("share", "share", ".1%"),
-            Column("phase", "phase [°]", ".0f", "°", "of its coordinate, beside the first")], "Real modes", most=6)
-        parts = [{"part": key, "kinetic": self.energy[key], "elastic": self.strain[key]} for key in self.energy]
+            Column("phase", "phase [°]", ".0f", "°", "of its coordinate, beside the first")], "Real modes")
+        parts = [{"part": key, "kinetic": share, "elastic": self.strain[key], "phase": round(self.phases[key], 3) + 0.0}
+                 for key, share in self.energy.items()]
         forces = [{"force": key, "growth": part, "work": self.work[key]} for key, part in self.growth.items()]
         forces.append({"force": "sum: Re λ", "growth": sum(self.growth.values()), "work": sum(self.work.values())})
         return (made, Table("parts", parts, ["part", Column("kinetic", "kinetic energy", ".1%"),
-                                             Column("elastic", "elastic energy", ".1%")], "Energy of the parts"),
+                                             Column("elastic", "elastic energy", ".1%"),
+                                             Column("phase", "phase [°]", ".0f", "°", "of most motion, beside the whole")],
+                            "The parts"),
                 Table("forces", forces, [Column("force", "force", "s"), Column("growth", "part of Re λ", ".4g", "1/time"),
                                          Column("work", "work in a period", ".4g")], "What feeds it"))
 
@@ -206,7 +212,7 @@ class ModeCard:
 
 
 def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexModes, which: Iterable[int] | None = None, *,
-               full: Substructure | None = None, parameter: str = "mu") -> tuple[ModeCard, ...]:
+               full: Substructure | None = None, parameter: str = "mu", most: int = 6) -> tuple[ModeCard, ...]:
     """Cards of complex modes (λ²M + λD + K)x = 0: the real modes that meet in each, and what adds up to Re λ.
 
     The real modes φ of M and of the symmetric part of K at μ = 0 make up x. Their shares are |yᴴMφ φᵀMx| over the sum of all,
@@ -232,6 +238,8 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
         Of a reduced system: what it was reduced from, so that its parts are named.
     parameter : str
         The field of contacts that is 0 without friction.
+    most : int
+        How many real modes a card lists.
 
     Returns
     -------
@@ -272,7 +280,7 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
         pencil = still = model
     else:
         pencil = instance("model", model, Substructure, "or a Pencil").linearised(contacts, structural=True)
-        without = [replace(one, **{parameter: 0.0}) if parameter in fields_of(one) else one for one in given]
+        without = contacts_at(given, parameter, 0.0) if any(parameter in fields_of(one) for one in given) else given
         still = model.linearised(without, structural=True)
     if len(modes.shapes) != pencil.size:
         raise InputError(f"the modes have {len(modes.shapes)} DOF, but the model has {pencil.size}: are they of another model?")
@@ -294,39 +302,44 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
         real = modes_below(K0, M, 1.5 * float(np.abs(values[chosen]).max()), ShiftInvert(K0, M, carried=carried))
     else:
         real = all_modes(K0, M, carried=carried)
-    plain = Substructure(M, K0, name="model") if isinstance(model, Pencil) else model
-    names = named(plain, real.shapes, full)
+    if not len(real.eigenvalues):
+        raise InputError(f"no real mode without friction lies below 1.5 |λ| = {1.5 * np.abs(values[chosen]).max():.4g}: "
+                         "the modes are no vibrations of this model")
     X = modes.shapes[:, chosen]
     A, B = real.shapes.T @ (M @ X), left_vectors(pencil, values[chosen], X, real.shapes, getattr(model, "H", None))
-    own, strain = parts_energies(plain, X, full)
+    product = np.abs(A) * np.abs(B[:len(A)])
+    shares = product / product.sum(axis=0)
+    order = np.argsort(-shares, axis=0, kind="stable")[:whole_number("most", most, least=2)]
+    shown, plain = np.unique(order), Substructure(M, K0, name="model") if isinstance(model, Pencil) else model
+    names = dict(zip(shown.tolist(), named(plain, real.shapes[:, shown], full), strict=True))
+    kinetic_of, strain_of, square_of = parts_energies(plain, X, full)
     forms = named(plain, X, full)
-    acting = [Acting.of(model, one, parameter) for one in given]
+    acting = [Acting.of(plain, one, parameter) for one in given]
     cards = []
     for at, (value, x) in enumerate(zip(values[chosen], X.T, strict=True)):
         a = A[:, at]
-        product = np.abs(B[:len(a), at]) * np.abs(a)
-        order = np.argsort(-product, kind="stable")
-        phases = np.degrees(np.angle(a * np.conj(a[order[0]]))) if len(order) else a.real
-        share = product / product.sum()
-        made = tuple(RealMode(float(real.frequencies[j]), float(share[j]), float(phases[j]), names[j]) for j in order)
+        angles = np.degrees(np.angle(a * np.conj(a[order[0, at]])))
+        made = tuple(RealMode(float(real.frequencies[j]), float(shares[j, at]), float(angles[j]), names[j])
+                     for j in order[:, at].tolist())
 
         # the balance of power
         omega, inertia, braking = value.imag, np.vdot(x, M @ x).real, np.vdot(x, pencil.D @ x)
         kinetic = omega**2 * inertia + omega * braking.imag / 2
         places = tuple(one.at(omega, x, kinetic) for one in acting)
-        plain_growth = {"circulatory": -omega * np.vdot(x, pencil.K @ x).imag / (2 * kinetic)}
+        parts = {"circulatory": -omega * np.vdot(x, pencil.K @ x).imag / (2 * kinetic)}
         rubbing = float(sum(one.damping.sum() for one in places))
         if acting:
-            plain_growth["contact damping"] = rubbing
-        plain_growth["damping"] = -omega**2 * braking.real / (2 * kinetic) - rubbing
+            parts["contact damping"] = rubbing
+        parts["damping"] = -omega**2 * braking.real / (2 * kinetic) - rubbing
         if (H := getattr(model, "H", None)) is not None:
-            plain_growth["structural damping"] = -omega * np.vdot(x, H @ x).real / (2 * kinetic)
+            parts["structural damping"] = -omega * np.vdot(x, H @ x).real / (2 * kinetic)
         captured = float((np.abs(a)**2).sum() / inertia)
-        turned = -0.5 * np.angle((M @ x) @ x)
-        cards.append(ModeCard(complex(value), made, captured, forms[at], {key: float(one[at]) for key, one in own.items()},
-                              {key: float(one[at]) for key, one in strain.items()},
-                              {key: float(one) for key, one in plain_growth.items()}, places, float(kinetic),
-                              float(np.degrees(turned)), float(modes.error_bar[chosen[at]])))
+        whole = sum(one[at] for one in square_of.values())
+        phases = {key: float(np.degrees(np.angle(one[at] / whole)) / 2) for key, one in square_of.items()}
+        cards.append(ModeCard(
+            complex(value), made, captured, forms[at], {key: float(one[at]) for key, one in kinetic_of.items()},
+            {key: float(one[at]) for key, one in strain_of.items()}, {key: float(one) for key, one in parts.items()}, places,
+            float(kinetic), float(np.degrees(np.angle(whole)) / -2), phases, float(modes.error_bar[chosen[at]])))
     return tuple(cards)
 
 
@@ -362,7 +375,7 @@ class Acting(NamedTuple):
 
     @classmethod
     def of(cls, model: Substructure, contact: Contact, parameter: str) -> Acting:
-        still = replace(contact, **{parameter: 0.0}) if parameter in fields_of(contact) else contact  # type: ignore[type-var]
+        still = contacts_at(contact, parameter, 0.0)[0] if parameter in fields_of(contact) else contact
         W, *terms = small_matrices(model, contact)
         damping, C, C0 = (sp.csr_array(A) if sp.issparse(A) or np.ndim(A) else A * sp.eye_array(W.shape[1], format="csr")
                           for A in (*terms, small_matrices(model, still)[2]))
@@ -431,11 +444,10 @@ def phrase(mode: RealMode) -> str:
     """A mode as part of a sentence: "the disc's out-of-plane pair with 4 nodal diameters"."""
     name, owner = mode.name, f"the {mode.name.part}'s"
     if name.family == "disc":
-        n, m = name.counts
         motion = name.motion.replace("out of plane", "out-of-plane").replace("in plane, ", "in-plane ")
-        diameters = f"{n} nodal diameter{'s' * (n != 1)}" if n else "no nodal diameter"
-        circles = f" and {m} nodal circle{'s' * (m != 1)}" if m else ""
-        return f"{owner} {motion} {'pair' if n else 'mode'} with {diameters}{circles}"
+        if name.mixed:
+            return f"{owner} mixed {motion} mode, mostly with {name.lines}"
+        return f"{owner} {motion} {'pair' if name.counts[0] else 'mode'} with {name.lines}"
     if name.family in ("beam", "plate"):
         motion, _, waves = name.form.rpartition(", ")
         return f"{owner} {motion.replace(' ', '-')} mode with {waves}"
