@@ -249,7 +249,7 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     Raises
     ------
     InputError, InputTypeError
-        Modes of another model, a mode that does not oscillate.
+        Modes of another model, a mode that does not oscillate, a system with Lagrange multipliers.
     MissedModesError, SingularMatrixError
         The real modes were not found: K without friction is indefinite.
 
@@ -280,6 +280,9 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
         pencil = still = model
     else:
         pencil = instance("model", model, Substructure, "or a Pencil").linearised(contacts, structural=True)
+        if getattr(model, "multipliers", None):
+            raise InputError(f"{model.name!r} has Lagrange multipliers, and no real modes of its own. Join its parts with "
+                             "assembly='primal'")
         without = contacts_at(given, parameter, 0.0) if any(parameter in fields_of(one) for one in given) else given
         still = model.linearised(without, structural=True)
     if len(modes.shapes) != pencil.size:
