@@ -150,6 +150,15 @@ def test_hulten_s_two_modes_meet_beside_others() -> None:
         assert {round(other.real_modes[0].frequency / 2 / np.pi) for other in others} == {90, 40, 110}
 
 
+def test_many_modes_in_one_are_said_to_be_many() -> None:
+    rng = np.random.default_rng(1)
+    circulatory = rng.standard_normal((6, 6))
+    contact = Rubbing(tuple(map(tuple, (circulatory - circulatory.T).tolist())), 20.0)
+    model = alone(np.eye(6), np.diag(np.arange(4.0, 10.0)))
+    card = max(fs.mode_cards(model, contact, fs.complex_modes(model, contact)), key=lambda card: card.eigenvalue.real)
+    assert sum(mode.share for mode in card.real_modes[:2]) < 0.8 and "among others (" in card.sentence
+
+
 def test_a_sparse_model_has_the_cards_of_the_dense_one_to_its_real_modes() -> None:
     n = 60
     chain = sp.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=(-1, 0, 1), format="csr")

@@ -165,7 +165,8 @@ class ModeCard:
         if self.met is None:
             return f"{phrase(self.real_modes[0])} ({self.real_modes[0].share:.0%} of it)".replace("%", " %")
         one, other = self.met
-        how = f"({hertz(self.apart)} apart without friction)"
+        among = "among others " if one.share + other.share < 1 - 2 * MET else ""
+        how = f"{among}({hertz(self.apart)} apart without friction)"
         if one.name.family == "disc" and one.name.same == other.name.same:
             return f"the two modes of {phrase(one)} meet {how}"
         return f"{phrase(one)} meets {phrase(other)} {how}"
