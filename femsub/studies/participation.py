@@ -215,24 +215,25 @@ def effective_masses(model: Substructure, modes: NormalModes | None = None, *, o
         if len(shapes) != model.size:
             raise InputError(f"the modes have {len(shapes)} DOF, but {model.name!r} has {model.size}: are they of another model?")
         omega, L, own = modes.frequencies, shapes.T @ P, np.einsum("ij,ij->j", shapes, model.M @ shapes)
-        reach = np.einsum("ij,ij->j", P, accelerations(model.M, P)) if whole else mass
+        reach = moved_by_all(model.M, P) if whole else mass
     return EffectiveMasses(omega, names, L, own, mass, reach, interface if modes is None else np.zeros((len(omega), 0)), about)
 
 
-def accelerations(M: Matrix, P: Array) -> Array:
-    """A with M A = P (n, d), in the DOF that have mass.
+def moved_by_all(M: Matrix, P: Array) -> Array:
+    """diag(PᵀM⁻¹P) of P (n, d), in the DOF that have mass, as 2 PᵀA - AᵀMA with MA = P - R: less by RᵀM⁻¹R alone.
 
     By conjugate gradients, since a mass matrix scaled to a diagonal of 1 has a small condition number; dense matrices by LAPACK.
     """
     diagonal = M.diagonal()
     unit = np.where(diagonal > 0, diagonal, np.inf) ** -0.5
     if not sp.issparse(M):
-        return unit[:, None] * np.linalg.lstsq(M * np.outer(unit, unit), unit[:, None] * P, rcond=len(M) * EPS)[0]
+        A = np.linalg.lstsq(M * np.outer(unit, unit), unit[:, None] * P, rcond=len(M) * EPS)[0]
+        return np.asarray(np.einsum("ij,ij->j", P, unit[:, None] * A))
     scale = sp.diags_array(unit)
     scaled, A = scale @ M @ scale, np.zeros_like(P)
     for at, column_of in enumerate((unit[:, None] * P).T):
-        A[:, at], failed = cg(scaled, column_of, rtol=1e3 * EPS, maxiter=10 * len(P))
+        A[:, at], failed = cg(scaled, column_of, rtol=EPS**0.5, maxiter=10 * len(P))
         if failed:
             raise NotConvergedError("M⁻¹P was not found by conjugate gradients: M is nearly singular. Reduce the model, or look "
                                     "at the shapes of its elements")
-    return unit[:, None] * A
+    return np.asarray(np.einsum("ij,ij->j", A, 2 * unit[:, None] * P - scaled @ A))
