@@ -78,7 +78,8 @@ def test_the_parts_of_growth_add_up(seed: int) -> None:
         v = (1j * value.imag * u).real
         power = -((C - C.T) / 2 @ u.real + 0.1 * B @ v) * v
         work = power.mean(axis=1) * 2 * np.pi / value.imag
-        assert np.allclose(work, 2 * np.pi * card.kinetic / value.imag * rubbed.growth, atol=1e-9 * np.abs(work).max())
+        assert np.allclose(work, rubbed.work, atol=1e-9 * np.abs(work).max())
+        assert np.isclose(sum(card.work.values()), 2 * np.pi / value.imag * card.kinetic * value.real)
 
 
 @pytest.mark.parametrize("seed", range(4))

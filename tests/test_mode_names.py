@@ -161,7 +161,10 @@ def test_a_disc_is_one_in_any_place_and_of_any_mesh() -> None:
     mesh, _, _ = ring()
     turn = np.linalg.qr(np.random.default_rng(4).standard_normal((3, 3)))[0]
     moved = fs.Mesh(mesh.points @ turn.T * np.linalg.det(turn) + [1.0, 2.0, 3.0], mesh.cells, mesh.kind)
-    for one in (moved, fs.annulus(INNER, OUTER, 0.02, (1, 16, 1), "tetra10")):
+    x, y, z = mesh.points.T
+    angle = np.arctan2(y, x) + 0.4 * np.sin(np.arctan2(y, x))  # twice as many nodes on one side
+    uneven = fs.Mesh(np.stack([np.hypot(x, y) * np.cos(angle), np.hypot(x, y) * np.sin(angle), z], axis=1), mesh.cells, mesh.kind)
+    for one in (moved, uneven, fs.annulus(INNER, OUTER, 0.02, (1, 16, 1), "tetra10")):
         part = fs.solid(one, IRON, name="disc")
         names = fs.mode_names(part, fs.normal_modes(part, count=5))[6:]
         assert [(name.motion, name.counts) for name in names[:2]] == [("out of plane", (2, 0))] * 2

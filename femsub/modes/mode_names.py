@@ -213,8 +213,10 @@ def _of_piece(piece: Piece, columns: Array, shares: Array) -> list[ModeName]:
         Z = motion.shapes
         MZ = model.M @ Z
         rigid = Z @ np.linalg.lstsq(Z.T @ MZ, MZ.T @ q, rcond=POSITION**2)[0]
-        share = np.einsum("ij,ij->j", rigid.conj(), model.M @ rigid).real / np.einsum("ij,ij->j", q.conj(), model.M @ q).real
-    moved, elastic = model.expand(rigid) if isinstance(model, ReducedSubstructure) else rigid, np.flatnonzero(share <= 0.5)
+        whole = energies(model.M, q)
+        share = np.divide(energies(model.M, rigid), whole, out=share, where=whole > 0)
+    moved = model.expand(rigid) if isinstance(model, ReducedSubstructure) else rigid
+    elastic = np.flatnonzero(share <= 0.5)
     found = dict(zip(elastic.tolist(), body.named(u[:, elastic]), strict=True))
     found |= {at: ("rigid", body.way(moved[:, at]), (), float(share[at])) for at in np.flatnonzero(share > 0.5).tolist()}
     return [ModeName(piece.name, float(one), *found[at]) for at, one in enumerate(shares)]
@@ -223,16 +225,18 @@ def _of_piece(piece: Piece, columns: Array, shares: Array) -> list[ModeName]:
 class Body:
     """The nodes of a part, with the directions in which they move, and its principal axes."""
 
-    def __init__(self, points: Array, rows: Array, weight: Array, around: Array) -> None:
-        """Nodes (m, 3), the row of u of each translation (m, 3), -1 for none, weights (m,), and points of the whole part."""
-        self.points, self.rows, self.weight = points, rows, weight
-        centred = around - around.mean(axis=0)
-        self.axes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1].T  # the longest first
+    def __init__(self, points: Array, rows: Array, weight: Array, around: Array, mass: Array) -> None:
+        """Nodes (m, 3), the row of u of each translation (m, 3), -1 for none, and weights (m,).
+
+        `around` (k, 3) are the nodes of the whole part, with those that supports hold, and `mass` (k,) their weights.
+        """
+        self.points, self.rows, self.weight, self.around, self.mass = points, rows, weight, around, mass
+        self.centre = mass @ around / mass.sum()
+        centred = around - self.centre
+        self.axes = np.linalg.eigh(centred.T @ (mass[:, None] * centred))[1][:, ::-1].T  # the longest first
         if np.linalg.det(self.axes) < 0:
             self.axes[2] *= -1
-        self.centre = around.mean(axis=0)
         self.extent = np.ptp(centred @ self.axes.T, axis=0)
-        self.around = around
 
     @classmethod
     def of(cls, piece: Piece) -> Body | None:
@@ -248,10 +252,12 @@ class Body:
         rows[number, axis[moved]] = moved
         own = piece.model.M.diagonal() if len(piece.u) == piece.model.size else np.ones(dofs.size)
         np.add.at(weight, number, own[moved])
-        around = points
+        around, mass = points, weight
         if (held := piece.model.supported) is not None and held.dofs.points is not None:
             around = np.vstack([points, np.pad(held.dofs.points, ((0, 0), (0, 3 - held.dofs.points.shape[1])))])
-        return cls(points, rows, weight, np.unique(around, axis=0)) if len(nodes) > 1 and weight.any() else None
+            moves = np.isin(np.array(held.dofs.labels)[held.dofs.components], list(AXES))
+            mass = np.append(weight, held.mass.diagonal() * moves)
+        return cls(points, rows, weight, around, mass) if len(nodes) > 1 and weight.any() else None
 
     def moved(self, u: Array) -> Array:
         """The translations of the nodes, (m, 3), complex ones turned to the phase with most of the motion."""
@@ -268,12 +274,12 @@ class Body:
         for at in range(3):
             e, first, second = self.axes[at], self.axes[(at + 1) % 3], self.axes[(at + 2) % 3]
             a, b = x @ first, x @ second
-            if abs(a @ a - b @ b) > 0.1 * (a @ a) or np.ptp(x @ e) > np.hypot(a, b).max() * 2:
+            if abs(self.mass @ (a**2 - b**2)) > 0.1 * (self.mass @ a**2) or np.ptp(x @ e) > np.hypot(a, b).max() * 2:
                 continue
             shift = np.zeros(2)
             for _ in range(3):  # the outermost node of each sector lies on the rim, whose centre is sought
                 angle, r = np.arctan2(b - shift[1], a - shift[0]), np.hypot(a - shift[0], b - shift[1])
-                sector = np.floor((angle + np.pi) / (2 * np.pi) * 12 * (1 - 1e-12)).astype(int)
+                sector = np.minimum((angle + np.pi) / (2 * np.pi) * 12, 11).astype(int)
                 outer = np.zeros(12)
                 np.maximum.at(outer, sector, r)
                 rim = r >= (1 - POSITION) * outer[sector]

@@ -1,12 +1,12 @@
 """`mode_cards`: for each complex mode which real modes meet in it, what feeds it and where, and one sentence that says so.
 
-Two balances hold for each eigenpair of λ²M + λD + K, with λ = σ + iω, m = xᴴMx, xᴴDx = d + ig, and xᴴNx = in of the skew part N
-of K. The imaginary part of ω xᴴ(λ²M + λD + K)x = 0 is the balance of power:
+For each eigenpair of λ²M + λD + K let λ = σ + iω, m = xᴴMx, xᴴDx = d + ig, and xᴴNx = in of the skew part N of K. The imaginary
+part of ω xᴴ(λ²M + λD + K)x = 0 is the balance of power:
 
     2σ E = -ω² d - ω n,   E = ω² m + ω g / 2.
 
-E is twice the mean kinetic energy of Re(x exp(iωt)) over a period, times two, and π/ω times each term is the work of its force
-over a period 2π/ω. So each force has a part of Re λ, its power over 2E, and they add up to Re λ.
+Without gyroscopic forces (g = 0) E is four times the mean kinetic energy of Re(x exp(iωt)). π/ω times each term on the right is
+the work of its force over the period 2π/ω. So each force has a part of Re λ, its power over 2E, and they add up to Re λ.
 """
 
 from __future__ import annotations
@@ -62,6 +62,8 @@ class ContactWork(NamedTuple):
         NaN where they are not known.
     circulatory, damping : ndarray, shape (q,)
         The parts of Re λ of the friction that follows displacements, and of the contact's damping.
+    work : ndarray, shape (q,)
+        The work of both in one period, for the shape as it is given.
     where : str
         The third of the contact that feeds most: 'leading edge', 'middle', 'trailing edge'; '' where nothing slides along.
     """
@@ -71,6 +73,7 @@ class ContactWork(NamedTuple):
     points: Array
     circulatory: Array
     damping: Array
+    work: Array
     where: str
 
     @property
@@ -396,11 +399,11 @@ class Acting(NamedTuple):
         u, count = np.asarray(self.W.T @ x), len(self.nodes)
         turning = np.bincount(self.node, -omega * (u.conj() * (self.friction @ u)).imag, count) / (2 * kinetic)
         braking = np.bincount(self.node, -omega**2 * (u.conj() * (self.damping @ u)).real, count) / (2 * kinetic)
-        where = ""
+        where, total = "", turning + braking
         if np.isfinite(self.along).all():
             third = np.minimum((3 * self.along).astype(int), 2)
-            where = ("leading edge", "middle", "trailing edge")[int(np.bincount(third, turning + braking, 3).argmax())]
-        return ContactWork(self.name, self.nodes, self.points, turning, braking, where)
+            where = ("leading edge", "middle", "trailing edge")[int(np.bincount(third, total, 3).argmax())]
+        return ContactWork(self.name, self.nodes, self.points, turning, braking, 2 * np.pi / omega * kinetic * total, where)
 
 
 def columns_of_contact(model: Substructure, contact: Contact) -> tuple[list[str], Array]:
