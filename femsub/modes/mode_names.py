@@ -71,7 +71,9 @@ class ModeName:
 
     @property
     def lines(self) -> str:
-        """'4 nodal diameters and 1 nodal circle', of a disc."""
+        """'4 nodal diameters and 1 nodal circle' of a disc; '' of all else."""
+        if self.family != "disc":
+            return ""
         n, m = self.counts
         diameters = f"{n} nodal diameter{'s' * (n != 1)}" if n else "no nodal diameter"
         return diameters + (f" and {m} nodal circle{'s' * (m != 1)}" if m else "")
