@@ -99,6 +99,15 @@ def test_a_reduced_part_and_a_system_keep_the_mass_of_their_parts(tmp_path: Any)
         fs.effective_masses(clamped)
 
 
+@pytest.mark.parametrize("method", [fs.MacNeal(4), fs.Rubin(4), fs.CraigBampton(4), fs.Guyan()], ids=repr)
+@pytest.mark.parametrize("supports", [[], ["left"]], ids=str)
+def test_all_modes_of_a_reduced_model_move_what_it_can_move(method: Any, supports: Any) -> None:
+    rom = fs.reduce(bar(supports=supports, interface=["right"]), method)
+    modes = fs.normal_modes(rom, count=len(rom.M) - np.count_nonzero(rom.M.diagonal() == 0) - 6 * (not supports))
+    found = fs.effective_masses(rom, modes)
+    assert (np.abs(found.rest) < 1e-10 * found.mass).all() and (found.still > -1e-10 * found.mass).all()
+
+
 def test_an_audit_says_what_share_of_the_mass_the_modes_move() -> None:
     rom = fs.reduce(bar(interface=["left"]), fs.CraigBampton(6))
     said = {one.what: one.said for one in fs.audit(rom).findings}["mass that the modes move"]

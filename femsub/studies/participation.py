@@ -8,12 +8,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import cg
 
-from femsub.checks import EPS, Array, Matrix, instance, mapping, real_array, word
+from femsub.checks import EPS, Array, instance, mapping, real_array, word
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import MOTIONS, ReducedSubstructure, Substructure
+from femsub.modes import all_modes
 from femsub.studies.tables import Column, Table, column, fitted
 
 if TYPE_CHECKING:
@@ -215,20 +217,25 @@ def effective_masses(model: Substructure, modes: NormalModes | None = None, *, o
         if len(shapes) != model.size:
             raise InputError(f"the modes have {len(shapes)} DOF, but {model.name!r} has {model.size}: are they of another model?")
         omega, L, own = modes.frequencies, shapes.T @ P, np.einsum("ij,ij->j", shapes, model.M @ shapes)
-        reach = moved_by_all(model.M, P) if whole else mass
+        reach = moved_by_all(model, P) if whole else mass
     return EffectiveMasses(omega, names, L, own, mass, reach, interface if modes is None else np.zeros((len(omega), 0)), about)
 
 
-def moved_by_all(M: Matrix, P: Array) -> Array:
+def moved_by_all(model: Substructure, P: Array) -> Array:
     """diag(PᵀM⁻¹P) of P (n, d), in the DOF that have mass, as 2 PᵀA - AᵀMA with MA = P - R: less by RᵀM⁻¹R alone.
 
-    By conjugate gradients, since a mass matrix scaled to a diagonal of 1 has a small condition number; dense matrices by LAPACK.
+    By conjugate gradients, since a mass matrix scaled to a diagonal of 1 has a small condition number. Of a dense model by
+    LAPACK, and where its M is singular, as MacNeal's, by its modes: motions without mass follow the others.
     """
+    M = model.M
     diagonal = M.diagonal()
     unit = np.where(diagonal > 0, diagonal, np.inf) ** -0.5
     if not sp.issparse(M):
-        A = np.linalg.lstsq(M * np.outer(unit, unit), unit[:, None] * P, rcond=len(M) * EPS)[0]
-        return np.asarray(np.einsum("ij,ij->j", P, unit[:, None] * A))
+        forces = unit[:, None] * P
+        try:
+            return np.asarray(np.einsum("ij,ij->j", forces, la.cho_solve(la.cho_factor(M * np.outer(unit, unit)), forces)))
+        except la.LinAlgError:
+            return np.asarray(((all_modes(model.K, M, carried=model.rigid_motion).shapes.T @ P)**2).sum(axis=0))
     scale = sp.diags_array(unit)
     scaled, A = scale @ M @ scale, np.zeros_like(P)
     for at, column_of in enumerate((unit[:, None] * P).T):
