@@ -11,6 +11,7 @@ from .normal_modes import (
     modes_under as modes_under,
 )
 from .quadratic.axis_sweep import AxisSweep as AxisSweep, Line as Line, Met as Met
+from .quadratic.bars import bars as bars
 from .quadratic.complex_modes import (
     ComplexModes as ComplexModes,
     beside_the_full as beside_the_full,

@@ -25,8 +25,18 @@ from femsub.algebra import ROUNDING, check_columns, orthonormal, unresisted
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import DOUBLE, Estimate, Pencil, beyond, distance_outside, units, upper, within
-from femsub.modes import ACCEPTED, Coupling, EnergyBasis, Term, energy_directions, independent, lowest_modes, solve, terms_of
-from femsub.modes.quadratic.bars import bars
+from femsub.modes import (
+    ACCEPTED,
+    Coupling,
+    EnergyBasis,
+    Term,
+    bars,
+    energy_directions,
+    independent,
+    lowest_modes,
+    solve,
+    terms_of,
+)
 from femsub.reduction.basis import Kept, Statics
 from femsub.reduction.estimates.found_modes import FoundModes, compressed
 from femsub.reduction.estimates.nested import MARGIN, compared
