@@ -47,6 +47,7 @@ from .model.pencil import Pencil as Pencil
 from .model.substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure
 from .modes.damping import damped as damped, equivalent_viscous as equivalent_viscous
 from .modes.frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
+from .modes.mode_names import ModeName as ModeName, mode_names as mode_names
 from .modes.mode_set import ModeSet as ModeSet
 from .modes.normal_modes import NormalModes as NormalModes, normal_modes as normal_modes
 from .modes.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
@@ -89,5 +90,7 @@ from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track
 from .studies.audit import Audit as Audit, audit as audit
 from .studies.error_vs_time import study as study
+from .studies.mode_cards import ModeCard as ModeCard, mode_cards as mode_cards
+from .studies.participation import EffectiveMasses as EffectiveMasses, effective_masses as effective_masses
 from .studies.results import Study as Study
 from .studies.self_excitation import SelfExcitation as SelfExcitation, self_excitation as self_excitation

@@ -10,7 +10,7 @@ import numpy as np
 from femsub.checks import EPS, Array, Matrix, finite_number, mapping, real_array
 from femsub.components.solid_assembly import Pattern
 from femsub.errors import ConditionWarning, InputError, InputTypeError, warn
-from femsub.model import Substructure
+from femsub.model import Substructure, Supported
 
 if TYPE_CHECKING:
     from femsub.model import DofMap
@@ -153,8 +153,12 @@ def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array],
     sets = {place: rows for place, rows in sets.items() if len(rows)}
     joined = np.unique(np.concatenate([*sets.values(), free[:0]]))
     whole = len(free) == dofs.size
-    sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=joined if by_node else sets,
+    rows = M if whole else M[free]
+    sub = Substructure(M if whole else rows[:, free], K if whole else K[free][:, free], interface=joined if by_node else sets,
                        ports={port: w[free] for port, w in ports.items()}, name=name, dofs=dofs.kept(free),
                        sets={place: np.searchsorted(joined, rows) for place, rows in sets.items()},
                        H=H if H is None or whole else H[free][:, free])
+    if not whole:
+        held = np.flatnonzero(~loose)
+        sub._set(supported=Supported(rows[:, held], M[held][:, held], dofs.kept(held)))
     return sub if rayleigh is None else sub.with_damping(sub.D + proportional(sub, rayleigh))

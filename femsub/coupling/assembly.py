@@ -36,7 +36,17 @@ from femsub.checks import DENSE, EQUAL, Array, Matrix, choice, instance, items, 
 from femsub.coupling.dual import Multiplied, finite_span, interface_forces, multiplied
 from femsub.coupling.joints import End, Joint, Link, site, spatial
 from femsub.errors import InputError, InputTypeError
-from femsub.model import Carried, DofMap, Estimate, Joined, ReducedSubstructure, Substructure, checked_sets, size_of_products
+from femsub.model import (
+    Carried,
+    DofMap,
+    Estimate,
+    Inertia,
+    Joined,
+    ReducedSubstructure,
+    Substructure,
+    checked_sets,
+    size_of_products,
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,6 +171,13 @@ class System(Substructure):
             else:
                 found[name] = part.expand(q) if isinstance(part, ReducedSubstructure) else q
         return found
+
+    def rigid_inertia(self) -> Inertia | None:
+        """The forces of rigid accelerations of all parts together; None if those of a part are not known."""
+        own = [part.rigid_inertia() for part in self.parts.values()]
+        known = [one for one in own if one is not None]
+        return None if len(known) < len(own) else Inertia(np.asarray(self.L.T @ np.vstack([one.forces for one in known])),
+                                                          np.sum([one.mass for one in known], axis=0))
 
     def collected(self, u: Mapping[str, Array]) -> Array:
         """The x whose L x comes nearest to given displacements of the parts, as `expand` lists them; shape (n,) or (n, k).

@@ -20,7 +20,7 @@ from femsub.io.abaqus_calculix import read_dofs, write_dofs
 from femsub.io.atomic import HASHES, Writer, content_sum, hashed, newest, scratch, summed, write_whole
 from femsub.io.matrix_files import read_together
 from femsub.io.op4 import op4_module
-from femsub.model import Estimate, Origin, ReducedSubstructure, RigidMotion, Substructure
+from femsub.model import Estimate, Inertia, Origin, ReducedSubstructure, RigidMotion, Substructure
 
 FORMATS = ("mtx", "npz", "mat", "op4")
 INDEX = "model.json"
@@ -90,7 +90,8 @@ def model_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
                             "estimate": None if model.estimate is None else model.estimate.record(),
                             "rigid_motion": motion.record() if isinstance(motion := model.rigid_motion, RigidMotion) else None,
                             "noise": model.noise.tolist(),
-                            "origin": None if model.origin is None else model.origin.record()}
+                            "origin": None if model.origin is None else model.origin.record(),
+                            "inertia": None if model.inertia is None else model.inertia.record()}
     if model.sets and (isinstance(model, ReducedSubstructure) or len(model.interface)):
         about["sets"] = {key: places.tolist() for key, places in model.sets.items()}
     if model.ports:
@@ -219,13 +220,15 @@ def read_model(folder: Path) -> Substructure:
         estimate = None if (record := reduced.get("estimate")) is None else Estimate.of_record(record)
     with _fitting(path, "its origin"):
         origin = None if (record := reduced.get("origin")) is None else Origin.of_record(record)
+    with _fitting(path, "its inertia"):
+        inertia = None if (record := reduced.get("inertia")) is None else Inertia.of_record(record, V.shape[1])
     model = ReducedSubstructure(
         part["M"], part["K"], part["D"], columns, about["name"], V=V, kinds=reduced["kinds"], full_interface=interface,
         modes=modes, cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"],
         dropped=reduced["dropped"], port_error={port: np.inf if error is None else error
                                                 for port, error in reduced["port_error"].items()},
         factorisations=reduced["factorisations"], full_dofs=found, sets=about.get("sets") or {}, estimate=estimate,
-        rigid_motion=motion, noise=noise, H=part.get("H"), origin=origin)
+        rigid_motion=motion, noise=noise, H=part.get("H"), origin=origin, inertia=inertia)
     if model.interface.tolist() != about["interface"]:
         raise _damaged(path, f"its interface {about['interface']} is not that of V")
     return model

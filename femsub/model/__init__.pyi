@@ -26,7 +26,7 @@ from .contact import (
     small_matrices as small_matrices,
 )
 from .digits import rounding_of as rounding_of
-from .dof_map import LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
+from .dof_map import AXES as AXES, LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, Estimate as Estimate
 from .families import (
     COLUMNS_ALONE as COLUMNS_ALONE,
@@ -37,6 +37,7 @@ from .families import (
     coefficients as coefficients,
     family_of as family_of,
 )
+from .inertia import Inertia as Inertia, Supported as Supported
 from .intervals import Interval as Interval
 from .origin import Origin as Origin
 from .pencil import (
@@ -57,6 +58,7 @@ from .rigid_motion import (
     Touched as Touched,
     annihilates_a_translation as annihilates_a_translation,
     bare as bare,
+    by_places as by_places,
     changed as changed,
     coordinates as coordinates,
     costs as costs,

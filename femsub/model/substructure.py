@@ -18,6 +18,7 @@ from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
 from femsub.model.estimate import SHARE, Estimate
 from femsub.model.held import check_held, floating
+from femsub.model.inertia import Inertia, Supported
 from femsub.model.origin import Origin
 from femsub.model.pencil import Pencil
 from femsub.model.rigid_motion import Carried, RigidMotion
@@ -86,6 +87,7 @@ class Substructure(Frozen):
     H: Matrix | None = None
     rigid_motion: Carried = field(default=None, init=False)  #: of a full model None: it is found from K, once
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)), init=False)  #: see `Pencil.noise`
+    supported: Supported | None = field(default=None, init=False)  #: DOF that its supports hold, where they are known
 
     def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] | Mapping[str, Iterable[int]] = (),
                  ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None,
@@ -250,6 +252,10 @@ class Substructure(Frozen):
         if len(found):
             raise empty_dofs_error(len(found), map(self.dof_name, found.tolist()), self.name if name is None else name)
 
+    def rigid_inertia(self) -> Inertia | None:
+        """The forces of rigid accelerations on its DOF; None where the DOF have no known part in rigid motion."""
+        return None if self.dofs is None or self.dofs.no_rigid else Inertia.of(self.M, self.dofs, self.supported)
+
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
         """What a model made of others knows from them; its pencil is made afterwards."""
         self._set(rigid_motion=rigid_motion, noise=noise)
@@ -301,6 +307,8 @@ class ReducedSubstructure(Substructure):
         Rounding in VᵀDV: see `Pencil`.
     origin : Origin, optional
         What `reduce` made it of. Of a superelement and of a model by hand this is not known. A copy with another M or K loses it.
+    inertia : Inertia, optional
+        The forces of rigid accelerations on its coordinates, VᵀP. A copy with another M loses them.
 
     Examples
     --------
@@ -331,6 +339,7 @@ class ReducedSubstructure(Substructure):
     rigid_motion: Carried = None
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
     origin: Origin | None = None
+    inertia: Inertia | None = None
 
     #: makes a model with more shapes, while the full component exists; not pickled
     wider: ClassVar[Callable[[ReducedSubstructure, Array, Array, str | None], ReducedSubstructure | None] | None] = None
@@ -359,6 +368,7 @@ class ReducedSubstructure(Substructure):
         self._set(V=V, interface_dofs=known, sets=sets, kinds=tuple(self.kinds), cutoff=float(self.cutoff),
                   port_error=self.port_error, full_interface=full_interface,
                   origin=None if self.origin is None else self.origin.belonging(self.M, self.K, same),
+                  inertia=None if self.inertia is None else self.inertia.belonging(self.M),
                   estimate=self.estimate if valid else None, estimated=estimated if valid else None,
                   rigid_motion=motion.belonging(*own) if isinstance(motion, RigidMotion) else None,
                   noise=noise if noise is not None and len(noise) == self.size else self.noise)
@@ -381,6 +391,10 @@ class ReducedSubstructure(Substructure):
     def interface_numbers(self) -> Array:
         """`full_interface`."""
         return self.full_interface
+
+    def rigid_inertia(self) -> Inertia | None:
+        """`inertia`."""
+        return self.inertia
 
     def with_damping(self, D: Any) -> Self:
         """A copy with another D, shape (r, r), and without the estimate, which is not valid for it."""

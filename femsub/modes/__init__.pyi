@@ -1,4 +1,5 @@
 from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
+from .mode_names import ModeName as ModeName, named as named, parts_energies as parts_energies
 from .mode_set import ModeSet as ModeSet
 from .normal_modes import (
     ACCEPTED as ACCEPTED,
@@ -10,9 +11,11 @@ from .normal_modes import (
     modes_under as modes_under,
 )
 from .quadratic.axis_sweep import AxisSweep as AxisSweep, Line as Line, Met as Met
+from .quadratic.bars import bars as bars
 from .quadratic.complex_modes import (
     ComplexModes as ComplexModes,
     beside_the_full as beside_the_full,
+    complex_modes as complex_modes,
     modes_over as modes_over,
     with_bars as with_bars,
 )

@@ -401,6 +401,7 @@ def finished(request: Request, part: Partition, basis: Basis, statics: Statics |
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
         interface_dofs=sub.interface_dofs, sets=sub.sets, rigid_motion=motion, noise=noise, H=H, origin=origin,
+        inertia=None if (inertia := sub.rigid_inertia()) is None else inertia.projected(V),
         estimate=None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff))
     model._set(wider=Wider(weakref.ref(sub), sub if sub.size <= DENSE else None, method.held))
     model = method.finished(sub, model)

@@ -11,8 +11,7 @@ from femsub.algebra import FEW, is_symmetric, one_thread, orthonormal, unresiste
 from femsub.checks import EPS, EQUAL, Array
 from femsub.errors import NotConvergedError
 from femsub.model import Pencil, contact_matrix, in_band, units
-from femsub.modes import PortFunction, ShiftInvert, independent, lowest_modes, modes_below, port_responses
-from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.modes import PortFunction, ShiftInvert, complex_modes, independent, lowest_modes, modes_below, port_responses
 from femsub.stability.border import OUTSIDE, Band, Border, ModalContact, dense_border
 from femsub.stability.crossings import ASIDE
 

@@ -17,8 +17,7 @@ import scipy.linalg as la
 from femsub.algebra import BLOCK, WIDE, by_threads, one_thread
 from femsub.checks import EPS, Array
 from femsub.model import Affine, Pencil, upper, within
-from femsub.modes import REGULAR, ComplexModes
-from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.modes import REGULAR, ComplexModes, complex_modes
 
 
 class PointModes(NamedTuple):

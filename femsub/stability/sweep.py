@@ -14,8 +14,7 @@ from femsub.algebra import QUADRATIC, check_workers, factorise, side_by_side
 from femsub.checks import EPS, Array, real_array, until
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import Affine, Contacts, Pencil, Substructure, in_band
-from femsub.modes import eigenvalues, modal_form
-from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.modes import complex_modes, eigenvalues, modal_form
 from femsub.stability.critical_value import question_of
 from femsub.stability.port_root import is_narrow, port_fed
 

@@ -25,6 +25,7 @@ from femsub.studies.audit_case import (
     Case,
     Finding,
     KeptModes,
+    Mapped,
     coupling,
     listed,
     off_diagonal,
@@ -187,6 +188,20 @@ def shared_stiffness(case: Case) -> Sight:
     if case.basis != "held" or not 0 < len(at) < case.size:
         return None
     return Seen(coupling(case.K, np.setdiff1d(np.arange(case.size), at), at))
+
+
+def moved_mass(case: Case, mapped: Mapped) -> Sight:
+    """The least and the largest share of the mass that the fixed-interface modes move, Σ L²/m with L = M_qb R, over RᵀM_bb R."""
+    X, at = case.static, case.modal
+    if X is None or case.basis != "held" or not len(at) or not mapped.at.size:
+        return None
+    q = X @ mapped.at
+    L, own, whole = case.M[at] @ q, case.M.diagonal()[at], np.einsum("ij,ij->j", q, case.M @ q)
+    if not (own > 0).all() or not (whole > 0).all():
+        return None
+    share = (L**2 / own[:, None]).sum(axis=0) / whole
+    return good(f"with the interface held, the {len(at)} modes move {share.min():.0%} to {share.max():.0%} of the mass in "
+                f"{len(share)} rigid motions".replace("%", " %"))
 
 
 def alike_modes(case: Case) -> Sight:
@@ -631,6 +646,7 @@ CHECKS = (
     Check("modes and interface share no stiffness", "", shared_stiffness, AGREE,
           "ΨᵀKΦ is not 0 between constraint modes Ψ and fixed-interface modes Φ",
           "The constraint modes are not the static response of this K: compute them again, K_ii Ψ_i = -K_ib"),
+    Check("mass that the modes move", "mapped", moved_mass, None, "", ""),
     # what the full model decides better where it is known
     Check("no mode twice", "alone, no V", alike_modes, None, "", ""),
     Check(STRAINED, "alone, motion", carried_strain, EQUAL, "the rigid motion that the model carries has an elastic energy",

@@ -22,6 +22,7 @@ from femsub.modes import (
     NormalModes,
     all_modes,
     beside_the_full,
+    complex_modes,
     extra_eigenvalues,
     frequency_error,
     frequency_response,
@@ -31,7 +32,6 @@ from femsub.modes import (
     turnover,
 )
 from femsub.modes.normal_modes import normal_modes
-from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.reduction import ContactModes, Method, Reductor
 from femsub.reduction.reduce import reduce
 from femsub.studies.losses import Loss, first_belt, first_loss, with_value

@@ -18,8 +18,7 @@ from femsub.checks import DENSE, EPS, Array, instance
 from femsub.coupling import System, couple, linked, rows_of_parts, sprung
 from femsub.errors import InputError
 from femsub.model import Contacts, Estimate, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper
-from femsub.modes import all_modes, motion_of
-from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.modes import all_modes, complex_modes, motion_of
 from femsub.reduction.basis import Statics
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.estimates.found_modes import FoundModes, Span

@@ -1,0 +1,463 @@
+"""`mode_cards`: for each complex mode which real modes meet in it, what feeds it and where, and one sentence that says so.
+
+For each eigenpair of λ²M + λD + K let λ = σ + iω, m = xᴴMx, xᴴDx = d + ig, and xᴴNx = in of the skew part N of K. The imaginary
+part of ω xᴴ(λ²M + λD + K)x = 0 is the balance of power:
+
+    2σ E = -ω² d - ω n,   E = ω² m + ω g / 2.
+
+Without gyroscopic forces (g = 0) E is four times the mean kinetic energy of Re(x exp(iωt)). π/ω times each term on the right is
+the work of its force over the period 2π/ω. So each force has a part of Re λ, its power over 2E, and they add up to Re λ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import POSITION, Array, Matrix, instance, whole_number, whole_numbers, word
+from femsub.errors import InputError
+from femsub.model import Pencil, ReducedSubstructure, Substructure, contacts_at, contacts_of, fields_of, small_matrices
+from femsub.modes import ComplexModes, ModeName, ShiftInvert, all_modes, modes_below, named, parts_energies
+from femsub.studies.tables import Column, Table, column, fitted
+
+if TYPE_CHECKING:
+    from femsub.model import Contact, Contacts
+
+MET = 0.1  # the share from which on a second real mode is said to meet the first
+
+
+class RealMode(NamedTuple):
+    """A real mode of the system without friction, and its part in a complex mode.
+
+    Attributes
+    ----------
+    frequency : float
+        ω in radians per unit of time.
+    share : float
+        |yᴴMφ φᵀMx| over the sum of all.
+    phase : float
+        The angle of φᵀMx beside that of the first real mode, in degrees, -180 to 180.
+    name : ModeName
+    """
+
+    frequency: float
+    share: float
+    phase: float
+    name: ModeName
+
+
+class ContactWork(NamedTuple):
+    """What one contact does in a complex mode, node by node.
+
+    Attributes
+    ----------
+    name : str
+    nodes : tuple of str, length q
+        'disc.under-inboard: node 12', or a port and its column.
+    points : ndarray, shape (q, 3)
+        NaN where they are not known.
+    circulatory, damping : ndarray, shape (q,)
+        The parts of Re λ of the friction that follows displacements, and of the contact's damping.
+    work : ndarray, shape (q,)
+        The work of both in one period, for the shape as it is given.
+    where : str
+        The third of the contact that feeds most: 'leading edge', 'middle', 'trailing edge'; '' where nothing slides along.
+    """
+
+    name: str
+    nodes: tuple[str, ...]
+    points: Array
+    circulatory: Array
+    damping: Array
+    work: Array
+    where: str
+
+    @property
+    def growth(self) -> Array:
+        """All that the contact adds to Re λ at each node, (q,)."""
+        return self.circulatory + self.damping
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModeCard:
+    """What a complex mode is made of and what feeds it, made by `mode_cards`.
+
+    Attributes
+    ----------
+    eigenvalue : complex
+    real_modes : tuple of RealMode
+        Some of those of the system without friction, the largest share first.
+    captured : float
+        The share of the kinetic energy of x in the real modes that were looked at.
+    name : ModeName
+        Of the complex mode itself, at the phase with most motion.
+    energy, strain : mapping of str to float
+        The share of each part in the kinetic energy and in the elastic energy.
+    growth : mapping of str to float
+        The parts of Re λ, which add up to it: 'circulatory' of the skew part of K, 'contact damping' and 'damping' of D, and
+        'structural damping'.
+    contacts : tuple of ContactWork
+    kinetic : float
+        E of the shape as it is given: 2 Re λ E is the power of all forces that are not conservative.
+    turn : float
+        The angle φ in degrees by which x is turned to be drawn with most motion: Re(x exp(iφ)).
+    phases : mapping of str to float
+        The angle at which each part has most motion, beside that, in degrees from -90 to 90: ½ arg of qᵀMq.
+    error_bar : float
+        That of Re λ. A force that adds less than this is not said to feed the mode.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import femsub as fs
+    >>> hoffmann = fs.Substructure(np.eye(2), [[2.0, 1.0], [1.0, 2.0]], ports={"x": [1, 0], "y": [0, 1]})
+    >>> rubbing = fs.LinearContact(("x", "y"), stiffness=[[0.0, -1.2], [0.0, 0.0]])
+    >>> modes = fs.complex_modes(hoffmann, rubbing)
+    >>> card = fs.mode_cards(hoffmann, rubbing, modes, modes.unstable)[0]
+    >>> [round(mode.share, 2) for mode in card.met], round(card.eigenvalue.real, 3), round(card.growth["circulatory"], 3)
+    ([0.5, 0.5], 0.157, 0.157)
+    """
+
+    eigenvalue: complex
+    real_modes: tuple[RealMode, ...]
+    captured: float
+    name: ModeName
+    energy: Mapping[str, float]
+    strain: Mapping[str, float]
+    growth: Mapping[str, float]
+    contacts: tuple[ContactWork, ...]
+    kinetic: float
+    turn: float
+    phases: Mapping[str, float]
+    error_bar: float = 0.0
+
+    @property
+    def met(self) -> tuple[RealMode, RealMode] | None:
+        """The two real modes that meet in it; None where one makes up most of it."""
+        first, *others = self.real_modes
+        return (first, others[0]) if others and others[0].share > MET else None
+
+    @property
+    def apart(self) -> float:
+        """The distance of these two without friction, in radians per unit of time; NaN where there is one."""
+        return np.nan if self.met is None else abs(self.met[0].frequency - self.met[1].frequency)
+
+    @property
+    def work(self) -> dict[str, float]:
+        """The work of each kind of force over one period, for the shape as it is given: 2π E/ω times its part of Re λ."""
+        return {key: 2 * np.pi / self.eigenvalue.imag * self.kinetic * part for key, part in self.growth.items()}
+
+    @property
+    def feeding(self) -> tuple[ContactWork, ...]:
+        """The contact that adds most to Re λ, if any adds something, and those that add at least half as much."""
+        added = [float(one.growth.sum()) for one in self.contacts]
+        most = max(added, default=0.0)
+        return tuple(one for one, own in zip(self.contacts, added, strict=True) if own > self.error_bar and own >= most / 2)
+
+    @property
+    def sentence(self) -> str:
+        """The mode in one sentence."""
+        return f"{hertz(self.eigenvalue.imag)}: {self._made_of}; {self._fed_by}."
+
+    @property
+    def _made_of(self) -> str:
+        if self.met is None:
+            return f"{phrase(self.real_modes[0])} ({self.real_modes[0].share:.0%} of it)".replace("%", " %")
+        one, other = self.met
+        among = "among others " if one.share + other.share < 1 - 2 * MET else ""
+        how = f"{among}({hertz(self.apart)} apart without friction)"
+        if one.name.family == "disc" and one.name.same == other.name.same:
+            return f"the two modes of {phrase(one)} meet {how}"
+        return f"{phrase(one)} meets {phrase(other)} {how}"
+
+    @property
+    def _fed_by(self) -> str:
+        """What feeds it, and whether that is enough."""
+        feeds = {key: part for key, part in self.growth.items() if part > self.error_bar}
+        if not feeds:
+            return "nothing feeds it"
+        what = "friction" if self.contacts else "the circulatory force"
+        if max(feeds, key=lambda key: feeds[key]) != "circulatory":
+            what = "negative damping"
+        edges = {one.where for one in self.feeding}
+        if self.feeding:
+            what += f" on {f'the {edges.pop()} of ' if len(edges) == 1 and all(edges) else ''}"
+            what += " and ".join(one.name for one in self.feeding)
+        return f"{what} feeds it" + ("" if self.eigenvalue.real > self.error_bar else ", and damping takes out more")
+
+    def __repr__(self) -> str:
+        return f"ModeCard: {self.sentence}"
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """The real modes with their phases, the parts, and what adds up to Re λ."""
+        rows = [{"name": str(one.name), "omega": one.frequency, "share": one.share, "phase": round(one.phase, 3) + 0.0}
+                for one in self.real_modes]
+        made = Table("real-modes", rows, [
+            Column("name", "real mode", "s"), column("omega", "ω", ".6g"), Column("share", "share", ".1%"),
+            Column("phase", "phase [°]", ".0f", "°", "of its coordinate, beside the first")], "Real modes")
+        parts = [{"part": key, "kinetic": share, "elastic": self.strain[key], "phase": round(self.phases[key], 3) + 0.0}
+                 for key, share in self.energy.items()]
+        forces = [{"force": key, "growth": part, "work": self.work[key]} for key, part in self.growth.items()]
+        forces.append({"force": "sum: Re λ", "growth": sum(self.growth.values()), "work": sum(self.work.values())})
+        return (made, Table("parts", parts, ["part", Column("kinetic", "kinetic energy", ".1%"),
+                                             Column("elastic", "elastic energy", ".1%"),
+                                             Column("phase", "phase [°]", ".0f", "°", "of most motion, beside the whole")],
+                            "The parts"),
+                Table("forces", forces, [Column("force", "force", "s"), Column("growth", "part of Re λ", ".4g", "1/time"),
+                                         Column("work", "work in a period", ".4g")], "What feeds it"))
+
+    def __str__(self) -> str:
+        return fitted("\n\n".join([self.sentence, *(one.text() for one in self.tables)]))
+
+
+def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexModes, which: Iterable[int] | None = None, *,
+               full: Substructure | None = None, parameter: str = "mu", most: int = 6) -> tuple[ModeCard, ...]:
+    """Cards of complex modes (λ²M + λD + K)x = 0: the real modes that meet in each, and what adds up to Re λ.
+
+    The real modes φ of M and of the symmetric part of K at μ = 0 make up x. Their shares are |yᴴMφ φᵀMx| over the sum of all,
+    with the left vector y: what one real mode contributes to yᴴMx. Of a sparse model the real modes up to 1.5 |λ| are taken,
+    and y in their span and that of x. The parts of Re λ are the powers of the forces over 2E:
+
+        2 Re λ E = -ω² Re xᴴDx - ω Im xᴴKx,   E = ω² xᴴMx + ω Im xᴴDx / 2.
+
+    At a node of a contact the power is Re(conj(iωu)f) with its force f = -(C_K - C_K⁰)u - iω C_D u. C_K⁰ is the symmetric part
+    of C_K at μ = 0, or of C_K where the contact has no μ.
+
+    Parameters
+    ----------
+    model : Substructure or Pencil
+        Full, reduced or a system.
+    contacts : contact, sequence of contacts or None
+        Those that the modes belong to.
+    modes : ComplexModes
+        Of this model with these contacts.
+    which : iterable of int, optional
+        Which modes, as `modes.unstable`. Of a pair the one with Im λ > 0 has the card. By default all that oscillate.
+    full : Substructure, optional
+        Of a reduced system: what it was reduced from, so that its parts are named.
+    parameter : str
+        The field of contacts that is 0 without friction.
+    most : int
+        How many real modes a card lists.
+
+    Returns
+    -------
+    tuple of ModeCard
+        ``print(card)`` shows one, ``card.sentence`` says what it is.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Modes of another model, a mode that does not oscillate, a system with Lagrange multipliers.
+    MissedModesError, SingularMatrixError
+        The real modes were not found: K without friction is indefinite.
+
+    References
+    ----------
+    N. Hoffmann and others, Eur. J. Mech. A 21 (2002) 915 (two modes that meet); H. Ouyang and others, Int. J. Veh. Noise Vib. 1
+    (2005) 207.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> model = fs.Pencil([[1, 0], [0, 1]], [[0.02, 0], [0, 0.02]], [[2, 0.3], [-0.3, 2.2]])
+    >>> modes = fs.complex_modes(model)
+    >>> print(fs.mode_cards(model, None, modes, modes.unstable)[0].tables[2].text())
+    force        part of Re λ  work in a period
+    -----------  ------------  ----------------
+    circulatory       0.09737            0.8886
+    damping             -0.01          -0.09126
+    sum: Re λ         0.08737            0.7973
+    """
+    given = contacts_of(contacts)
+    if not isinstance(modes, ComplexModes):
+        raise InputError(f"modes must be ComplexModes, as of fs.complex_modes(model, contacts), not {type(modes).__name__}")
+    word("parameter", parameter)
+    if isinstance(model, Pencil):
+        if given:
+            raise InputError("a Pencil has no ports for contacts: leave them out, its K and D contain them")
+        pencil = still = model
+    else:
+        pencil = instance("model", model, Substructure, "or a Pencil").linearised(contacts, structural=True)
+        if getattr(model, "multipliers", None):
+            raise InputError(f"{model.name!r} has Lagrange multipliers, and no real modes of its own. Join its parts with "
+                             "assembly='primal'")
+        without = contacts_at(given, parameter, 0.0) if any(parameter in fields_of(one) for one in given) else given
+        still = model.linearised(without, structural=True)
+    if len(modes.shapes) != pencil.size:
+        raise InputError(f"the modes have {len(modes.shapes)} DOF, but the model has {pencil.size}: are they of another model?")
+    if full is not None and not (isinstance(model, ReducedSubstructure) and instance("full", full, Substructure).size
+                                 == len(model.V)):
+        raise InputError("full must be what the model was reduced from: a substructure with as many DOF as V has rows")
+    values = modes.eigenvalues
+    chosen = np.flatnonzero((values.imag > 0) & ~modes.rigid) if which is None else whole_numbers("which", which)
+    if (bad := [at for at in chosen.tolist() if not 0 <= at < len(values) or values[at].imag == 0]):
+        raise InputError(f"which: mode {bad[0]} is not one of those that oscillate, {np.flatnonzero(values.imag).tolist()}")
+    chosen = chosen[values[chosen].imag > 0]
+    if not len(chosen):
+        return ()
+
+    # the real modes of the system without friction
+    M, K0 = (A if flag else (A + A.T) * 0.5 for A, flag in zip((still.M, still.K), still.symmetric[::2], strict=True))
+    carried = None if still.rigid_motion is None else still.damped_by(None).rigid_motion
+    if pencil.is_sparse:
+        real = modes_below(K0, M, 1.5 * float(np.abs(values[chosen]).max()), ShiftInvert(K0, M, carried=carried))
+    else:
+        real = all_modes(K0, M, carried=carried)
+    if not len(real.eigenvalues):
+        raise InputError(f"no real mode without friction lies below 1.5 |λ| = {1.5 * np.abs(values[chosen]).max():.4g}: "
+                         "the modes are no vibrations of this model")
+    X = modes.shapes[:, chosen]
+    A, B = real.shapes.T @ (M @ X), left_vectors(pencil, values[chosen], X, real.shapes, getattr(model, "H", None))
+    product = np.abs(A) * np.abs(B[:len(A)])
+    shares = product / product.sum(axis=0)
+    order = np.argsort(-shares, axis=0, kind="stable")[:whole_number("most", most, least=2)]
+    shown, plain = np.unique(order), Substructure(M, K0, name="model") if isinstance(model, Pencil) else model
+    names = dict(zip(shown.tolist(), named(plain, real.shapes[:, shown], full), strict=True))
+    kinetic_of, strain_of, square_of = parts_energies(plain, X, full)
+    forms = named(plain, X, full)
+    acting = [Acting.of(plain, one, parameter) for one in given]
+    cards = []
+    for at, (value, x) in enumerate(zip(values[chosen], X.T, strict=True)):
+        a = A[:, at]
+        angles = np.degrees(np.angle(a * np.conj(a[order[0, at]])))
+        made = tuple(RealMode(float(real.frequencies[j]), float(shares[j, at]), float(angles[j]), names[j])
+                     for j in order[:, at].tolist())
+
+        # the balance of power
+        omega, inertia, braking = value.imag, np.vdot(x, M @ x).real, np.vdot(x, pencil.D @ x)
+        kinetic = omega**2 * inertia + omega * braking.imag / 2
+        places = tuple(one.at(omega, x, kinetic) for one in acting)
+        parts = {"circulatory": -omega * np.vdot(x, pencil.K @ x).imag / (2 * kinetic)}
+        rubbing = float(sum(one.damping.sum() for one in places))
+        if acting:
+            parts["contact damping"] = rubbing
+        parts["damping"] = -omega**2 * braking.real / (2 * kinetic) - rubbing
+        if (H := getattr(model, "H", None)) is not None:
+            parts["structural damping"] = -omega * np.vdot(x, H @ x).real / (2 * kinetic)
+        captured = float((np.abs(a)**2).sum() / inertia)
+        whole = sum(one[at] for one in square_of.values())
+        phases = {key: float(np.degrees(np.angle(one[at] / whole)) / 2) for key, one in square_of.items()}
+        cards.append(ModeCard(
+            complex(value), made, captured, forms[at], {key: float(one[at]) for key, one in kinetic_of.items()},
+            {key: float(one[at]) for key, one in strain_of.items()}, {key: float(one) for key, one in parts.items()}, places,
+            float(kinetic), float(np.degrees(np.angle(whole)) / -2), phases, float(modes.error_bar[chosen[at]])))
+    return tuple(cards)
+
+
+def left_vectors(pencil: Pencil, values: Array, X: Array, Phi: Array, H: Matrix | None) -> Array:
+    """y (r, k) in an M-orthonormal basis V of the real modes Φ, its first columns, and of the shapes X: yᴴVᵀP(λ)V = 0.
+
+    Since V has x, VᵀP(λ)V is singular at the λ of the model itself. Where Φ is complete, V y is the left vector.
+    """
+    M = pencil.M
+    E = np.hstack([X.real, X.imag])
+    E = E / np.sqrt(np.maximum(np.einsum("ij,ij->j", E, M @ E), np.finfo(float).tiny))
+    for _ in range(2):
+        E = E - Phi @ (Phi.T @ (M @ E))
+    size, turn = np.linalg.eigh(E.T @ (M @ E))
+    new = size > POSITION**2
+    V = np.hstack([Phi, E @ (turn[:, new] / np.sqrt(size[new]))])
+    small = [V.T @ (A @ V) for A in (M, pencil.D, pencil.K if H is None else pencil.K + 1j * H)]
+    found = [np.linalg.svd(value**2 * small[0] + value * small[1] + small[2])[0][:, -1] for value in values]
+    return np.array(found).T
+
+
+class Acting(NamedTuple):
+    """A contact's forces on its columns W (n, p): -(C - C⁰)u of the friction, and -C_D u̇. C⁰ does no work in a period."""
+
+    name: str
+    W: Matrix
+    friction: Matrix  # C - C⁰
+    damping: Matrix
+    node: Array  # of each column
+    nodes: tuple[str, ...]
+    points: Array
+    along: Array  # the place of each node along the sliding, 0 at the leading edge to 1; NaN where nothing slides along
+
+    @classmethod
+    def of(cls, model: Substructure, contact: Contact, parameter: str) -> Acting:
+        still = contacts_at(contact, parameter, 0.0)[0] if parameter in fields_of(contact) else contact
+        W, *terms = small_matrices(model, contact)
+        damping, C, C0 = (sp.csr_array(A) if sp.issparse(A) or np.ndim(A) else A * sp.eye_array(W.shape[1], format="csr")
+                          for A in (*terms, small_matrices(model, still)[2]))
+        names, points = columns_of_contact(model, contact)
+        nodes = tuple(dict.fromkeys(names))
+        number = {name: at for at, name in enumerate(nodes)}
+        node, places = np.array([number[name] for name in names]), np.full((len(nodes), 3), np.nan)
+        places[node] = points
+        title = str(getattr(contact, "first", ", ".join(contact.ports)))
+        return cls(title, W, C - (C0 + C0.T) / 2, damping, node, nodes, places, along_sliding(contact, places))
+
+    def at(self, omega: float, x: Array, kinetic: float) -> ContactWork:
+        """The parts of Re λ that the forces have at each node."""
+        u, count = np.asarray(self.W.T @ x), len(self.nodes)
+        turning = np.bincount(self.node, -omega * (u.conj() * (self.friction @ u)).imag, count) / (2 * kinetic)
+        braking = np.bincount(self.node, -omega**2 * (u.conj() * (self.damping @ u)).real, count) / (2 * kinetic)
+        where, total = "", turning + braking
+        if np.isfinite(self.along).all():
+            third = np.minimum((3 * self.along).astype(int), 2)
+            where = ("leading edge", "middle", "trailing edge")[int(np.bincount(third, total, 3).argmax())]
+        return ContactWork(self.name, self.nodes, self.points, turning, braking, 2 * np.pi / omega * kinetic * total, where)
+
+
+def columns_of_contact(model: Substructure, contact: Contact) -> tuple[list[str], Array]:
+    """What each column of a contact is called, with the node numbers of the parts, and its place (p, 3)."""
+    names: list[str] = []
+    for port in contact.ports:
+        count = model.port(port).size // model.size
+        names += [port] if count == 1 else [f"{port}, column {at + 1}" for at in range(count)]
+    points = [np.full((len(names), 3), np.nan)]
+    dofs, own = model.interface_dofs, None if model.interface_dofs is None else model.interface_dofs.nodes
+    inside = getattr(model, "open", {})
+    maps = [model.parts[name].interface_dofs for name in inside]  # type: ignore[attr-defined]
+    if all(one is not None for one in maps) and maps:  # a system numbers the nodes of its interface anew
+        own = np.concatenate([one.nodes[at] for one, at in zip(maps, inside.values(), strict=True)])
+    for key in getattr(contact, "sets", ()):
+        places = model.sets[key]
+        names += [f"{key}: interface DOF {at}" if own is None else f"{key}: node {own[at]}" for at in places.tolist()]
+        known = None if dofs is None else dofs.points
+        points.append(np.full((len(places), 3), np.nan) if known is None else
+                      np.pad(known[places], ((0, 0), (0, 3 - known.shape[1]))))
+    return names, np.vstack(points)
+
+
+def along_sliding(contact: Any, points: Array) -> Array:
+    """Where each place lies between the edge at which the second body comes in, 0, and that at which it leaves, 1."""
+    axis, direction = getattr(contact, "axis", None), getattr(contact, "direction", None)
+    if (axis is None and direction is None) or not np.isfinite(points).all() or not len(points):
+        return np.full(len(points), np.nan)
+    if axis is None:
+        s = points @ np.asarray(direction)
+    else:
+        x, e = points - np.asarray(contact.centre), np.asarray(axis)
+        middle = x.mean(axis=0) - e * (x.mean(axis=0) @ e)
+        s = np.arctan2(x @ np.cross(e, middle), x @ middle) if np.linalg.norm(middle) > 0 else np.full(len(x), np.nan)
+    return np.asarray((s - s.min()) / np.ptp(s)) if np.ptp(s) > 0 else np.full(len(points), np.nan)
+
+
+def hertz(omega: float) -> str:
+    """'2.93 kHz', '34 Hz': ω in radians per unit of time, which is taken for seconds."""
+    f = omega / (2 * np.pi)
+    return f"{f / 1000:.3g} kHz" if f >= 1000 else f"{f:.3g} Hz"
+
+
+def phrase(mode: RealMode) -> str:
+    """A mode as part of a sentence: "the disc's out-of-plane pair with 4 nodal diameters"."""
+    name, owner = mode.name, f"the {mode.name.part}'s"
+    if name.family == "disc":
+        motion = name.motion.replace("out of plane", "out-of-plane").replace("in plane, ", "in-plane ")
+        if name.mixed:
+            return f"{owner} mixed {motion} mode, mostly with {name.lines}"
+        return f"{owner} {motion} {'pair' if name.counts[0] else 'mode'} with {name.lines}"
+    if name.family in ("beam", "plate"):
+        motion, _, waves = name.form.rpartition(", ")
+        return f"{owner} {motion.replace(' ', '-')} mode with {waves}"
+    if name.family == "rigid":
+        return f"{owner} rigid motion {name.motion}"
+    return f"{owner} mode at {hertz(mode.frequency)} (mostly {name.motion})"
