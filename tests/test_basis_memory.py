@@ -92,4 +92,4 @@ def test_a_box_takes_a_few_times_the_memory_of_its_basis(monkeypatch: pytest.Mon
         peak = made(4500, 0.025)
     finally:
         tracemalloc.stop()
-    assert peak < 6.5 * max(sizes)  # room for as many columns again included, which takes no pages
+    assert peak < 5.5 * max(sizes)  # room for as many columns again included, which takes no pages
