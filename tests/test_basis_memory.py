@@ -52,7 +52,7 @@ def test_residuals_join_by_their_products(kept: bool, seed: int) -> None:
         return np.asarray(np.einsum("ij,ij->j", R, A @ R))
 
     basis.lost  # noqa: B018
-    exact, C = residuals(basis.V), [basis.weighted(s, x, adjoint) for adjoint in (False, True)]
+    exact, C = residuals(basis.V), [basis.coefficients(s, x, adjoint) for adjoint in (False, True)]
     found = np.hstack([basis.residuals(s, x, adjoint).view(complex) for adjoint in (False, True)])
     assert np.abs(found - exact).max() < 1e-5 * np.abs(exact).max()  # kept in single precision
     least = float(np.median(lengths(exact))) / 10
