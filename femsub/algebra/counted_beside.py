@@ -82,7 +82,7 @@ class SignsBeside(Process):
 def signs(A: Matrix, D: Matrix, d: tuple[float, float]) -> tuple[bool, bool]:
     """Whether d₀A - D and d₁A + D are positive definite, by Cholesky factors that are not kept; of an infinite d they are."""
     finite = [(one, sign) for one, sign in zip(d, (-1, 1), strict=True) if one < math.inf]
-    known = iter(are_definite(sp.csr_array(one * A + sign * D) for one, sign in finite))
+    known = iter(are_definite(sp.csr_array(A + (sign / one) * D) for one, sign in finite))
     minus, plus = (one == math.inf or next(known) for one in d)
     return minus, plus
 

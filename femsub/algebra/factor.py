@@ -6,6 +6,7 @@ import logging
 import warnings
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
@@ -251,10 +252,10 @@ def are_definite(matrices: Iterable[Matrix]) -> list[bool]:
     """
     found: list[bool] = []
     factor: Handle | None = None
-    before: Matrix | None = None
+    pattern: Matrix | None = None
     for A in matrices:
         try:
-            if not (isinstance(factor, SparseFactor) and before is not None and same_pattern(A, before) and factor.again(A)):
+            if not (isinstance(factor, SparseFactor) and pattern is not None and same_pattern(A, pattern) and factor.again(A)):
                 if factor is not None:
                     factor.close()  # two may not fit into memory
                 factor = factorise(A, "definite")
@@ -262,7 +263,9 @@ def are_definite(matrices: Iterable[Matrix]) -> list[bool]:
         except SingularMatrixError:
             found.append(False)
             factor = None
-        before = A
+        # beside the next one and its factor there may be no room for the entries of both
+        pattern = SimpleNamespace(indptr=A.indptr, indices=A.indices) if sp.issparse(A) else None
+        del A
     if factor is not None:
         factor.close()
     return found

@@ -176,7 +176,7 @@ class _Maker:
             here = self.projection.changed(node.theta)
             scale = self.allowed(node.lam)
             for vectors, adjoint in ((node.x, False), (node.z, True)):
-                columns.append(here.weighted(node.lam, vectors / scale, adjoint))
+                columns.append(here.coefficients(node.lam, vectors / scale, adjoint))
         m = self.projection.size
         if not self.projection.join(columns, 0.03):  # squares: a direction with a sixth of the residual that the tolerance allows
             return nodes

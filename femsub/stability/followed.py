@@ -252,7 +252,7 @@ def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
         return False
     lam = small.each[near]
     scale = np.sqrt(projection.least * np.maximum(np.abs(lam.real), EPS * np.abs(lam)))
-    residuals = [projection.weighted(lam, x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))]
+    residuals = [projection.coefficients(lam, x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))]
     return projection.join(residuals, EPS**0.5)  # squares of shares of a coupling that must be below 1
 
 
@@ -270,7 +270,8 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
         near = np.flatnonzero((small.nu != 0) & (lam.imag >= 0.9 * band[0]) & (lam.imag <= 1.3 * band[1])
                               & (np.abs(lam.real) < (0.1 if i % 3 == 0 else 1e-3) * band[1]))
         scale = np.sqrt(projection.least * np.clip(np.abs(lam[near].real), 2e-4 * band[1], 1e-2 * band[1]))
-        columns += [here.weighted(lam[near], x[:, near] / scale, adjoint) for x, adjoint in ((small.x, False), (small.z, True))]
+        columns += [here.coefficients(lam[near], x[:, near] / scale, adjoint)
+                    for x, adjoint in ((small.x, False), (small.z, True))]
     projection.join(columns, 0.02)
 
 

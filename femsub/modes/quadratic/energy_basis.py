@@ -287,7 +287,7 @@ class EnergyBasis:
             found[term.rows] += term.image(moved).view(complex) * (term.sign * weight.conj() if adjoint else weight)
         return found.view(float)
 
-    def weighted(self, s: Array, x: Array, adjoint: bool = False) -> Array:
+    def coefficients(self, s: Array, x: Array, adjoint: bool = False) -> Array:
         """C (p, m, 2k): P(s)Vx - AVx = Σ T_iVC_i column by column, or of Pᴴ, real and imaginary parts by turns."""
         weights = [term.weight(s) for term in self.terms]
         return np.stack([np.ascontiguousarray(x * (term.sign * weight.conj() if adjoint else weight)).view(float)
@@ -296,7 +296,7 @@ class EnergyBasis:
     def join(self, residuals: Sequence[Array], least: float) -> bool:
         """Let V grow by the directions of residuals whose squares in the norm of A exceed `least`; return whether there were any.
 
-        Each is given by its C (p, m, l) of `weighted`. `lost` has the products of all, so that no other one takes a solve.
+        Each is given by its C (p, m, l) of `coefficients`. `lost` has the products of all, so that no other one takes a solve.
         """
         C, rows = np.concatenate(residuals, axis=2), len(self.terms) * self.size
         if not C.size:
@@ -316,7 +316,7 @@ class EnergyBasis:
         if not self.kept:
             loads = self.forces(s, x, adjoint)
             return np.asarray(self.solve(loads) - self.V @ (self.V.T @ loads))
-        return self._outside_of(self.weighted(s, x, adjoint))
+        return self._outside_of(self.coefficients(s, x, adjoint))
 
     def _outside_of(self, C: Array) -> Array:
         """Σ A⁻¹T_iVC_i outside V, (n, l)."""

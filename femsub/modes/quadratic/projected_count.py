@@ -214,14 +214,19 @@ class Projection(EnergyBasis):
         return _bound(self.A, term.matrix, self.factor.solve, term.sign)
 
     def sizes(self, V: Array) -> Array:
-        """|V|ᵀ|B||V| (p + 1, r, r) of V (n, r) for B = A and each term: times EPS what rounding of B's entries may do to VᵀBV."""
+        """|V|ᵀB|V| (p + 1, r, r) of V (n, r), for B = |K| + μ|M| of A = K + μM, and |T| of each term.
+
+        Times EPS it is what rounding in the entries may do to VᵀAV or VᵀTV.
+        """
         blocks = [V[:, at:at + BLOCK] for at in range(0, V.shape[1], BLOCK)]
 
-        def size(B: Matrix) -> Array:
-            images = (times(B, np.abs(block)) for block in blocks)  # one at a time
+        def size(*parts: tuple[float, Matrix]) -> Array:
+            several = [(weight, without_signs(part)) for weight, part in parts if weight]
+            images = (sum(weight * times(B, np.abs(block)) for weight, B in several) for block in blocks)  # one at a time
             return np.hstack([np.vstack([np.abs(block).T @ image for block in blocks]) for image in images])
 
-        return np.array([size(without_signs(self.A.formed())), *(size(without_signs(term.matrix)) for term in self.terms)])
+        A = size((1.0, self.A.K), (abs(self.A.sigma), self.A.M))
+        return np.array([A, *(size((1.0, term.matrix)) for term in self.terms)])
 
     def images_outside(self) -> Array:
         """H (p, h, m), see `images`."""
