@@ -193,8 +193,8 @@ class Radii:
         weights = self.weights(theta)
         terms, d, r = self.images.shape
         adjoint = weights * np.append(1.0, self.signs)[:, None]
-        sides = [(own.T @ self.images.reshape(terms, d * r)).reshape(3 * d, r) for own in (weights, adjoint)]
-        return RadiiAt(self, weights, *sides, np.tensordot(np.abs(weights.T), self.rounding, 1))
+        right, left = ((own.T @ self.images.reshape(terms, d * r)).reshape(3 * d, r) for own in (weights, adjoint))
+        return RadiiAt(self, weights, right, left, np.tensordot(np.abs(weights.T), self.rounding, 1))
 
     @staticmethod
     def circles(values: Array, size: Array) -> Array:
