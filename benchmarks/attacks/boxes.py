@@ -200,7 +200,7 @@ def newton(pencil: fs.Pencil, value: complex) -> tuple[complex, float]:
     M, D, K = (dense(part) for part in (pencil.M, pencil.D, pencil.K))
     x = y = np.random.default_rng(0).standard_normal(len(M)) + 0j
     for _ in range(5):
-        factor = la.lu_factor(value * (value * M + D) + K)
+        factor = la.lu_factor((beside := value * (1 + 1e-12)) * (beside * M + D) + K)  # at λ itself a pivot may be 0
         for _ in range(2):
             x, y = (unit_length(la.lu_solve(factor, b, trans=turned)) for b, turned in ((x, 0), (y, 1)))
         slope = y @ (2 * value * (M @ x) + D @ x)
