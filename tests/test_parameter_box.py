@@ -18,6 +18,7 @@ from scipy.io import loadmat
 import femsub as fs
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.errors import FemsubWarning, InputError
+from femsub.modes.quadratic import projected_count
 
 
 def truth(pencil: fs.Pencil) -> np.ndarray:
@@ -143,7 +144,8 @@ def test_a_factor_that_takes_no_interval_is_sampled():
     check(small, full.at, (0.0, 1.0), [{"k": k} for k in (0.0, 0.13, 0.2)])
 
 
-def test_a_box_too_wide_for_the_bound_is_open_at_its_ends():
+def test_a_box_too_wide_for_the_bound_is_open_at_its_ends(monkeypatch):
+    monkeypatch.setattr(projected_count, "WIDE", 40)  # as of a model too large to be its own basis
     # there gyroscopic forces may outweigh the stiffness of what is outside the basis
     n = 80
     K, turn = fs.chain(n).K, sp.diags_array([np.ones(n - 1), -np.ones(n - 1)], offsets=[1, -1])
@@ -154,8 +156,9 @@ def test_a_box_too_wide_for_the_bound_is_open_at_its_ends():
     check(small, full.at, (0.0, 0.5), [{"speed": speed} for speed in (-0.03, -0.01, 0.013, 0.03)])
 
 
-def test_a_parameter_that_leaves_c_as_it_is_is_not_halved():
+def test_a_parameter_that_leaves_c_as_it_is_is_not_halved(monkeypatch):
     """Where other shapes may lack stiffness, the range of the parameter that takes it is halved, not that of the first one."""
+    monkeypatch.setattr(projected_count, "WIDE", 40)
     n = 80
     K, turn = fs.chain(n).K, sp.diags_array([np.ones(n - 1), -np.ones(n - 1)], offsets=[1, -1])
     spring = sp.csr_array(([0.1], ([4], [4])), shape=(n, n))
@@ -163,6 +166,16 @@ def test_a_parameter_that_leaves_c_as_it_is_is_not_halved():
     with pytest.warns(FemsubWarning, match="of the box is not proved"):
         small = fs.reduce(full, fs.ParameterBox({"spring": (0.0, 1.0), "speed": (-0.03, 0.03)}, (0.0, 0.5), cells=8))
     assert 0 < small.open_share < 1 and {cell.ranges["spring"] for cell in small.cells} == {(0.0, 1.0)}
+
+
+def test_a_small_model_may_be_its_own_basis():
+    """Where gyroscopic forces outweigh the stiffness at every value, nothing may be left out, and the count is proved."""
+    n = 46
+    K, turn = fs.chain(n).K, sp.diags_array([np.ones(n - 1), -np.ones(n - 1)], offsets=[1, -1])
+    full = fs.Affine(sp.eye_array(n), [(1.0, 0.1 * sp.diags_array(np.linspace(0, 1, n))), ("speed", sp.csr_array(turn))], K)
+    small = fs.reduce(full, fs.ParameterBox({"speed": (1.0, 1.1)}, (0.0, 0.5)))
+    assert small.evidence == "certified"
+    check(small, full.at, (0.0, 0.5), [{"speed": speed} for speed in (1.0, 1.03, 1.1)])
 
 
 def test_rigid_motion_stays_at_zero():
@@ -219,7 +232,7 @@ def test_a_box_may_end_beside_the_axis(seed):
 
 
 def test_radii_beside_dashpots_of_a_million_times_critical():
-    """Squares of their images, and norms of their rounding, would leave few digits for modes in which they stand still."""
+    """Squares of their images, and norms of their rounding, leave few digits or none for modes in which they stand still."""
     n, band = 16, (0.0, 0.7)
     K, strong = fs.chain(n).K, np.zeros(n)
     strong[[3, 11]] = 2e6

@@ -92,7 +92,7 @@ class Faulty:
     def cells(self) -> tuple[Any, ...]:
         hi = self.box.band[1]
         contour = Contour(sides=(-1.02 * hi, 1.01 * hi, 1.03 * hi))
-        return (SimpleNamespace(ranges=self.box.ranges, contour=contour, number=self.counted, evidence="certified"),)
+        return (SimpleNamespace(holds=lambda point: True, contour=contour, number=self.counted, evidence="certified"),)
 
     def modes(self, **point: float) -> Any:
         exact = boxes.spectrum(self.full, point)
@@ -118,7 +118,8 @@ def test_the_judge_of_models_over_a_box_sees_each_fault(fault: str, said: str) -
     for seed in (6, 9, 10):  # of 64 to 88 DOF: two stable families, one that flutters
         full, ranges, band = boxes.family("circulatory", np.random.default_rng(seed))
         small = Faulty(full, SimpleNamespace(ranges=ranges, band=band, region=(-band[1], band[1], *band)), fault)
-        found, counts, ratio = boxes.judged(full, small, boxes.at_random(ranges, np.random.default_rng(seed)))
+        point = boxes.at_random(ranges, np.random.default_rng(seed))
+        found, counts, ratio = boxes.judged(full, small, point, boxes.spectrum(full, point))
         assert (bool(counts), bool(found)) == (fault == "number", fault not in ("", "number"))
         assert all(said in text for text in (found + counts)[:1]) and (fault or 0.4 < ratio[0] < 0.6)
 

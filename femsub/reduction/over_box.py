@@ -25,7 +25,7 @@ from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import DOUBLE, Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import States, seen
+from femsub.reduction.states import States, seen, settled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -151,13 +151,13 @@ class _Maker:
     def node(self, values: Mapping[str, float], contour: Contour) -> Node:
         """The eigenpairs of VᵀPV at these values."""
         theta = self.theta(**values)
-        (shift, nu, x, z), *_ = eigenpairs(self.projection.changed(theta).matrices, self.projection.outer.size)
+        matrices = self.projection.changed(theta).matrices
+        (shift, nu, x, z), *_ = eigenpairs(matrices, self.projection.outer.size)
         with np.errstate(all="ignore"):
             lam = shift + 1 / nu
         at = np.flatnonzero(contour.encloses(np.nan_to_num(lam, nan=np.inf, posinf=np.inf)) & (lam.imag >= 0))
-        x, z = x[:, at], z[:, at]
-        even = np.sqrt(la.norm(z, axis=0) / la.norm(x, axis=0))
-        return Node(values, theta, lam[at], x * even, z / even)
+        # beside strong dashpots LAPACK's λ have errors, of which `learn` would take the radii to be too small
+        return Node(values, theta, *settled(tuple(matrices), lam[at], x[:, at], z[:, at]))
 
     def allowed(self, lam: Array) -> Array:
         """√(c tol |λ|): residuals of this size on both sides make an error of the tolerance."""

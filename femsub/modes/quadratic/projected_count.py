@@ -112,6 +112,7 @@ class Projection(EnergyBasis):
             pencil.halves if pencil.K0 is pencil.K else halves(pencil.K))
 
         simple, turned = proportional(pencil, damping), few_columns(gyroscopic)
+        whole = self.whole = bool(changes) and pencil.size <= WIDE  # V may become all there is
 
         @contextmanager
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[int], Bounds]]:
@@ -122,7 +123,7 @@ class Projection(EnergyBasis):
             def found(modes: int) -> Bounds:
                 first = looked()
                 damped = none if simple is not None else damping
-                return (*_strong(self.A, damped, solve, outer.re, first, modes, most),
+                return (*_strong(self.A, damped, solve, outer.re, first, modes, most, whole),
                         _bound(self.A, gyroscopic if turned is None else none, solve, -1.0))
 
             with _none_strong(self.A, damping if simple is None else none, outer.re, handle.factor) as looked:
@@ -178,7 +179,7 @@ class Projection(EnergyBasis):
                     if not np.isfinite(bound):
                         known = signs(self.A.formed(), half, (CHANGED / weight, CHANGED / weight))
                         shapes, ends = _strong(self.A, half, self.factor.solve, (-weight, weight), known,
-                                               sum(x.shape[1] for x in joining), most, (CHANGED, *DAMPED))
+                                               sum(x.shape[1] for x in joining), most, whole, (CHANGED, *DAMPED))
                         joining.append(shapes)
                 terms.append(Term(half, (0.0, 0.0, 0.0), sign, ends, spanned=columns is not None))
                 self.own_weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
@@ -203,6 +204,17 @@ class Projection(EnergyBasis):
     def _weighted(self, theta: Sequence[float] | Array) -> list[Weights]:
         return [own if place is None else (theta[place] * own[0], theta[place] * own[1], theta[place] * own[2])
                 for place, own in self.own_weights]
+
+    def coercivity(self, re: tuple[float, float], top: float) -> float:
+        """c; 1 where V and rigid motion leave nothing out."""
+        return 1.0 if self.size + self.free.shape[1] == len(self.V) else super().coercivity(re, top)
+
+    def completed(self) -> bool:
+        """Whether V has got all that was outside of it, as it may in a model over a box that LAPACK solves soon."""
+        if not self.whole:
+            return False
+        known = np.hstack([self.A @ self.V, self.momenta])
+        return self.add(la.qr(known)[0][:, known.shape[1]:])
 
     @property
     def least(self) -> float:
@@ -257,6 +269,8 @@ class Projection(EnergyBasis):
         """
         self.why, self.blamed = "", np.zeros(len(self.changes))
         c = self.least
+        if c <= 0 and self.changed(self.theta).least <= 0 and self.completed():  # no part of the cell would be proved
+            c = self.least
         if c <= 0:
             for q in np.flatnonzero(self.half):  # what each change takes of c
                 others = self.changed(self.theta, np.where(np.arange(len(self.half)) == q, 0.0, self.half))
@@ -451,8 +465,10 @@ def _allowed(share: float, re: Ends) -> Ends:
 
 
 def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends, first: tuple[bool, bool],
-            modes: int, most: int, shares: Sequence[float] = DAMPED) -> tuple[Array, Ends]:
+            modes: int, most: int, whole: bool, shares: Sequence[float] = DAMPED) -> tuple[Array, Ends]:
     """Shapes U (n, k) and the range of xᵀDx / xᵀAx wherever UᵀAx = 0; D symmetric; `first` is what `_none_strong` found.
+
+    Of too many there are none, and no end, if the basis may become the `whole` space.
 
     Raises
     ------
@@ -472,6 +488,8 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
         if modes + number <= most:
             break
     else:
+        if whole:
+            return none, (-np.inf, np.inf)
         raise NotConvergedError(f"the basis needs {modes + number} shapes, {number} of them strongly damped, and the limit is "
                                 f"{most}")
     log.info("the count by projection takes %d shapes, of which %d are strongly damped", modes + number, number)
