@@ -246,6 +246,17 @@ def test_radii_beside_dashpots_of_a_million_times_critical():
     assert (apart.min(axis=1) <= found.error_bar).all()
 
 
+def test_rounding_beside_strong_dashpots_is_not_learnt_from():
+    """LAPACK's λ of a node are off by more than their radii; the estimate of what lies outside the basis stays what it was."""
+    n = 16
+    K, strong, turn = fs.chain(n).K, np.zeros(n), np.linspace(0.05, 0.1, n - 1)
+    strong[[3, 8, 11]] = 1e5, 2e5, 3e5
+    full = fs.Affine(sp.eye_array(n), [(1.0, 1e-3 * K), (1.0, sp.diags_array(strong)),
+                                       ("speed", sp.diags_array([turn, -turn], offsets=[1, -1]))], K)
+    small = fs.reduce(full, fs.ParameterBox({"speed": (0.0, 1.0)}, (0.0, 0.7)))
+    assert small.evidence == "certified" and small.error < 1e-6 and small.radii.least > 1e-3
+
+
 def test_many_values_are_those_one_by_one():
     small, mu = reduced_family(0), np.linspace(0.0, 1.0, 7)
     many = small.modes_over(mu=mu, speed=1.5)
