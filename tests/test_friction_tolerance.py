@@ -195,8 +195,9 @@ def test_motion_without_mass_follows() -> None:
     rub, band = Rub(), (0.0, 1.0)
     rom = fs.reduce(sliding(massless=True), fs.ContactModes(band=band, tol=1e-6, contacts=rub))
     exact, found = (fs.complex_modes(one, rub, band=band).eigenvalues for one in (sliding(massless=True), rom))
-    assert rom.size < 12 and len(exact) == len(found) > 2
-    np.testing.assert_allclose(found, exact, rtol=1e-6, atol=1e-6)
+    exact, found = (part[np.abs(part) > 1e-3] for part in (exact, found))  # λ = 0, one or two of them by rounding
+    assert rom.size < 12 and len(exact) == len(found) == 2
+    np.testing.assert_allclose(found, exact, rtol=1e-6)
 
 
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")

@@ -25,7 +25,7 @@ from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import DOUBLE, Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import States, seen, settled
+from femsub.reduction.states import States, improved, seen
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -157,7 +157,7 @@ class _Maker:
             lam = shift + 1 / nu
         at = np.flatnonzero(contour.encloses(np.nan_to_num(lam, nan=np.inf, posinf=np.inf)) & (lam.imag >= 0))
         # beside strong dashpots LAPACK's λ have errors, of which `learn` would take the radii to be too small
-        return Node(values, theta, *settled(tuple(matrices), lam[at], x[:, at], z[:, at]))
+        return Node(values, theta, *improved(tuple(matrices), lam[at], x[:, at], z[:, at]))
 
     def allowed(self, lam: Array) -> Array:
         """√(c tol |λ|): residuals of this size on both sides make an error of the tolerance."""

@@ -27,7 +27,7 @@ from femsub.checks import (
 from femsub.errors import InputError
 from femsub.model import Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
-from femsub.reduction.states import States, listed, settled
+from femsub.reduction.states import States, improved, listed
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -367,7 +367,7 @@ class BoxModel(Affine):
         if found is None:
             lam, x, z = self.every(pencil)
             near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
-            lam, x, z = settled(self.moving(pencil), lam[near], x[:, near], z[:, near])
+            lam, x, z = improved(self.moving(pencil), lam[near], x[:, near], z[:, near])
             found = lam, x, z, sizes(lam, x, z)
         order = np.argsort(found[0].imag, kind="stable")
         lam, x, z, size = (part[..., order] for part in found)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import EPS, Array
 
 if TYPE_CHECKING:
     from femsub.reduction.parameter_box import RadiiAt
@@ -81,6 +81,15 @@ def settled(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, 
     quotient, slope = (np.einsum("ik,ik->k", z.conj(), part) for part in (K @ x + lam * (damped + inert), damped + 2 * inert))
     even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0) / np.abs(slope))
     return lam - quotient / slope, x * even, z / (even * slope.conj())
+
+
+def improved(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
+    """`settled` pairs of LAPACK, |zᴴP'(λ)x| = 1; a double λ, as 0 of rigid motion, has no such quotient and stays."""
+    found = settled(matrices, lam, x, z)
+    simple = np.abs(found[0] - lam) <= EPS**0.25 * np.abs(lam)
+    even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
+    value, right, left = (np.where(simple, *two) for two in zip(found, (lam, x * even, z / even), strict=True))
+    return value, right, left
 
 
 def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
