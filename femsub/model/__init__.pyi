@@ -10,6 +10,18 @@ from .bands import (
     widened as widened,
     within as within,
 )
+from .changes import (
+    AddedDamper as AddedDamper,
+    AddedMass as AddedMass,
+    AddedSpring as AddedSpring,
+    Change as Change,
+    JointChange as JointChange,
+    ChangeTerm as ChangeTerm,
+    added as added,
+    as_changes as as_changes,
+    displacements as displacements,
+    full_dofs as full_dofs,
+)
 from .constraints import Freed as Freed, freed as freed
 from .contact import (
     Contact as Contact,
@@ -37,6 +49,7 @@ from .families import (
     family_of as family_of,
 )
 from .intervals import Interval as Interval
+from .jets import Jet as Jet
 from .origin import Origin as Origin
 from .pencil import (
     Pencil as Pencil,
