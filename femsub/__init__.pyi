@@ -89,6 +89,7 @@ from .reduction.reduce import (
     Rubin as Rubin,
     reduce as reduce,
 )
+from .stability.changes_tried import modified as modified
 from .stability.critical_value import critical_slope as critical_slope, critical_value as critical_value
 from .stability.question import CriticalValue as CriticalValue
 from .stability.sensitivities import Meeting as Meeting, Sensitivities as Sensitivities, sensitivities as sensitivities

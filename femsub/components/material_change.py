@@ -8,9 +8,8 @@ from types import SimpleNamespace
 from typing import Any, Self
 
 import numpy as np
-import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, choice, finite_number, instance, positive_number, word
+from femsub.checks import Array, Matrix, choice, finite_number, instance, positive_number, whole_numbers, word
 from femsub.components.beam import LABELS, element_lengths
 from femsub.components.bending_elements import hermite_matrices
 from femsub.components.build import gathered, not_negative, pair
@@ -18,7 +17,7 @@ from femsub.components.mesh import Mesh
 from femsub.components.plate import Layout
 from femsub.components.solid_assembly import Material, lame, stiffness_and_mass
 from femsub.errors import InputError, InputTypeError
-from femsub.model import TRANSLATIONS, Change, DofMap, ChangeTerm, displacements, full_dofs
+from femsub.model import TRANSLATIONS, Change, ChangeTerm, DofMap, Jet, displacements, full_dofs
 
 Values = Mapping[str, Any]
 #: Of each kind of component the factors of its matrices, as functions of the constants of the material, and whose they are.
@@ -180,18 +179,14 @@ class MaterialChange(Change):
                 found.append(("D", A, lambda of, factor=factor, ratio=ratio: ratio * factor(of)))
             if key == "K" and (self.constants.get("loss") or self.parameter == "loss"):
                 found.append(("H", A, lambda of, factor=factor: of["loss"] * factor(of)))
-        U, used = displacements(model, rows[moved], self.part), None
-        terms = []
-        for key, A, factor in found:
-            if self._moves(factor):
-                used = A[moved][:, moved] if len(moved) < A.shape[0] else A
-                terms.append(ChangeTerm(key, U, used, self._difference(factor)))
-        return terms
+        U = displacements(model, rows[moved], self.part)
+        return [ChangeTerm(key, U, A[moved][:, moved] if len(moved) < A.shape[0] else A, self._difference(factor))
+                for key, A, factor in found if self._moves(factor)]
 
     def _moves(self, factor: Callable[[Values], Any]) -> bool:
-        """Whether a factor depends on the parameter: seen at two values, one of which is no root of it."""
-        at = (factor({**self.constants, self.parameter: self.value + step}) for step in (0.0, 0.1, 0.2))
-        return len(set(at)) > 1
+        """Whether a factor depends on the parameter."""
+        found = factor({**self.constants, self.parameter: Jet.of(self.value, 0, 1)})
+        return isinstance(found, Jet) and bool(found.first.any() or found.second.any())
 
     def _difference(self, factor: Callable[[Values], Any]) -> Callable[[Any], Any]:
         now = factor(self.constants)
@@ -221,8 +216,6 @@ def _cells(mesh: Any, cells: Any) -> tuple[Array, str]:
 
 
 def _rows(cells: Any, count: int) -> Array:
-    from femsub.checks import whole_numbers
-
     found = np.unique(whole_numbers("cells", cells)).astype(int)
     if not len(found) or found[0] < 0 or found[-1] >= count:
         raise InputError(f"cells must be rows from 0 to {count - 1}, one or more")

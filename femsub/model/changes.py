@@ -318,23 +318,23 @@ def displacements(model: Substructure, rows: Array, part: str = "") -> Matrix:
     if len(rows) and not 0 <= rows.min() <= rows.max() < count:
         raise InputError(f"DOF {rows.max() if rows.max() >= count else rows.min()} is out of range: {found.name!r} has {count} "
                          f"DOF, counted from 0 to {count - 1}")
-    if found is model:
-        return sp.csr_array(sp.eye_array(count, format="csr")[rows]) if V is None else V[rows]
-    L = _coordinates(model, part)
-    return L[rows] if V is None else V[rows] @ L
+    if V is None:
+        return sp.csr_array(sp.eye_array(count, format="csr")[rows]) if found is model else _coordinates(model, part, rows)
+    return V[rows] if found is model else V[rows] @ _coordinates(model, part)
 
 
-def _coordinates(model: Substructure, part: str) -> Matrix:
-    """The coordinates of a part in those of the model, (n_p, n)."""
+def _coordinates(model: Substructure, part: str, rows: Array | slice = slice(None)) -> Matrix:
+    """The coordinates of a part, or some of them, in those of the model, (n_p, n)."""
     start = 0
     for name, one in getattr(model, "parts", {}).items():
-        if part == name or part.startswith(f"{name}."):
-            L = model.L[start:start + one.size]  # type: ignore[attr-defined]
-            L = sp.csr_array(L) if sp.issparse(L) else L
-            return L if part == name else _coordinates(one, part.removeprefix(f"{name}.")) @ L
+        if part == name:
+            own = start + np.arange(one.size)[rows]
+            return model.L[own] if len(own) < model.L.shape[0] else model.L  # type: ignore[attr-defined]
+        if part.startswith(f"{name}."):
+            return _coordinates(one, part.removeprefix(f"{name}."), rows) @ model.L[start:start + one.size]  # type: ignore[attr-defined]
         start += one.size
     part_of(model, part)
-    return sp.eye_array(model.size, format="csr")
+    return sp.eye_array(model.size, format="csr")[rows]
 
 
 def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None = None) -> tuple[Matrix, Array]:

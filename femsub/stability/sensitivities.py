@@ -31,10 +31,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, positive_number, whole_numbers, word
+from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, positive_number, truth, whole_numbers, word
 from femsub.errors import InputError, unknown_name
 from femsub.model import Affine, Jet, Substructure, as_changes, contacts_of, family_of, fields_of, kinks_of
-from femsub.modes import ComplexModes, corrected, left_slope, pencil_of, slope, solver_near
+from femsub.modes import ComplexModes, corrected, left_by_real_factor, left_slope, pencil_of, slope, solver_near
 
 if TYPE_CHECKING:
     from femsub.model import Change, Contacts, Pencil
@@ -115,7 +115,7 @@ class Sensitivities:
     error_bar : ndarray, shape (k, q)
         Bound of the error of `first` to first order, from residuals and rounding.
     second : ndarray of complex, shape (k, q, q)
-        ∂²λ/∂p_i∂p_j; NaN as `first`.
+        ∂²λ/∂p_i∂p_j; NaN as `first`, and where they were not asked for.
     differentiable : ndarray of bool, shape (k,)
         False for rigid motion at λ = 0, and where eigenvalues meet.
     meetings : tuple of Meeting
@@ -201,7 +201,8 @@ class _Parameters(NamedTuple):
 
 def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: ComplexModes,
                   parameters: Sequence[str | Change], *, of: Sequence[int] | None = None,
-                  at: Mapping[str, float] | None = None, together: float = 1e-6) -> Sensitivities:
+                  at: Mapping[str, float] | None = None, second: bool | None = None,
+                  together: float = 1e-6) -> Sensitivities:
     """∂λ/∂p = -yᴴ(λ²∂M/∂p + λ∂D/∂p + ∂K/∂p)x / yᴴ(2λM + D)x of complex modes, with error bars and second derivatives.
 
     Left vectors are computed by inverse iteration with one factor for each λ, which corrects λ and x as well. No parameter is
@@ -223,6 +224,9 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
         Only these modes; default: all.
     at : mapping of str to float
         The values of all parameters of an `Affine`.
+    second : bool, optional
+        Whether second derivatives are wanted. Default: of dense models. They take a complex factor for each λ. Without them
+        one real factor corrects the left vector of a sparse model, which `modes` knows roughly.
     together : float
         Eigenvalues meet if they are nearer than this share of |λ|, or than eight times the error of one of them.
 
@@ -259,20 +263,26 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
         raise InputError(f"of must name modes from 0 to {len(modes) - 1}")
     values, k, q = modes.eigenvalues, len(chosen), len(known.names)
     lam, first, bar = values[chosen].astype(complex), np.full((k, q), np.nan + 0j), np.full((k, q), np.nan)
-    second, plain, meetings = np.full((k, q, q), np.nan + 0j), np.ones(k, dtype=bool), {}
-    other = pencil if all(pencil.symmetric) else pencil.transposed()
+    curves, plain, meetings = np.full((k, q, q), np.nan + 0j), np.ones(k, dtype=bool), {}
+    second_too = not pencil.is_sparse if second is None else truth("second", second)
+    sizes = _Sizes.of(pencil)
+
+    def solved(mode: int) -> _Simple | None:
+        quick = _light(pencil, sizes, known, modes, mode) if pencil.is_sparse and not second_too else None
+        return quick or _simple(pencil, sizes, known, values[mode], modes.shapes[:, mode])
+
     every = np.append(values, values[~np.isin(values.conj(), values)].conj())
     for row, mode in enumerate(chosen.tolist()):
         twin = next((one for one in range(row) if plain[one] and lam[one].imag and values[chosen[one]] == values[mode].conj()), None)
         if twin is not None:  # the other one of a pair
-            lam[row], first[row], bar[row], second[row] = lam[twin].conj(), first[twin].conj(), bar[twin], second[twin].conj()
+            lam[row], first[row], bar[row], curves[row] = lam[twin].conj(), first[twin].conj(), bar[twin], curves[twin].conj()
             continue
         near = np.abs(every - values[mode])
         reach = max(together * abs(values[mode]), 8 * modes.error_bar[mode])
         if np.isfinite(reach) and not modes.rigid[mode] and np.count_nonzero(near <= reach) == 1 and \
-                (found := _simple(pencil, other, known, values[mode], modes.shapes[:, mode])) is not None \
+                (found := solved(mode)) is not None \
                 and 8 * found.off < np.sort(near)[1:2].min(initial=np.inf):
-            lam[row], first[row], bar[row], second[row] = found[:4]
+            lam[row], first[row], bar[row], curves[row] = found[:4]
             continue
         plain[row] = False
         if modes.rigid[mode]:
@@ -282,7 +292,7 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
         key = tuple(sorted({mode, *members.tolist()}))
         if key not in meetings:
             meetings[key] = _meeting(pencil, known, key, modes)
-    return Sensitivities(known.names, known.units, known.values, lam, first, bar, second, plain,
+    return Sensitivities(known.names, known.units, known.values, lam, first, bar, curves, plain,
                          tuple(one for one in meetings.values() if one is not None))
 
 
@@ -366,12 +376,116 @@ class _Simple(NamedTuple):
     off: float
 
 
-def _simple(pencil: Pencil, other: Pencil, known: _Parameters, value: complex, x: Array, turns: int = 3) -> _Simple | None:
-    """The derivatives of one λ; None if it does not converge, as where it is not simple. `other` is the transposed pencil."""
+class _Work(NamedTuple):
+    """P_j x and P_jᴴy, (n, q), or their products YᴴP_j x and XᴴP_jᴴy with some vectors; and yᴴP_j x, yᴴP'_j x, the rounding in the
+    former, and yᴴP_jk x, of one eigenpair.
+    """
+
+    pushed: Array
+    pulled: Array
+    work: Array
+    turned: Array
+    size: Array
+    curves: Array
+
+    @classmethod
+    def of(cls, known: _Parameters, value: complex, x: Array, y: Array, onto: tuple[Array, Array] | None = None) -> _Work:
+        q = len(known.names)
+        F, L = np.zeros((2, len(x) if onto is None else onto[0].shape[1], q), dtype=complex)
+        work, turned = np.zeros((2, q), dtype=complex)
+        size, curves = np.zeros(q), np.zeros((q, q), dtype=complex)
+        for piece in known.pieces:
+            there, here = piece.moved(x), piece.moved(y)
+            f, g, weight = piece.A @ there, piece.A.T @ here, piece.weight(value)
+            product = np.vdot(here, f)
+            rounding = abs(weight) * float(np.abs(here) @ (abs(piece.A) @ np.abs(there)))
+            if onto is None:
+                pushed, pulled = piece.back(f), piece.back(g)
+            else:
+                pushed, pulled = (piece.moved(V).conj().T @ one for V, one in zip(onto, (f, g), strict=True))
+            for j in np.flatnonzero(piece.jet.first):
+                theta = piece.jet.first[j]
+                F[:, j] += theta * weight * pushed
+                L[:, j] += theta * np.conj(weight) * pulled
+                work[j] += theta * weight * product
+                turned[j] += theta * piece.weight(value, 1) * product
+                size[j] += abs(theta) * rounding
+            curves += piece.jet.second * weight * product
+        return cls(F, L, work, turned, size, curves)
+
+
+class _Sizes(NamedTuple):
+    """|M|, |D| and |K|, structural damping included: for the rounding in products with P, entry by entry."""
+
+    M: Matrix
+    D: Matrix
+    K: Matrix
+
+    @classmethod
+    def of(cls, pencil: Pencil) -> _Sizes:
+        H = getattr(pencil, "H", None)
+        return cls(abs(pencil.M), abs(pencil.D), abs(pencil.K) if H is None else abs(pencil.K) + abs(H))
+
+    def doubts(self, P: Matrix, value: complex, x: Array, y: Array, left: Array) -> tuple[Array, Array]:
+        """Errors of Px and of Pᴴy entry by entry, (n,) each: twice the residual, and the rounding in it, as in `bars`.
+
+        `left` is P'ᴴy, the direction of an error of λ in Pᴴy.
+        """
+        s, found = abs(value), []
+        back = P.conj().T @ y
+        for r, v, (M, D, K) in ((P @ x, x, self), (back - left * (np.vdot(x, back) / np.vdot(x, left)), y,
+                                                   (A.T for A in self))):
+            size = np.abs(v)
+            found.append(2 * np.abs(r) + 4 * EPS * (s * s * (M @ size) + s * (D @ size) + K @ size))
+        return found[0], found[1]
+
+    def rates(self, value: complex, x: Array, y: Array) -> float:
+        """The sizes of the terms of yᴴP'x."""
+        return float(np.abs(y) @ (2 * abs(value) * (self.M @ np.abs(x)) + self.D @ np.abs(x)))
+
+
+def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexModes, k: int, nearest: int = 8) -> _Simple | None:
+    """The derivatives of one λ of a sparse pencil, whose left vector is known roughly, by one real factor; None where it fails.
+
+    The bar sums up errors of the vectors in the directions of the nearest modes and their conjugates, P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i)
+    y_iᴴP'x_i), and is doubled for the others.
+    """
+    value, x = complex(modes.eigenvalues[k]), modes.shapes[:, k]
+    if modes.left is None or not value.imag:
+        return None
+    P = pencil.at(value)
+    y = left_by_real_factor(P, x, modes.left[:, k], left_slope(pencil, value, modes.left[:, k]))
+    if y is None:
+        return None
+    own, left = slope(pencil, value, x), left_slope(pencil, value, y)
+    rate = np.vdot(y, own)
+    value, (of_x, of_y) = value - complex(np.vdot(y, P @ x) / rate), sizes.doubts(P, value, x, y, left)
+    lam, X, Y = modes.eigenvalues, modes.shapes, modes.left
+    lacking = np.flatnonzero(~np.isin(lam.conj(), lam))
+    every = np.append(lam, lam[lacking].conj())
+    order = np.argsort(np.abs(every - lam[k]), kind="stable")[1:nearest + 1]
+    at, turned = np.append(np.arange(len(lam)), lacking)[order], order >= len(lam)
+    near = every[order]
+    X, Y = (np.where(turned, part[:, at].conj(), part[:, at]) for part in (X, Y))
+    found = _Work.of(known, value, x, y, (Y, X))
+    first = -found.work / rate
+    F, L = found.pushed + np.outer(Y.conj().T @ own, first), found.pulled + np.outer(X.conj().T @ left, first.conj())
+    rates = np.abs(np.einsum("ij,ij->j", Y.conj(), 2 * near * (pencil.M @ X) + pencil.D @ X)) * np.abs(value - near)
+    doubt = float(np.abs(y) @ of_x) / abs(rate)
+    mass = np.vdot(y, pencil.M @ x)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.abs(L).T @ (np.abs(Y).T @ of_x / rates) + np.abs(F).T @ (np.abs(X).T @ of_y / rates)
+    bar = (2 * spread + np.abs(found.turned + 2 * mass * first) * doubt + 4 * EPS * (found.size + np.abs(first) * sizes.rates(value, x, y))) / abs(rate)
+    q = len(first)
+    return _Simple(value, first, bar, np.full((q, q), np.nan + 0j), doubt) if np.isfinite(bar).all() else None
+
+
+def _simple(pencil: Pencil, sizes: _Sizes, known: _Parameters, value: complex, x: Array, turns: int = 3) -> _Simple | None:
+    """The derivatives of one λ; None if it does not converge, as where it is not simple."""
     start, y, real = value, x.conj(), np.imag(value) == 0
     with np.errstate(all="ignore"):
         for _ in range(turns):  # a new factor only if λ was poor
-            solver, P = solver_near(pencil, value), pencil.at(value)
+            solver = solver_near(pencil, value)
             if solver is None:
                 return None
             for _ in range(2):  # the first left vector is a guess
@@ -381,40 +495,21 @@ def _simple(pencil: Pencil, other: Pencil, known: _Parameters, value: complex, x
             value = value - (off.real if real else off)
             if not np.isfinite(value) or abs(value - start) > abs(start):
                 return None
-            if abs(off) <= 1e3 * EPS * abs(value):
+            if abs(off) <= EPS**0.75 * abs(value):  # the factor is as good as one at the new λ
                 break
         P, own, left = pencil.at(value), slope(pencil, value, x), left_slope(pencil, value, y)
         rate = np.vdot(y, own)
-        # entry by entry, twice the residual and the rounding in it, as in `bars`
-        right_off = 2 * np.abs(P @ x) + 4 * EPS * pencil.magnitude(np.array([value]), x[:, None])[:, 0]
-        left_off = 2 * np.abs((P.conj().T @ y)) + 4 * EPS * other.magnitude(np.array([value]), y[:, None])[:, 0]
-        q = len(known.names)
-        F, L = np.zeros((pencil.size, q), dtype=complex), np.zeros((pencil.size, q), dtype=complex)
-        work, turned, size, curves = np.zeros(q, dtype=complex), np.zeros(q, dtype=complex), np.zeros(q), np.zeros((q, q), complex)
-        for piece in known.pieces:
-            there, here = piece.moved(x), piece.moved(y)
-            f, g, weight = piece.A @ there, piece.A.T @ here, piece.weight(value)
-            product = np.vdot(here, f)
-            rounding = abs(weight) * float(np.abs(here) @ (abs(piece.A) @ np.abs(there)))
-            pushed, pulled = piece.back(f), piece.back(g)
-            for j in np.flatnonzero(piece.jet.first):
-                theta = piece.jet.first[j]
-                F[:, j] += theta * weight * pushed
-                L[:, j] += theta * np.conj(weight) * pulled
-                work[j] += theta * weight * product
-                turned[j] += theta * piece.weight(value, 1) * product
-                size[j] += abs(theta) * rounding
-            curves += piece.jet.second * weight * product
-        first = -work / rate
-        F, L = F + np.outer(own, first), L + np.outer(left, first.conj())
+        of_x, of_y = sizes.doubts(P, value, x, y, left)
+        found = _Work.of(known, value, x, y)
+        first = -found.work / rate
+        F, L = found.pushed + np.outer(own, first), found.pulled + np.outer(left, first.conj())
         X, Y = (_bordered(P, solver, rhs, x, own, y, left, transposed) for rhs, transposed in ((F, False), (L, True)))
         mass = np.vdot(y, pencil.M @ x)
-        mixed = L.conj().T @ X + np.outer(turned, first)
-        second = -(curves + mixed + mixed.T + 2 * mass * np.outer(first, first)) / rate
-        doubt = float(np.abs(y) @ right_off) / abs(rate)
-        rates = float(np.abs(y) @ (2 * abs(value) * (abs(pencil.M) @ np.abs(x)) + abs(pencil.D) @ np.abs(x)))
-        bar = (right_off @ np.abs(Y) + left_off @ np.abs(X) + np.abs(turned + 2 * mass * first) * doubt
-               + 4 * EPS * (size + np.abs(first) * rates)) / abs(rate)
+        mixed = L.conj().T @ X + np.outer(found.turned, first)
+        second = -(found.curves + mixed + mixed.T + 2 * mass * np.outer(first, first)) / rate
+        doubt = float(np.abs(y) @ of_x) / abs(rate)
+        bar = (of_x @ np.abs(Y) + of_y @ np.abs(X) + np.abs(found.turned + 2 * mass * first) * doubt
+               + 4 * EPS * (found.size + np.abs(first) * sizes.rates(value, x, y))) / abs(rate)
     if not np.isfinite(bar).all():
         return None
     if real:
@@ -439,10 +534,15 @@ def _bordered(P: Matrix, solver: Any, rhs: Array, x: Array, own: Array, y: Array
     return np.asarray(X + solve(-rhs - A @ X))
 
 
-def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes: ComplexModes, turns: int = 30) -> Meeting | None:
+def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes: ComplexModes, aside: float = 0.05,
+             turns: int = 30) -> Meeting | None:
     """S and its derivatives by inverse iteration of a block on the companion form, from both sides; None if it fails."""
     lam, m = modes.eigenvalues[list(members)], max(len(members), 2)
-    centre = complex(lam.mean())
+    middle = complex(lam.mean())
+    # beside them: at a defective pair P⁻¹ would see one shape only. The others are so much farther that each turn gains a digit
+    apart = np.abs(np.append(modes.eigenvalues, modes.eigenvalues.conj()) - middle)
+    reach = np.abs(lam - middle).max()
+    centre = middle + aside * float(apart[apart > 2 * reach + EPS**0.25 * abs(middle)].min(initial=abs(middle))) * middle / abs(middle)
     unit = abs(centre)
     solver, sigma = solver_near(pencil, centre), centre / unit
     if solver is None:
@@ -455,9 +555,9 @@ def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes
         shapes, own = np.hstack([shapes, random / np.linalg.norm(random)]), np.append(own, own)
     Z = np.vstack([shapes, shapes * own])
     W = np.random.default_rng(1).standard_normal((2 * n, m)) + 0j
-    S, before, off = np.zeros((m, m)), np.zeros(m), np.inf
+    S, before, off, last = np.zeros((m, m)), np.zeros(m), np.inf, turns
     with np.errstate(all="ignore"):
-        for _ in range(turns):
+        for turn in range(turns):
             a, b = Z[:n], M @ Z[n:]
             u = solver.solve(b + sigma * (M @ a) + D @ a)
             Z = np.linalg.qr(np.vstack([u, sigma * u - a]))[0] if np.isfinite(u).all() else Z * np.nan
@@ -472,7 +572,9 @@ def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes
             S = np.linalg.solve(N, P.conj().T @ XS - Q.conj().T @ (K @ X + D @ XS))
             now = np.array([np.trace(np.linalg.matrix_power(S, power)) for power in range(1, m + 1)])
             off, before = float(np.abs(now - before).max()), now
-            if off <= 8 * EPS * m:
+            if off <= 64 * EPS * m:  # the shapes have half of its digits by then
+                last = min(last, 2 * turn + 1)
+            if turn >= last:
                 break
     slopes = np.zeros((len(known.names), m, m), dtype=complex)
     for piece in known.pieces:

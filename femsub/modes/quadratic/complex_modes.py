@@ -69,6 +69,8 @@ class ComplexModes:
     full_growth : ndarray, shape (k, 2), or None
         Of a model of contact modes with a tolerance, under the contacts that it was made for: the range in which Re λ of the full
         system lies; NaN outside the band.
+    left : ndarray of complex, shape (n, k) or (r, k), or None
+        Left eigenvectors of unit length, yᴴP(λ) = 0, which the error bars come from; None where they were not computed.
 
     Examples
     --------
@@ -90,6 +92,7 @@ class ComplexModes:
     tally: Tally = field(default=Tally(0))
     full_growth: Array | None = None
     cutoff: float = np.inf
+    left: Array | None = None
 
     @property
     def evidence(self) -> str:
@@ -375,4 +378,5 @@ def with_bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | 
     X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
     backward, bar, condition = bars(pencil, values, X, Y, known)
     rigid = (values == 0) & (bar == 0)
-    return ComplexModes(values, X, backward, bar, rigid, beyond(np.abs(values.imag), cutoff), condition=condition, cutoff=cutoff)
+    return ComplexModes(values, X, backward, bar, rigid, beyond(np.abs(values.imag), cutoff), condition=condition, cutoff=cutoff,
+                        left=Y)
