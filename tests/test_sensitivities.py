@@ -40,7 +40,8 @@ def circulatory(seed: int) -> tuple[fs.Affine, list[np.ndarray]]:
     n = int(r.integers(2, 5))
     A, B, C, M1, D1, K1 = r.standard_normal((6, n, n))
     K = (A @ A.T + 0.1 * np.eye(n)) * 10 ** r.uniform(-1, 4)
-    parts = [B @ B.T + n * np.eye(n), C @ C.T * 10 ** r.uniform(-3, 0.5), K + r.uniform(0, 1) * np.abs(K).max() * K1, M1 + M1.T, D1, K1]
+    parts = [B @ B.T + n * np.eye(n), C @ C.T * 10 ** r.uniform(-3, 0.5), K + r.uniform(0, 1) * np.abs(K).max() * K1,
+             M1 + M1.T, D1, K1]
     M, D, K, M1, D1, K1 = parts
     return fs.Affine([(1.0, M), ("a", M1)], [(1.0, D), ("b", D1)], [(1.0, K), ("c", K1)]), parts
 
@@ -147,7 +148,8 @@ def test_belts_nodes_and_joints_agree_with_rebuilt_models(reduced: bool) -> None
     assert found.values.tolist()[:2] == [0.2, 0.5] and found.units[2:] == ("mass", "", "force time/length")
 
 
-def numbers(family: Callable[..., fs.Substructure], change: fs.MaterialChange, steps: float, k: int = 0) -> tuple[complex, complex]:
+def numbers(family: Callable[..., fs.Substructure], change: fs.MaterialChange, steps: float,
+            k: int = 0) -> tuple[complex, complex]:
     """∂λ/∂p of a model, and the central difference of the fourth order of rebuilt ones."""
     model = family(0.0)
     modes = fs.complex_modes(model)
@@ -261,7 +263,8 @@ def test_a_function_of_a_contact_has_its_first_and_second_derivative() -> None:
 
 def test_jets_are_the_derivatives_of_their_functions() -> None:
     mp.mp.dps = 30
-    for name in ("exp", "log", "sin", "cos", "tan", "tanh", "sinh", "cosh", "arctan", "sqrt", "expm1", "log1p", "square", "reciprocal"):
+    for name in ("exp", "log", "sin", "cos", "tan", "tanh", "sinh", "cosh", "arctan", "sqrt", "expm1", "log1p", "square",
+                 "reciprocal"):
         plain = {"arctan": mp.atan, "square": lambda x: x**2, "reciprocal": lambda x: 1 / x}.get(name) or getattr(mp, name)
         jet = getattr(np, name)(Jet.of(0.7, 0, 1) * 2.0 - 0.5)
         wanted = [float(mp.diff(lambda p, of=plain: of(2 * p - mp.mpf("0.5")), mp.mpf("0.7"), order)) for order in (0, 1, 2)]

@@ -250,6 +250,8 @@ class JointChange(Change):
 
     def terms(self, model: Substructure) -> list[ChangeTerm]:
         """Those of its springs and dampers."""
+        if (whole := _behind(model)) is not None:
+            return [term._replace(U=term.U @ model.V) for term in self.terms(whole)]  # type: ignore[attr-defined]
         parts = getattr(model, "parts", None)
         link = self.joint.link({model.name: model} if parts is None else parts)
         if link.equations or not link.motions:
@@ -292,6 +294,8 @@ def part_of(model: Substructure, part: str) -> Substructure:
         There is no such part, or none is named.
     """
     parts = getattr(model, "parts", None)
+    if part not in ("", model.name) and (whole := _behind(model)) is not None:
+        return part_of(whole, part)
     if parts is None:
         if part in ("", model.name):
             return model
@@ -304,6 +308,13 @@ def part_of(model: Substructure, part: str) -> Substructure:
     raise unknown_name(f"part of {model.name!r}", part, parts)
 
 
+def _behind(model: Substructure) -> Substructure | None:
+    """The full system that a reduced model was made of as a whole, as long as it exists: it knows the parts."""
+    wider = getattr(model, "wider", None)
+    found = None if wider is None else wider.full()
+    return found if hasattr(found, "parts") and found.size == len(model.V) else None  # type: ignore[attr-defined]
+
+
 def full_dofs(model: Substructure, part: str = "") -> DofMap | None:
     """The DOF map of the full part, of a reduced one too."""
     found = part_of(model, part)
@@ -313,6 +324,8 @@ def full_dofs(model: Substructure, part: str = "") -> DofMap | None:
 def displacements(model: Substructure, rows: Array, part: str = "") -> Matrix:
     """U (t, n): these DOF of the full part in the model's coordinates, U = V[rows] L of a reduced part of a system."""
     found = part_of(model, part)
+    if part not in ("", model.name) and (whole := _behind(model)) is not None:
+        return displacements(whole, rows, part) @ model.V  # type: ignore[attr-defined]
     V = getattr(found, "V", None)
     count = found.size if V is None else len(V)
     if len(rows) and not 0 <= rows.min() <= rows.max() < count:

@@ -8,6 +8,7 @@ of the reduction, and no solution of the full model.
 from __future__ import annotations
 
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -44,9 +45,12 @@ class Wider:
         loads = [sub.K @ x - (sub.M @ x) * omega**2, (sub.D @ x) * omega]
         if port is not None and port in sub.ports:
             loads.append(sub.port(port).reshape(sub.size, -1))
-        part = Partition.of(sub, self.held)
-        new = np.zeros((sub.size, sum(load.shape[1] for load in loads)))
-        new[part.rows] = part.factored().elastic_solve(np.hstack(loads)[part.rows])
+        return self.joined(model, sub, loads)
+
+    def joined(self, model: ReducedSubstructure, sub: Substructure, loads: Sequence[Array]) -> ReducedSubstructure:
+        """The model with the static responses of the full component `sub` to loads (n, k)."""
+        V = model.V
+        new = self.responses(sub, np.hstack(loads))
         values, turn = np.linalg.eigh(model.M)
         massive = values > values[-1] * SINGULAR
         new = orthonormal(new, sub.M.__matmul__, V @ (turn[:, massive] / np.sqrt(values[massive])))[0]
@@ -58,6 +62,13 @@ class Wider:
                  np.concatenate([w, np.zeros((new.shape[1], *w.shape[1:]))]) for name, w in model.ports.items()}
         return replace(model, M=M, D=D, K=K, H=H, V=wide, ports=ports, kinds=(*model.kinds, *("residual",) * new.shape[1]),
                        estimate=None, estimated=None)
+
+    def responses(self, sub: Substructure, loads: Array) -> Array:
+        """K⁻¹F (n, k) of loads on the full component, without rigid motion; with the interface held, if the basis has it so."""
+        part = Partition.of(sub, self.held)
+        found = np.zeros(loads.shape)
+        found[part.rows] = part.factored().elastic_solve(loads[part.rows])
+        return found
 
 
 def _bordered(own: Array, columns: Array) -> Array:
