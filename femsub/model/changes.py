@@ -354,7 +354,7 @@ def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None =
     """U (t, n) of the motions of an end, and their shares (t,): 1 over the number of nodes in each direction; 1 for a port."""
     if isinstance(at, str) and at in model.ports:
         W = model.port(at).reshape(model.size, -1)
-        return W.T, np.ones(W.shape[1])
+        return sp.csr_array(W.T) if sp.issparse(model.K) else W.T, np.ones(W.shape[1])
     labels: Sequence[str] | None
     if isinstance(at, str):
         if at not in model.sets:

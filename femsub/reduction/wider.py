@@ -8,8 +8,8 @@ of the reduction, and no solution of the full model.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,9 @@ class Wider:
     full: weakref.ref[Substructure]
     kept: Substructure | None
     held: bool
+    #: makes the part that is factorised, where it is another than the full component's, as that of a system in contact
+    part: Callable[[Substructure], Partition] | None = None
+    known: dict[str, Partition] = field(default_factory=dict)
 
     def __call__(self, model: ReducedSubstructure, omega: Array, q: Array, port: str | None) -> ReducedSubstructure | None:
         """The model with the responses to P(iω)Vq, q (r, k), and to the force on a port; None if there is no full component.
@@ -39,7 +42,7 @@ class Wider:
         The first coordinates are those of the model, and so are their matrices. D may be another than that of the component.
         """
         sub, V = self.full(), model.V
-        if sub is None or sub.size != len(V):
+        if sub is None or sub.size != len(V) or self.part is not None:
             return None
         x = V @ q
         loads = [sub.K @ x - (sub.M @ x) * omega**2, (sub.D @ x) * omega]
@@ -65,10 +68,18 @@ class Wider:
 
     def responses(self, sub: Substructure, loads: Array) -> Array:
         """K⁻¹F (n, k) of loads on the full component, without rigid motion; with the interface held, if the basis has it so."""
-        part = Partition.of(sub, self.held)
+        part = self.partition(sub)
         found = np.zeros(loads.shape)
         found[part.rows] = part.factored().elastic_solve(loads[part.rows])
         return found
+
+    def partition(self, sub: Substructure) -> Partition:
+        """The part that is factorised; its K is that of the full component, or of the system in contact."""
+        if self.part is None:
+            return Partition.of(sub, self.held)
+        if "part" not in self.known:  # each has matrices of its own, for which a factor is made
+            self.known["part"] = self.part(sub)
+        return self.known["part"]
 
 
 def _bordered(own: Array, columns: Array) -> Array:

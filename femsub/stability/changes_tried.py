@@ -70,8 +70,15 @@ def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -
     if full is None or full.size != len(model.V):
         log.info("the full model of %r is gone: the changes are projected on its basis as it is", model.name)
         return _plus(model, given)
-    limit = (SHARE * model.cutoff) ** 2
-    modes = all_modes(model.K, model.M, carried=model.rigid_motion)
+    limit, K = (SHARE * model.cutoff) ** 2, model.wider.partition(full).sub.K
+    contact = None if K is full.K else K - full.K  # of a model of contact modes: what holds its parts together
+
+    def undamped(small: ReducedSubstructure) -> Any:
+        if contact is None:
+            return all_modes(small.K, small.M, carried=small.rigid_motion)
+        return all_modes(small.K + small.V.T @ (contact @ small.V), small.M)
+
+    modes = undamped(model)
     shapes, loads, seen = model.V @ modes.shapes[:, modes.eigenvalues <= limit], [], set()
     for change in given:
         for _, U, A, _ in change.terms(full):
@@ -83,10 +90,10 @@ def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -
     wide = model.wider.joined(model, full, loads) if loads else model
     wide._set(wider=model.wider)  # for the changes that name a part
     wide = _plus(wide, given)
-    modes, plus = all_modes(wide.K, wide.M, carried=wide.rigid_motion), added(full, given)
+    modes, plus = undamped(wide), added(full, given)
     moving = (modes.eigenvalues > EPS**0.5 * limit) & (modes.eigenvalues <= limit)
     square, x = modes.eigenvalues[moving], wide.V @ modes.shapes[:, moving]
-    force = [A @ x + (plus[key] @ x if key in plus else 0.0) for key, A in (("M", full.M), ("K", full.K))]
+    force = [A @ x + (plus[key] @ x if key in plus else 0.0) for key, A in (("M", full.M), ("K", K))]
     r = force[1] - force[0] * square
     energy = np.einsum("ij,ij->j", r, model.wider.responses(full, r)) / np.einsum("ij,ij->j", x, force[0])
     error = np.abs(energy) / (2 * square) / (1 - np.minimum(square / model.cutoff**2, SHARE**2))
