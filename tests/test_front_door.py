@@ -243,7 +243,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     }
     special: dict[str, Callable[..., Any]] = {
         **{name: change(getattr(fs, name)) for name in ("AddedMass", "AddedSpring", "AddedDamper", "JointChange")},
-        "MaterialChange": fs.MaterialChange.solid, "FrictionContact": rubbing, "Rigid": rigid, "Spring": coupled, "cut": cut, "cut_to_files": pieces,
+        "MaterialChange": fs.MaterialChange.solid,
+        "FrictionContact": rubbing, "Rigid": rigid, "Spring": coupled, "cut": cut, "cut_to_files": pieces,
         "FrequencyResponse": fs.FrequencyResponse.measured}
     table: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {}
     for name, given in own.items():

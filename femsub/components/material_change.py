@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, Self
 
@@ -16,7 +17,7 @@ from femsub.components.build import gathered, not_negative, pair
 from femsub.components.mesh import Mesh
 from femsub.components.plate import Layout
 from femsub.components.solid_assembly import Material, lame, stiffness_and_mass
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import InputError
 from femsub.model import TRANSLATIONS, Change, ChangeTerm, DofMap, Jet, displacements, full_dofs
 
 Values = Mapping[str, Any]
@@ -27,6 +28,10 @@ FACTORS: Mapping[str, tuple[tuple[str, Callable[[Values], Any]], ...]] = {
     "plate": (("K", lambda of: _bending(of)), ("K", lambda of: _bending(of) * of["nu"]),
               ("M", lambda of: of["rho"] * of["thickness"])),
     "beam": (("K", lambda of: of["E"] * of["I"]), ("K", lambda of: of["foundation"]), ("M", lambda of: of["rho"] * of["A"]))}
+
+
+def _scaled(by: float | str, factor: Callable[[Values], Any], of: Values) -> Any:
+    return (of[by] if isinstance(by, str) else by) * factor(of)
 
 
 def _bending(of: Values) -> Any:
@@ -86,7 +91,7 @@ class MaterialChange(Change):
         return f"{self.parameter} of {' '.join(one for one in (self.part, self.where) if one) or self.kind}"
 
     @property
-    def value(self) -> float:  # type: ignore[override]
+    def value(self) -> float:
         """The constant now."""
         return self.constants[self.parameter]
 
@@ -176,9 +181,9 @@ class MaterialChange(Change):
         for (key, factor), A in zip(FACTORS[self.kind], self.matrices, strict=True):
             found.append((key, A, factor))
             if ratio := alpha if key == "M" else beta:
-                found.append(("D", A, lambda of, factor=factor, ratio=ratio: ratio * factor(of)))
+                found.append(("D", A, partial(_scaled, ratio, factor)))
             if key == "K" and (self.constants.get("loss") or self.parameter == "loss"):
-                found.append(("H", A, lambda of, factor=factor: of["loss"] * factor(of)))
+                found.append(("H", A, partial(_scaled, "loss", factor)))
         U = displacements(model, rows[moved], self.part)
         return [ChangeTerm(key, U, A[moved][:, moved] if len(moved) < A.shape[0] else A, self._difference(factor))
                 for key, A, factor in found if self._moves(factor)]

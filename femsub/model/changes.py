@@ -1,7 +1,7 @@
 """A change of a model: what it adds to M, D, K and H as a function of its amount. The protocol of changes, and those of nodes.
 
-A change acts on displacements u = U q of a few DOF, ΔK = θ(a) UᵀAU. U of a reduced model is that of the full one times V, and of a
-system times L. So one change serves the full and the reduced model, as one contact does.
+A change acts on displacements u = U q of a few DOF, ΔK = θ(a) UᵀAU. U of a reduced model is that of the full one times V, and
+that of a system is times L. So one change serves the full and the reduced model, as one contact does.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, finite_number, items, shown, whole_numbers
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model.dof_map import MOTIONS, DofMap
-from femsub.model.substructure import Substructure
+from femsub.model.substructure import ReducedSubstructure, Substructure
 
 GROUND = "ground"
 
@@ -43,15 +43,17 @@ class Change(ABC):
     ----------
     amount : float
         In `unit`; of a parameter the difference from its value now.
-    name, unit : str
-        For tables and messages.
-    value : float
-        The parameter's value now, NaN for what the model does not have yet.
+    unit : str
+        For tables.
     """
 
     amount: float
-    unit: str = ""
-    value: float = float("nan")
+    unit: ClassVar[str] = ""
+
+    @property
+    def value(self) -> float:
+        """The parameter's value now; NaN for what the model does not have yet."""
+        return float("nan")
 
     @property
     @abstractmethod
@@ -237,7 +239,11 @@ class JointChange(Change):
 
     joint: Any
     amount: float = 1.0
-    value: ClassVar[float] = 1.0
+
+    @property
+    def value(self) -> float:
+        """1, the whole joint."""
+        return 1.0
 
     def __post_init__(self) -> None:
         finite_number("amount", self.amount)
@@ -302,7 +308,7 @@ def part_of(model: Substructure, part: str) -> Substructure:
         raise unknown_name("part", part, [model.name])
     for name, one in parts.items():
         if part == name and not hasattr(one, "parts"):
-            return one  # type: ignore[no-any-return]
+            return one
         if part.startswith(f"{name}."):
             return part_of(one, part.removeprefix(f"{name}."))
     raise unknown_name(f"part of {model.name!r}", part, parts)
@@ -311,14 +317,14 @@ def part_of(model: Substructure, part: str) -> Substructure:
 def _behind(model: Substructure) -> Substructure | None:
     """The full system that a reduced model was made of as a whole, as long as it exists: it knows the parts."""
     wider = getattr(model, "wider", None)
-    found = None if wider is None else wider.full()
+    found: Any = None if wider is None else wider.full()
     return found if hasattr(found, "parts") and found.size == len(model.V) else None  # type: ignore[attr-defined]
 
 
 def full_dofs(model: Substructure, part: str = "") -> DofMap | None:
     """The DOF map of the full part, of a reduced one too."""
     found = part_of(model, part)
-    return found.full_dofs if hasattr(found, "V") else found.dofs  # type: ignore[no-any-return]
+    return found.full_dofs if isinstance(found, ReducedSubstructure) else found.dofs
 
 
 def displacements(model: Substructure, rows: Array, part: str = "") -> Matrix:

@@ -89,7 +89,7 @@ class Jet:
 
     def __pow__(self, exponent: Any) -> Jet:
         if isinstance(exponent, Jet):
-            return np.exp(exponent * np.log(self))  # type: ignore[return-value]
+            return np.exp(exponent * np.log(self))
         if not isinstance(exponent, Real):
             return NotImplemented
         n, x = float(exponent), np.float64(self.value)
@@ -98,7 +98,7 @@ class Jet:
                                 float(n * (n - 1) * x ** (n - 2)) if n * (n - 1) else 0.0)
 
     def __rpow__(self, base: Any) -> Jet:
-        return np.exp(self * np.log(float(base))) if isinstance(base, Real) else NotImplemented  # type: ignore[return-value]
+        return np.exp(self * np.log(float(base))) if isinstance(base, Real) else NotImplemented
 
     def __lt__(self, other: Any) -> bool:
         return bool(self.value < _value(other))

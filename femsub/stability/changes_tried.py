@@ -1,4 +1,4 @@
-"""`modified`: a model with changes, in the small model as exact as in the full one. `what_helps`: candidates in order of their effect."""
+"""`modified`: a model with changes. `what_helps`: candidates in the order of their effect."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.checks import EPS, finite_number, instance, items, mapping, whole_number, word
 from femsub.errors import InputError
@@ -25,10 +26,12 @@ log = logging.getLogger(__name__)
 def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -> Any:
     """A model with changes at their amounts: M + ΔM, D + ΔD, K + ΔK and H + ΔH.
 
-    Of a full model this is exact. A reduced model gets the static responses of the full one to the changes into its basis, as long
-    as the full model exists: K⁻¹Uᵀ of changes of up to `few` motions U, and else to the forces of the change in the model's modes.
-    So its ports, interface sets and contacts are those of the model. `change_error` has the error: with r = P(iω)Vφ of the
-    changed full model, rᵀK⁻¹r / 2ω²φᵀMφ (1 - ω²/ω_c²)⁻¹, the largest of the modes up to 0.7 of the cut-off ω_c.
+    Of a full model this is exact. A reduced model gets static responses of the full one into its basis, as long as that exists:
+    K⁻¹Uᵀ of changes of up to `few` motions U, and else those to the forces of the change in the model's modes. Its ports and sets
+    stay.
+
+    `change_error` estimates the error of undamped frequencies; damping and friction are not in it. With r = P(iω)Vφ of the
+    changed full model it is rᵀK⁻¹r / 2ω²φᵀMφ (1 - ω²/ω_c²)⁻¹, the largest of the modes up to 0.7 of the cut-off ω_c.
 
     Parameters
     ----------
@@ -78,15 +81,13 @@ def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -
             return all_modes(small.K, small.M, carried=small.rigid_motion)
         return all_modes(small.K + small.V.T @ (contact @ small.V), small.M)
 
-    modes = undamped(model)
-    shapes, loads, seen = model.V @ modes.shapes[:, modes.eigenvalues <= limit], [], set()
-    for change in given:
-        for _, U, A, _ in change.terms(full):
-            if U.shape[0] > few:
-                loads.append(U.T @ (A @ (U @ shapes)))
-            elif id(U) not in seen:
-                seen.add(id(U))
-                loads.append(np.asarray(U.toarray() if hasattr(U, "toarray") else U).T)
+    terms = [term for change in given for term in change.terms(full)]
+    each = {id(term.U): term.U for term in terms}.values()
+    loads = [U.toarray().T if sp.issparse(U) else U.T for U in each if U.shape[0] <= few]
+    if large := [term for term in terms if term.U.shape[0] > few]:
+        modes = undamped(model)
+        shapes = model.V @ modes.shapes[:, modes.eigenvalues <= limit]
+        loads += [U.T @ (A @ (U @ shapes)) for _, U, A, _ in large]
     wide = model.wider.joined(model, full, loads) if loads else model
     wide._set(wider=model.wider)  # for the changes that name a part
     wide = _plus(wide, given)
@@ -112,8 +113,8 @@ def _plus(model: Any, changes: Sequence[Change]) -> Any:
         return replace(model, **new, estimate=None, estimated=None)
     if type(model) is Substructure:
         parts = own | new
-        return Substructure(parts["M"], parts["K"], parts["D"], interface=model.interface, ports=dict(model.ports), name=model.name,
-                            dofs=model.dofs, sets=dict(model.sets), H=parts["H"])
+        return Substructure(parts["M"], parts["K"], parts["D"], interface=model.interface, ports=dict(model.ports),
+                            name=model.name, dofs=model.dofs, sets=dict(model.sets), H=parts["H"])
     found = replace(model, **new)
     return found._damped_here() if hasattr(found, "_damped_here") else found  # its parts do not have the changes
 
@@ -200,8 +201,8 @@ class WhatHelps:
         for one in self.tried:
             full = "-" if one.in_full is None else f"{one.in_full.growth:.4g}"
             verdict = {True: "yes", False: "no", None: "?"}[one.is_stable]
-            lines.append(f"{one.name:{width}}  {one.growth:<10.4g}  {one.by_slope:<10.4g}  {verdict:6}  {one.change_error:<7.1e}  "
-                         f"{full}")
+            lines.append(f"{one.name:{width}}  {one.growth:<10.4g}  {one.by_slope:<10.4g}  {verdict:6}  "
+                         f"{one.change_error:<7.1e}  {full}")
         return "\n".join([repr(self), *lines, *self.ranking])
 
 

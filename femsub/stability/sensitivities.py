@@ -18,8 +18,8 @@ Z = [X; XS] of the pencil's companion form, its left counterpart W, and Q the lo
 References
 ----------
 P. Lancaster, Numer. Math. 6 (1964) 377 (λ_j); A. L. Andrew, K.-W. E. Chu, P. Lancaster, SIAM J. Matrix Anal. Appl. 14 (1993) 903
-(vectors, second derivatives); A. P. Seyranian, A. A. Mailybaev, Multiparameter Stability Theory with Mechanical Applications (2003),
-ch. 2 (where eigenvalues meet).
+(vectors, second derivatives); A. P. Seyranian, A. A. Mailybaev, Multiparameter Stability Theory with Mechanical Applications
+(2003), ch. 2 (where eigenvalues meet).
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Meeting:
 
     def _pair(self) -> Array:
         if len(self.S) != 2:
-            raise InputError(f"{len(self.S)} eigenvalues meet: only a pair has a square of half its distance. S and slopes are known")
+            raise InputError(f"{len(self.S)} eigenvalues meet: only a pair has a square of half its distance. Take S and slopes")
         return self.S
 
 
@@ -156,7 +156,7 @@ class Sensitivities:
         return np.asarray(self.first * self.values)
 
     def at(self, *steps: float) -> Array:
-        """λ + Σ λ_j δp_j + Σ λ_jk δp_j δp_k / 2 after a step of each parameter, shape (k,); NaN where it is not differentiable."""
+        """λ + Σ λ_j δp_j + Σ λ_jk δp_j δp_k / 2 after a step of each parameter, shape (k,); NaN where that is not known."""
         if len(steps) != len(self.parameters):
             raise InputError(f"give {len(self.parameters)} steps, one for each parameter, not {len(steps)}")
         d = np.array([finite_number("a step", one) for one in steps])
@@ -275,7 +275,8 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
 
     every = np.append(values, values[~np.isin(values.conj(), values)].conj())
     for row, mode in enumerate(chosen.tolist()):
-        twin = next((one for one in range(row) if plain[one] and lam[one].imag and values[chosen[one]] == values[mode].conj()), None)
+        twin = next((one for one in range(row) if plain[one] and values[mode].imag
+                     and values[chosen[one]] == values[mode].conj()), None)
         if twin is not None:  # the other one of a pair
             lam[row], first[row], bar[row], curves[row] = lam[twin].conj(), first[twin].conj(), bar[twin], curves[twin].conj()
             continue
@@ -309,7 +310,8 @@ def _varied(model: Any, contacts: Contacts, parameters: Any, at: Mapping[str, fl
     if isinstance(model, Affine):
         if contacts is not None:
             raise InputError("an Affine has no ports for contacts. Put them into its matrices, or use a Substructure")
-        values = {key: finite_number(key, one) for key, one in mapping("at", {} if at is None else at, "names and values").items()}
+        given_at = mapping("at", {} if at is None else at, "names and values")
+        values = {key: finite_number(key, one) for key, one in given_at.items()}
         family, pencil = model, model.at(**values)
         if len(named) < len(given):
             raise InputError("an Affine has no nodes for changes: its parameters are the names of its factors")
@@ -355,8 +357,8 @@ def _now(contacts: Contacts, named: Sequence[str]) -> dict[str, float]:
             raise unknown_name("parameter", name, sorted({field for one in known for field in fields_of(one)}))
         values = {finite_number(f"{name} of {type(one).__name__}", getattr(one, name)) for one in owners}
         if len(values) > 1:
-            raise InputError(f"the contacts have different values of {name}: {', '.join(f'{one:g}' for one in sorted(values))}. A "
-                             "parameter changes in all that have it")
+            raise InputError(f"the contacts have different values of {name}: {', '.join(f'{one:g}' for one in sorted(values))}. "
+                             "A parameter changes in all that have it")
         found[name] = values.pop()
         if any(found[name] in kinks_of(one, name) for one in owners):
             raise InputError(f"a contact has a kink at {name} = {found[name]:g}: there is no derivative")
@@ -379,8 +381,8 @@ class _Simple(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """P_j x and P_jᴴy, (n, q), or their products YᴴP_j x and XᴴP_jᴴy with some vectors; and yᴴP_j x, yᴴP'_j x, the rounding in the
-    former, and yᴴP_jk x, of one eigenpair.
+    """Of one eigenpair: P_j x and P_jᴴy, (n, q), or their products YᴴP_j x and XᴴP_jᴴy with some vectors; yᴴP_j x, yᴴP'_j x, the
+    rounding in the former, and yᴴP_jk x.
     """
 
     pushed: Array
@@ -449,8 +451,8 @@ class _Sizes(NamedTuple):
 def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexModes, k: int, nearest: int = 8) -> _Simple | None:
     """The derivatives of one λ of a sparse pencil, whose left vector is known roughly, by one real factor; None where it fails.
 
-    The bar sums up errors of the vectors in the directions of the nearest modes and their conjugates, P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i)
-    y_iᴴP'x_i), and is doubled for the others.
+    The bar sums up errors of the vectors in the directions of the `nearest` modes and their conjugates, and is doubled for the
+    others: P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i) y_iᴴP'x_i).
     """
     value, x = complex(modes.eigenvalues[k]), modes.shapes[:, k]
     if modes.left is None or not value.imag:
@@ -477,7 +479,8 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
     mass = np.vdot(y, pencil.M @ x)
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = np.abs(L).T @ (np.abs(Y).T @ of_x / rates) + np.abs(F).T @ (np.abs(X).T @ of_y / rates)
-    bar = (2 * spread + np.abs(found.turned + 2 * mass * first) * doubt + 4 * EPS * (found.size + np.abs(first) * sizes.rates(value, x, y))) / abs(rate)
+    bar = (2 * spread + np.abs(found.turned + 2 * mass * first) * doubt
+           + 4 * EPS * (found.size + np.abs(first) * sizes.rates(value, x, y))) / abs(rate)
     q = len(first)
     return _Simple(value, first, bar, np.full((q, q), np.nan + 0j), doubt) if np.isfinite(bar).all() else None
 
