@@ -94,10 +94,11 @@ class _AtNodes(Change):
     def name(self) -> str:
         return f"{self.noun} at {_title(self.at)}"
 
-    def terms(self, model: Substructure) -> list[ChangeTerm]:
-        """One term, on the motions of the end."""
+    def terms(self, model: Substructure, few: int = 64) -> list[ChangeTerm]:
+        """One term, on the motions of the end; A is dense for a `few` of them, which takes less time."""
         U, shares = end_motions(model, self.at, self.directions)
-        return [ChangeTerm(self.matrix, U, sp.diags_array(shares, format="csr"), lambda a: a)]
+        A = np.diag(shares) if len(shares) <= few else sp.diags_array(shares, format="csr")
+        return [ChangeTerm(self.matrix, U, A, lambda a: a)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +287,7 @@ def added(model: Substructure, changes: Sequence[Change]) -> dict[str, Matrix]:
     for change in changes:
         for key, U, A, factor in change.terms(model):
             if weight := float(factor(change.amount)):
-                plus = weight * (U.T @ (A @ U))
+                plus = weight * (U.T @ ((sp.csr_array(A) if sp.issparse(U) else A) @ U))
                 found[key] = found[key] + plus if key in found else plus
     return found
 

@@ -112,24 +112,31 @@ def left_by_real_factor(P: Matrix, x: Array, y: Array, out: Array, steps: int = 
 
     Of a lightly damped mode Im P is small, and (Re P)⁻¹P is the unit matrix but for the modes whose distance from λ is not large
     beside their damping. The real factor takes a sixth of the time of a complex one. `out` is P'ᴴy, along which Pᴴy shows an
-    error of λ. None if GMRES does not gain the factor `gain` in the residual in so many `steps`.
+    error of λ. None if GMRES does not gain the factor `gain` in the residual in so many `steps`, nor comes to rounding.
     """
     from scipy.sparse.linalg import LinearOperator, gmres
 
+    n = len(y)
+
+    def adjoint(v: Array) -> Array:
+        return np.asarray((P.T @ v.conj()).conj())
+
+    residual = adjoint(y)
+    residual -= out * (np.vdot(x, residual) / np.vdot(x, out))
+    rounding = SUMS * float(np.linalg.norm(abs(P).T @ np.abs(y)))
+    if np.linalg.norm(residual) <= rounding:
+        return y
     try:
         R = SparseFactor(sp.csr_array((P.data.real.copy(), P.indices, P.indptr), shape=P.shape), "general", probed=False)
     except SingularMatrixError:
         return None
-    adjoint, n = P.conj().T, len(y)
 
     def solve(f: Array) -> Array:
         both = R.solve(np.stack([f.real, f.imag], axis=1), transposed=True)
         return np.asarray(both[:, 0] + 1j * both[:, 1])
 
-    residual = adjoint @ y
-    residual -= out * (np.vdot(x, residual) / np.vdot(x, out))
-    operator, inverse = (LinearOperator((n, n), matvec=of, dtype=complex) for of in (adjoint.__matmul__, solve))
-    found, failed = gmres(operator, -residual, rtol=gain, restart=steps, maxiter=1, M=inverse)
+    operator, inverse = (LinearOperator((n, n), matvec=of, dtype=complex) for of in (adjoint, solve))
+    found, failed = gmres(operator, -residual, rtol=gain, atol=rounding, restart=steps, maxiter=1, M=inverse)
     if failed or not np.isfinite(found).all():
         return None
     return np.asarray((y + found) / np.linalg.norm(y + found))
