@@ -38,7 +38,7 @@ def _bending(of: Values) -> Any:
     return of["E"] * of["thickness"] ** 3 / (12 * (1 - of["nu"] ** 2))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MaterialChange(Change):
     """Another value of one constant of the material in some cells: ΔK = Σ_i (c_i(p + a) - c_i(p)) K_i, and ΔM likewise.
 
@@ -85,6 +85,9 @@ class MaterialChange(Change):
     part: str = ""
     where: str = ""
     rayleigh: tuple[float, float] = (0.0, 0.0)
+
+    def __repr__(self) -> str:
+        return f"MaterialChange: {self.name}, {self.value:g} {self.amount:+g}"
 
     @property
     def name(self) -> str:

@@ -578,8 +578,8 @@ def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes
             S = np.linalg.solve(N, P.conj().T @ XS - Q.conj().T @ (K @ X + D @ XS))
             now = np.array([np.trace(np.linalg.matrix_power(S, power)) for power in range(1, m + 1)])
             off, before = float(np.abs(now - before).max()), now
-            if off <= 64 * EPS * m:  # the shapes have half of its digits by then
-                last = min(last, 2 * turn + 1)
+            if off <= 64 * EPS * m:  # the shapes have half of its digits by then, and S_j has theirs
+                last = min(last, 3 * turn + 1)
             if turn >= last:
                 break
     slopes = np.zeros((len(known.names), m, m), dtype=complex)
