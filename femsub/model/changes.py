@@ -140,9 +140,9 @@ class AddedMass(_AtNodes):
 class _Between(_AtNodes):
     to: Any = GROUND
 
-    def terms(self, model: Substructure) -> list[ChangeTerm]:
+    def terms(self, model: Substructure, few: int = 64) -> list[ChangeTerm]:
         """One term, on the motion relative to the other end."""
-        term, = super().terms(model)
+        term, = super().terms(model, few)
         if isinstance(self.to, str) and self.to == GROUND:
             return [term]
         other = end_motions(model, self.to, self.directions)[0]
