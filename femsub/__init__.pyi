@@ -5,6 +5,7 @@ from .components.beam import beam as beam
 from .components.chain import chain as chain, chain_frequencies as chain_frequencies
 from .components.fields import displacements as displacements
 from .components.grids import annulus as annulus, block as block, rectangle as rectangle
+from .components.material_change import MaterialChange as MaterialChange
 from .components.mesh import Mesh as Mesh
 from .components.plate import plate as plate
 from .components.solid import solid as solid
@@ -40,6 +41,12 @@ from .io.model_folder import write_matrices as write_matrices
 from .io.pieces import cut_to_files as cut_to_files
 from .io.superelement_files import write_superelement as write_superelement
 from .model.affine import Affine as Affine
+from .model.changes import (
+    AddedDamper as AddedDamper,
+    AddedMass as AddedMass,
+    AddedSpring as AddedSpring,
+    JointChange as JointChange,
+)
 from .model.contact import LinearContact as LinearContact
 from .model.dof_map import DofMap as DofMap
 from .model.estimate import Estimate as Estimate
@@ -83,8 +90,10 @@ from .reduction.reduce import (
     Rubin as Rubin,
     reduce as reduce,
 )
+from .stability.changes_tried import WhatHelps as WhatHelps, modified as modified, what_helps as what_helps
 from .stability.critical_value import critical_slope as critical_slope, critical_value as critical_value
 from .stability.question import CriticalValue as CriticalValue
+from .stability.sensitivities import Sensitivities as Sensitivities, sensitivities as sensitivities
 from .stability.stability_map import StabilityMap as StabilityMap, stability_map as stability_map
 from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track

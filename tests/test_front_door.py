@@ -79,6 +79,7 @@ RESULTS = {
     "Refined",
     "Rotor",
     "SelfExcitation",
+    "Sensitivities",
     "ShotCycle",
     "StabilityMap",
     "StabilitySweep",
@@ -86,6 +87,7 @@ RESULTS = {
     "System",
     "Tracked",
     "Transient",
+    "WhatHelps",
 }  # made by femsub, not by a caller
 
 
@@ -121,6 +123,14 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     def rubbing(**given: Any) -> fs.Pencil:
         """Arguments of a friction contact, where they are used."""
         return fs.solid(mesh, steel, interface=["top"]).linearised(fs.FrictionContact(**given))
+
+    def change(kind: Any) -> Callable[..., fs.Substructure]:
+        """Arguments of a change, where they are used."""
+        def used(**given: Any) -> fs.Substructure:
+            return fs.modified(sub, [kind(**given)])
+
+        used.__signature__ = inspect.signature(kind)  # type: ignore[attr-defined]
+        return used
 
     rubbing.__signature__ = inspect.signature(fs.FrictionContact)  # type: ignore[attr-defined]
 
@@ -216,6 +226,12 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "rotating": {"part": fs.solid(ring, steel), "mesh": ring},
         "self_excitation": {"reduced": rom, "contacts": belt, "band": (0.0, 2.0)},
         "shoot": {"model": rom, "start": cycle, "tol": 1e-06, "rounds": 3},
+        "AddedMass": {"at": [1], "amount": 0.1}, "AddedSpring": {"at": [1], "amount": 0.1, "to": [3]},
+        "AddedDamper": {"at": "belt", "amount": 0.1}, "JointChange": {"joint": fs.Spring(("chain", "belt"), stiffness=1.0)},
+        "MaterialChange": {"parameter": "E", "amount": 0.1, "cells": [0], "part": "", "rayleigh": (0.0, 0.1)},
+        "modified": {"changes": [fs.AddedMass([1], 0.1)]},
+        "sensitivities": {"contacts": slope, "modes": fs.complex_modes(sub, slope), "parameters": ["slope"], "of": [0]},
+        "what_helps": {"contacts": slope, "candidates": [fs.AddedDamper([1], 0.1)], "band": (0.0, 1.0)},
         "solid": {"name": "x", "supports": ["left"], "interface": ["right"], "ports": {"belt": ("right", "y")},
             "rayleigh": (0.0, 0.1)},
         "spectrogram": {"length": 5.0, "windows": 20}, "spectrum": {}, "sticking": {"run": run},
@@ -232,6 +248,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "write_mesh": {"path": folder / "again.vtu", "shapes": {"a": np.zeros((len(mesh.points), 3))}},
     }
     special: dict[str, Callable[..., Any]] = {
+        **{name: change(getattr(fs, name)) for name in ("AddedMass", "AddedSpring", "AddedDamper", "JointChange")},
+        "MaterialChange": fs.MaterialChange.solid,
         "FrictionContact": rubbing, "Rigid": rigid, "Spring": coupled, "cut": cut, "cut_to_files": pieces,
         "FrequencyResponse": fs.FrequencyResponse.measured}
     table: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {}

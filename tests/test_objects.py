@@ -26,6 +26,9 @@ BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=0.02))
 #: how one of each public class is made; the objects are small, and made once
 MAKE: dict[str, Callable[[], Any]] = {
     "Affine": lambda: fs.Affine(np.eye(2), [("speed", [[0, 1], [-1, 0]])], [(1.0, np.eye(2)), ("mu", [[0, 1], [0, 0]])]),
+    "AddedDamper": lambda: fs.AddedDamper("belt", 0.2, to=[3]),
+    "AddedMass": lambda: fs.AddedMass([1, 2], 0.5),
+    "AddedSpring": lambda: fs.AddedSpring([1], -0.5),
     "Averaged": lambda: fs.Averaged(("hub", [0, 1]), ("disc", "bore"), weights=(1.0, 2.0)),
     "Audit": lambda: fs.audit(made("ReducedSubstructure"), full()),
     "Belt": lambda: BELT,
@@ -47,12 +50,14 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Herting": lambda: fs.Herting(modes=3),
     "Hurty": lambda: fs.Hurty(modes=3),
     "InterfaceModes": lambda: fs.InterfaceModes(modes=3),
+    "JointChange": lambda: fs.JointChange(made("Spring"), -0.1),
     "Kinematic": lambda: fs.Kinematic(("hub", [0, 1]), ("disc", "bore")),
     "Levels": lambda: levels(),
     "LimitCycle": lambda: cycle(),
     "LinearContact": lambda: fs.LinearContact(("belt",), stiffness=[[0.5]]),
     "MacNeal": lambda: fs.MacNeal(modes=3),
     "Material": lambda: fs.Material(2.1e11, 0.3, 7850.0),
+    "MaterialChange": lambda: fs.MaterialChange.plate(made("Mesh"), "E", -1e9, E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01),
     "Mesh": lambda: fs.rectangle((1.0, 1.0), (2, 2)),
     "ModeSet": lambda: fs.ModeSet([1j, -0.1 + 2j], np.eye(3)[:, :2], made("DofMap"), ["a note"]),
     "EffectiveMasses": lambda: fs.effective_masses(full(), fs.normal_modes(full(), count=3), directions={"x": np.ones(6)}),
@@ -72,6 +77,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Rotor": lambda: rotor(),
     "Rubin": lambda: fs.Rubin(modes=3),
     "SelfExcitation": lambda: fs.self_excitation(full(), made("ReducedSubstructure"), BELT),
+    "Sensitivities": lambda: fs.sensitivities(full(), BELT, made("ComplexModes"), ["force", fs.AddedMass([2])]),
     "ShotCycle": lambda: fs.shoot(full(), BELT, cycle(), tol=1e-8),
     "Spring": lambda: fs.Spring(("a", "belt"), stiffness=[[2.0]], damping=0.1),
     "StabilitySweep": lambda: fs.sweep(full(), fs.Belt(slope=0.0), "slope", [-0.1, -0.01]),
@@ -85,6 +91,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Tied": lambda: fs.Tied(("a", "right"), ("b", "left"), {"a": made("Mesh"), "b": made("Mesh")}),
     "Tracked": lambda: fs.track(full(), fs.Belt(slope=0.0), "slope", [-0.1, 0.0]),
     "Transient": lambda: fs.transient(full(), BELT, (0.0, 20.0)),
+    "WhatHelps": lambda: fs.what_helps(full(), BELT, [fs.AddedDamper([2], 0.1)]),
 }
 CLASSES = [name for name in fs.__all__ if inspect.isclass(getattr(fs, name)) and not issubclass(getattr(fs, name), BaseException)]
 DATA = [name for name in CLASSES if dataclasses.is_dataclass(getattr(fs, name))]

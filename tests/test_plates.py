@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.components.plate import _Layout
+from femsub.components.plate import Layout
 
 SI = {"E": 210e9, "nu": 0.3, "rho": 7850.0, "thickness": 2e-3}
 MM = {"E": 210e3, "nu": 0.3, "rho": 7.85e-9, "thickness": 2.0}
@@ -166,7 +166,7 @@ def interpolated(mesh: fs.Mesh, sub: fs.Substructure, f: Callable, fx: Callable,
     x, y = sub.dofs.points.T
     normal = np.zeros((sub.size, 2))
     if mesh.kind == "triangle":
-        layout = _Layout(mesh)
+        layout = Layout(mesh)
         normal[layout.rows[:, 3:]] = layout.shape[1]
     values = {"w": f(x, y), "w,x": fx(x, y), "w,y": fy(x, y), "w,xy": fxy(x, y),
               "w,n": normal[:, 0] * fx(x, y) + normal[:, 1] * fy(x, y)}

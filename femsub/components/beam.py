@@ -77,22 +77,11 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     """
     supports = optional_mapping("supports", supports, "places and kinds, as {'left': 'clamped'}")
     ports = optional_mapping("ports", ports, "names and places, as {'belt': 0.3}")
-    size = positive_number("length", length)
-    if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
-        x = real_array("the places of nodes (elements)", elements, finite=False)
-        if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=EQUAL) or not (np.diff(x) > 0).all():
-            raise InputError(f"elements, the positions of the nodes, must ascend from 0 to the length {size:.6g}, not "
-                             f"{elements!r:.80}")
-    else:
-        count = whole_number("elements", elements, least=1)
-        # 16 entries of K and M, each with row and column, and four copies while they are summed
-        check_room(f"a beam of {count:.3g} elements", 2 * 16 * 16 * 4.0 * count)
-        x = np.arange(count + 1) * (size / count)
-    m = len(x) - 1
+    x, h = element_lengths(length, elements)
+    m = len(h)
     bending = per_part("E", E, m, "element") * per_part("I", I, m, "element")
     mass = per_part("rho", rho, m, "element") * per_part("A", A, m, "element")
     bed = per_part("foundation", foundation, m, "element", zero=True)
-    h = np.diff(x) if np.ndim(elements) else np.full(m, x[-1] / m)  # exactly equal, unlike differences of x
 
     def matrices(part: slice) -> tuple[Array, Array]:
         stiffness, unit = hermite_matrices(h[part])
@@ -125,6 +114,22 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     return component(
         K, M, np.array(held, dtype=int), {str(place): 2 * _node(x, place, "interface") + np.arange(2) for place in interface},
         columns, dofs, rayleigh, name)
+
+
+def element_lengths(length: float, elements: int | Sequence[float]) -> tuple[Array, Array]:
+    """The places of the nodes (m + 1,) and the lengths of the elements (m,)."""
+    size = positive_number("length", length)
+    if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
+        x = real_array("the places of nodes (elements)", elements, finite=False)
+        if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=EQUAL) or not (np.diff(x) > 0).all():
+            raise InputError(f"elements, the positions of the nodes, must ascend from 0 to the length {size:.6g}, not "
+                             f"{elements!r:.80}")
+        return x, np.diff(x)
+    count = whole_number("elements", elements, least=1)
+    # 16 entries of K and M, each with row and column, and four copies while they are summed
+    check_room(f"a beam of {count:.3g} elements", 2 * 16 * 16 * 4.0 * count)
+    x = np.arange(count + 1) * (size / count)
+    return x, np.full(count, x[-1] / count)  # exactly equal, unlike differences of x
 
 
 def _node(x: Array, place: Any, what: str) -> int:

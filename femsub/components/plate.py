@@ -94,7 +94,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
         raise InputError(f"a plate needs triangle or quad cells, but {mesh.name!r} has {mesh.kind}")
     steel, h = Material(E, nu, rho), positive_number("thickness", thickness)
     refuse_spoilt(mesh)
-    layout = _Layout(mesh)
+    layout = Layout(mesh)
     bending = steel.E * (h * h * h) / (12 * (1 - steel.nu**2))
     supports = optional_mapping("supports", supports, "names of sets and kinds, as {'edge': 'clamped'}")
     ports = optional_mapping("ports", ports, "names and places, as {'belt': 'patch'}")
@@ -113,7 +113,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
         {port: layout.column(where, port, held) for port, where in ports.items()}, layout.dofs(), rayleigh, name)
 
 
-class _Layout:
+class Layout:
     """The DOF of a plate: `step` at each node of `plane` (n, 2), the first of them `w` (n,), then one at each triangle's edge.
 
     Those of each cell are `rows` (m, k), and `shape` is what the integrals over the cells need to know.
@@ -131,10 +131,11 @@ class _Layout:
         self.size = self.step * len(self.plane) + self.triangles * len(self.ends)
         self.rows, self.shape = self._triangles() if self.triangles else self._rectangles()
 
-    def matrices(self, nu: float) -> tuple[Matrix, Matrix]:
-        """K and M for unit bending stiffness and unit mass per area."""
+    def matrices(self, nu: float, cells: Array | slice = slice(None)) -> tuple[Matrix, Matrix]:
+        """K and M of all cells, or of some, for unit bending stiffness and unit mass per area."""
         of_cells: Callable[..., tuple[Array, Array]] = morley_matrices if self.triangles else bfs_matrices
-        return gathered(self.rows, self.size, lambda part: of_cells(*(values[part] for values in self.shape), nu=nu))
+        shape = [values[cells] for values in self.shape]
+        return gathered(self.rows[cells], self.size, lambda part: of_cells(*(values[part] for values in shape), nu=nu))
 
     def _triangles(self) -> tuple[Array, tuple[Array, ...]]:
         """The DOF, the corners (m, 3, 2), and the normals of the edges opposite them (m, 3, 2)."""

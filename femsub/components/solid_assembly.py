@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -62,7 +63,12 @@ class Material:
     @property
     def lame(self) -> tuple[float, float]:
         """(λ, μ)."""
-        return (self.E * self.nu / ((1 + self.nu) * (1 - 2 * self.nu)), self.E / (2 * (1 + self.nu)))
+        return lame(self.E, self.nu)
+
+
+def lame(E: Any, nu: Any) -> tuple[Any, Any]:
+    """(λ, μ), of numbers, arrays or jets."""
+    return (E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu)))
 
 
 def stiffness_and_mass(mesh: Mesh, materials: list[tuple[Material, Array]], degree: int | None = None) -> tuple[Matrix, Matrix]:

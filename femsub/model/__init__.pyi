@@ -11,6 +11,18 @@ from .bands import (
     widened as widened,
     within as within,
 )
+from .changes import (
+    AddedDamper as AddedDamper,
+    AddedMass as AddedMass,
+    AddedSpring as AddedSpring,
+    Change as Change,
+    ChangeTerm as ChangeTerm,
+    JointChange as JointChange,
+    added as added,
+    as_changes as as_changes,
+    displacements as displacements,
+    full_dofs as full_dofs,
+)
 from .constraints import Freed as Freed, freed as freed
 from .contact import (
     Contact as Contact,
@@ -39,6 +51,7 @@ from .families import (
 )
 from .inertia import Inertia as Inertia, Supported as Supported
 from .intervals import Interval as Interval
+from .jets import Jet as Jet
 from .origin import Origin as Origin
 from .pencil import (
     Pencil as Pencil,

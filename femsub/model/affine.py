@@ -15,6 +15,7 @@ from femsub.algebra import Frozen, as_matrix, weighted
 from femsub.checks import Array, Matrix, finite_number, items, limit_of, shown
 from femsub.errors import FemsubError, InputError, InputTypeError, unknown_name
 from femsub.model.intervals import range_of
+from femsub.model.jets import Jet, jet_of
 from femsub.model.pencil import Pencil, basis_of, look_at_the_order, projected
 
 Theta: TypeAlias = float | str | Callable[..., float]
@@ -98,6 +99,23 @@ class Affine(Frozen):
     def factors(self, **values: float) -> Array:
         """All θ at given values of all parameters, in the order M, D, K."""
         return np.array([_fixed(theta, values) for theta, _ in self._all], dtype=float)
+
+    def jets(self, **values: float) -> list[Jet]:
+        """All θ with their derivatives in the parameters, in the order of `factors` and of `parameters`."""
+        self._check(values)
+        self._check_all("value", values)
+        places, count = {name: at for at, name in enumerate(self.parameters)}, len(self.parameters)
+        found = []
+        for theta, _ in self._all:
+            own = {name: float(values[name]) for name in _names(theta)}
+            if isinstance(theta, str):
+                found.append(Jet.of(own[theta], places[theta], count))
+            elif callable(theta):
+                _fixed(theta, own)  # an error of the function has a name
+                found.append(jet_of(theta, own, places, count))
+            else:
+                found.append(jet_of(lambda value=theta: value, {}, places, count))
+        return found
 
     def at(self, **values: float) -> Pencil:
         """The pencil at given values of all parameters.

@@ -107,6 +107,16 @@ class DofMap(Frozen):
                              f"{self.nodes.max()}")
         return found
 
+    def rows_of(self, other: DofMap) -> Array:
+        """The row here of each DOF of another map, by its node and motion; -1 where there is none."""
+        named = {label: at for at, label in enumerate(self.labels)}
+        kinds = np.array([named.get(label, -1) for label in other.labels])[other.components]
+        keys = self.nodes * len(self.labels) + self.components
+        order = np.argsort(keys)
+        wanted = other.nodes * len(self.labels) + kinds
+        place = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(order) - 1)]
+        return np.where((kinds >= 0) & (keys[place] == wanted), place, -1)
+
     def kept(self, rows: Array) -> DofMap:
         """The map of a model that keeps only some of the DOF, in the order given."""
         return DofMap(self.nodes[rows], self.components[rows], self.labels, None if self.points is None else self.points[rows])

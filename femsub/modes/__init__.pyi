@@ -17,9 +17,17 @@ from .quadratic.complex_modes import (
     beside_the_full as beside_the_full,
     complex_modes as complex_modes,
     modes_over as modes_over,
+    pencil_of as pencil_of,
     with_bars as with_bars,
 )
-from .quadratic.correction import Inverse as Inverse, corrected as corrected, slope as slope, solver_near as solver_near
+from .quadratic.correction import (
+    Inverse as Inverse,
+    corrected as corrected,
+    left_by_real_factor as left_by_real_factor,
+    left_slope as left_slope,
+    slope as slope,
+    solver_near as solver_near,
+)
 from .quadratic.dense import (
     ModalForm as ModalForm,
     definite_form as definite_form,

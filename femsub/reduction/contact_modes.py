@@ -169,7 +169,9 @@ class ContactModes(FreeInterface):
         K, motion = projected(sub.K, model.V, model.V), model.rigid_motion
         if motion is not None:  # what moves in contact does so without it
             motion = replace(motion, belong=None)  # type: ignore[type-var]
-        return replace(model, K=(K + K.T) / 2, estimated=None, rigid_motion=motion)
+        found = replace(model, K=(K + K.T) / 2, estimated=None, rigid_motion=motion)
+        found._set(wider=replace(model.wider, part=self.part))
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,8 @@ of the reduction, and no solution of the full model.
 from __future__ import annotations
 
 import weakref
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,9 @@ class Wider:
     full: weakref.ref[Substructure]
     kept: Substructure | None
     held: bool
+    #: makes the part that is factorised, where it is another than the full component's, as that of a system in contact
+    part: Callable[[Substructure], Partition] | None = None
+    known: dict[str, Partition] = field(default_factory=dict)
 
     def __call__(self, model: ReducedSubstructure, omega: Array, q: Array, port: str | None) -> ReducedSubstructure | None:
         """The model with the responses to P(iω)Vq, q (r, k), and to the force on a port; None if there is no full component.
@@ -38,15 +42,18 @@ class Wider:
         The first coordinates are those of the model, and so are their matrices. D may be another than that of the component.
         """
         sub, V = self.full(), model.V
-        if sub is None or sub.size != len(V):
+        if sub is None or sub.size != len(V) or self.part is not None:
             return None
         x = V @ q
         loads = [sub.K @ x - (sub.M @ x) * omega**2, (sub.D @ x) * omega]
         if port is not None and port in sub.ports:
             loads.append(sub.port(port).reshape(sub.size, -1))
-        part = Partition.of(sub, self.held)
-        new = np.zeros((sub.size, sum(load.shape[1] for load in loads)))
-        new[part.rows] = part.factored().elastic_solve(np.hstack(loads)[part.rows])
+        return self.joined(model, sub, loads)
+
+    def joined(self, model: ReducedSubstructure, sub: Substructure, loads: Sequence[Array]) -> ReducedSubstructure:
+        """The model with the static responses of the full component `sub` to loads (n, k)."""
+        V = model.V
+        new = self.responses(sub, np.hstack(loads))
         values, turn = np.linalg.eigh(model.M)
         massive = values > values[-1] * SINGULAR
         new = orthonormal(new, sub.M.__matmul__, V @ (turn[:, massive] / np.sqrt(values[massive])))[0]
@@ -58,6 +65,21 @@ class Wider:
                  np.concatenate([w, np.zeros((new.shape[1], *w.shape[1:]))]) for name, w in model.ports.items()}
         return replace(model, M=M, D=D, K=K, H=H, V=wide, ports=ports, kinds=(*model.kinds, *("residual",) * new.shape[1]),
                        estimate=None, estimated=None)
+
+    def responses(self, sub: Substructure, loads: Array) -> Array:
+        """K⁻¹F (n, k) of loads on the full component, without rigid motion; with the interface held, if the basis has it so."""
+        part = self.partition(sub)
+        found = np.zeros(loads.shape)
+        found[part.rows] = part.factored().elastic_solve(loads[part.rows])
+        return found
+
+    def partition(self, sub: Substructure) -> Partition:
+        """The part that is factorised; its K is that of the full component, or of the system in contact."""
+        if self.part is None:
+            return Partition.of(sub, self.held)
+        if "part" not in self.known:  # each has matrices of its own, for which a factor is made
+            self.known["part"] = self.part(sub)
+        return self.known["part"]
 
 
 def _bordered(own: Array, columns: Array) -> Array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
@@ -19,8 +19,10 @@ from femsub.checks import DENSE, EPS, EQUAL, Array, Tally
 from femsub.errors import FemsubError, InputError, InputTypeError
 from femsub.model import DofMap, Pencil, ReducedSubstructure, RigidMotion, Substructure, units
 from femsub.modes import NormalModes, ShiftInvert, lowest_modes, modes_under, motion_of
-from femsub.reduction import FrequencyBounds
 from femsub.reduction.frequency_bounds import frequency_bounds
+
+if TYPE_CHECKING:
+    from femsub.reduction import FrequencyBounds
 
 HELD_KIND, FREE_KINDS = "fixed-interface", ("free", "free and inertia relief")
 PHYSICAL = ("constraint", "interface")  # kinds of coordinates beside which free modes are not alone

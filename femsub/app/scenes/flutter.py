@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Run, Scene, first_of
 from femsub.components import two_mode, two_mode_critical, ziegler, ziegler_critical
 from femsub.errors import InputError
-from femsub.stability import Crossing
 from femsub.studies import Table, Verdict, column, flutter_chart, span
+
+if TYPE_CHECKING:
+    from femsub.stability import Crossing
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
 

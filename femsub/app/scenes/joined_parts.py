@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from femsub.app.scenes.plate import PlateKeys
 from femsub.checks import Array
 from femsub.coupling import cut_chain
 from femsub.errors import InputError
-from femsub.model import Contacts
 from femsub.modes import NEAR, match
 from femsub.reduction import METHODS, PORT_LIMIT, Method
 from femsub.studies import Remark, Table, column, elastic
+
+if TYPE_CHECKING:
+    from femsub.model import Contacts
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,8 @@ class ComplexModes:
     full_growth : ndarray, shape (k, 2), or None
         Of a model of contact modes with a tolerance, under the contacts that it was made for: the range in which Re λ of the full
         system lies; NaN outside the band.
+    left : ndarray of complex, shape (n, k) or (r, k), or None
+        Left eigenvectors of unit length, yᴴP(λ) = 0, which the error bars come from; None where they were not computed.
 
     Examples
     --------
@@ -90,6 +92,7 @@ class ComplexModes:
     tally: Tally = field(default=Tally(0))
     full_growth: Array | None = None
     cutoff: float = np.inf
+    left: Array | None = None
 
     @property
     def evidence(self) -> str:
@@ -233,14 +236,14 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     """
     if evidence is not None:
         truth("evidence", evidence)
-    pencil = _with_contacts(model, contacts)
+    pencil = pencil_of(model, contacts)
     return _listed(model, contacts, pencil, count, None if band is None else usable_band(model, band), re, evidence)
 
 
 def beside_the_full(model: Substructure, contacts: Contacts, *, band: tuple[float, float] | None = None,
                     evidence: bool | None = None) -> ComplexModes:
     """`complex_modes` in any band, since a comparison measures what lies above the cut-off, too; 'not checked' then."""
-    found = _listed(model, contacts, _with_contacts(model, contacts), None, band, None, evidence)
+    found = _listed(model, contacts, pencil_of(model, contacts), None, band, None, evidence)
     return found if band is None or not beyond(band[1], model.cutoff) else replace(found, tally=Tally(len(found)))
 
 
@@ -272,7 +275,7 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
             if (rough := _rough(projection, pencil, band)) is not None:
                 yield rough
                 continue
-        yield _listed(pencil, None, _with_contacts(pencil, None), None, band, None, None, projection)
+        yield _listed(pencil, None, pencil_of(pencil, None), None, band, None, None, projection)
 
 
 def _rough(projection: Projection, pencil: Pencil, band: tuple[float, float]) -> ComplexModes | None:
@@ -352,7 +355,7 @@ def _still(found: SearchResult, motion: RigidMotion | None) -> SearchResult:
                           if len(found.known) == len(values) else found.known)
 
 
-def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> Pencil:
+def pencil_of(model: Substructure | Pencil, contacts: Contacts) -> Pencil:
     """The pencil with contacts linearised."""
     if isinstance(model, Pencil):
         if contacts is not None:
@@ -375,4 +378,5 @@ def with_bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | 
     X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
     backward, bar, condition = bars(pencil, values, X, Y, known)
     rigid = (values == 0) & (bar == 0)
-    return ComplexModes(values, X, backward, bar, rigid, beyond(np.abs(values.imag), cutoff), condition=condition, cutoff=cutoff)
+    return ComplexModes(values, X, backward, bar, rigid, beyond(np.abs(values.imag), cutoff), condition=condition, cutoff=cutoff,
+                        left=Y)

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 
-from femsub.algebra import SUMS, ComplexFactor, equilibration, scaled
+from femsub.algebra import SUMS, ComplexFactor, SparseFactor, equilibration, scaled
 from femsub.checks import EPS, EQUAL, Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.modes.quadratic.matching import SPLIT
@@ -104,6 +105,41 @@ def is_rounding(pencil: Pencil, values: Array, X: Array, Y: Array) -> Array:
     """Whether yᴴP(λ)x is rounding, for each of k pairs: |y|ᵀ|P(λ)x| up to SUMS of the sizes of its terms; bool (k,)."""
     residual, terms = np.abs(pencil.residual(values, X)), pencil.magnitude(values, X)
     return np.asarray(np.einsum("ij,ij->j", np.abs(Y), residual - SUMS * terms) <= 0)
+
+
+def left_by_real_factor(P: Matrix, x: Array, y: Array, out: Array, steps: int = 80, gain: float = 1e-8) -> Array | None:
+    """A better left vector y of unit length, of a sparse P(λ): Pᴴδ = -Pᴴy by GMRES with a factor of Re P as preconditioner.
+
+    Of a lightly damped mode Im P is small, and (Re P)⁻¹P is the unit matrix but for the modes whose distance from λ is not large
+    beside their damping. The real factor takes a sixth of the time of a complex one. `out` is P'ᴴy, along which Pᴴy shows an
+    error of λ. None if GMRES does not gain the factor `gain` in the residual in so many `steps`, nor comes to rounding.
+    """
+    from scipy.sparse.linalg import LinearOperator, gmres
+
+    n = len(y)
+
+    def adjoint(v: Array) -> Array:
+        return np.asarray((P.T @ v.conj()).conj())
+
+    residual = adjoint(y)
+    residual -= out * (np.vdot(x, residual) / np.vdot(x, out))
+    rounding = SUMS * float(np.linalg.norm(abs(P).T @ np.abs(y)))
+    if np.linalg.norm(residual) <= rounding:
+        return y
+    try:
+        R = SparseFactor(sp.csr_array((P.data.real.copy(), P.indices, P.indptr), shape=P.shape), "general", probed=False)
+    except SingularMatrixError:
+        return None
+
+    def solve(f: Array) -> Array:
+        both = R.solve(np.stack([f.real, f.imag], axis=1), transposed=True)
+        return np.asarray(both[:, 0] + 1j * both[:, 1])
+
+    operator, inverse = (LinearOperator((n, n), matvec=of, dtype=complex) for of in (adjoint, solve))
+    found, failed = gmres(operator, -residual, rtol=gain, atol=rounding, restart=steps, maxiter=1, M=inverse)
+    if failed or not np.isfinite(found).all():
+        return None
+    return np.asarray((y + found) / np.linalg.norm(y + found))
 
 
 def converged(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Array, Array, Array] | None = None,

@@ -55,6 +55,11 @@ class LossyPencil(Pencil):
     def sign(self, eigenvalues: Array | complex) -> Array:
         return np.sign(np.imag(eigenvalues)) if not self.side else np.full(np.shape(eigenvalues), float(self.side))
 
+    def transposed(self) -> LossyPencil:
+        found = type(self)(self.M.T, self.D.T, self.K.T)
+        found._set(H=self.H.T, side=self.side)
+        return found
+
     def at(self, value: complex) -> Matrix:
         return super().at(value) + 1j * self.sign(value) * self.H
 

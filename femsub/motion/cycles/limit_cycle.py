@@ -6,20 +6,22 @@ import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import Array, finite_number, positive_number, whole_number
 from femsub.coupling import Belt
 from femsub.errors import FemsubWarning, InputError, NoCycleError, NotConvergedError, warn
-from femsub.model import Contact, Substructure
 from femsub.motion.cycles.balance import Balance, Orbit, StepsEndedError, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 from femsub.motion.transient import DENSE, MOST_POINTS, PER_PERIOD, Transient, transient
+
+if TYPE_CHECKING:
+    from femsub.model import Contact, Substructure
 
 log = logging.getLogger(__name__)
 

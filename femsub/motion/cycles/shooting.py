@@ -12,17 +12,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.checks import EPS, Array, finite_number, whole_number
 from femsub.errors import InputError, NotConvergedError
-from femsub.model import Contact, Substructure
 from femsub.modes import all_modes
 from femsub.motion.cycles.limit_cycle import LimitCycle
 from femsub.motion.first_order import Flow
 from femsub.motion.nonlinear_model import State, sliding
 from femsub.motion.transient import TIGHTEST
+
+if TYPE_CHECKING:
+    from femsub.model import Contact, Substructure
 
 FEW_DOF = 60  # of a model: the variational equation has (2n)² unknowns
 CLOSED = EPS**0.5  # ‖y(T) - y‖ / ‖y‖ at which the orbit counts as closed: Newton's next step would end at rounding

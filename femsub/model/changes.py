@@ -1,0 +1,396 @@
+"""A change of a model: what it adds to M, D, K and H as a function of its amount. The protocol of changes, and those of nodes.
+
+A change acts on displacements u = U q of a few DOF, ΔK = θ(a) UᵀAU. U of a reduced model is that of the full one times V, and
+that of a system is times L. So one change serves the full and the reduced model, as one contact does.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix, finite_number, items, shown, whole_numbers
+from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.model.dof_map import MOTIONS, DofMap
+from femsub.model.substructure import ReducedSubstructure, Substructure
+
+GROUND = "ground"
+
+
+class ChangeTerm(NamedTuple):
+    """θ(a) UᵀAU, which a change adds to one of the matrices; `matrix` is 'M', 'D', 'K' or 'H'.
+
+    U has the shape (t, n) and A (t, t). θ takes a `Jet` in place of a number, and is 0 at 0.
+    """
+
+    matrix: str
+    U: Matrix
+    A: Matrix
+    factor: Callable[[Any], Any]
+
+
+class Change(ABC):
+    """A change of a model by an amount. One of your own is a frozen dataclass with `amount`, `name` and `terms`.
+
+    The derivative at the amount 0 is what `sensitivities` takes; `modified` applies the amount.
+
+    Attributes
+    ----------
+    amount : float
+        In `unit`; of a parameter the difference from its value now.
+    unit : str
+        For tables.
+    """
+
+    amount: float
+    unit: ClassVar[str] = ""
+
+    @property
+    def value(self) -> float:
+        """The parameter's value now; NaN for what the model does not have yet."""
+        return float("nan")
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """A name for tables."""
+
+    @abstractmethod
+    def terms(self, model: Substructure) -> list[ChangeTerm]:
+        """What it adds to the matrices of a model.
+
+        Raises
+        ------
+        InputError
+            The model does not have the place where it acts.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class _AtNodes(Change):
+    """a Σ_i s_i u_i² in one of the quadratic forms, for the motions u_i of an end; s_i are shares.
+
+    The amount is the sum over the nodes in each direction: a set of N nodes has s = 1/N. The motion of a port has s = 1.
+    """
+
+    at: Any
+    amount: float = 1.0
+    directions: Sequence[str] | None = None
+
+    matrix: ClassVar[str]
+    noun: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        finite_number("amount", self.amount)
+        if self.directions is not None:
+            object.__setattr__(self, "directions", tuple(items("directions", self.directions, "names of motions, as 'uz'")))
+
+    @property
+    def name(self) -> str:
+        return f"{self.noun} at {_title(self.at)}"
+
+    def terms(self, model: Substructure, few: int = 64) -> list[ChangeTerm]:
+        """One term, on the motions of the end; A is dense for a `few` of them, which takes less time."""
+        U, shares = end_motions(model, self.at, self.directions)
+        A = np.diag(shares) if len(shares) <= few else sp.diags_array(shares, format="csr")
+        return [ChangeTerm(self.matrix, U, A, lambda a: a)]
+
+
+@dataclass(frozen=True, eq=False)
+class AddedMass(_AtNodes):
+    """A mass m on a set of nodes or on the motion of a port: M + m Σ_i s_i e_i e_iᵀ, (n, n).
+
+    Of a set of N nodes each has the share s = 1/N of the mass, in each direction. Rotations are left out, unless `directions`
+    names them. A port has M + m w wᵀ.
+
+    Parameters
+    ----------
+    at : str, sequence of int, or (part, sequence of int)
+        An interface set or a port of the model, as 'disc.rim' of a system, or DOF of the full model, counted from 0. Of a
+        system these are DOF of one of its parts, (part, DOF).
+    amount : float
+        m in units of mass; negative where some is taken away.
+    directions : sequence of str, optional
+        Labels of the DOF map, as 'uz'. Only these motions count.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        When it is used: a place that the model does not have, an unknown direction.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> chain = fs.chain(3)
+    >>> fs.modified(chain, [fs.AddedMass([2], 0.5)]).M.diagonal().tolist()
+    [1.0, 1.0, 1.5]
+    """
+
+    unit: ClassVar[str] = "mass"
+    matrix: ClassVar[str] = "M"
+    noun: ClassVar[str] = "mass"
+
+
+@dataclass(frozen=True, eq=False)
+class _Between(_AtNodes):
+    to: Any = GROUND
+
+    def terms(self, model: Substructure, few: int = 64) -> list[ChangeTerm]:
+        """One term, on the motion relative to the other end."""
+        term, = super().terms(model, few)
+        if isinstance(self.to, str) and self.to == GROUND:
+            return [term]
+        other = end_motions(model, self.to, self.directions)[0]
+        if other.shape != term.U.shape:
+            raise InputError(f"{_title(self.at)} has {term.U.shape[0]} motions, but {_title(self.to)} {other.shape[0]}")
+        return [term._replace(U=term.U - other)]
+
+    @property
+    def name(self) -> str:
+        return super().name + ("" if isinstance(self.to, str) and self.to == GROUND else f" to {_title(self.to)}")
+
+
+@dataclass(frozen=True, eq=False)
+class AddedSpring(_Between):
+    """A spring k from a set of nodes, or from the motion of a port, to the ground or to another end: K + k Σ_i s_i d_i d_iᵀ.
+
+    Of a set of N nodes each has the share s = 1/N of the stiffness, in each direction. `Spring` joins sets of two parts by place.
+
+    Parameters
+    ----------
+    at, amount, directions : see `AddedMass`
+        The amount is k in force per length; negative where some is taken away.
+    to : 'ground', or as `at`
+        The other end, of as many motions in the same order.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        When it is used: as of `AddedMass`; ends of different numbers of motions.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.modified(fs.chain(3), [fs.AddedSpring([2], 0.5)]).K.diagonal().tolist()
+    [2.0, 2.0, 1.5]
+    """
+
+    unit: ClassVar[str] = "force/length"
+    matrix: ClassVar[str] = "K"
+    noun: ClassVar[str] = "spring"
+
+
+@dataclass(frozen=True, eq=False)
+class AddedDamper(_Between):
+    """A dashpot c from a set of nodes, or from the motion of a port, to the ground or to another end: D + c Σ_i s_i d_i d_iᵀ.
+
+    Parameters
+    ----------
+    at, amount, directions, to : see `AddedSpring`
+        The amount is c in force · time per length.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        As of `AddedSpring`.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.modified(fs.chain(3), [fs.AddedDamper("belt", 0.5)]).D.diagonal().tolist()
+    [0.6, 0.0, 0.0]
+    """
+
+    unit: ClassVar[str] = "force time/length"
+    matrix: ClassVar[str] = "D"
+    noun: ClassVar[str] = "damper"
+
+
+@dataclass(frozen=True, eq=False)
+class JointChange(Change):
+    """A share a of a joint's springs and dampers more: K + a RᵀkR, D + a RᵀcR with the relative motion R of the joint.
+
+    With a joint that the system has already, -0.1 takes a tenth of it away. With another one, 1 adds it. Where a change is
+    expected, a `Spring` stands for its whole, a = 1.
+
+    Parameters
+    ----------
+    joint : Spring, or another `Joint` without equations
+    amount : float
+        a, without unit.
+
+    Raises
+    ------
+    InputTypeError, InputError
+        Something else than a joint; when it is used, a joint that has equations, or ends that the model does not have.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> chain = fs.chain(3, interface=[3])
+    >>> softer = fs.JointChange(fs.Spring(("chain", [2]), stiffness=2.0), -0.25)
+    >>> fs.modified(chain, [softer]).K.diagonal().tolist()
+    [2.0, 2.0, 0.5]
+    """
+
+    joint: Any
+    amount: float = 1.0
+
+    @property
+    def value(self) -> float:
+        """1, the whole joint."""
+        return 1.0
+
+    def __post_init__(self) -> None:
+        finite_number("amount", self.amount)
+        if not callable(getattr(self.joint, "link", None)) or isinstance(self.joint, type):
+            raise InputTypeError(f"joint must be a Spring or another joint, not {shown(self.joint)}")
+
+    @property
+    def name(self) -> str:
+        return repr(self.joint)
+
+    def terms(self, model: Substructure) -> list[ChangeTerm]:
+        """Those of its springs and dampers."""
+        if (whole := _behind(model)) is not None:
+            return [term._replace(U=term.U @ model.V) for term in self.terms(whole)]  # type: ignore[attr-defined]
+        parts = getattr(model, "parts", None)
+        link = self.joint.link({model.name: model} if parts is None else parts)
+        if link.equations or not link.motions:
+            raise InputError(f"{self.joint!r} has equations or no motions: only springs and dampers can be changed by a share")
+        U = sum(sp.csr_array(R) @ sp.csr_array(_coordinates(model, name)) for name, R in link.motions.items())
+        U = U if sp.issparse(model.K) else U.toarray()
+        return [ChangeTerm(key, U, sp.csr_array(C), lambda a: a) for key, C in (("K", link.stiffness), ("D", link.damping))
+                if np.any(C)]
+
+
+def as_changes(what: str, given: Any) -> list[Change]:
+    """Changes, or joints, which stand for their whole, each checked to be one."""
+    found: list[Change] = []
+    for one in items(what, given, "changes, as AddedMass(...), MaterialChange(...) or a Spring"):
+        joint = callable(getattr(one, "link", None)) and not isinstance(one, type)
+        change = JointChange(one) if joint else one
+        if not isinstance(change, Change):
+            raise InputTypeError(f"each of {what} must be a change, as AddedMass(...), or a Spring, not {shown(one)}")
+        found.append(change)
+    return found
+
+
+def added(model: Substructure, changes: Sequence[Change]) -> dict[str, Matrix]:
+    """ΔM, ΔD, ΔK and ΔH (n, n) of changes at their amounts, by name; those that nothing adds to are left out."""
+    found: dict[str, Matrix] = {}
+    for change in changes:
+        for key, U, A, factor in change.terms(model):
+            if weight := float(factor(change.amount)):
+                plus = weight * (U.T @ ((sp.csr_array(A) if sp.issparse(U) else A) @ U))
+                found[key] = found[key] + plus if key in found else plus
+    return found
+
+
+def part_of(model: Substructure, part: str) -> Substructure:
+    """A part of a system by its name, also 'front.disc' of a system within it; the model itself without a name, or by its own.
+
+    Raises
+    ------
+    InputError
+        There is no such part, or none is named.
+    """
+    parts = getattr(model, "parts", None)
+    if part not in ("", model.name) and (whole := _behind(model)) is not None:
+        return part_of(whole, part)
+    if parts is None:
+        if part in ("", model.name):
+            return model
+        raise unknown_name("part", part, [model.name])
+    for name, one in parts.items():
+        if part == name and not hasattr(one, "parts"):
+            return one
+        if part.startswith(f"{name}."):
+            return part_of(one, part.removeprefix(f"{name}."))
+    raise unknown_name(f"part of {model.name!r}", part, parts)
+
+
+def _behind(model: Substructure) -> Substructure | None:
+    """The full system that a reduced model was made of as a whole, as long as it exists: it knows the parts."""
+    wider = getattr(model, "wider", None)
+    found: Any = None if wider is None else wider.full()
+    return found if hasattr(found, "parts") and found.size == len(model.V) else None  # type: ignore[attr-defined]
+
+
+def full_dofs(model: Substructure, part: str = "") -> DofMap | None:
+    """The DOF map of the full part, of a reduced one too."""
+    found = part_of(model, part)
+    return found.full_dofs if isinstance(found, ReducedSubstructure) else found.dofs
+
+
+def displacements(model: Substructure, rows: Array, part: str = "") -> Matrix:
+    """U (t, n): these DOF of the full part in the model's coordinates, U = V[rows] L of a reduced part of a system."""
+    found = part_of(model, part)
+    if part not in ("", model.name) and (whole := _behind(model)) is not None:
+        return displacements(whole, rows, part) @ model.V  # type: ignore[attr-defined]
+    V = getattr(found, "V", None)
+    count = found.size if V is None else len(V)
+    if len(rows) and not 0 <= rows.min() <= rows.max() < count:
+        raise InputError(f"DOF {rows.max() if rows.max() >= count else rows.min()} is out of range: {found.name!r} has {count} "
+                         f"DOF, counted from 0 to {count - 1}")
+    if V is None:
+        return sp.csr_array(sp.eye_array(count, format="csr")[rows]) if found is model else _coordinates(model, part, rows)
+    return V[rows] if found is model else V[rows] @ _coordinates(model, part)
+
+
+def _coordinates(model: Substructure, part: str, rows: Array | slice = slice(None)) -> Matrix:
+    """The coordinates of a part, or some of them, in those of the model, (n_p, n)."""
+    start = 0
+    for name, one in getattr(model, "parts", {}).items():
+        if part == name:
+            own = start + np.arange(one.size)[rows]
+            return model.L[own] if len(own) < model.L.shape[0] else model.L  # type: ignore[attr-defined]
+        if part.startswith(f"{name}."):
+            return _coordinates(one, part.removeprefix(f"{name}."), rows) @ model.L[start:start + one.size]  # type: ignore[attr-defined]
+        start += one.size
+    part_of(model, part)
+    return sp.eye_array(model.size, format="csr")[rows]
+
+
+def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None = None) -> tuple[Matrix, Array]:
+    """U (t, n) of the motions of an end, and their shares (t,): 1 over the number of nodes in each direction; 1 for a port."""
+    if isinstance(at, str) and at in model.ports:
+        W = model.port(at).reshape(model.size, -1)
+        return sp.csr_array(W.T) if sp.issparse(model.K) else W.T, np.ones(W.shape[1])
+    labels: Sequence[str] | None
+    if isinstance(at, str):
+        if at not in model.sets:
+            raise unknown_name(f"port or interface set of {model.name!r}", at, (*model.ports, *model.sets))
+        places, dofs = model.sets[at], model.interface_dofs
+        U = model.interface_rows[places]
+        labels = None if dofs is None else [dofs.labels[k] for k in dofs.components[places]]
+    else:
+        part, rows = ("", at) if not (isinstance(at, (tuple, list)) and len(at) == 2 and isinstance(at[0], str)) else at
+        if isinstance(rows, str):
+            return end_motions(model, f"{part}.{rows}", directions)
+        rows = whole_numbers("the DOF of a change", rows)
+        if not len(rows) or len(np.unique(rows)) < len(rows):
+            raise InputError(f"the DOF of a change must be one or more, each listed once, but are {shown(rows.tolist())}")
+        U, dofs = displacements(model, rows, part), full_dofs(model, part)
+        labels = None if dofs is None else [dofs.labels[k] for k in dofs.components[rows]]
+    if labels is None:
+        if directions is not None:
+            raise InputError(f"directions need a DOF map, which {model.name!r} does not have. List the DOF instead")
+        return U, np.full(U.shape[0], 1 / U.shape[0])
+    if directions is not None and (unknown := [one for one in directions if one not in labels]):
+        raise unknown_name("direction", unknown[0], sorted(set(labels)))
+    # rotations and slopes have another unit
+    plain = [label for label in labels if label not in MOTIONS[3:] and "," not in label]
+    wanted = set(plain or labels) if directions is None else set(directions)
+    kept = np.array([at for at, label in enumerate(labels) if label in wanted])
+    names = np.array(labels)[kept]
+    return U[kept], np.array([1 / np.count_nonzero(names == label) for label in names])
+
+
+def _title(end: Any) -> str:
+    return end if isinstance(end, str) else shown(end)

@@ -1,0 +1,122 @@
+"""Changes of models: exact in full ones, within the error in reduced ones; candidates in the order of their true effect."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import femsub as fs
+
+BRICKS = fs.block((0.2, 0.02, 0.03), (6, 1, 1))
+BAR = fs.Mesh(BRICKS.points, BRICKS.cells, BRICKS.kind, sets=dict(BRICKS.sets), groups={"root": range(4), "tip": [4, 5]})
+STEEL, SOFT = fs.Material(2.1e11, 0.3, 7850.0), fs.Material(5e9, 0.25, 2500.0, loss=0.02)
+
+
+def bar(tip: fs.Material = SOFT) -> fs.Substructure:
+    return fs.solid(BAR, {"root": STEEL, "tip": tip}, supports=["left"], interface=["right"], rayleigh=(3.0, 1e-7))
+
+
+@pytest.mark.parametrize(("parameter", "amount"), [("E", 1e9), ("nu", 0.1), ("rho", -500.0), ("loss", 0.1)])
+def test_another_material_is_the_model_that_is_built_with_it(parameter: str, amount: float) -> None:
+    change = fs.MaterialChange.solid(BAR, SOFT, parameter, amount, cells="tip", rayleigh=(3.0, 1e-7))
+    found = fs.modified(bar(), [change])
+    wanted = bar(replace(SOFT, **{parameter: getattr(SOFT, parameter) + amount}))
+    for key in "MDKH":
+        A, B = getattr(found, key), getattr(wanted, key)
+        assert abs(A - B).max() <= 1e-13 * abs(B).max(), key
+    assert list(found.sets) == ["right"] and np.array_equal(found.interface, wanted.interface)
+
+
+def test_several_changes_add_up_and_a_system_keeps_its_parts() -> None:
+    chain = fs.chain(5, belt=2, interface=[5])
+    found = fs.modified(chain, [fs.AddedMass([0, 1], 0.5), fs.AddedSpring([4], 2.0, to=[1]), fs.AddedDamper("belt", 0.3),
+                                fs.Spring(("chain", [4]), stiffness=0.25)])
+    assert np.allclose(found.M.diagonal(), [1.25, 1.25, 1, 1, 1])
+    K = chain.K.toarray()
+    K[np.ix_([1, 4], [1, 4])] += 2.0 * np.array([[1, -1], [-1, 1]])
+    K[4, 4] += 0.25
+    assert np.allclose(found.K.toarray(), K) and np.isclose(found.D[1, 1], chain.D[1, 1] + 0.3)
+    system = fs.couple({"a": chain, "b": fs.chain(3, interface=[1], fixed=False)}, [fs.Rigid(("a", [4]), ("b", [0]))])
+    heavier = fs.modified(system, [fs.AddedMass(("b", [2]), 0.5)])
+    assert isinstance(heavier, fs.System) and list(heavier.parts) == ["a", "b"]
+    assert np.isclose(heavier.M.sum() - system.M.sum(), 0.5)
+    with pytest.raises(fs.InputError, match="after its parts were joined"):
+        heavier.with_parts({})
+
+
+@pytest.mark.parametrize("method", [fs.CraigBampton(20), fs.CraigChang(8), fs.Rubin(8)])
+def test_a_reduced_model_follows_a_change_within_its_error(method: Any) -> None:
+    full = bar().with_structural_damping(None)
+    changes = [fs.AddedMass([9, 10, 11], 0.2), fs.MaterialChange.solid(BAR, replace(SOFT, loss=0.0), "E", 2e9, cells="tip")]
+    rom = fs.reduce(full, method)
+    small, exact = fs.modified(rom, changes), fs.normal_modes(fs.modified(full, changes), count=4).frequencies
+    assert exact[3] <= 0.7 * rom.cutoff
+    off = fs.normal_modes(small, count=4).frequencies / exact - 1
+    assert small.size > rom.size and -1e-9 < off.max() <= small.change_error + 1e-9 and off.max() < 1e-3
+    del full
+    plain = fs.modified(rom._with(), changes[:1])  # a copy does not know the full model
+    assert np.isnan(plain.change_error) and plain.size == rom.size
+
+
+def test_candidates_are_ordered_by_solving_them() -> None:
+    sub, belt = fs.chain(10, belt=2), fs.Belt(slope=-0.05)
+    candidates = {f"damper {k}": fs.AddedDamper([k], 0.05) for k in (1, 4, 9)} | {
+        "mass and damper": [fs.AddedMass([1], 2.0), fs.AddedDamper([1], 0.2)], "mass": fs.AddedMass([3], 1.0)}
+    found = fs.what_helps(sub, belt, candidates, band=(0.0, 1.2))
+    growth = {name: fs.complex_modes(fs.modified(sub, one if isinstance(one, list) else [one]), belt, band=(0.0, 1.2)).growth
+              for name, one in candidates.items()}
+    assert [one.name for one in found.tried] == sorted(growth, key=lambda name: growth[name])
+    assert all(np.isclose(one.growth, growth[one.name]) for one in found.tried)
+    assert found.best.reached == (found.best.growth <= 0) and len(found.ranking) == 5
+    assert all(one.name in str(found) for one in found.tried) and "goes from" in found.ranking[0]
+
+
+def test_a_model_of_a_belt_is_confirmed_in_the_full_one() -> None:
+    full, belt = fs.chain(60, belt=20), fs.Belt(slope=-0.02)
+    rom = fs.reduce(full, fs.CraigBampton(12), ports=True)
+    found = fs.what_helps(rom, belt, [fs.AddedDamper([30], 0.3), fs.AddedDamper([50], 0.3)], band=(0.0, 0.3), full=full)
+    best = found.best
+    assert best.in_full is not None and abs(best.in_full.growth - best.growth) < 0.05 * abs(found.before.growth)
+    assert found.tried[1].in_full is None
+
+
+def test_what_has_no_place_is_refused() -> None:
+    chain = fs.chain(4)
+    with pytest.raises(fs.InputError, match="negative mass"):
+        fs.modified(chain, [fs.AddedMass([1], -2.0)])
+    with pytest.raises(fs.InputError, match="empty"):
+        fs.what_helps(chain, fs.Belt("belt", slope=-0.1), [])
+    with pytest.raises(fs.InputError, match="DOF map"):
+        fs.modified(fs.Substructure(np.eye(2), np.eye(2)), [fs.MaterialChange.solid(BAR, SOFT, "E", 1.0)])
+    with pytest.raises(fs.InputError, match="equations"):
+        fs.modified(chain, [fs.JointChange(fs.Rigid(("chain", [0]), "ground"))])
+    with pytest.raises(fs.InputError, match="nu"):
+        fs.MaterialChange.solid(BAR, SOFT, "nu", 0.5)
+
+
+@pytest.mark.slow
+def test_the_best_damper_and_the_best_shim_quieten_the_full_brake() -> None:
+    """The scene `brake` with large elements at μ = 0.6: one unstable mode at 5.2 kHz. A damper has 100 g·s/mm, 981 N·s/m."""
+    from femsub.app.scenes.brake import PADS, Brake, BrakeScene
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)  # of the straight edges of large elements
+        _quietened(Brake(BrakeScene(size=0.08), lambda _: None), PADS)
+
+
+def _quietened(brake: Any, pads: tuple[str, ...]) -> None:
+    full, contacts, band = brake.system, brake.contacts(0.6), (2e4, 3.6e4)
+    small = fs.reduce(full, fs.ContactModes(40, contacts=brake.contacts(0.0)))
+    dampers = {f"damper {place}-{axis}": [fs.AddedDamper(f"{name}.{place}-{axis}", 981.0) for name in pads]
+               for place in ("back", "leading", "trailing") for axis in "xz"}
+    shims = {f"shim {c:g}": [change for name in pads for axis in "xyz" for change in (
+        fs.AddedSpring(f"{name}.back-{axis}", 3e7), fs.AddedDamper(f"{name}.back-{axis}", c))] for c in (1e3, 6e3)}
+    assert fs.complex_modes(full, contacts, band=band).is_stable is False
+    for candidates in (dampers, shims):
+        found = fs.what_helps(small, contacts, candidates, band=band, full=full)
+        assert found.before.is_stable is False and found.best.reached
+        assert found.best.in_full is not None and found.best.in_full.is_stable is True
