@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from femsub.modes import ComplexModes
 
 FEW = 3  #: values that are solved one by one: a leaf takes as long as about two
+MOST = 0.9  #: share of the eigenvalues with a known sign below which a leaf is halved twice
 WAVE = 64  #: leaves that are looked at before the next ones are chosen
 
 
@@ -107,12 +108,12 @@ class Labels:
             if np.ptp(known[waiting[0], :mass], axis=0).any() if len(waiting[0]) else False:
                 alone.append(waiting.pop())  # b of a leaf must not change
             while waiting:
+                alone += [at for at in waiting if len(at) <= FEW]
+                waiting = [at for at in waiting if len(at) > FEW]
                 now, waiting = waiting[-WAVE:], waiting[:-WAVE]
-                alone += [at for at in now if len(at) <= FEW]
-                now = [at for at in now if len(at) > FEW]
                 self.solved += len(now)
                 for at, found in zip(now, self.solver.each(lambda at: self._leaf(source, known, factors, at), now), strict=True):
-                    rest, parameter, values, votes, shapes, place = found
+                    rest, cuts, values, votes, shapes, place = found
                     done = ~np.isin(at, rest)
                     if done.any():
                         used = (votes[done] >= 0).any(axis=0)
@@ -122,23 +123,26 @@ class Labels:
                         self.nodes += [Node.of(place, values[done, k][votes[done, k] >= 0][0], shapes[:, k], M)
                                        for k in np.flatnonzero(used)]
                         self._take(at[done], values[done], votes[done], number.tolist())
-                    if len(rest) <= FEW:
+                    if len(rest) and not np.ptp(self.points[rest], axis=0).any():
                         alone.append(rest)
-                    else:
-                        side = self.points[rest, parameter]
-                        low = side <= (side.min() + side.max()) / 2
-                        waiting += [rest[low], rest[~low]]
+                        continue
+                    parts = [rest]
+                    for parameter in cuts:
+                        sides = [(part, self.points[part, parameter]) for part in parts if len(part)]
+                        lower = [column <= (column.min() + column.max()) / 2 for _, column in sides]
+                        parts = [part[side] for (part, _), low in zip(sides, lower, strict=True) for side in (low, ~low)]
+                    waiting += [part for part in parts if len(part)]
         return np.concatenate([left, *alone]).astype(int)
 
     def _leaf(self, source: Source, known: Array, factors: Callable[[Array], Array], at: Array) -> tuple[Any, ...]:
-        """What is left open of these points and along which parameter to halve them; values, votes and shapes; the middle."""
+        """What is left open of these points and along which parameters to halve them; values, votes and shapes; the middle."""
         p = self.points[at]
         lo, hi = p.min(axis=0), p.max(axis=0)
         place, widest = (lo + hi) / 2, int(np.argmax((hi - lo) / np.where(hi > lo, np.ptp(self.points, axis=0), 1.0)))
         here = factors(place[None])[0]
         none = np.zeros((len(at), 0))
         if (middle := Middle.of(source.linear, here)) is None:
-            return at, widest, none, none, none, place
+            return at, [widest], none, none, none, place
         changes = known[at] - here
         ends = np.repeat(place[None], 2 * len(place), axis=0)
         ends[0::2][np.diag_indices(len(place))], ends[1::2][np.diag_indices(len(place))] = lo, hi
@@ -146,23 +150,27 @@ class Labels:
         around = middle.around(changes, moved[1::2] - moved[0::2])
         a, b, low, high = self.region
         listed = np.flatnonzero((middle.z.imag >= 0) & source.inside(middle.z))
+        # where vectors turn much, two halvings at once
         turning = [around.turning(moved[2 * i:2 * i + 2], listed) for i in range(len(place))]
-        parameter = int(np.argmax(turning)) if max(turning) > 0 else widest
+        first = int(np.argmax(turning)) if max(turning) > 0 else widest
+        turning[first] /= 2
+        cuts = [first, int(np.argmax(turning))]
         if not np.isfinite(around.F).all():
-            return at, parameter, none, none, none, place
+            return at, cuts, none, none, none, place
         if source.known is None:
             radius = np.zeros(len(listed))
         else:
             # some of these belong to nothing; the others must be as many as are known to be there
             votes = around.votes(changes, listed, np.zeros(len(listed)))[1]
-            if (votes != 2).sum(axis=1).max() < source.least:
-                return at, parameter, none, none, none, place
+            known_signs = (votes != 2).sum(axis=1).max()
+            if known_signs < source.least:
+                return at, cuts[:1 + (known_signs < MOST * source.least)], none, none, none, place
             lam, radius = source.known(dict(zip(self.solver.names, place.tolist(), strict=True)))
             far = np.abs(lam[:, None] - middle.z)
             listed = far.argmin(axis=1)
             radius = radius + far.min(axis=1, initial=np.inf)
             if len(np.unique(listed)) < len(listed):
-                return at, parameter, none, none, none, place
+                return at, cuts[:1], none, none, none, place
         values, votes, own = around.votes(changes, listed, radius)
         doubt = own + radius
         inside = (values.imag <= high) & ((values.imag >= low) | (low <= 0)) & (values.real >= a) & (values.real <= b)
@@ -170,7 +178,7 @@ class Labels:
         edge |= (np.abs(values.imag - low) <= doubt) & (low > 0)
         votes = np.where(edge & (votes != -1), 2, np.where(inside, votes, -1))
         values = np.where(inside, values, np.nan)
-        return (at[(votes == 2).any(axis=1)], parameter, values, votes, source.linear.x @ middle.V[:, listed], place)
+        return (at[(votes == 2).any(axis=1)], cuts[:1], values, votes, source.linear.x @ middle.V[:, listed], place)
 
     # one by one
 
@@ -205,7 +213,7 @@ class Labels:
             self.nodes.append(Node.of(place, complex(value), x[free:], M[free:, free:] if free else M))
             yield len(self.nodes) - 1
 
-    def with_nodes(self, most: int = 256, alike: float = 0.05) -> None:
+    def with_nodes(self, most: int = 64, alike: float = 0.05) -> None:
         """Give hits without a node that of a mode of about the same λ at the nearest place that has one.
 
         Of at most `most` places at a time the shapes are computed; |Δλ| up to `alike` of |λ| is about the same.

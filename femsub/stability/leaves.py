@@ -65,9 +65,13 @@ class Companion(NamedTuple):
 
 
 class Middle(NamedTuple):
-    """The decomposition at the middle of some values: z (k,), V, V⁻¹ and b⁻¹ (k, k), and what rounding may do to V⁻¹ b⁻¹a V."""
+    """The decomposition at the middle of some values: z (k,), V, V⁻¹ and b⁻¹ (k, k), and what rounding may do to V⁻¹ b⁻¹a V.
+
+    z has the `upper` members of pairs, their conjugates in the same order, and what is real.
+    """
 
     linear: Linear
+    upper: int
     z: Array
     V: Array
     inverse: Array
@@ -85,12 +89,17 @@ class Middle(NamedTuple):
             inverse = np.linalg.inv(V)
         except np.linalg.LinAlgError:
             return None
+        up = np.flatnonzero(z.imag > 0)
+        order = np.concatenate([up, up + 1, np.flatnonzero(z.imag == 0)])
+        z, V, inverse = z[order].astype(complex), V[:, order], inverse[order]
         # lengths of right and left vectors alike: sums of rows are then least
         even = np.sqrt(np.linalg.norm(inverse, axis=1))
         V, inverse = V * even, inverse / even[:, None]
+        n = len(up)
+        z[n:2 * n], V[:, n:2 * n], inverse[n:2 * n] = z[:n].conj(), V[:, :n].conj(), inverse[:n].conj()
         size = np.abs(solved) @ np.abs(a)
         noise = np.abs(inverse @ (A @ V) - np.diag(z)) + 4 * EPS * (np.abs(inverse) @ (size @ np.abs(V)))
-        return None if not np.isfinite(noise).all() else cls(linear, z.astype(complex), V, inverse, solved, noise)
+        return None if not np.isfinite(noise).all() else cls(linear, n, z, V, inverse, solved, noise)
 
     def around(self, changes: Array, directions: Array) -> Around:
         """For all of these changes of the factors (m, q), and those between; F is infinite where vectors turn too much.
@@ -113,7 +122,13 @@ class Middle(NamedTuple):
         to = np.zeros((changes.shape[1], len(turn)))
         to[varied] = size[:, None] * share / most
         mixed = np.tensordot(most[:, None] * turn / size, parts, 1)
-        B = np.array([self.inverse @ (part @ self.V) for part in mixed]).reshape(-1, *self.V.shape)
+        # of conjugates the entries are conjugate: one half is computed
+        k, n = len(self.z), self.upper
+        half, partner = np.r_[0:n, 2 * n:k], np.r_[n:2 * n, 0:n, 2 * n:k]
+        B = np.empty((len(mixed), k, k), dtype=complex)
+        for own, part in zip(B, mixed, strict=True):
+            own[:, half] = self.inverse @ (part @ self.V[:, half])
+            own[:, n:2 * n] = own[partner][:, :n].conj()
         gap, entries = self.z - self.z[:, None], np.abs(B).sum(axis=0)  # z_j - z_i
         far = np.abs(gap) > FAR * (entries + entries.T)
         np.fill_diagonal(far, False)
@@ -121,18 +136,19 @@ class Middle(NamedTuple):
         turned = np.abs(X).sum(axis=0)
         G = np.where(far, 0.0, entries)
         np.fill_diagonal(G, 0.0)
-        curved = np.zeros((len(B), len(B), len(gap)), dtype=complex)
+        curved, short = np.zeros((len(B), len(B), k), dtype=complex), (B[:, half].astype(np.complex64), X.astype(np.complex64))
         for q in range(len(B)):
             for r in range(q, len(B)):
-                C = B[q] @ X[r] - X[r] * b[q]
-                C = C if r == q else C + B[r] @ X[q] - X[q] * b[r]
-                curved[q, r] = C.diagonal()
-                np.fill_diagonal(C, 0.0)
-                G += np.abs(C)
+                pairs = [(q, r)] if q == r else [(q, r), (r, q)]
+                C = sum(short[0][i] @ short[1][j] - short[1][j][half] * b[i].astype(np.complex64) for i, j in pairs)
+                C[np.arange(len(half)), half] = 0.0
+                G[half] += np.abs(C)
+                curved[q, r] = sum(np.einsum("ij,ji->i", B[i], X[j]) for i, j in pairs)
+        G[n:2 * n] = G[:n][:, partner]
         # rounding: of the middle and of the changes, of the turn, and of the products in C
         moved = np.tensordot(np.abs(changes[:, varied]).max(axis=0, initial=0.0), np.abs(self.linear.a[1 + varied]), 1)
         noise = self.noise + 4 * EPS * (np.abs(self.inverse) @ (np.abs(self.solved) @ (moved @ np.abs(self.V))))
-        G += noise + noise @ turned + 2 * len(G) * EPS * (entries @ turned)
+        G += noise + noise @ turned + 2 * k * np.finfo(np.float32).eps * (entries @ turned)
         whole = turned @ (G + np.diag(np.abs(curved).sum(axis=(0, 1))))
         try:
             found = np.linalg.solve(np.eye(len(G)) - turned, np.column_stack([whole, np.ones(len(G))]))
