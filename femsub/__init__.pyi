@@ -83,8 +83,8 @@ from .reduction.reduce import (
     reduce as reduce,
 )
 from .stability.critical_value import critical_slope as critical_slope, critical_value as critical_value
-from .stability.scatter import Importance as Importance, ModeFamily as ModeFamily, Scatter as Scatter, scatter as scatter
 from .stability.question import CriticalValue as CriticalValue
+from .stability.scatter import Scatter as Scatter, scatter as scatter
 from .stability.stability_map import StabilityMap as StabilityMap, stability_map as stability_map
 from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track
