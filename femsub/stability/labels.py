@@ -1,13 +1,14 @@
 """Which modes grow at many values of parameters: most from enclosures around few decompositions, the others one by one.
 
-The values are divided as a k-d tree. In the middle of a leaf the family is decomposed, and `leaves` encloses the eigenvalues at each
-value of the leaf. Values at which a mode is left open are halved along the parameter that turns the vectors most. Where few are left,
-each is solved for itself.
+The values are divided as a k-d tree. In the middle of a leaf the family is decomposed, and `leaves` encloses the eigenvalues at
+each value of the leaf. Values at which a mode is left open are halved along the parameter that turns the vectors most. Where
+few are left, each is solved for itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,7 +29,8 @@ WAVE = 64  #: leaves that are looked at before the next ones are chosen
 class Source(NamedTuple):
     """A family in first order for the values that `holds` says, and λ that are known at a value with their radii.
 
-    Without `known` all eigenvalues are those of the model, to rounding. At `least` so many λ with Im λ ≥ 0 are `inside` a contour.
+    Without `known` all eigenvalues are those of the model, to rounding. At `least` so many λ with Im λ ≥ 0 are `inside` a
+    contour.
     """
 
     linear: Linear
@@ -49,7 +51,7 @@ class Node(NamedTuple):
     @classmethod
     def of(cls, place: Array, value: complex, x: Array, M: Any) -> Node:
         Mx = M @ x
-        size = np.sqrt(max(float((x.conj() @ Mx).real), np.finfo(float).tiny))
+        size = max(float((x.conj() @ Mx).real), float(np.finfo(float).tiny)) ** 0.5
         return cls(place, complex(value), x / size, Mx / size)
 
 
@@ -85,7 +87,7 @@ class Labels:
         self.growth[at] = rate.max(axis=1, initial=-np.inf)
         if values.shape[1]:
             self.omega[at] = np.abs(values[np.arange(len(at)), rate.argmax(axis=1)].imag)
-        self.verdict[at] = np.where((votes > 0).any(axis=1), 1, np.where((votes == 0).any(axis=1) | (values.shape[1] == 0), 0, -1))
+        self.verdict[at] = np.where((votes > 0).any(axis=1), 1, np.where((votes == 0).any(axis=1), 0, -1))
         for row, column in np.argwhere(votes >= 0):
             self.hits.append((int(at[row]), nodes[column], int(votes[row, column]), complex(values[row, column])))
 
@@ -112,7 +114,7 @@ class Labels:
                 waiting = [at for at in waiting if len(at) > FEW]
                 now, waiting = waiting[-WAVE:], waiting[:-WAVE]
                 self.solved += len(now)
-                for at, found in zip(now, self.solver.each(lambda at: self._leaf(source, known, factors, at), now), strict=True):
+                for at, found in zip(now, self.solver.each(partial(self._leaf, source, known, factors), now), strict=True):
                     rest, cuts, values, votes, shapes, place = found
                     done = ~np.isin(at, rest)
                     if done.any():

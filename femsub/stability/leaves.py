@@ -1,19 +1,20 @@
 """Eigenvalues of a family at many values near one another, enclosed from one decomposition in their middle.
 
-In first order the family is a(θ) - λ b, with a affine in the factors θ. At the middle b⁻¹a = V diag(z) V⁻¹. Let directions t_q with
-|t_q| ≤ 1 span the changes of θ over the values, with B_q = V⁻¹ b⁻¹a_q V and their diagonals b_q. The vectors are turned to first
-order, X = Σ t_q X_q with entries b_ij / (z_j - z_i), where z_i and z_j are so far apart that I - |X| keeps a non-negative inverse:
+In first order the family is a(θ) - λ b, with a affine in the factors θ. At the middle b⁻¹a = V diag(z) V⁻¹. Let directions t_q
+with |t_q| ≤ 1 span the changes of θ over the values, with B_q = V⁻¹ b⁻¹a_q V and their diagonals b_q. The vectors are turned to
+first order, X = Σ t_q X_q with entries b_ij / (z_j - z_i), where z_i and z_j are so far apart that I - |X| keeps a non-negative
+inverse:
 
     (V(I + X))⁻¹ b⁻¹a(θ) V(I + X) = diag(z + Σ t_q b_q) + (I + X)⁻¹ (B' + C),   C = Σ t_q t_r (B_q X_r - X_r diag(b_q)),
 
-where B' is Σ t_q B_q without its diagonal and without the entries that X has. With G ≥ |B' + C| entry by entry, but for the diagonal
-of C, which is known at each value, what is left beside diag(z + Σ t_q b_q + c(t)) is bounded by
+where B' is Σ t_q B_q without its diagonal and without the entries that X has. With G ≥ |B' + C| entry by entry, but for the
+diagonal of C, which is known at each value, what is left beside diag(z + Σ t_q b_q + c(t)) is bounded by
 
     F = G + (I - |X|)⁻¹ |X| (G + |diag C|),   |(I + X)⁻¹ - I| ≤ (I - |X|)⁻¹ |X|.
 
-Each eigenvalue is in the union of the discs around these centres with radii Σ_j f_ij. Of a disc that is clear of all others for all
-values, the radius shrinks to f_ii + τ r_i, r_i = Σ_{j≠i} f_ij, by a scaled similarity (as in `exclusion`). So the sign of Re λ is
-known at each value for itself, where the centre is farther from the axis than the radius.
+Each eigenvalue is in the union of the discs around these centres with radii Σ_j f_ij. Of a disc that is clear of all others for
+all values, the radius shrinks to f_ii + τ r_i, r_i = Σ_{j≠i} f_ij, by a scaled similarity (as in `exclusion`). So the sign of
+Re λ is known at each value for itself, where the centre is farther from the axis than the radius.
 
 Sources: S. Gershgorin 1931; R. S. Varga, Geršgorin and His Circles (2004), sec. 1.1 and 2.1 (scaled discs and their counts); A.
 Berman, R. J. Plemmons, Nonnegative Matrices (1994), ch. 6: (I - |X|)⁻¹ ≥ 0 if (I - |X|)w = 1 has a solution w > 0.
@@ -34,10 +35,14 @@ FAR = 4.0  # a vector is turned towards another where z are so many times farthe
 class Linear(Protocol):
     """a(θ) = unit (a_0 + Σ θ_i a_i) and b alike, (q + 1, k, k); columns of x (d, k) are the shapes of states."""
 
-    a: Array
-    b: Array
-    x: Array
-    unit: float
+    @property
+    def a(self) -> Array: ...
+    @property
+    def b(self) -> Array: ...
+    @property
+    def x(self) -> Array: ...
+    @property
+    def unit(self) -> float: ...
 
 
 class Companion(NamedTuple):
@@ -110,18 +115,17 @@ class Middle(NamedTuple):
         parts = np.array([self.solved @ self.linear.a[1 + i] for i in varied])
         size = np.linalg.norm(parts, axis=(1, 2))
         varied, parts, size = varied[size > 0], parts[size > 0], size[size > 0]
-        # the directions of unit size, and those of what is left
+        # the directions of unit size; what is left of the changes joins the rounding
         scaled, own = changes[:, varied] * size, directions[:, varied] * size
         own = own[own.any(axis=1)]
-        rest = scaled - scaled @ np.linalg.pinv(own) @ own
-        _, lengths, more = np.linalg.svd(rest, full_matrices=False)
-        turn = np.vstack([own, more[lengths > EPS * np.linalg.norm(scaled)]])
-        share = np.linalg.pinv(turn)
+        share = np.linalg.pinv(own)
+        rest = scaled - scaled @ share @ own
         most = np.abs(scaled @ share).max(axis=0, initial=0.0)
-        turn, most, share = turn[most > 0], most[most > 0], share[:, most > 0]
-        to = np.zeros((changes.shape[1], len(turn)))
+        own, most, share = own[most > 0], most[most > 0], share[:, most > 0]
+        to = np.zeros((changes.shape[1], len(own)))
         to[varied] = size[:, None] * share / most
-        mixed = np.tensordot(most[:, None] * turn / size, parts, 1)
+        mixed = np.tensordot(most[:, None] * own / size, parts, 1)
+        left = np.tensordot(np.abs(rest).max(axis=0, initial=0.0) / size, np.abs(parts), 1)
         # of conjugates the entries are conjugate: one half is computed
         k, n = len(self.z), self.upper
         half, partner = np.r_[0:n, 2 * n:k], np.r_[n:2 * n, 0:n, 2 * n:k]
@@ -147,7 +151,8 @@ class Middle(NamedTuple):
         G[n:2 * n] = G[:n][:, partner]
         # rounding: of the middle and of the changes, of the turn, and of the products in C
         moved = np.tensordot(np.abs(changes[:, varied]).max(axis=0, initial=0.0), np.abs(self.linear.a[1 + varied]), 1)
-        noise = self.noise + 4 * EPS * (np.abs(self.inverse) @ (np.abs(self.solved) @ (moved @ np.abs(self.V))))
+        other = left + 4 * EPS * (np.abs(self.solved) @ moved)
+        noise = self.noise + np.abs(self.inverse) @ (other @ np.abs(self.V))
         G += noise + noise @ turned + 2 * k * np.finfo(np.float32).eps * (entries @ turned)
         whole = turned @ (G + np.diag(np.abs(curved).sum(axis=(0, 1))))
         try:
@@ -203,8 +208,8 @@ class Around(NamedTuple):
     def votes(self, changes: Array, at: Array, known: Array) -> tuple[Array, Array, Array]:
         """Centres of the eigenvalues `at`; 1 for one that grows, -1 for one that decays, 0 within `known` of the axis, else 2.
 
-        `known` (k,) is the radius in which each is known anyway, such as a reduced model's. Shapes (m, k) twice; and the radius (k,)
-        of each enclosure.
+        `known` (k,) is the radius in which each is known anyway, such as a reduced model's. Shapes (m, k) twice; and the radius
+        (k,) of each enclosure.
         """
         centres = self.centres(changes, at)
         if not np.isfinite(self.F).all():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from femsub.algebra import WIDE
-from femsub.checks import Array, Tally, instance, items, listener, mapping, real_array, until, whole_number, word
+from femsub.checks import Array, Tally, listener, mapping, real_array, truth, until, whole_number, word
 from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
 from femsub.model import Affine, Contacts, Substructure, family_of, usable_band
 from femsub.stability.exclusion import is_mirrored
@@ -243,6 +243,7 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
         raise InputError('inputs has no parameter. Give one, e.g. {"mu": scipy.stats.norm(0.4, 0.05)}')
     laws = [_law(name, inputs[name]) for name in names]
     at = pencils_of(model, contacts, names)
+    truth("importance", importance)
     whole_number("samples", samples, least=1, most=10**8)
     whole_number("seed", seed, least=0)
     level = real_array("confidence", confidence)
@@ -257,7 +258,8 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
     replicates = int(np.ceil(samples / 2**power))
     scores = np.concatenate([_scores(len(names), power, rng) for _ in range(replicates)])
     count = len(scores)
-    base = 2 ** int(np.log2(count / 4 / (len(names) + 2))) if importance and len(names) > 1 and count >= 8 * len(names) + 16 else 0
+    share = count // (4 * (len(names) + 2))  # of each design
+    base = 2 ** (share.bit_length() - 1) if importance and len(names) > 1 and share > 1 else 0
     if base:
         both = _scores(2 * len(names), base.bit_length() - 1, rng)
         A, B = np.hsplit(both, 2)
@@ -303,10 +305,11 @@ def _law(name: str, value: Any) -> Callable[[Array], Array]:
     """The inverse of the distribution function."""
     law = getattr(value, "icdf", None) or getattr(value, "ppf", None)
     if law is None or isinstance(value, type) or not (hasattr(value, "icdf") or hasattr(value, "dist")):
-        raise InputTypeError(f"the input {name} must be a frozen distribution of scipy.stats, such as norm(0.4, 0.05), not {value!r}")
+        raise InputTypeError(f"the input {name} must be a frozen distribution of scipy.stats, such as norm(0.4, 0.05), not "
+                             f"{value!r}")
     if np.ndim(law(0.5)):
         raise InputError(f"the distribution of {name} must be that of one number")
-    return law  # type: ignore[no-any-return]
+    return law
 
 
 def _factor(covariance: Any, laws: Sequence[Any], names: Sequence[str]) -> Array:
@@ -323,7 +326,7 @@ def _factor(covariance: Any, laws: Sequence[Any], names: Sequence[str]) -> Array
     square, vectors = np.linalg.eigh(C / np.outer(size, size))
     if square[0] < -1e-12 * square[-1]:
         raise InputError(f"covariance must not have a negative eigenvalue, but its correlation has {square[0]:.3g}")
-    R = np.linalg.qr((vectors * np.sqrt(np.maximum(square, 0.0))).T, mode="r")  # also of a singular one
+    R: Array = np.linalg.qr((vectors * np.sqrt(np.maximum(square, 0.0))).T, mode="r")  # also of a singular one
     return np.asarray((R * np.where(R.diagonal() < 0, -1.0, 1.0)[:, None]).T)
 
 
@@ -350,8 +353,8 @@ def _outside(model: Any, names: Sequence[str], points: Array, count: int) -> Arr
         return found
     said = []
     for name, column in zip(names, points.T, strict=True):
-        for bound, word_, beyond in zip(model.box.ranges[name], ("lower", "upper"), (np.less, np.greater), strict=True):
-            out = beyond(column, bound)
+        for bound, word_, beyond in zip(model.box.ranges[name], ("lower", "upper"), (-1, 1), strict=True):
+            out = beyond * (column - bound) > 0
             found |= out
             said += [f"{out[:count].mean():.2%} of {name} beyond the {word_} bound {bound:g}"] * bool(out[:count].any())
     if said:
@@ -405,7 +408,7 @@ def _interval(certain: Array, open_: Array, replicates: int, confidence: float) 
 def _importance(labels: Labels, names: tuple[str, ...], count: int, base: int, rng: np.random.Generator) -> Importance:
     """Sobol indices of the labels of the designs A, B and those of A with a column of B."""
     if len(names) == 1:
-        return Importance(names, *np.ones((4, 1)), base=0)
+        return Importance(names, *np.ones((4, 1)), 0)  # type: ignore[misc]
     found = np.full((4, len(names)), np.nan)
     if base:
         from scipy.stats import sobol_indices
@@ -416,4 +419,4 @@ def _importance(labels: Labels, names: tuple[str, ...], count: int, base: int, r
             if np.isfinite(figure).all() and np.ptp(parts[:2]) > 0:
                 one = sobol_indices(func={"f_A": parts[:1], "f_B": parts[1:2], "f_AB": parts[2:, None]}, n=base, rng=rng)
                 found[2 * k:2 * k + 2] = one.first_order.ravel(), one.total_order.ravel()
-    return Importance(names, *found, base=base)
+    return Importance(names, *found, base)  # type: ignore[misc]

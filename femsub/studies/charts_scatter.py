@@ -13,8 +13,8 @@ from femsub.studies.tables import Table
 if TYPE_CHECKING:
     from femsub.stability import Scatter
 
-NOTE = ("Left: each mode that grows at a sample. Middle: the probability that a family of modes grows, with its interval. Right: the "
-        "probability of instability where one input is among its lowest or highest tenth.")
+NOTE = ("Left: each mode that grows at a sample. Middle: the probability that a family of modes grows, with its interval. Right: "
+        "the probability of instability where one input is among its lowest or highest tenth.")
 MARKS = "os^Dv<>Ph*"
 
 
@@ -58,8 +58,9 @@ def scatter_tables(name: str, found: Scatter) -> list[Table]:
          "probability": one.probability, "from": one.interval[0], "to": one.interval[1], "undecided": one.undecided,
          "growth": float(one.growth.max())} for k, one in enumerate(found.families, 1)]
     most, ends = found.importance, found.tornado()
-    inputs = [{"input": one, "first": float(most.first[i]), "total": float(most.total[i]), "first_growth": float(most.first_growth[i]),
-               "total_growth": float(most.total_growth[i]), "low": float(ends[i, 0]), "high": float(ends[i, 1])}
+    inputs = [{"input": one, "first": float(most.first[i]), "total": float(most.total[i]),
+               "first_growth": float(most.first_growth[i]), "total_growth": float(most.total_growth[i]),
+               "low": float(ends[i, 0]), "high": float(ends[i, 1])}
               for i, one in enumerate(found.parameters)]
     samples = [{**dict(zip(found.parameters, map(float, row), strict=True)), "verdict": int(verdict), "growth": float(growth),
                 "omega": float(omega)}
