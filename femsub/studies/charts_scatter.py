@@ -33,19 +33,22 @@ def scatter_chart(name: str, found: Scatter, title: str, labels: Mapping[str, st
         bars += [Series(word, [middle, middle], one.interval, line="solid", marker="_", colour=colour, size=9.0, legend=False),
                  Series(word, [middle], [one.probability], marker=marker, colour=colour, legend=False)]
     ends = found.tornado()
-    order = np.argsort(np.nan_to_num(np.abs(np.diff(ends, axis=1)[:, 0])))
-    shown = labels or {}
-    tornado = [Series(word, [ends[i, side] for i in order], np.arange(len(order)), marker=marker, colour=colour, size=7.0)
-               for side, (word, marker, colour) in enumerate((("lowest tenth of an input", "v", "#2166ac"),
-                                                              ("highest tenth of an input", "^", "#b2182b")))]
-    tornado += [Series("", ends[i], [row, row], line="solid", marker="", colour="0.5", width=3.0, legend=False,
-                       labels=["", shown.get(found.parameters[i], found.parameters[i])]) for row, i in enumerate(order)]
+    order = np.argsort(-np.nan_to_num(np.abs(np.diff(ends, axis=1)[:, 0])), kind="stable")
+    ranks, shown = np.arange(1, len(order) + 1), labels or {}
+    tornado = [Series("", ends[i], [rank, rank], line="solid", marker="", colour="0.5", width=3.0, legend=False)
+               for rank, i in zip(ranks, order, strict=True)]
+    tornado += [Series(word, ends[order, side], ranks, marker=marker, colour=colour, size=7.0)
+                for side, (word, marker, colour) in enumerate((("lowest tenth of an input", "v", "#2166ac"),
+                                                               ("highest tenth of an input", "^", "#b2182b")))]
+    tornado += [Series("", [np.mean(ends[i])], [rank - 0.3], marker="", colour="black", legend=False,
+                       labels=[shown.get(found.parameters[i], found.parameters[i])])
+                for rank, i in zip(ranks, order, strict=True)]
     lo, hi = found.interval
     panels = [
         Panel(cloud, "Re λ  [1/time]", "Im λ  [rad/time]", "modes that grow", "x"),
         Panel(bars, "Im λ  [rad/time]", "probability that it grows  [-]", "families of modes", limits={"y": (-0.03, 1.03)}),
-        Panel(tornado, "probability of instability  [-]", "inputs, the strongest on top", "inputs", limits={
-            "x": (-0.03, 1.03), "y": (-0.6, len(order) - 0.4)}, levels=[Level(found.probability, "all samples")])]
+        Panel(tornado, "probability of instability  [-]", "rank of the input", "inputs", limits={
+            "x": (-0.03, 1.03), "y": (len(order) + 0.5, 0.4)}, levels=[Level(found.probability, "all samples")])]
     return Chart(name, title, panels, 3, note=NOTE, height=3.2, columns=4, width=1.3, about=(
         f"unstable with probability {found.probability:.3g} in [{lo:.3g}, {hi:.3g}] at {100 * found.confidence:g} %; "
         f"{100 * found.undecided:.2g} % undecided; {len(found.samples):,} samples"))
