@@ -99,7 +99,7 @@ def test_enclosures_hold(seed: int) -> None:
         changes = np.array([family.factors(x=x, y=y) for x, y in points]) - here
         middle = Middle.of(linear, here)
         assert middle is not None
-        around = middle.around(changes, np.eye(len(here))[[3, 4]])
+        around = middle.around(changes, np.eye(len(here))[[2, 4, 5]])
         every = np.arange(len(middle.z))
         values, votes, radius = around.votes(changes, every, np.zeros(len(every)))
         if not np.isfinite(around.F).all():
