@@ -280,7 +280,7 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
     number = grouped(labels.nodes, np.where(np.std(points, axis=0) > 0, np.std(points, axis=0), 1.0))
     hits = [(i, number[node], vote, value) for i, node, vote, value in labels.hits if i < count]
     for f in dict.fromkeys(hit[1] for hit in hits):
-        mine = sorted(hit for hit in hits if hit[1] == f)
+        mine = sorted((hit for hit in hits if hit[1] == f), key=lambda hit: hit[0])
         where, votes = np.array([hit[0] for hit in mine]), np.array([hit[2] for hit in mine])
         grows, doubt = np.zeros(count, dtype=bool), outside[:count].copy()
         grows[where[votes > 0]] = True
