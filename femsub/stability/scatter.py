@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from femsub.algebra import WIDE
 from femsub.checks import Array, Tally, listener, mapping, real_array, truth, until, whole_number, word
 from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
 from femsub.model import Affine, Contacts, Substructure, family_of, usable_band
@@ -207,7 +206,7 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
     ------
     InputError, InputTypeError
         An unknown parameter, others without a value, what is no frozen distribution of one number, a matrix that is no
-        covariance.
+        covariance; all samples outside the box of the model.
 
     Warns
     -----
@@ -326,7 +325,7 @@ def _factor(covariance: Any, laws: Sequence[Any], names: Sequence[str]) -> Array
     square, vectors = np.linalg.eigh(C / np.outer(size, size))
     if square[0] < -1e-12 * square[-1]:
         raise InputError(f"covariance must not have a negative eigenvalue, but its correlation has {square[0]:.3g}")
-    R: Array = np.linalg.qr((vectors * np.sqrt(np.maximum(square, 0.0))).T, mode="r")  # also of a singular one
+    R = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(square, 0.0))).T, mode="r"))  # also of a singular one
     return np.asarray((R * np.where(R.diagonal() < 0, -1.0, 1.0)[:, None]).T)
 
 
@@ -358,6 +357,8 @@ def _outside(model: Any, names: Sequence[str], points: Array, count: int) -> Arr
             found |= out
             said += [f"{out[:count].mean():.2%} of {name} beyond the {word_} bound {bound:g}"] * bool(out[:count].any())
     if said:
+        if found.all():
+            raise InputError(f"all samples are outside the box of the model: {'; '.join(said)}")
         warn(f"samples outside the box of the model count as undecided: {'; '.join(said)}. Make a model of a larger box, or "
              "truncate the distribution", FemsubWarning)
     return found
@@ -366,24 +367,20 @@ def _outside(model: Any, names: Sequence[str], points: Array, count: int) -> Arr
 def _labels(model: Any, contacts: Contacts, names: Sequence[str], at: Callable[[Mapping[str, float]], Any],
             limits: tuple[float, float], points: Array, among: Array, say: Callable[[str], None]) -> Labels:
     """By leaves where the model is a dense family with damping, the others one by one."""
-    ends = [at(dict(zip(names, points[i].tolist(), strict=True))) for i in np.flatnonzero(among)[[0, -1]]] if among.any() else []
-    if not ends:
-        ends = [None]
+    left, family = np.flatnonzero(among), model
+    ends = [at(dict(zip(names, points[i].tolist(), strict=True))) for i in left[[0, -1]]]
     solver = ModesAt(model, at, names, limits, ends, say)
     a, b = getattr(getattr(model, "box", None), "region", (-limits[1], limits[1]))[:2]
     labels = Labels(solver, points, (max(-limits[1], a), min(limits[1], b), *limits))
-    left, family = np.flatnonzero(among), model
-    if not len(left):
-        return labels
     if not isinstance(model, Affine):
         used = points[left]
         ranges = {name: (float(lo), float(hi)) for name, lo, hi in zip(names, used.min(axis=0), used.max(axis=0), strict=True)}
         try:
-            family = family_of(model, contacts, names, ranges) if model.size <= WIDE else None
+            family = family_of(model, contacts, names, ranges) if solver.small else None
         except InputError as error:
             log.info("no sum of matrices over %s: %s", ", ".join(names), error)
             family = None
-    if family is not None and family.size <= WIDE and not any(map(is_mirrored, ends)):
+    if family is not None and solver.small and not any(map(is_mirrored, ends)):
         left = labels.by_leaves(family, sources_of(family), left)
     labels.one_by_one(left)
     labels.with_nodes()
@@ -408,7 +405,7 @@ def _interval(certain: Array, open_: Array, replicates: int, confidence: float) 
 def _importance(labels: Labels, names: tuple[str, ...], count: int, base: int, rng: np.random.Generator) -> Importance:
     """Sobol indices of the labels of the designs A, B and those of A with a column of B."""
     if len(names) == 1:
-        return Importance(names, *np.ones((4, 1)), 0)  # type: ignore[misc]
+        return Importance(names, one := np.ones(1), one, one, one, 0)
     found = np.full((4, len(names)), np.nan)
     if base:
         from scipy.stats import sobol_indices
@@ -417,6 +414,6 @@ def _importance(labels: Labels, names: tuple[str, ...], count: int, base: int, r
         for k, figure in enumerate(figures):
             parts = figure.reshape(-1, base)
             if np.isfinite(figure).all() and np.ptp(parts[:2]) > 0:
-                one = sobol_indices(func={"f_A": parts[:1], "f_B": parts[1:2], "f_AB": parts[2:, None]}, n=base, rng=rng)
-                found[2 * k:2 * k + 2] = one.first_order.ravel(), one.total_order.ravel()
-    return Importance(names, *found, base)  # type: ignore[misc]
+                indices = sobol_indices(func={"f_A": parts[:1], "f_B": parts[1:2], "f_AB": parts[2:, None]}, n=base, rng=rng)
+                found[2 * k:2 * k + 2] = indices.first_order.ravel(), indices.total_order.ravel()
+    return Importance(names, found[0], found[1], found[2], found[3], base)
