@@ -94,6 +94,7 @@ from .stability.changes_tried import WhatHelps as WhatHelps, modified as modifie
 from .stability.critical_value import critical_slope as critical_slope, critical_value as critical_value
 from .stability.question import CriticalValue as CriticalValue
 from .stability.sensitivities import Sensitivities as Sensitivities, sensitivities as sensitivities
+from .stability.scatter import Scatter as Scatter, scatter as scatter
 from .stability.stability_map import StabilityMap as StabilityMap, stability_map as stability_map
 from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track

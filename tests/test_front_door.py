@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.stats import norm
 
 import femsub as fs
 from femsub.checks import shown
@@ -78,6 +79,7 @@ RESULTS = {
     "ReducedSubstructure",
     "Refined",
     "Rotor",
+    "Scatter",
     "SelfExcitation",
     "Sensitivities",
     "ShotCycle",
@@ -237,6 +239,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "spectrogram": {"length": 5.0, "windows": 20}, "spectrum": {}, "sticking": {"run": run},
         "study": {"methods": [fs.CraigBampton(2)], "band": (0.0, 0.5), "contacts": slope, "parameter": "slope",
             "values": [-0.1], "repeats": 1, "assembly": 0.0, "held": True},
+        "scatter": {"model": sub, "inputs": {"slope": norm(-0.05, 0.01)}, "contacts": slope, "band": (0.0, 3.0), "samples": 16,
+            "covariance": [[1.0]], "seed": 1, "confidence": 0.9, "importance": False},
         "stability_map": {"model": fs.Affine(sub.M, sub.D, [(1.0, sub.K), ("a", np.eye(6, k=1)), ("b", -np.eye(6))]),
             "over": {"a": (0.0, 1.0), "b": (0.0, 0.5)}, "points": (3, 3), "halvings": 1, "spots": 1,
             "full": fs.Affine(sub.M, sub.D, [(1.0, sub.K), ("a", np.eye(6, k=1)), ("b", -np.eye(6))])},

@@ -106,6 +106,11 @@ def _undamped(squares: Array, band: tuple[float, float]) -> PointModes:
     return _ranked(values[kept], votes[kept], margins[inside], heights[inside])
 
 
+def modes_in(pencil: Pencil, band: tuple[float, float]) -> ComplexModes:
+    """Those in a band, which may have no end."""
+    return complex_modes(pencil, band=band if np.isfinite(band[1]) else None)
+
+
 def between(ends: Sequence[Array], t: float) -> Array:
     """A point on a straight line, not outside by rounding: a model of a box would refuse it."""
     return np.asarray(np.clip(ends[0] + t * (ends[1] - ends[0]), np.minimum(*ends), np.maximum(*ends)))
@@ -122,8 +127,12 @@ class ModesAt:
         self.together = self.modes is None and self.small and all(
             one.freed is None and np.linalg.cond(one.dense().M) < REGULAR for one in ends)
 
+    def each(self, call: Callable[[Any], Any], things: Sequence[Any]) -> list[Any]:
+        """What a function returns of each of some things, by all cores."""
+        return list(by_threads(call, things))
+
     def __call__(self, points: Array) -> list[PointModes]:
-        """Of (m, 2) points."""
+        """Of points (m, q)."""
         found: list[PointModes | None] = []
         parts = [points[first:first + BLOCK] for first in range(0, len(points), BLOCK)] if self.together else points[:, None]
         with one_thread(True):
@@ -172,11 +181,13 @@ class ModesAt:
                 return float(t), float(omega), bool(rate.real > 0)
         return None
 
+    def whole(self, point: Array) -> ComplexModes:
+        """The modes at one point (q,) with their shapes and error bars."""
+        p = dict(zip(self.names, point.tolist(), strict=True))
+        return self.modes(**p) if self.modes else modes_in(self.at(p), self.band)
+
     def _one(self, points: Array) -> list[PointModes]:
-        """The modes at one point with their error bars."""
-        p = dict(zip(self.names, points[0].tolist(), strict=True))
-        return [point_modes(self.modes(**p) if self.modes else complex_modes(
-            self.at(p), band=self.band if np.isfinite(self.band[1]) else None), self.band, known=self.modes is not None)]
+        return [point_modes(self.whole(points[0]), self.band, known=self.modes is not None)]
 
     def _many(self, points: Array) -> list[PointModes | None]:
         """All eigenvalues, without vectors; None where rounding may move one in the band across the axis."""

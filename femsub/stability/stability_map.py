@@ -15,7 +15,7 @@ from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model import Affine, Contacts, Pencil, Substructure, contacts_of, fields_of, usable_band
 from femsub.modes import complex_modes
 from femsub.stability.map_borders import BorderLine, Node, Nodes, joined, leaves
-from femsub.stability.margins import ModesAt, point_modes
+from femsub.stability.margins import ModesAt, modes_in, point_modes
 
 log = logging.getLogger(__name__)
 
@@ -174,7 +174,7 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
     names = tuple(word("parameter", name) for name in mapping("over", over, "two parameters and their ranges"))
     if len(names) != 2:
         raise InputError(f"a map is over two parameters, but over has {len(names)}. Give the others values before")
-    at = _pencils(model, contacts, names)
+    at = pencils_of(model, contacts, names)
     counts = items("points", points, "two numbers of values")
     if len(counts) != 2:
         raise InputTypeError(f"points must be two numbers of values, not {len(counts)}")
@@ -188,7 +188,7 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
     whole_number("spots", spots, least=0)
     limits, say = usable_band(model, band), listener("progress", progress)
     if full is not None:
-        full_at = _pencils(full, contacts, names)
+        full_at = pencils_of(full, contacts, names)
     ends = [dict(zip(names, corner, strict=True)) for corner in product(*(axis[[0, -1]] for axis in axes))]
     solver = ModesAt(model, at, names, limits, [at(end) for end in ends], say)
 
@@ -220,8 +220,8 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
             places.append(place)
             p = (float(axes[0][place[0]]), float(axes[1][place[1]]))
             say(f"the full model at {names[0]} = {p[0]:.4g}, {names[1]} = {p[1]:.4g}")
-            small, whole = grid[place[0]][place[1]], point_modes(complex_modes(
-                full_at(dict(zip(names, p, strict=True))), band=limits if np.isfinite(limits[1]) else None), limits)
+            small = grid[place[0]][place[1]]
+            whole = point_modes(modes_in(full_at(dict(zip(names, p, strict=True))), limits), limits)
             agrees = small.number <= whole.number + whole.undecided and whole.number <= small.number + small.undecided
             found.append(Spot(p, small.number, whole.number, small.growth, whole.growth, small.radius, agrees))
         result = replace(result, spots=tuple(found))
@@ -229,8 +229,8 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
     return result
 
 
-def _pencils(model: Substructure | Affine, contacts: Contacts, names: Sequence[str]) -> Callable[[Mapping[str, float]], Pencil]:
-    """The pencil as a function of the two parameters."""
+def pencils_of(model: Substructure | Affine, contacts: Contacts, names: Sequence[str]) -> Callable[[Mapping[str, float]], Pencil]:
+    """The pencil as a function of these parameters, which are all that have no value."""
     if isinstance(model, Affine):
         if contacts is not None:
             raise InputError("an Affine has no ports for contacts. Put them into its matrices, or use a Substructure")

@@ -28,6 +28,7 @@ from .charts_motion import (
     spectra_chart as spectra_chart,
     spectrogram_chart as spectrogram_chart,
 )
+from .charts_scatter import scatter_chart as scatter_chart, scatter_tables as scatter_tables
 from .error_vs_time import all_frequencies as all_frequencies, elastic as elastic
 from .losses import Loss as Loss, first_loss as first_loss
 from .results import Row as Row, Study as Study

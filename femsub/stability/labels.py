@@ -1,0 +1,270 @@
+"""Which modes grow at many values of parameters: most from enclosures around few decompositions, the others one by one.
+
+The values are divided as a k-d tree. In the middle of a leaf the family is decomposed, and `leaves` encloses the eigenvalues at
+each value of the leaf. Values at which a mode is left open are halved along the parameter that turns the vectors most. Where
+few are left, each is solved for itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from femsub.checks import NOT_CHECKED, Array
+from femsub.stability.leaves import Companion, Linear, Middle
+from femsub.stability.margins import ModesAt, point_modes
+
+if TYPE_CHECKING:
+    from femsub.model import Affine
+    from femsub.modes import ComplexModes
+
+FEW = 3  #: values that are solved one by one: a leaf takes as long as about two
+MOST = 0.9  #: share of the eigenvalues with a known sign below which a leaf is halved twice
+WAVE = 64  #: leaves that are looked at before the next ones are chosen
+
+
+class Source(NamedTuple):
+    """A family in first order for the values that `holds` says, and λ that are known at a value with their radii.
+
+    Without `known` all eigenvalues are those of the model, to rounding. At `least` so many λ with Im λ ≥ 0 are `inside` a
+    contour.
+    """
+
+    linear: Linear
+    holds: Callable[[Array], Array]
+    known: Callable[[Mapping[str, float]], tuple[Array, Array]] | None
+    inside: Callable[[Array], Array]
+    least: int = 0
+
+
+class Node(NamedTuple):
+    """A mode at a place (q,) that stands for those of values around: λ, x with xᴴMx = 1 and Mx (n,)."""
+
+    place: Array
+    value: complex
+    x: Array
+    Mx: Array
+
+    @classmethod
+    def of(cls, place: Array, value: complex, x: Array, M: Any) -> Node:
+        Mx = M @ x
+        size = max(float((x.conj() @ Mx).real), float(np.finfo(float).tiny)) ** 0.5
+        return cls(place, complex(value), x / size, Mx / size)
+
+
+class Labels:
+    """Of m points: what their modes do.
+
+    Attributes
+    ----------
+    verdict : ndarray of int, shape (m,)
+        1 where a mode certainly grows, -1 where all decay, 0 where that is undecided.
+    growth, omega : ndarray, shape (m,)
+        The largest Re λ in the band and |Im λ| of that mode; -inf and NaN of an empty band, NaN where nothing is known.
+    hits : list of (int, int, int, complex)
+        Point, node (-1 if it has none yet), vote 1 or 0, and λ, of all modes that grow or are undecided.
+    nodes : list of Node
+    solved : int
+        Decompositions and eigenproblems.
+    whole : bool
+        Whether all spectra were complete.
+    """
+
+    def __init__(self, solver: ModesAt, points: Array, region: tuple[float, float, float, float]) -> None:
+        self.solver, self.points, self.region = solver, points, region
+        self.verdict = np.zeros(len(points), dtype=int)
+        self.growth, self.omega = np.full((2, len(points)), np.nan)
+        self.hits: list[tuple[int, int, int, complex]] = []
+        self.nodes: list[Node] = []
+        self.solved, self.whole = 0, True
+
+    def _take(self, at: Array, values: Array, votes: Array, nodes: Sequence[int]) -> None:
+        """Points with the λ of their modes and votes (m, k), NaN and -1 outside the band."""
+        rate = np.where(np.isnan(values.real), -np.inf, values.real)
+        self.growth[at] = rate.max(axis=1, initial=-np.inf)
+        if values.shape[1]:
+            self.omega[at] = np.abs(values[np.arange(len(at)), rate.argmax(axis=1)].imag)
+        self.verdict[at] = np.where((votes > 0).any(axis=1), 1, np.where((votes == 0).any(axis=1), 0, -1))
+        for row, column in np.argwhere(votes >= 0):
+            self.hits.append((int(at[row]), nodes[column], int(votes[row, column]), complex(values[row, column])))
+
+    # by leaves
+
+    def by_leaves(self, family: Affine, sources: Sequence[Source], among: Array) -> Array:
+        """Labels of these points as far as leaves give them; the others are returned."""
+        names, alone = self.solver.names, list[Array]()
+
+        def factors(rows: Array) -> Array:
+            return np.array([family.factors(**dict(zip(names, row, strict=True))) for row in rows.tolist()])
+
+        known = np.full((len(self.points), len(family.factors(**dict(zip(names, self.points[0].tolist(), strict=True))))), np.nan)
+        known[among] = factors(self.points[among])
+        mass = len(family.M)
+        left = among
+        for source in sources:
+            inside = source.holds(self.points[left])
+            waiting, left = [left[inside]], left[~inside]
+            if np.ptp(known[waiting[0], :mass], axis=0).any() if len(waiting[0]) else False:
+                alone.append(waiting.pop())  # b of a leaf must not change
+            while waiting:
+                alone += [at for at in waiting if len(at) <= FEW]
+                waiting = [at for at in waiting if len(at) > FEW]
+                now, waiting = waiting[-WAVE:], waiting[:-WAVE]
+                self.solved += len(now)
+                for at, found in zip(now, self.solver.each(partial(self._leaf, source, known, factors), now), strict=True):
+                    rest, cuts, values, votes, shapes, place = found
+                    done = ~np.isin(at, rest)
+                    if done.any():
+                        used = (votes[done] >= 0).any(axis=0)
+                        number = np.cumsum(used) - 1 + len(self.nodes)
+                        M = family.weighted(factors(place[None])[0]).M
+                        M = M[-len(shapes):, -len(shapes):]  # without free rigid motion
+                        self.nodes += [Node.of(place, values[done, k][votes[done, k] >= 0][0], shapes[:, k], M)
+                                       for k in np.flatnonzero(used)]
+                        self._take(at[done], values[done], votes[done], number.tolist())
+                    if len(rest) and not np.ptp(self.points[rest], axis=0).any():
+                        alone.append(rest)
+                        continue
+                    parts = [rest]
+                    for parameter in cuts:
+                        sides = [(part, self.points[part, parameter]) for part in parts if len(part)]
+                        lower = [column <= (column.min() + column.max()) / 2 for _, column in sides]
+                        parts = [part[side] for (part, _), low in zip(sides, lower, strict=True) for side in (low, ~low)]
+                    waiting += [part for part in parts if len(part)]
+        return np.concatenate([left, *alone]).astype(int)
+
+    def _leaf(self, source: Source, known: Array, factors: Callable[[Array], Array], at: Array) -> tuple[Any, ...]:
+        """What is left open of these points and along which parameters to halve them; values, votes and shapes; the middle."""
+        p = self.points[at]
+        lo, hi = p.min(axis=0), p.max(axis=0)
+        place, widest = (lo + hi) / 2, int(np.argmax((hi - lo) / np.where(hi > lo, np.ptp(self.points, axis=0), 1.0)))
+        here = factors(place[None])[0]
+        none = np.zeros((len(at), 0))
+        if (middle := Middle.of(source.linear, here)) is None:
+            return at, [widest], none, none, none, place
+        changes = known[at] - here
+        ends = np.repeat(place[None], 2 * len(place), axis=0)
+        ends[0::2][np.diag_indices(len(place))], ends[1::2][np.diag_indices(len(place))] = lo, hi
+        moved = factors(ends) - here
+        around = middle.around(changes, moved[1::2] - moved[0::2])
+        a, b, low, high = self.region
+        listed = np.flatnonzero((middle.z.imag >= 0) & source.inside(middle.z))
+        # where vectors turn much, two halvings at once
+        turning = [around.turning(moved[2 * i:2 * i + 2], listed) for i in range(len(place))]
+        first = int(np.argmax(turning)) if max(turning) > 0 else widest
+        turning[first] /= 2
+        cuts = [first, int(np.argmax(turning))]
+        if not np.isfinite(around.F).all():
+            return at, cuts, none, none, none, place
+        if source.known is None:
+            radius = np.zeros(len(listed))
+        else:
+            # some of these belong to nothing; the others must be as many as are known to be there
+            votes = around.votes(changes, listed, np.zeros(len(listed)))[1]
+            known_signs = (votes != 2).sum(axis=1).max()
+            if known_signs < source.least:
+                return at, cuts[:1 + (known_signs < MOST * source.least)], none, none, none, place
+            lam, radius = source.known(dict(zip(self.solver.names, place.tolist(), strict=True)))
+            far = np.abs(lam[:, None] - middle.z)
+            listed = far.argmin(axis=1)
+            radius = radius + far.min(axis=1, initial=np.inf)
+            if len(np.unique(listed)) < len(listed):
+                return at, cuts[:1], none, none, none, place
+        values, votes, own = around.votes(changes, listed, radius)
+        doubt = own + radius
+        inside = (values.imag <= high) & ((values.imag >= low) | (low <= 0)) & (values.real >= a) & (values.real <= b)
+        edge = np.minimum(np.abs(values.imag - high), np.abs(values.real - b)) <= doubt
+        edge |= (np.abs(values.imag - low) <= doubt) & (low > 0)
+        votes = np.where(edge & (votes != -1), 2, np.where(inside, votes, -1))
+        values = np.where(inside, values, np.nan)
+        return (at[(votes == 2).any(axis=1)], cuts[:1], values, votes, source.linear.x @ middle.V[:, listed], place)
+
+    # one by one
+
+    def one_by_one(self, at: Array) -> None:
+        """Labels of these points, each from its own eigenproblem."""
+        solver = self.solver
+        if solver.together:
+            for i, found in zip(at.tolist(), solver(self.points[at]), strict=True):
+                self._take(np.array([i]), found.values[None], found.votes[None], [-1] * len(found.values))
+            self.solved += len(at)
+            return
+        points = self.points[at]
+        for i, modes in zip(at.tolist(), solver.each(solver.whole, points) if solver.modes else map(solver.whole, points),
+                            strict=True):
+            self.whole &= modes.evidence != NOT_CHECKED
+            self._take_modes(i, modes)
+        self.solved += len(at)
+
+    def _take_modes(self, i: int, modes: ComplexModes) -> None:
+        found = point_modes(modes, self.solver.band)
+        nodes = list(self._nodes_of(self.points[i], modes, found.values, found.votes))
+        self._take(np.array([i]), found.values[None], found.votes[None], nodes)
+
+    def _nodes_of(self, place: Array, modes: ComplexModes, values: Array, votes: Array) -> Iterator[int]:
+        M = self.solver.at(dict(zip(self.solver.names, place.tolist(), strict=True))).M
+        free = int(np.count_nonzero(modes.rigid)) // 2 if self.solver.modes else 0
+        for value, vote in zip(values, votes, strict=True):
+            if vote < 0:
+                yield -1
+                continue
+            x = modes.shapes[:, int(np.abs(modes.eigenvalues - value).argmin())]
+            self.nodes.append(Node.of(place, complex(value), x[free:], M[free:, free:] if free else M))
+            yield len(self.nodes) - 1
+
+    def with_nodes(self, most: int = 64, alike: float = 0.05) -> None:
+        """Give hits without a node that of a mode of about the same λ at the nearest place that has one.
+
+        Of at most `most` places at a time the shapes are computed; |Δλ| up to `alike` of |λ| is about the same.
+        """
+        from scipy.spatial import cKDTree
+
+        scale = np.where(np.ptp(self.points, axis=0) > 0, np.ptp(self.points, axis=0), 1.0)
+        for last in (False, True):
+            missing = [row for row, hit in enumerate(self.hits) if hit[1] < 0]
+            if not missing:
+                return
+            mine: dict[int, list[complex]] = {}
+            for row in missing:
+                mine.setdefault(self.hits[row][0], []).append(self.hits[row][3])
+            for i in list(mine)[:most]:
+                list(self._nodes_of(self.points[i], self.solver.whole(self.points[i]), np.array(mine[i]), np.ones(len(mine[i]))))
+            places, at = np.unique([node.place for node in self.nodes], axis=0, return_inverse=True)
+            owned = [np.flatnonzero(at == k) for k in range(len(places))]
+            nearest = cKDTree(places / scale).query(self.points[[self.hits[row][0] for row in missing]] / scale)[1]
+            values = np.array([node.value for node in self.nodes])
+            for row, place in zip(missing, nearest, strict=True):
+                i, _, vote, value = self.hits[row]
+                k = owned[place][np.abs(values[owned[place]] - value).argmin()]
+                if last or abs(values[k] - value) <= alike * abs(value):
+                    self.hits[row] = i, int(k), vote, value
+
+
+def sources_of(family: Affine) -> list[Source]:
+    """Of a small model of a box one for each proved cell, with its radii; of another dense family one for all values."""
+    def everywhere(things: Array) -> Array:
+        return np.ones(len(things), dtype=bool)
+
+    box: Any = family
+    if not hasattr(box, "cells"):
+        terms = [[np.asarray(A.toarray() if hasattr(A, "toarray") else A) for _, A in part]
+                 for part in (family.M, family.D, family.K)]
+        return [Source(Companion.of(*terms), everywhere, None, everywhere)]
+    names = list(box.parameters)
+
+    def known(values: Mapping[str, float]) -> tuple[Array, Array]:
+        _, lam, _, _, size = box.pairs(values)
+        return lam, np.maximum(box.radii.circles(lam, size), max(box.box.tol, box.error) * np.abs(lam))
+
+    found = []
+    for cell in box.cells:
+        ends = np.array([cell.ranges[name] for name in names])
+        moving = [[np.asarray(A)[box.free:, box.free:] for _, A in part] for part in (box.M, box.D, box.K)]
+        if cell.number is not None:
+            found.append(Source(cell.states or Companion.of(*moving), lambda points, ends=ends: (  # type: ignore[misc]
+                (points >= ends[:, 0]) & (points <= ends[:, 1])).all(axis=1), known, cell.contour.encloses,
+                                (cell.number - 2 * box.free) // 2))
+    return found
