@@ -93,8 +93,8 @@ from .reduction.reduce import (
 from .stability.changes_tried import WhatHelps as WhatHelps, modified as modified, what_helps as what_helps
 from .stability.critical_value import critical_slope as critical_slope, critical_value as critical_value
 from .stability.question import CriticalValue as CriticalValue
-from .stability.sensitivities import Sensitivities as Sensitivities, sensitivities as sensitivities
 from .stability.scatter import Scatter as Scatter, scatter as scatter
+from .stability.sensitivities import Sensitivities as Sensitivities, sensitivities as sensitivities
 from .stability.stability_map import StabilityMap as StabilityMap, stability_map as stability_map
 from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track

@@ -13,7 +13,6 @@ import numpy as np
 from femsub.checks import NOT_CHECKED, Array, instance, items, listener, mapping, real_array, until, whole_number, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model import Affine, Contacts, Pencil, Substructure, contacts_of, fields_of, usable_band
-from femsub.modes import complex_modes
 from femsub.stability.map_borders import BorderLine, Node, Nodes, joined, leaves
 from femsub.stability.margins import ModesAt, modes_in, point_modes
 
