@@ -12,6 +12,7 @@ from .bands import (
     within as within,
 )
 from .changes import (
+    GROUND as GROUND,
     AddedDamper as AddedDamper,
     AddedMass as AddedMass,
     AddedSpring as AddedSpring,

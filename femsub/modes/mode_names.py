@@ -95,7 +95,7 @@ class ModeName:
         return f"{self.part}: {self.form}"
 
 
-class Piece(NamedTuple):
+class MovingPart(NamedTuple):
     """A part without parts of its own, in the motions q (r, k) and u (n, k), with the map of u."""
 
     name: str
@@ -105,14 +105,14 @@ class Piece(NamedTuple):
     dofs: DofMap | None
 
 
-def pieces_of(model: Any, X: Array, full: Any = None, name: str = "") -> Iterator[Piece]:
+def pieces_of(model: Any, X: Array, full: Any = None, name: str = "") -> Iterator[MovingPart]:
     """The parts of a model, down to those that have no parts, in the motions X (n, k). `full` is what it was reduced from."""
     if full is not None:
         X, model = model.expand(X), full
     parts = getattr(model, "parts", None)
     if not parts:
         reduced = isinstance(model, ReducedSubstructure)
-        yield Piece(name or model.name, model, X, model.expand(X) if reduced else X, model.full_dofs if reduced else model.dofs)
+        yield MovingPart(name or model.name, model, X, model.expand(X) if reduced else X, model.full_dofs if reduced else model.dofs)
         return
     q, start = model.L @ X, 0
     for key, part in parts.items():
@@ -201,10 +201,10 @@ def named(model: Any, X: Array, full: Any = None) -> tuple[ModeName, ...]:
     return tuple(found[at] for at in range(X.shape[1]))
 
 
-def _of_piece(piece: Piece, columns: Array, shares: Array) -> list[ModeName]:
+def _of_piece(piece: MovingPart, columns: Array, shares: Array) -> list[ModeName]:
     """The names of some motions, in which this part moves most."""
     q, u, model = piece.q[:, columns], piece.u[:, columns], piece.model
-    body = None if piece.dofs is None else Body.of(piece)
+    body = None if piece.dofs is None else Geometry.of(piece)
     if body is None:
         most = np.abs(q * np.sqrt(np.abs(model.M.diagonal()))[:, None]).argmax(axis=0)
         return [ModeName(piece.name, float(share), "other", model.dof_name(int(row)))
@@ -224,7 +224,7 @@ def _of_piece(piece: Piece, columns: Array, shares: Array) -> list[ModeName]:
     return [ModeName(piece.name, float(one), *found[at]) for at, one in enumerate(shares)]
 
 
-class Body:
+class Geometry:
     """The nodes of a part, with the directions in which they move, and its principal axes."""
 
     def __init__(self, points: Array, rows: Array, weight: Array, around: Array, mass: Array) -> None:
@@ -241,7 +241,7 @@ class Body:
         self.extent = np.ptp(centred @ self.axes.T, axis=0)
 
     @classmethod
-    def of(cls, piece: Piece) -> Body | None:
+    def of(cls, piece: MovingPart) -> Geometry | None:
         """None where no translation of a node is known."""
         dofs = piece.dofs
         if dofs is None or dofs.points is None or not any(label in AXES for label in dofs.labels):

@@ -3,7 +3,7 @@
     ẋ = u,   u̇ = -K̂ x - D̂ u + G Δf,   Δf = f(Gᵀu) - f(0),   q = T (x + x₀),   TᵀMT = I
 
 x₀ is steady sliding, K̂ x₀ = G f(0). Without this shift, tolerance and rounding of a static deflection would hide a small
-motion about it. Nor is Δf a difference where the motion is small, see `Change`. (If x₀ does not exist, or its rounding would
+motion about it. Nor is Δf a difference where the motion is small, see `ForceChange`. (If x₀ does not exist, or its rounding would
 matter, x₀ and f(0) are 0 here.) T is chosen such that the
 contact acts on the first p velocities only: G = TᵀW (n, p) is zero below row p. For a contact that has `scalar` a right-hand
 side is one matrix-vector product and a few operations on floats, about 1.3 µs at n = 10. Two more unknowns are the work
@@ -40,7 +40,7 @@ import scipy.linalg as la
 
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
-from femsub.motion.nonlinear_model import SMALL_CHANGE, Change, Sliding, State, massless
+from femsub.motion.nonlinear_model import SMALL_CHANGE, ForceChange, Sliding, State, massless
 
 TINY = float(np.finfo(float).tiny)
 
@@ -116,7 +116,7 @@ class Flow:
         self.thrust = float(np.linalg.norm(G @ change.rest))
         if rest is None:
             rest, none = np.zeros(len(K)), np.zeros(contact.columns)
-            change = Change(contact, none, none, none)
+            change = ForceChange(contact, none, none, none)
         self.rest = rest
         self.rate, self.jacobian = _functions(change, K, D, G[:min(contact.columns, len(K))])
         # ω and v/‖w‖_M⁻¹; a contact that only moves rigidly, up to rounding, has no ω of its own
@@ -212,7 +212,7 @@ class Flow:
         return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
 
 
-def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Right]:
+def _functions(change: ForceChange, K: Array, D: Array, G: Array) -> tuple[Right, Right]:
     """rhs and the transposed Jacobian; G holds the rows of TᵀW that are not zero, (p, p); `change` is Δf from x₀ on."""
     contact, n, p = change.contact, len(K), len(G)
     work, loss, size = 2 * n, 2 * n + 1, 2 * n + 2

@@ -15,7 +15,7 @@ always below a sixteenth the step is doubled. v_s is the belts' speed on the mot
 speed. V is the largest ‖v‖ so far, which decays by half over a block; it bridges the turning points of a small motion. At the
 start it is at least aᵀMa/sqrt(aᵀKa), the speed that follows from a displacement from equilibrium. Rounding in e is ignored.
 
-The unknown is the distance from the start. K x₀ is treated separately, and Δf is the force less that at x₀, see `Change`.
+The unknown is the distance from the start. K x₀ is treated separately, and Δf is the force less that at x₀, see `ForceChange`.
 Otherwise the rounding of a static deflection and of its forces would hide a small motion.
 
 The sum of the local errors of all steps, relative to V, estimates the error of the velocities at the end (`error`). This
@@ -33,7 +33,7 @@ from femsub.algebra import Handle, factorise
 from femsub.checks import EPS, EQUAL, Array, Matrix
 from femsub.errors import NotConvergedError, SingularMatrixError
 from femsub.motion.first_order import Balance
-from femsub.motion.nonlinear_model import SMALL_CHANGE, Change, Sliding, State, mass_solve, massless
+from femsub.motion.nonlinear_model import SMALL_CHANGE, ForceChange, Sliding, State, mass_solve, massless
 
 RADIUS = 0.9  # amplification at infinite frequency
 STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: where in a step the equation holds
@@ -229,7 +229,7 @@ class AlphaFlow:
         return self.factors[key]
 
 
-def _contact_force(force: Change, guess: tuple[Array, Array], change: Array, before: Array, C: Array, s: float) -> Array:
+def _contact_force(force: ForceChange, guess: tuple[Array, Array], change: Array, before: Array, C: Array, s: float) -> Array:
     """Δf(u, v), v = v₀ + change + C (Δf(u, v) - before), u = u₀ + (v - v₀)/s, by Newton's method with step halving; (p,)."""
     contact, (place, begin) = force.contact, guess
     linear = begin + change

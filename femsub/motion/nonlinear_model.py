@@ -146,12 +146,12 @@ class Sliding:
         """f at rest at a displacement q (n,), shape (p,)."""
         return self.exerted(self.W.T @ displacement, np.zeros(self.columns))
 
-    def change(self, displacement: Array) -> Change:
+    def change(self, displacement: Array) -> ForceChange:
         """f(u₀ + u, v) - f(u₀, 0) as a function of u and v, from a place q (n,) on with u₀ = Wᵀq."""
         u, still = self.W.T @ displacement, np.zeros(self.columns)
         rest = self.exerted(u, still)
         of_u, of_v = self.tangents(u, still)
-        return Change(self, u, rest, RESIDUE * (np.abs(rest) + np.abs(of_u) @ np.abs(u) + np.abs(of_v) @ self.speeds))
+        return ForceChange(self, u, rest, RESIDUE * (np.abs(rest) + np.abs(of_u) @ np.abs(u) + np.abs(of_v) @ self.speeds))
 
     def sticks(self, v: Array) -> Array:
         """Where the belts stick, see `Belt.sticks`; bool, (k, m) with a row for each of their columns, of v (p, m)."""
@@ -256,7 +256,7 @@ class Sliding:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class ForceChange:
     """Δf = f(u₀ + u, v) - f(u₀, 0), shape (p,), to full relative accuracy however small the motion is.
 
     The difference of the two forces has the rounding of the forces. In a small motion nothing else may be left of it. There Δf is

@@ -120,7 +120,7 @@ def _plus(model: Any, changes: Sequence[Change]) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class TriedChange:
     """A candidate of `what_helps`, solved anew.
 
     Attributes
@@ -162,7 +162,7 @@ class WhatHelps:
 
     Attributes
     ----------
-    tried : tuple of Tried
+    tried : tuple of TriedChange
         The best first.
     before : ComplexModes
     target : float
@@ -176,12 +176,12 @@ class WhatHelps:
     1. damper: mode 1 (ω = 0.14946) goes from +0.000202 to -0.00864; mode 2 (ω = 0.44509) goes from +0.00112 to -0.0106
     """
 
-    tried: tuple[Tried, ...]
+    tried: tuple[TriedChange, ...]
     before: ComplexModes
     target: float
 
     @property
-    def best(self) -> Tried:
+    def best(self) -> TriedChange:
         """The first of them."""
         return self.tried[0]
 
@@ -269,7 +269,7 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
         predicted = slopes.eigenvalues.real + own @ np.array([change.amount for change in changes])
         new = modified(model, changes)
         modes = beside_the_full(new, contacts, band=band)
-        tried.append(Tried(name, tuple(changes), modes.growth, float(np.nanmax(predicted, initial=-np.inf)), modes.is_stable,
+        tried.append(TriedChange(name, tuple(changes), modes.growth, float(np.nanmax(predicted, initial=-np.inf)), modes.is_stable,
                            modes.growth <= target, _words(before, modes, model.size), modes,
                            float(getattr(new, "change_error", np.nan if new.is_reduced else 0.0))))
     tried.sort(key=lambda one: one.growth)

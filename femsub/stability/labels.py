@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from femsub.model import Affine
     from femsub.modes import ComplexModes
 
-FEW = 3  #: values that are solved one by one: a leaf takes as long as about two
-MOST = 0.9  #: share of the eigenvalues with a known sign below which a leaf is halved twice
+ALONE = 3  #: values that are solved one by one: a leaf takes as long as about two
+SIGNED = 0.9  #: share of the eigenvalues with a known sign below which a leaf is halved twice
 WAVE = 64  #: leaves that are looked at before the next ones are chosen
 
 
-class Source(NamedTuple):
+class Enclosed(NamedTuple):
     """A family in first order for the values that `holds` says, and λ that are known at a value with their radii.
 
     Without `known` all eigenvalues are those of the model, to rounding. At `least` so many λ with Im λ ≥ 0 are `inside` a
@@ -40,7 +40,7 @@ class Source(NamedTuple):
     least: int = 0
 
 
-class Node(NamedTuple):
+class SeenMode(NamedTuple):
     """A mode at a place (q,) that stands for those of values around: λ, x with xᴴMx = 1 and Mx (n,)."""
 
     place: Array
@@ -49,7 +49,7 @@ class Node(NamedTuple):
     Mx: Array
 
     @classmethod
-    def of(cls, place: Array, value: complex, x: Array, M: Any) -> Node:
+    def of(cls, place: Array, value: complex, x: Array, M: Any) -> SeenMode:
         Mx = M @ x
         size = max(float((x.conj() @ Mx).real), float(np.finfo(float).tiny)) ** 0.5
         return cls(place, complex(value), x / size, Mx / size)
@@ -66,7 +66,7 @@ class Labels:
         The largest Re λ in the band and |Im λ| of that mode; -inf and NaN of an empty band, NaN where nothing is known.
     hits : list of (int, int, int, complex)
         Point, node (-1 if it has none yet), vote 1 or 0, and λ, of all modes that grow or are undecided.
-    nodes : list of Node
+    nodes : list of SeenMode
     solved : int
         Decompositions and eigenproblems.
     whole : bool
@@ -78,7 +78,7 @@ class Labels:
         self.verdict = np.zeros(len(points), dtype=int)
         self.growth, self.omega = np.full((2, len(points)), np.nan)
         self.hits: list[tuple[int, int, int, complex]] = []
-        self.nodes: list[Node] = []
+        self.nodes: list[SeenMode] = []
         self.solved, self.whole = 0, True
 
     def _take(self, at: Array, values: Array, votes: Array, nodes: Sequence[int]) -> None:
@@ -93,7 +93,7 @@ class Labels:
 
     # by leaves
 
-    def by_leaves(self, family: Affine, sources: Sequence[Source], among: Array) -> Array:
+    def by_leaves(self, family: Affine, sources: Sequence[Enclosed], among: Array) -> Array:
         """Labels of these points as far as leaves give them; the others are returned."""
         names, alone = self.solver.names, list[Array]()
 
@@ -110,8 +110,8 @@ class Labels:
             if np.ptp(known[waiting[0], :mass], axis=0).any() if len(waiting[0]) else False:
                 alone.append(waiting.pop())  # b of a leaf must not change
             while waiting:
-                alone += [at for at in waiting if len(at) <= FEW]
-                waiting = [at for at in waiting if len(at) > FEW]
+                alone += [at for at in waiting if len(at) <= ALONE]
+                waiting = [at for at in waiting if len(at) > ALONE]
                 now, waiting = waiting[-WAVE:], waiting[:-WAVE]
                 self.solved += len(now)
                 for at, found in zip(now, self.solver.each(partial(self._leaf, source, known, factors), now), strict=True):
@@ -122,7 +122,7 @@ class Labels:
                         number = np.cumsum(used) - 1 + len(self.nodes)
                         M = family.weighted(factors(place[None])[0]).M
                         M = M[-len(shapes):, -len(shapes):]  # without free rigid motion
-                        self.nodes += [Node.of(place, values[done, k][votes[done, k] >= 0][0], shapes[:, k], M)
+                        self.nodes += [SeenMode.of(place, values[done, k][votes[done, k] >= 0][0], shapes[:, k], M)
                                        for k in np.flatnonzero(used)]
                         self._take(at[done], values[done], votes[done], number.tolist())
                     if len(rest) and not np.ptp(self.points[rest], axis=0).any():
@@ -136,7 +136,7 @@ class Labels:
                     waiting += [part for part in parts if len(part)]
         return np.concatenate([left, *alone]).astype(int)
 
-    def _leaf(self, source: Source, known: Array, factors: Callable[[Array], Array], at: Array) -> tuple[Any, ...]:
+    def _leaf(self, source: Enclosed, known: Array, factors: Callable[[Array], Array], at: Array) -> tuple[Any, ...]:
         """What is left open of these points and along which parameters to halve them; values, votes and shapes; the middle."""
         p = self.points[at]
         lo, hi = p.min(axis=0), p.max(axis=0)
@@ -166,7 +166,7 @@ class Labels:
             votes = around.votes(changes, listed, np.zeros(len(listed)))[1]
             known_signs = (votes != 2).sum(axis=1).max()
             if known_signs < source.least:
-                return at, cuts[:1 + (known_signs < MOST * source.least)], none, none, none, place
+                return at, cuts[:1 + (known_signs < SIGNED * source.least)], none, none, none, place
             lam, radius = source.known(dict(zip(self.solver.names, place.tolist(), strict=True)))
             far = np.abs(lam[:, None] - middle.z)
             listed = far.argmin(axis=1)
@@ -212,7 +212,7 @@ class Labels:
                 yield -1
                 continue
             x = modes.shapes[:, int(np.abs(modes.eigenvalues - value).argmin())]
-            self.nodes.append(Node.of(place, complex(value), x[free:], M[free:, free:] if free else M))
+            self.nodes.append(SeenMode.of(place, complex(value), x[free:], M[free:, free:] if free else M))
             yield len(self.nodes) - 1
 
     def with_nodes(self, most: int = 64, alike: float = 0.05) -> None:
@@ -243,7 +243,7 @@ class Labels:
                     self.hits[row] = i, int(k), vote, value
 
 
-def sources_of(family: Affine) -> list[Source]:
+def sources_of(family: Affine) -> list[Enclosed]:
     """Of a small model of a box one for each proved cell, with its radii; of another dense family one for all values."""
     def everywhere(things: Array) -> Array:
         return np.ones(len(things), dtype=bool)
@@ -252,7 +252,7 @@ def sources_of(family: Affine) -> list[Source]:
     if not hasattr(box, "cells"):
         terms = [[np.asarray(A.toarray() if hasattr(A, "toarray") else A) for _, A in part]
                  for part in (family.M, family.D, family.K)]
-        return [Source(Companion.of(*terms), everywhere, None, everywhere)]
+        return [Enclosed(Companion.of(*terms), everywhere, None, everywhere)]
     names = list(box.parameters)
 
     def known(values: Mapping[str, float]) -> tuple[Array, Array]:
@@ -264,7 +264,7 @@ def sources_of(family: Affine) -> list[Source]:
         ends = np.array([cell.ranges[name] for name in names])
         moving = [[np.asarray(A)[box.free:, box.free:] for _, A in part] for part in (box.M, box.D, box.K)]
         if cell.number is not None:
-            found.append(Source(cell.states or Companion.of(*moving), lambda points, ends=ends: (  # type: ignore[misc]
+            found.append(Enclosed(cell.states or Companion.of(*moving), lambda points, ends=ends: (  # type: ignore[misc]
                 (points >= ends[:, 0]) & (points <= ends[:, 1])).all(axis=1), known, cell.contour.encloses,
                                 (cell.number - 2 * box.free) // 2))
     return found

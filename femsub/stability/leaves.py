@@ -29,7 +29,7 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array
 
-FAR = 4.0  # a vector is turned towards another where z are so many times farther apart than the entries are large
+TURNED = 4.0  # a vector is turned towards another where z are so many times farther apart than the entries are large
 
 
 class Linear(Protocol):
@@ -134,7 +134,7 @@ class Middle(NamedTuple):
             own[:, half] = self.inverse @ (part @ self.V[:, half])
             own[:, n:2 * n] = own[partner][:, :n].conj()
         gap, entries = self.z - self.z[:, None], np.abs(B).sum(axis=0)  # z_j - z_i
-        far = np.abs(gap) > FAR * (entries + entries.T)
+        far = np.abs(gap) > TURNED * (entries + entries.T)
         np.fill_diagonal(far, False)
         X, b = np.where(far, B / np.where(far, gap, 1.0), 0.0), np.einsum("qii->qi", B)
         turned = np.abs(X).sum(axis=0)

@@ -15,15 +15,15 @@ import numpy as np
 from femsub.checks import Array
 
 if TYPE_CHECKING:
-    from femsub.stability.labels import Node
+    from femsub.stability.labels import SeenMode
 
 
-def grouped(nodes: Sequence[Node], scale: Array, least: float = 0.5) -> Array:
+def grouped(nodes: Sequence[SeenMode], scale: Array, least: float = 0.5) -> Array:
     """The number of the family of each node, from 0 on.
 
     Parameters
     ----------
-    nodes : sequence of Node
+    nodes : sequence of SeenMode
     scale : ndarray, shape (q,)
         Of the parameters, by which distances are measured.
     least : float

@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
-class Meeting:
+class MetPair:
     """Eigenvalues that meet, or nearly do: the eigenvalues of S + Σ_j δp_j S_j, to first order in what is differentiable.
 
     Of a pair, λ = mean + Σ mean_j δp_j ± √(square + Σ square_j δp_j): the square is that of half the distance. If it is 0 while
@@ -118,7 +118,7 @@ class Sensitivities:
         ∂²λ/∂p_i∂p_j; NaN as `first`, and where they were not asked for.
     differentiable : ndarray of bool, shape (k,)
         False for rigid motion at λ = 0, and where eigenvalues meet.
-    meetings : tuple of Meeting
+    meetings : tuple of MetPair
         What is known of those that meet.
 
     Examples
@@ -138,7 +138,7 @@ class Sensitivities:
     error_bar: Array
     second: Array
     differentiable: Array
-    meetings: tuple[Meeting, ...]
+    meetings: tuple[MetPair, ...]
 
     @property
     def growth(self) -> Array:
@@ -540,7 +540,7 @@ def _bordered(P: Matrix, solver: Any, rhs: Array, x: Array, own: Array, y: Array
 
 
 def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes: ComplexModes, aside: float = 0.05,
-             turns: int = 30) -> Meeting | None:
+             turns: int = 30) -> MetPair | None:
     """S and its derivatives by inverse iteration of a block on the companion form, from both sides; None if it fails."""
     lam, m = modes.eigenvalues[list(members)], max(len(members), 2)
     middle = complex(lam.mean())
@@ -588,4 +588,4 @@ def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes
         push = Q.conj().T @ piece.back(piece.A @ piece.moved(moved))
         slopes -= np.multiply.outer(piece.jet.first, np.linalg.solve(N, push))
     rounding = EPS * np.linalg.cond(N) * float(np.linalg.norm(np.linalg.inv(N)))
-    return Meeting(members, unit * S, unit * slopes, unit * (off + rounding))
+    return MetPair(members, unit * S, unit * slopes, unit * (off + rounding))

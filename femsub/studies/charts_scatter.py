@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 NOTE = ("Left: each mode that grows at a sample. Middle: the probability that a family of modes grows, with its interval. Right: "
         "the probability of instability where one input is among its lowest or highest tenth.")
-MARKS = "os^Dv<>Ph*"
+SYMBOLS = "os^Dv<>Ph*"
 
 
 def scatter_chart(name: str, found: Scatter, title: str, labels: Mapping[str, str] | None = None, most: int = 2000) -> Chart:
@@ -25,7 +25,7 @@ def scatter_chart(name: str, found: Scatter, title: str, labels: Mapping[str, st
     """
     cloud, bars = list[Series](), list[Series]()
     for k, one in enumerate(found.families):
-        colour, marker, word = f"C{k % 10}", MARKS[k % len(MARKS)], f"{np.median(one.omega):.5g} rad/time"
+        colour, marker, word = f"C{k % 10}", SYMBOLS[k % len(SYMBOLS)], f"{np.median(one.omega):.5g} rad/time"
         grows = np.flatnonzero(one.growth > 0)[:most]
         cloud.append(Series(word, one.growth[grows], one.omega[grows], marker=marker, colour=colour, size=2.5, hover={
             name: found.samples[one.at[grows], i] for i, name in enumerate(found.parameters)}))
