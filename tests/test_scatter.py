@@ -67,7 +67,7 @@ def test_the_interval_holds_in_95_of_100_repetitions(law: str) -> None:
     exact = LAWS[law].sf(CRITICAL)
     mu = np.linspace(0.0, 1.0, 200001)
     border = mu[hurwitz(0.02, 0.01, mu)][0]
-    found = [(fs.scatter(model, {"mu": LAWS[law]}, samples=64, seed=seed).interval, p)
+    found = [(fs.scatter(model, {"mu": LAWS[law]}, samples=32, seed=seed).interval, p)
              for seed in range(100) for model, p in ((hulten(), exact), (hulten(0.02, 0.01), LAWS[law].sf(border)))]
     inside = [lo <= p <= hi for (lo, hi), p in found]
     assert sum(inside[::2]) >= 95 and sum(inside[1::2]) >= 95
