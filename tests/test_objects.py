@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.stats import norm
 
 import femsub as fs
 from femsub.motion.cycles.compliance import Solved
@@ -91,6 +92,8 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Tied": lambda: fs.Tied(("a", "right"), ("b", "left"), {"a": made("Mesh"), "b": made("Mesh")}),
     "Tracked": lambda: fs.track(full(), fs.Belt(slope=0.0), "slope", [-0.1, 0.0]),
     "Transient": lambda: fs.transient(full(), BELT, (0.0, 20.0)),
+    "Scatter": lambda: fs.scatter(fs.Affine(np.eye(2), 0.01 * np.eye(2), [(1.0, np.diag([1.0, 2.0])), ("a", np.eye(2, k=1))]),
+                                  {"a": norm(0.3, 0.1)}, samples=64),
     "WhatHelps": lambda: fs.what_helps(full(), BELT, [fs.AddedDamper([2], 0.1)]),
 }
 CLASSES = [name for name in fs.__all__ if inspect.isclass(getattr(fs, name)) and not issubclass(getattr(fs, name), BaseException)]

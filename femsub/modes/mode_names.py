@@ -112,7 +112,8 @@ def pieces_of(model: Any, X: Array, full: Any = None, name: str = "") -> Iterato
     parts = getattr(model, "parts", None)
     if not parts:
         reduced = isinstance(model, ReducedSubstructure)
-        yield MovingPart(name or model.name, model, X, model.expand(X) if reduced else X, model.full_dofs if reduced else model.dofs)
+        u, dofs = (model.expand(X), model.full_dofs) if reduced else (X, model.dofs)
+        yield MovingPart(name or model.name, model, X, u, dofs)
         return
     q, start = model.L @ X, 0
     for key, part in parts.items():

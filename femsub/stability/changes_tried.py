@@ -269,9 +269,9 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
         predicted = slopes.eigenvalues.real + own @ np.array([change.amount for change in changes])
         new = modified(model, changes)
         modes = beside_the_full(new, contacts, band=band)
-        tried.append(TriedChange(name, tuple(changes), modes.growth, float(np.nanmax(predicted, initial=-np.inf)), modes.is_stable,
-                           modes.growth <= target, _words(before, modes, model.size), modes,
-                           float(getattr(new, "change_error", np.nan if new.is_reduced else 0.0))))
+        tried.append(TriedChange(name, tuple(changes), modes.growth, float(np.nanmax(predicted, initial=-np.inf)),
+                                 modes.is_stable, modes.growth <= target, _words(before, modes, model.size), modes,
+                                 float(getattr(new, "change_error", np.nan if new.is_reduced else 0.0))))
     tried.sort(key=lambda one: one.growth)
     if full is not None:
         for place, one in enumerate(tried[:first]):
