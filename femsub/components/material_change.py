@@ -188,17 +188,14 @@ class MaterialChange(Change):
             if key == "K" and (self.constants.get("loss") or self.parameter == "loss"):
                 found.append(("H", A, partial(_scaled, "loss", factor)))
         U = displacements(model, rows[moved], self.part)
-        return [ChangeTerm(key, U, A[moved][:, moved] if len(moved) < A.shape[0] else A, self._difference(factor))
-                for key, A, factor in found if self._moves(factor)]
-
-    def _moves(self, factor: Callable[[Values], Any]) -> bool:
-        """Whether a factor depends on the parameter."""
-        found = factor({**self.constants, self.parameter: Jet.of(self.value, 0, 1)})
-        return isinstance(found, Jet) and bool(found.first.any() or found.second.any())
-
-    def _difference(self, factor: Callable[[Values], Any]) -> Callable[[Any], Any]:
-        now = factor(self.constants)
-        return lambda a: factor({**self.constants, self.parameter: self.value + a}) - now
+        terms = []
+        for key, A, factor in found:
+            jet, now = factor({**self.constants, self.parameter: Jet.of(self.value, 0, 1)}), factor(self.constants)
+            if isinstance(jet, Jet) and (jet.first.any() or jet.second.any()):  # the factor depends on the parameter
+                terms.append(ChangeTerm(key, U, A[moved][:, moved] if len(moved) < A.shape[0] else A,
+                                        lambda a, factor=factor, now=now: factor(  # type: ignore[misc]
+                                            {**self.constants, self.parameter: self.value + a}) - now))
+        return terms
 
 
 def _checked(parameter: Any, amount: Any, now: Mapping[str, float], check: Callable[[Any], Any]) -> None:

@@ -120,23 +120,15 @@ def _value(x: Any) -> Any:
     return x.value if isinstance(x, Jet) else x
 
 
-def _tan(x: float) -> tuple[float, float, float]:
-    t = np.tan(x)
-    return t, 1 + t * t, 2 * t * (1 + t * t)
-
-
-def _tanh(x: float) -> tuple[float, float, float]:
-    t, slope = np.tanh(x), np.cosh(x) ** -2
-    return t, slope, -2 * t * slope
-
-
 #: NumPy's functions of one number, each with its first and second derivative.
 CURVES: dict[np.ufunc, Callable[[Any], tuple[Any, Any, Any]]] = {
     np.exp: lambda x: (np.exp(x),) * 3, np.expm1: lambda x: (np.expm1(x), np.exp(x), np.exp(x)),
     np.log: lambda x: (np.log(x), 1 / x, -1 / x**2), np.log1p: lambda x: (np.log1p(x), 1 / (1 + x), -1 / (1 + x) ** 2),
     np.sin: lambda x: (np.sin(x), np.cos(x), -np.sin(x)), np.cos: lambda x: (np.cos(x), -np.sin(x), -np.cos(x)),
     np.sinh: lambda x: (np.sinh(x), np.cosh(x), np.sinh(x)), np.cosh: lambda x: (np.cosh(x), np.sinh(x), np.cosh(x)),
-    np.tan: _tan, np.tanh: _tanh, np.sign: lambda x: (np.sign(x), *((0.0, 0.0) if x else (np.nan, np.nan))),
+    np.tan: lambda x: (np.tan(x), np.cos(x) ** -2, 2 * np.tan(x) * np.cos(x) ** -2),
+    np.tanh: lambda x: (np.tanh(x), np.cosh(x) ** -2, -2 * np.tanh(x) * np.cosh(x) ** -2),
+    np.sign: lambda x: (np.sign(x), *((0.0, 0.0) if x else (np.nan, np.nan))),
     np.arctan: lambda x: (np.arctan(x), 1 / (1 + x**2), -2 * x / (1 + x**2) ** 2)}
 #: Operations by what NumPy calls for them, as where a NumPy number stands on the left.
 UFUNCS: dict[np.ufunc, Callable[..., Any]] = {

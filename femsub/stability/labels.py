@@ -196,13 +196,10 @@ class Labels:
         for i, modes in zip(at.tolist(), solver.each(solver.whole, points) if solver.modes else map(solver.whole, points),
                             strict=True):
             self.whole &= modes.evidence != NOT_CHECKED
-            self._take_modes(i, modes)
+            found = point_modes(modes, self.solver.band)
+            nodes = list(self._nodes_of(self.points[i], modes, found.values, found.votes))
+            self._take(np.array([i]), found.values[None], found.votes[None], nodes)
         self.solved += len(at)
-
-    def _take_modes(self, i: int, modes: ComplexModes) -> None:
-        found = point_modes(modes, self.solver.band)
-        nodes = list(self._nodes_of(self.points[i], modes, found.values, found.votes))
-        self._take(np.array([i]), found.values[None], found.votes[None], nodes)
 
     def _nodes_of(self, place: Array, modes: ComplexModes, values: Array, votes: Array) -> Iterator[int]:
         M = self.solver.at(dict(zip(self.solver.names, place.tolist(), strict=True))).M
