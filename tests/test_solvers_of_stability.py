@@ -182,7 +182,7 @@ def test_one_projection_counts_at_all_values(monkeypatch: pytest.MonkeyPatch, ca
     monkeypatch.setattr(search, "Projection", projection)
     found = fs.critical_value(family, None, "p", between=(0.0, 0.2), band=(0.2, 0.3))
     assert len(made) == 1 and found.losses and found.evidence == "confirmed"
-    monkeypatch.setattr(complex_modes, "projection_over", lambda *_: None)
+    monkeypatch.setattr(complex_modes, "projection_over", lambda *_, **__: None)
     alone = fs.critical_value(family, None, "p", between=(0.0, 0.2), band=(0.2, 0.3))
     assert len(made) == 6 and alone.evidence == "confirmed"
     for one, other in ((found.losses, alone.losses), (found.regains, alone.regains)):

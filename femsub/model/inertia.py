@@ -39,14 +39,11 @@ class Inertia:
     belong: Matrix | None = None  # the M of the reduced model that it was made for
 
     @classmethod
-    def of(cls, M: Matrix, dofs: DofMap, supported: Supported | None) -> Inertia:
-        """That of a full part."""
-        origin = np.zeros(3)
-        R = dofs.rigid(origin)
-        P = M @ R
+    def of(cls, R: Array, P: Array, supported: Supported | None) -> Inertia:
+        """That of a full part, of its rigid motions R (n, 6) and P = MR."""
         W = R.T @ P
         if supported is not None:
-            H = supported.dofs.rigid(origin)
+            H = supported.dofs.rigid(np.zeros(3))
             beside = supported.coupling @ H
             both = R.T @ beside
             P, W = P + beside, W + both + both.T + H.T @ (supported.mass @ H)

@@ -147,7 +147,7 @@ def jet_of(function: Callable[..., Any], values: Mapping[str, float], places: Ma
     seeds = {name: Jet.of(values[name], places[name], count) for name in values}
     try:
         found = function(**seeds)
-    except Exception:  # a user's function may raise anything where it gets no number
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # it takes plain numbers alone
         found = None
     if isinstance(found, Jet):
         return found

@@ -254,7 +254,10 @@ class Substructure(Frozen):
 
     def rigid_inertia(self) -> Inertia | None:
         """The forces of rigid accelerations on its DOF; None where the DOF have no known part in rigid motion."""
-        return None if self.dofs is None or self.dofs.no_rigid else Inertia.of(self.M, self.dofs, self.supported)
+        if self.dofs is None or self.dofs.no_rigid:
+            return None
+        R = self.dofs.rigid(np.zeros(3))
+        return Inertia.of(R, np.asarray(self.M @ R), self.supported)
 
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
         """What a model made of others knows from them; its pencil is made afterwards."""

@@ -105,11 +105,7 @@ class ContactModes(FreeInterface):
         """'Contact modes with 4 real modes', or what the tolerance is."""
         return super().title(modes) if self.goal is None else f"{self.label} of {modes} λ within {self.goal.tol:g}"
 
-    def part(self, sub: Substructure) -> Partition:
-        """The whole system in contact; with a tolerance the system as it is."""
-        return Partition(sub, slice(None)) if self.goal is not None else self.at_rest(sub)
-
-    def at_rest(self, sub: Substructure) -> Rubbing:
+    def part(self, sub: Substructure) -> Rubbing:
         """The system with the contact's stiffness at μ = 0, and K₁."""
         pencil, terms = sub.pencil, []
         for without, with_friction in zip(*(contacts_at(self.contacts, self.parameter, mu) for mu in (0.0, 1.0)), strict=True):
@@ -140,11 +136,11 @@ class ContactModes(FreeInterface):
         assert isinstance(part, Rubbing)
         return replace(kept, forces=part.friction @ kept.shapes) if self.friction else kept
 
-    def found(self, request: Request, part: Partition) -> tuple[Basis, Statics | None, Kept | None]:
+    def found(self, request: Request) -> tuple[Partition, Basis, Statics | None, Kept | None]:
         """With a tolerance [Z, the rest]: rigid motion that the contacts leave, and vectors without a share of it, ZᵀMV = 0."""
         goal, pencil, sub = self.goal, request.pencil, request.sub
         if goal is None or pencil is None:
-            return super().found(request, part)
+            return super().found(request)
         friction = [contact_matrix(W, C1 - C0) for (W, _, C1), (_, _, C0) in (
             [small_matrices(sub, one) for one in pair] for pair in
             zip(contacts_of(self.contacts), contacts_at(self.contacts, self.parameter, 0.0), strict=True))]
@@ -153,14 +149,15 @@ class ContactModes(FreeInterface):
             K = (K + K.T) / 2
         motion = sub.floating(self.contacts)
         Z = np.zeros((sub.size, 0)) if motion is None else motion.shapes
-        answers = self.at_rest(sub).factored().elastic_solve(request.extra) if request.extra.shape[1] else request.extra
+        answers = self.part(sub).factored().elastic_solve(request.extra) if request.extra.shape[1] else request.extra
         family = Affine(pencil.M, pencil.D, [(1.0, K), (1.0, sum(friction))])
         V, estimate = vectors_within(family, goal, np.hstack([Z, answers]), repr(sub.name))
         V = np.hstack([Z, V @ la.null_space((sub.M @ Z).T @ V) if Z.shape[1] else V])
         M, K = (projected(A, V, V, symmetric=True) for A in (sub.M, sub.K))
         kinds = ("rigid",) * Z.shape[1] + ("complex",) * (V.shape[1] - Z.shape[1])
-        return Basis(V, (M + M.T) / 2, (K + K.T) / 2, kinds, estimate.modes, estimate.cutoff, 0, {}, 1, V[sub.interface],
-                     estimate, np.eye(V.shape[1], Z.shape[1]), Z), None, None
+        basis = Basis(V, (M + M.T) / 2, (K + K.T) / 2, kinds, estimate.modes, estimate.cutoff, 0, {}, 1, V[sub.interface],
+                      estimate, np.eye(V.shape[1], Z.shape[1]), Z)
+        return Partition(sub, slice(None)), basis, None, None
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """With VᵀKV of the system itself: the contact is no part of it."""
