@@ -136,11 +136,15 @@ class ContactModes(FreeInterface):
         assert isinstance(part, Rubbing)
         return replace(kept, forces=part.friction @ kept.shapes) if self.friction else kept
 
-    def found(self, request: Request) -> tuple[Partition, Basis, Statics | None, Kept | None]:
+    @property
+    def by_vectors(self) -> bool:
+        """With a tolerance."""
+        return self.goal is not None
+
+    def vectors(self, request: Request) -> Basis:
         """With a tolerance [Z, the rest]: rigid motion that the contacts leave, and vectors without a share of it, ZᵀMV = 0."""
         goal, pencil, sub = self.goal, request.pencil, request.sub
-        if goal is None or pencil is None:
-            return super().found(request)
+        assert goal is not None and pencil is not None
         friction = [contact_matrix(W, C1 - C0) for (W, _, C1), (_, _, C0) in (
             [small_matrices(sub, one) for one in pair] for pair in
             zip(contacts_of(self.contacts), contacts_at(self.contacts, self.parameter, 0.0), strict=True))]
@@ -155,9 +159,8 @@ class ContactModes(FreeInterface):
         V = np.hstack([Z, V @ la.null_space((sub.M @ Z).T @ V) if Z.shape[1] else V])
         M, K = (projected(A, V, V, symmetric=True) for A in (sub.M, sub.K))
         kinds = ("rigid",) * Z.shape[1] + ("complex",) * (V.shape[1] - Z.shape[1])
-        basis = Basis(V, (M + M.T) / 2, (K + K.T) / 2, kinds, estimate.modes, estimate.cutoff, 0, {}, 1, V[sub.interface],
-                      estimate, np.eye(V.shape[1], Z.shape[1]), Z)
-        return Partition(sub, slice(None)), basis, None, None
+        return Basis(V, (M + M.T) / 2, (K + K.T) / 2, kinds, estimate.modes, estimate.cutoff, 0, {}, 1, V[sub.interface],
+                     estimate, np.eye(V.shape[1], Z.shape[1]), Z)
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """With VᵀKV of the system itself: the contact is no part of it."""

@@ -178,15 +178,14 @@ class Method(ABC):
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """C, CᵀKC and the forces F. F includes `extra` (n, s), the ports' columns whose static responses were requested."""
 
-    def found(self, request: Request) -> tuple[Partition, Basis, Statics | None, Kept | None]:
-        """The part, [C Φ Ξ], and the steps that led to it; or a basis that is finished."""
-        part = self.part(request.sub)
-        if self.held and not len(part.sub.interior):
-            return part, whole_basis(request, part), None, None
-        turned = request if part.turn is None else request.turned(part)
-        statics = self.statics(replace(part, alone=True), part.factored(self.modes or 0), turned.extra)
-        kept = statics.sought or self.kept(statics, turned.pencil)
-        return part, assembled(statics, kept, turned.ports, self.mode_kind), statics, kept
+    @property
+    def by_vectors(self) -> bool:
+        """Whether `vectors` makes the basis, without modes of a part."""
+        return False
+
+    def vectors(self, request: Request) -> Basis:
+        """The basis where `by_vectors`."""
+        raise NotImplementedError
 
     def sought(self, handle: ShiftInvert) -> Kept | None:
         """A given number of modes, or all below the cut-off; static shapes may be solved for meanwhile. None with a tolerance."""
@@ -233,7 +232,15 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
     request = checked(sub, method, ports, contacts)
     try:
         with one_thread(request.work < WORK), kept_free(request.beside):
-            return finished(request, *method.found(request))
+            if method.by_vectors:
+                return finished(request, Partition(sub, slice(None)), method.vectors(request))
+            part = method.part(sub)
+            if method.held and not len(part.sub.interior):
+                return finished(request, part, whole_basis(request, part))
+            turned = request if part.turn is None else request.turned(part)
+            statics = method.statics(replace(part, alone=True), part.factored(method.modes or 0), turned.extra)
+            kept = statics.sought or method.kept(statics, turned.pencil)
+            return finished(request, part, assembled(statics, kept, turned.ports, method.mode_kind), statics, kept)
     except SingularMatrixError as error:
         reason = str(error).removeprefix(f"{sub.name!r}: ")
         is_cut = any(sub.name in key.split("+") for key in sub.sets)  # as `cut` names what its parts share
