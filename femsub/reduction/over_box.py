@@ -257,10 +257,12 @@ class _Maker:
         largest = projection.changed(np.abs(self.centre) + self.half).terms
         scale = np.array([1.0, *(term.largest(projection.outer.size) or 1.0 for term in largest)])[:, None, None]
         flat = (blocks * scale).transpose(1, 0, 2).reshape(blocks.shape[1], -1)
-        _, length, mix = la.svd(flat, full_matrices=False)  # of squares, dashpots of 10⁶ times critical would leave no digits
+        R = np.linalg.qr(flat, mode="r")
+        mix = la.eigh(R @ R.T)[1].T @ R  # rows of their own length: roots of the eigenvalues have half of the digits
+        length = la.norm(mix, axis=1)
         allowed = 0.1 / np.fmax(max(float(la.norm(part, axis=0).max(initial=0.0)) for part in columns), EPS)
-        kept = length > max(allowed, len(length) * EPS * length[0])
-        mix = (mix.T * length).reshape(len(scale), d, -1) / scale
+        kept = length > max(allowed, len(length) * EPS * length.max())
+        mix = mix.T.reshape(len(scale), d, -1) / scale
         lost = np.array([la.norm(part, 2) for part in mix[..., ~kept]]) if not kept.all() else np.zeros(len(scale))
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
