@@ -20,6 +20,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from femsub.algebra import by_threads
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import DOUBLE, Affine, projected, usable_band
@@ -227,7 +228,7 @@ class _Maker:
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
         model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
-        return model if soon else self.listing(model)
+        return self.listing(model, best=True)
 
     def small(self, nodes: list[Node], cells: list[Cell], listing: bool) -> BoxModel:
         """The model on the vectors of these nodes."""
@@ -276,13 +277,14 @@ class _Maker:
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,
                          values=np.array([list(node.values.values()) for node in nodes]))
         model = model._with(cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
+        self.share = self.kept
         return self.listing(model) if listing else model
 
-    def listing(self, model: BoxModel) -> BoxModel:
-        """The same with states of each cell, where there are fewer of them."""
-        return model._with(cells=tuple(replace(cell, states=self.states(model, cell)) for cell in model.cells))
+    def listing(self, model: BoxModel, best: bool = False) -> BoxModel:
+        """The same with states of each cell, where there are fewer of them; of several numbers of them the best."""
+        return model._with(cells=tuple(replace(cell, states=self.states(model, cell, best)) for cell in model.cells))
 
-    def states(self, model: BoxModel, cell: Cell) -> States | None:
+    def states(self, model: BoxModel, cell: Cell, best: bool) -> States | None:
         """The states of the model at the corners and in the middle of a cell, if they are fewer than three quarters of all."""
         d, unit = model.size - model.free, self.projection.outer.size
         if not cell.ranges or cell.contour is None or not 0 < (cell.number or 0) - 2 * model.free < 1.5 * d:
@@ -297,18 +299,15 @@ class _Maker:
             x, z, (_, D, M) = x[:, at] / scale, z[:, at] / scale, model.moving(pencil)
             columns[0].extend(real_parts(np.vstack([x, x * lam[at] / unit])))
             columns[1].extend(real_parts(np.vstack([unit * (D.T @ z + M.T @ (z * lam[at].conj())), z])))
-        found = [la.svd(np.hstack(side), full_matrices=False)[:2] for side in columns]
+        (X, right), (Z, left) = (la.svd(np.hstack(side), full_matrices=False)[:2] for side in columns)
         terms = tuple([unit**power * np.asarray(A)[model.free:, model.free:] for _, A in several]
                       for power, several in ((2, model.M), (1, model.D), (0, model.K)))
-        tried = list[tuple[int, States]]()
         # between two spaces vectors are less exact than between equal ones; how much less changes with each column
-        sizes = np.maximum(*(size for _, size in found))
-        for k in np.unique([np.count_nonzero(sizes > self.kept / part) for part in np.linspace(4, 8, 5)]):
-            if 0 < k < 1.5 * d and not (tried and tried[-1][0] == 0):
-                X, Z = (U[:, :k] for U, _ in found)
-                states = States.of(terms, X, Z, unit)
-                tried.append((self.lacking(model, cell, states), states))
-        return min(tried, key=lambda one: one[0])[1] if tried else None
+        sizes = np.maximum(right, left)
+        counts = np.unique([np.count_nonzero(sizes > self.share / part) for part in (np.linspace(4, 8, 5) if best else [6.0])])
+        tried = [States.of(terms, X[:, :k], Z[:, :k], unit) for k in counts.tolist() if 0 < k < 1.5 * d]
+        lacking = list(by_threads(lambda one: self.lacking(model, cell, one), tried)) if len(tried) > 1 else [0] * len(tried)
+        return tried[int(np.argmin(lacking))] if tried else None
 
     def lacking(self, model: BoxModel, cell: Cell, states: States) -> int:
         """How many pairs these states do not list without iteration, at some values in a cell."""
