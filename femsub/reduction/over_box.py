@@ -258,7 +258,7 @@ class _Maker:
         largest = projection.changed(np.abs(self.centre) + self.half).terms
         scale = np.array([1.0, *(term.largest(projection.outer.size) or 1.0 for term in largest)])[:, None, None]
         flat = (blocks * scale).transpose(1, 0, 2).reshape(blocks.shape[1], -1)
-        R = np.linalg.qr(flat, mode="r")
+        R = np.asarray(np.linalg.qr(flat, mode="r"))
         mix = la.eigh(R @ R.T)[1].T @ R  # rows of their own length: roots of the eigenvalues have half of the digits
         length = la.norm(mix, axis=1)
         allowed = 0.1 / np.fmax(max(float(la.norm(part, axis=0).max(initial=0.0)) for part in columns), EPS)
