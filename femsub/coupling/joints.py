@@ -12,11 +12,11 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, EQUAL, POSITION, Array, Matrix, items, naming, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
-from femsub.model import GROUND
 
 if TYPE_CHECKING:
     from femsub.model import DofMap, Substructure
 
+GROUND = "ground"
 End: TypeAlias = Any  # ("disc", "left"), ("disc", [0, 1, 2]), or "ground"
 
 

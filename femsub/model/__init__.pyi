@@ -12,7 +12,6 @@ from .bands import (
     within as within,
 )
 from .changes import (
-    GROUND as GROUND,
     AddedDamper as AddedDamper,
     AddedMass as AddedMass,
     AddedSpring as AddedSpring,
