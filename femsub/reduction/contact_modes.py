@@ -164,14 +164,14 @@ class ContactModes(FreeInterface):
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """With VᵀKV of the system itself: the contact is no part of it."""
-        if self.goal is not None:
-            return model
-        K, motion = projected(sub.K, model.V, model.V), model.rigid_motion
-        if motion is not None:  # what moves in contact does so without it
-            motion = replace(motion, belong=None)  # type: ignore[type-var]
-        found = replace(model, K=(K + K.T) / 2, estimated=None, rigid_motion=motion)
-        found._set(wider=replace(model.wider, part=self.part))
-        return found
+        wider = replace(model.wider, part=self.part)
+        if self.goal is None:
+            K, motion = projected(sub.K, model.V, model.V), model.rigid_motion
+            if motion is not None:  # what moves in contact does so without it
+                motion = replace(motion, belong=None)  # type: ignore[type-var]
+            model = replace(model, K=(K + K.T) / 2, estimated=None, rigid_motion=motion)
+        model._set(wider=wider)
+        return model
 
 
 @dataclass(frozen=True, eq=False)
