@@ -217,7 +217,7 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
     -----
     An interval is the wider of two at each end. Clopper's and Pearson's takes all samples as independent. The other one is
     Student's over the means of the replicates, since Sobol points need not be better than independent ones. Importance is
-    estimated by the formulas of Saltelli and of Jansen. Of correlated inputs its index belongs to the part that is not explained
+    estimated by `scipy.stats.sobol_indices`. Of correlated inputs its index belongs to the part that is not explained
     by inputs before it (by Cholesky's factor), so the order counts.
 
     References
@@ -334,7 +334,7 @@ def _scores(q: int, power: int, rng: np.random.Generator) -> Array:
     from scipy.special import ndtri
     from scipy.stats import qmc
 
-    engine = qmc.Sobol(q, scramble=True, seed=rng)
+    engine = qmc.Sobol(q, scramble=True, rng=rng)
     return np.asarray(ndtri(engine.random_base2(power) + 0.5 / 2.0**engine.bits))  # never 0 or 1
 
 
@@ -403,17 +403,16 @@ def _interval(certain: Array, open_: Array, replicates: int, confidence: float) 
 
 
 def _importance(labels: Labels, names: tuple[str, ...], count: int, base: int) -> Importance:
-    """Sobol indices of the labels of the designs A, B and those of A with a column of B.
-
-    S_i = mean(f_B (f_i - f_A)) / V, T_i = mean((f_A - f_i)²) / 2V. `scipy.stats.sobol_indices` is younger than SciPy may be here.
-    """
+    """Sobol indices of the labels of the designs A, B and those of A with a column of B."""
     if len(names) == 1:
         return Importance(names, one := np.ones(1), one, one, one, 0)
     found = np.full((4, len(names)), np.nan)
     if base:
+        from scipy.stats import sobol_indices
+
         for k, figure in enumerate(np.stack([(labels.verdict[count:] + 1) / 2, labels.growth[count:]])):
-            A, B, *mixed = figure.reshape(-1, base)
-            if np.isfinite(figure).all() and (variance := np.var([A, B])) > 0:
-                found[2 * k] = [np.mean((B - B.mean()) * (own - A)) / variance for own in mixed]
-                found[2 * k + 1] = [np.mean((A - own) ** 2) / 2 / variance for own in mixed]
+            parts = figure.reshape(-1, base)
+            if np.isfinite(figure).all() and np.ptp(parts[:2]) > 0:
+                indices = sobol_indices(func={"f_A": parts[:1], "f_B": parts[1:2], "f_AB": parts[2:, None]}, n=base)
+                found[2 * k:2 * k + 2] = indices.first_order.ravel(), indices.total_order.ravel()
     return Importance(names, found[0], found[1], found[2], found[3], base)
