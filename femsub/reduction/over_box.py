@@ -86,9 +86,10 @@ class _Maker:
         terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
         middle, half = (lo + hi) / 2, (hi - lo) / 2
         varies = half > 0 if box.ranges else np.arange(len(terms)) == len(terms) - 1
-        rubs = [one and power == 0 and abs(matrix - matrix.T).max() > 0
-                for one, (power, matrix) in zip(varies, terms, strict=True)]
-        for self.middle in middle, np.where(rubs, 0.0, middle):  # strong friction may make (K + Kᵀ)/2 indefinite
+        rubs = np.array([one and power == 0 and abs(matrix - matrix.T).max() > 0
+                         for one, (power, matrix) in zip(varies, terms, strict=True)])
+        # strong friction may make (K + Kᵀ)/2 indefinite: the reference is the system without it then
+        for self.middle in (middle, np.where(rubs, 0.0, middle))[:1 + rubs.any()]:
             self.varied = np.flatnonzero((half > 0) | (self.middle != middle))
             self.centre, self.half = (middle - self.middle)[self.varied], half[self.varied]
             reference = family.weighted(self.middle)
@@ -181,7 +182,7 @@ class _Maker:
         m = self.projection.size
         if not self.projection.join(columns, 0.03):  # squares: a direction with a sixth of the residual that the tolerance allows
             return nodes
-        self.projection.lost  # noqa: B018  (before `residuals`)
+        self.projection.lost  # noqa: B018  (once, for all that `changed` copies)
         more = ((0, self.projection.size - m), (0, 0))
         nodes = [node._replace(x=np.pad(node.x, more), z=np.pad(node.z, more)) for node in nodes]
         for node in nodes[-new:]:  # what the new columns take, to first order
@@ -200,7 +201,7 @@ class _Maker:
         sides = np.array([cell.contour.sides for cell in cells if cell.contour is not None] or [self.projection.outer.sides])
         contour = Contour(sides=(sides[:, 0].min(), sides[:, 1].max(), sides[:, 2].max()))
         self.projection = self.projection.changed(self.centre, self.half)
-        self.projection.lost  # noqa: B018
+        self.projection.lost  # noqa: B018  (as above)
         c = self.projection.least
         self.c = self.least = c if c > 0 else 1.0  # of the whole box; `learn` corrects it
         self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
