@@ -263,6 +263,7 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
     of |Re λ| where that is less.
     """
     columns = []
+    projection.lost  # noqa: B018  (once, for all that `changed` copies)
     for i, value in enumerate(values):
         here = projection.changed(weights * value)
         small = Coupling.of(here, projection.outer.size)

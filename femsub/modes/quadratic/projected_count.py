@@ -493,6 +493,19 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
         raise NotConvergedError(f"the basis needs {modes + number} shapes, {number} of them strongly damped, and the limit is "
                                 f"{most}")
     log.info("the count by projection takes %d shapes, of which %d are strongly damped", modes + number, number)
+    rows = np.flatnonzero(np.diff(D.indptr))
+    if len(rows) <= min(10 * number, QUADRATIC):  # Lanczos takes some six solves for each shape, one after the other
+        check_columns("the pencil", A.shape[0], 2 * len(rows))
+        load = np.zeros((A.shape[0], len(rows)))
+        load[rows, np.arange(len(rows))] = 1.0
+        flexibility = solve(load)
+        del load
+        L = la.cholesky(flexibility[rows], lower=True)
+        values, w = la.eigh(L.T @ (D[rows][:, rows] @ L))
+        keep = (values >= d[0]) | (values <= -d[1])
+        if keep.sum() < number:
+            raise NotConvergedError(f"of {number} strongly damped shapes {keep.sum()} were found")
+        return flexibility @ la.solve_triangular(L, w[:, keep], lower=True, trans=1), ends
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
     check_columns("the pencil", A.shape[0], 2 * number + 1)
