@@ -207,7 +207,8 @@ def test_some_of_the_parameters_may_be_fixed():
     again = pickle.loads(pickle.dumps(part))
     assert repr(again) == repr(part) and again.number(mu=0.4) == part.number(mu=0.4)
     found = fs.complex_modes(small.at(mu=0.4, speed=1.0), band=(0.0, 0.5))
-    np.testing.assert_allclose(np.sort_complex(found.eigenvalues), np.sort_complex(part.modes(mu=0.4).eigenvalues), rtol=1e-9)
+    np.testing.assert_allclose(np.sort_complex(found.eigenvalues), np.sort_complex(part.modes(mu=0.4).eigenvalues),
+                               rtol=small.box.tol)
 
 
 @pytest.mark.parametrize("seed", range(3))

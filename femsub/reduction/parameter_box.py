@@ -325,7 +325,8 @@ class BoxModel(Affine):
         found = cast(BoxModel, super().fixed(**values))
         rest = {name: ends for name, ends in self.box.ranges.items() if name not in values}
         box = replace(self.box, ranges=rest) if rest else self.box
-        cells = tuple(replace(cell, ranges={key: ends for key, ends in cell.ranges.items() if key not in values} or cell.ranges)
+        cells = tuple(replace(cell, ranges={key: ends for key, ends in cell.ranges.items() if key not in values} or cell.ranges,
+                              states=cell.states and replace(cell.states, given={**cell.states.given, **values}))
                       for cell in self.cells
                       if all(cell.ranges[name][0] <= value < cell.ranges[name][1]  # each place once, ends of the box included
                              or value == cell.ranges[name][1] == self.box.ranges[name][1] for name, value in values.items()))
@@ -363,7 +364,7 @@ class BoxModel(Affine):
         found, sizes = None, self.radii.at((factors - self.middle)[self.varied])
         if cell.states is not None and cell.number is not None:
             number, tol = cell.number - 2 * free, self.box.tol
-            found = listed(cell.states, factors, self.moving(pencil), contour.encloses, number, sizes, tol, fine)
+            found = listed(cell.states, values, self.moving(pencil), contour.encloses, number, sizes, tol, fine)
         if found is None:
             lam, x, z = self.every(pencil)
             near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band

@@ -261,7 +261,10 @@ def sources_of(family: Affine) -> list[Enclosed]:
         ends = np.array([cell.ranges[name] for name in names])
         moving = [[np.asarray(A)[box.free:, box.free:] for _, A in part] for part in (box.M, box.D, box.K)]
         if cell.number is not None:
-            found.append(Enclosed(cell.states or Companion.of(*moving), lambda points, ends=ends: (  # type: ignore[misc]
+            linear = Companion.of(*moving, unit=cell.states and cell.states.unit)
+            if cell.states is not None and (few := cell.states.span)[0].shape[1] < 0.75 * len(few[0]):
+                linear = linear.between(*few)
+            found.append(Enclosed(linear, lambda points, ends=ends: (  # type: ignore[misc]
                 (points >= ends[:, 0]) & (points <= ends[:, 1])).all(axis=1), known, cell.contour.encloses,
                                 (cell.number - 2 * box.free) // 2))
     return found
