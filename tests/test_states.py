@@ -129,7 +129,7 @@ def test_states_converge_with_their_degree_where_modes_meet_on_the_axis() -> Non
         states, worst = states_of(at, ranges, most), 0.0
         for mu in np.linspace(0.0, 0.1, 11).tolist():
             M_, D, K_ = at({"mu": mu})
-            lam, x, z = states.pairs({"mu": mu}, (K_, D, M_), CONTOUR.encloses)
+            lam, x, _ = states.pairs({"mu": mu}, (K_, D, M_), CONTOUR.encloses)
             residual = K_ @ x + D @ x * lam + M_ @ x * lam**2
             worst = max(worst, float((la.norm(residual, axis=0) / la.norm(x, axis=0)).max()))
             assert len(lam) == 2

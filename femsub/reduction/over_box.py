@@ -20,7 +20,6 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import by_threads
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import DOUBLE, Affine, projected, usable_band
@@ -210,8 +209,7 @@ class _Maker:
         train = np.vstack([(lo + hi) / 2, _spread(lo, hi, PLACES * len(names))]) if names else np.zeros((1, 0))
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
         at, errors = 0, np.full(len(places), np.inf)
-        nodes_of_cell = max(1, len(places) // len(cells))  # as many solutions in full for states as without any for the places
-        model = self.small(nodes, cells, nodes_of_cell)
+        model = self.small(nodes, cells)
         for _ in range(NODES * max(len(names), 1)):
             new, known = self.node(places[at], contour), self.least
             self.learn(model, new)
@@ -220,17 +218,19 @@ class _Maker:
                 break
             del model  # before the next one takes memory
             nodes = self.enriched([*(nodes if names else []), new], 1)
-            model = self.small(nodes, cells, nodes_of_cell)
+            # nodes of states: together no more solutions in full than these places without states
+            model = self.listing(self.small(nodes, cells), len(places) // len(cells))
             found = model.modes_over(**dict(zip(names, train.T, strict=True))) if names else [model.modes()]
             before, errors = errors, np.array([self.error(one) for one in found])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
-        return model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
+        model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
+        return self.listing(model, len(places)) if len(cells) > 1 else model
 
-    def small(self, nodes: list[Node], cells: list[Cell], most: int) -> BoxModel:
-        """The model on the vectors of these nodes, with states of each cell from at most so many nodes of its own."""
+    def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
+        """The model on the vectors of these nodes."""
         projection = self.projection
         columns = []
         for node in nodes:
@@ -276,14 +276,18 @@ class _Maker:
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,
                          values=np.array([list(node.values.values()) for node in nodes]))
         model = model._with(cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
+        return model
+
+    def listing(self, model: BoxModel, most: int) -> BoxModel:
+        """The same with states of each cell, from at most so many nodes."""
         return model._with(cells=tuple(replace(cell, states=self.states(model, cell, most)) for cell in model.cells))
 
     def states(self, model: BoxModel, cell: Cell, most: int) -> States | None:
-        """Those of a cell of which least pairs lack, from at most so many nodes; None where the model's numbers are not the cell's."""
+        """Those of a cell that list most pairs; None if that is less than half, or if numbers at nodes are not the cell's."""
         d, number, unit = model.size - model.free, (cell.number or 0) - 2 * model.free, self.projection.outer.size
         if not cell.ranges or cell.contour is None or not 0 < number < 1.5 * d:
             return None
-        over, spaces, tried, sizes = Polynomials.of(cell.ranges, most), list[Spaces](), list[tuple[int, States]](), list[float]()
+        over, spaces, tried = Polynomials.of(cell.ranges, most), list[Spaces](), list[tuple[float, float, States]]()
         for count in over.counts:
             for place in over.nodes[len(spaces):count].tolist():
                 pencil = model.at(**dict(zip(cell.ranges, place, strict=True)))
@@ -294,27 +298,26 @@ class _Maker:
                 scale = self.allowed(lam[at]) * self.kept / 6  # what is shorter than 1 does not count
                 spaces.append(Spaces.of(model.moving(pencil), lam[at], x[:, at] / scale, z[:, at] / scale, unit, *spaces[:1]))
             states = States.of(over, spaces, unit)
-            lacking, size = self.lacking(model, cell, states)
-            tried.append((lacking, states))
-            sizes.append(size)
-            if not lacking or sizes[-1] > max(sizes[-3:-2], default=np.inf) / 2:  # two degrees more gain nothing
+            tried.append((*self.lacking(model, cell, states), states))
+            if not tried[-1][0] or (len(tried) > 2 and tried[-1][1] > tried[-3][1] / 2):  # two degrees more gain nothing
                 break
-        return min(tried, key=lambda one: one[0])[1]
+        lacking, _, states = min(tried, key=lambda one: one[0])
+        return states if lacking < number / 2 else None  # a step for each pair takes as long as the whole problem
 
-    def lacking(self, model: BoxModel, cell: Cell, states: States) -> tuple[int, float]:
-        """How many pairs these states do not list without iteration, at some values in a cell; the largest radius over |λ|."""
+    def lacking(self, model: BoxModel, cell: Cell, states: States) -> tuple[float, float]:
+        """How many pairs a value lacks that these states do not list without iteration, and the largest radius over |λ|."""
         assert cell.contour is not None and cell.number is not None
-        lacking, largest, (lo, hi) = 0, 0.0, np.transpose(list(cell.ranges.values()))
+        lacking, largest, (lo, hi) = list[int](), list[float](), np.transpose(list(cell.ranges.values()))
         for place in _spread(lo, hi, 4).tolist():
             values = dict(zip(cell.ranges, place, strict=True))
             factors = model.factors(**values)
             sizes = model.radii.at((factors - self.middle)[self.varied])
             (lam, _, _, size), _, missing = seen(states, values, model.moving(model.weighted(factors)), cell.contour.encloses,
                                                  cell.number - 2 * model.free, sizes, self.box.tol)
-            lacking += abs(missing)
+            lacking.append(abs(missing))
             relative = size / np.maximum(np.abs(lam), DOUBLE * self.box.band[1])
-            largest = max(largest, float(relative.max()) if len(lam) else np.inf)
-        return lacking, largest
+            largest.append(float(relative.max()) if len(lam) else np.inf)
+        return float(np.mean(lacking)), max(largest)
 
     def learn(self, model: BoxModel, node: Node) -> None:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""

@@ -124,7 +124,7 @@ class Cell:
     sampled : bool
         Whether a factor was sampled, since it takes no `Interval`.
     states : States or None
-        On which the pairs are found, where they are fewer than the shapes.
+        On which the pairs are found: as many as there are eigenvalues in the contour.
     why : str
         Why the cell is open, and near which s = λ: of a cell that was not tried, that of the one of which it is a half.
 
@@ -191,8 +191,8 @@ class Radii:
         """What gives the radius of single eigenvalues at θ."""
         weights = self.weights(theta)
         terms, d, r = self.images.shape
-        adjoint = weights * np.append(1.0, self.signs)[:, None]
-        right, left = ((own.T @ self.images.reshape(terms, d * r)).reshape(3 * d, r) for own in (weights, adjoint))
+        both = np.hstack([weights, weights * np.append(1.0, self.signs)[:, None]])  # the images pass the memory once
+        right, left = (both.T @ self.images.reshape(terms, d * r)).reshape(2, 3 * d, r)
         return RadiiAt(self, weights, right, left, np.tensordot(np.abs(weights.T), self.rounding, 1))
 
     @staticmethod

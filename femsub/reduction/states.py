@@ -5,14 +5,17 @@ In first order, with right states (x, λx) and left states ((D + λM)ᴴz, z),
     a (x, λx) = λ b (x, λx),   a = |  0   I |,   b = | I  0 |.
                                    | -K  -D |        | 0  M |
 
-No eigenvalue crosses the contour Γ of a proved cell. So Π(p) = (1/2πi) ∮ (sb - a)⁻¹b ds = X(ZᴴbX)⁻¹Zᴴb, of the k eigenvalues
-inside and their states, is analytic in the parameters p. So are the real bases Π(p)X_c of right and (bΠ(p)b⁻¹)ᵀZ_c of left states, with X_c
-and Z_c those of the middle of the cell, and polynomials of low degree have them:
+No eigenvalue crosses the contour Γ of a proved cell. So Π(p) = (1/2πi) ∮ (sb - a)⁻¹b ds = X(ZᴴbX)⁻¹Zᴴb, with the right and
+left states X and Z of the k eigenvalues inside, is analytic in the parameters p. So are the real bases Π(p)X_c of right and
+(bΠ(p)b⁻¹)ᵀZ_c of left states, X_c and Z_c those of the middle of the cell. Polynomials of low degree give these bases:
 
-    X(p) = Σ_e T_e(p) X_e,   Z(p) = Σ_e T_e(p) Z_e,   T_e = Π_i T_{e_i}(p_i), e_1 + e_2 + … ≤ degree,   ZᵀaX y = λ ZᵀbX y of order k.
+    X(p) = Σ_e T_e(p) X_e,   Z(p) = Σ_e T_e(p) Z_e,   T_e(p) = Π_i T_{e_i}(p_i),   e_1 + e_2 + … ≤ degree.
+
+The pencil ZᵀaX - λ ZᵀbX has order k: as many eigenvalues as are wanted, and none besides. Where two modes become one, their
+vectors have no derivative, but Π has.
 
 Pairs whose residuals need it take a step of inverse iteration on P(λ), and the number of circles of error shows whether all are
-there. The polynomials have their values at discrete Leja points, each degree at those of the one before and at new ones.
+there. The polynomials are exact at discrete Leja points, each degree at those of the one before and at new ones.
 
 Sources: T. Kato, Perturbation Theory for Linear Operators (1966), ch. 2 (Π(p)); L. Bos, S. De Marchi, A. Sommariva, M. Vianello,
 SIAM J. Numer. Anal. 48 (2010) 1984 (Leja points by an LU factor).
@@ -41,9 +44,9 @@ Inside = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Polynomials:
-    """Products T_e (m,) of Chebyshev's polynomials over ranges of q parameters, e (m, q) by their degree; as many `nodes` (m, q).
+    """Products T_e of Chebyshev's polynomials over ranges of q parameters, e (m, q) in order of degree, and nodes (m, q).
 
-    The first nodes are those of all lower degrees.
+    The first nodes are those of lower degrees, the very first is the middle.
     """
 
     ranges: Mapping[str, tuple[float, float]]
@@ -103,8 +106,8 @@ class Spaces(NamedTuple):
         if middle is None:
             return cls(*_principal(np.hstack([X.real, X.imag]), np.hstack([Z.real, Z.imag]), X.shape[1]))
         G = Z.conj().T @ b(X, M)
-        return cls((X @ la.solve(G, Z.conj().T @ b(middle.right, M))).real,
-                   (Z @ la.solve(G.conj().T, X.conj().T @ b(middle.left, M.T))).real)
+        return cls((X @ np.linalg.solve(G, Z.conj().T @ b(middle.right, M))).real,
+                   (Z @ np.linalg.solve(G.conj().T, X.conj().T @ b(middle.left, M.T))).real)
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,8 @@ class States:
         """With these values at the first nodes, as many as there are polynomials of some degree."""
         m = len(spaces)
         inverse = np.linalg.inv(over.weights(over.nodes[:m])[:, :m])
-        return cls(over, *(np.tensordot(inverse, np.array(side), 1) for side in zip(*spaces, strict=True)), unit)
+        right, left = (np.tensordot(inverse, np.array(side), 1) for side in zip(*spaces, strict=True))
+        return cls(over, right, left, unit)
 
     def at(self, values: Mapping[str, float]) -> Spaces:
         """X and Z at values of the parameters."""
