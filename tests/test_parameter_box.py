@@ -21,6 +21,7 @@ from femsub.errors import FemsubWarning, InputError
 from femsub.modes import eigenpairs
 from femsub.modes.quadratic import projected_count
 from femsub.reduction import parameter_box
+from femsub.stability.leaves import Companion
 
 
 def truth(pencil: fs.Pencil) -> np.ndarray:
@@ -211,6 +212,23 @@ def test_some_of_the_parameters_may_be_fixed():
     found = fs.complex_modes(small.at(mu=0.4, speed=1.0), band=(0.0, 0.5))
     np.testing.assert_allclose(np.sort_complex(found.eigenvalues), np.sort_complex(part.modes(mu=0.4).eigenvalues),
                                rtol=small.box.tol)
+
+
+def test_the_span_of_states_has_the_eigenvalues_of_the_model():
+    """It does not move: `scatter` encloses eigenvalues on it."""
+    small, rng = reduced_family(4), np.random.default_rng(4)
+    M, D, K = ([A for _, A in terms] for terms in (small.M, small.D, small.K))
+    for cell in small.cells:
+        right, left = cell.states.span
+        fixed = Companion.of(M, D, K, cell.states.unit).between(right, left)
+        assert len(fixed.x) == small.size and fixed.b.shape[1] == right.shape[1] == left.shape[1] < 2 * small.size
+        for _ in range(3):
+            place = {name: float(rng.uniform(*ends)) for name, ends in cell.ranges.items()}
+            weights = np.append(1.0, small.factors(**place))
+            a, b = (np.tensordot(weights, part, 1) for part in (fixed.a, fixed.b))
+            modes = small.modes(**place)
+            far = np.abs(fixed.unit * la.eigvals(a, b)[:, None] - modes.eigenvalues).min(axis=0)
+            assert (far <= modes.error_bar + small.box.tol * np.abs(modes.eigenvalues)).all()
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -276,6 +276,7 @@ class _Maker:
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,
                          values=np.array([list(node.values.values()) for node in nodes]))
         model = model._with(cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
+        self.share = self.kept
         return model
 
     def listing(self, model: BoxModel, most: int) -> BoxModel:
@@ -295,7 +296,7 @@ class _Maker:
                 at = np.flatnonzero(cell.contour.encloses(lam))
                 if len(at) != number:
                     return None
-                scale = self.allowed(lam[at]) * self.kept / 6  # what is shorter than 1 does not count
+                scale = self.allowed(lam[at]) * self.share / 6  # what is shorter than 1 does not count
                 spaces.append(Spaces.of(model.moving(pencil), lam[at], x[:, at] / scale, z[:, at] / scale, unit, *spaces[:1]))
             states = States.of(over, spaces, unit)
             tried.append((*self.lacking(model, cell, states), states))
