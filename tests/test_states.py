@@ -17,6 +17,7 @@ from femsub.model import in_band
 from femsub.modes import Contour
 from femsub.reduction import parameter_box
 from femsub.reduction.states import Polynomials, Spaces, States, iterated, listed, settled
+from femsub.stability.leaves import Companion
 
 CONTOUR = Contour(sides=(-3.0, 3.0, 3.0))
 
@@ -209,6 +210,18 @@ def test_a_model_of_a_box_solves_its_states_alone(monkeypatch: pytest.MonkeyPatc
         found = small.modes(mu=float(mu))
         assert found.evidence == "certified" and len(found) == len(other)
         assert (np.abs(found.eigenvalues - other.eigenvalues) <= found.error_bar + other.error_bar).all()
+
+
+def test_enclosures_have_the_same_projection() -> None:
+    """In a unit of λ other than 1: `Companion` has it in a and b, states in their parts."""
+    rng = np.random.default_rng(8)
+    M, D, K = pencil(rng, 12)
+    right, left = rng.standard_normal((2, 24, 8))
+    states = States.of(Polynomials.of({"p": (0.0, 1.0)}, 1), [Spaces(right, left)], 3.0)
+    lam, _, _ = states.pairs({"p": 0.5}, (K, D, M), lambda s: np.isfinite(s))
+    a, b, _, unit = Companion.of([M], [D], [K], 3.0).between(right, left)
+    every = unit * la.eigvals(a.sum(axis=0), b.sum(axis=0))
+    np.testing.assert_allclose(np.sort_complex(every[every.imag >= 0]), np.sort_complex(lam), rtol=1e-8)
 
 
 def test_eigenvalues_that_are_all_real_are_no_frequencies() -> None:
