@@ -300,9 +300,11 @@ class _Maker:
                 spaces.append(Spaces.of(model.moving(pencil), lam[at], x[:, at] / scale, z[:, at] / scale, unit, *spaces[:1]))
             states = States.of(over, spaces, unit)
             tried.append((*self.lacking(model, cell, states), states))
-            if not tried[-1][0] or (len(tried) > 2 and tried[-1][1] > tried[-3][1] / 2):  # two degrees more gain nothing
+            largest = [one[1] for one in tried]
+            known = 2 if tried[-1][0] else 1  # a degree may gain nothing by symmetry
+            if len(tried) > known and largest[-1] > largest[-1 - known] / 2:  # what is left is the error of the model itself
                 break
-        lacking, _, states = min(tried, key=lambda one: one[0])
+        lacking, _, states = min(tried, key=lambda one: (one[0], one[1] > 2 * min(largest)))
         return states if lacking < number / 2 else None  # a step for each pair takes as long as the whole problem
 
     def lacking(self, model: BoxModel, cell: Cell, states: States) -> tuple[float, float]:
