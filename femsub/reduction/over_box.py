@@ -218,16 +218,14 @@ class _Maker:
                 break
             del model  # before the next one takes memory
             nodes = self.enriched([*(nodes if names else []), new], 1)
-            # nodes of states: together no more solutions in full than these places without states
-            model = self.listing(self.small(nodes, cells), len(places) // len(cells))
+            model = self.listing(self.small(nodes, cells), len(places))
             found = model.modes_over(**dict(zip(names, train.T, strict=True))) if names else [model.modes()]
             before, errors = errors, np.array([self.error(one) for one in found])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
-        model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
-        return self.listing(model, len(places)) if len(cells) > 1 else model
+        return model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
 
     def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
         """The model on the vectors of these nodes."""
