@@ -20,13 +20,12 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import by_threads
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import DOUBLE, Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import States, improved, seen
+from femsub.reduction.states import Polynomials, Spaces, States, improved, seen
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -210,9 +209,7 @@ class _Maker:
         train = np.vstack([(lo + hi) / 2, _spread(lo, hi, PLACES * len(names))]) if names else np.zeros((1, 0))
         places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
         at, errors = 0, np.full(len(places), np.inf)
-        # states take a solution in full at each corner of each cell: of many cells more than they save here
-        soon = len(cells) * (len(corners) + 1) < len(places)
-        model = self.small(nodes, cells, soon)
+        model = self.small(nodes, cells)
         for _ in range(NODES * max(len(names), 1)):
             new, known = self.node(places[at], contour), self.least
             self.learn(model, new)
@@ -221,17 +218,16 @@ class _Maker:
                 break
             del model  # before the next one takes memory
             nodes = self.enriched([*(nodes if names else []), new], 1)
-            model = self.small(nodes, cells, soon)
+            model = self.listing(self.small(nodes, cells), len(places))
             found = model.modes_over(**dict(zip(names, train.T, strict=True))) if names else [model.modes()]
             before, errors = errors, np.array([self.error(one) for one in found])
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
-        model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
-        return self.listing(model, best=True)
+        return model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
 
-    def small(self, nodes: list[Node], cells: list[Cell], listing: bool) -> BoxModel:
+    def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
         """The model on the vectors of these nodes."""
         projection = self.projection
         columns = []
@@ -279,47 +275,50 @@ class _Maker:
                          values=np.array([list(node.values.values()) for node in nodes]))
         model = model._with(cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
         self.share = self.kept
-        return self.listing(model) if listing else model
+        return model
 
-    def listing(self, model: BoxModel, best: bool = False) -> BoxModel:
-        """The same with states of each cell, where there are fewer of them; of several numbers of them the best."""
-        return model._with(cells=tuple(replace(cell, states=self.states(model, cell, best)) for cell in model.cells))
+    def listing(self, model: BoxModel, most: int) -> BoxModel:
+        """The same with states of each cell, from at most so many nodes."""
+        return model._with(cells=tuple(replace(cell, states=self.states(model, cell, most)) for cell in model.cells))
 
-    def states(self, model: BoxModel, cell: Cell, best: bool) -> States | None:
-        """The states of the model at the corners and in the middle of a cell, if they are fewer than three quarters of all."""
-        d, unit = model.size - model.free, self.projection.outer.size
-        if not cell.ranges or cell.contour is None or not 0 < (cell.number or 0) - 2 * model.free < 1.5 * d:
+    def states(self, model: BoxModel, cell: Cell, most: int) -> States | None:
+        """Those of a cell that list most pairs; None if that is less than half, or if numbers at nodes are not the cell's."""
+        d, number, unit = model.size - model.free, (cell.number or 0) - 2 * model.free, self.projection.outer.size
+        if not cell.ranges or cell.contour is None or not 0 < number < 1.5 * d:
             return None
-        columns: tuple[list[Array], list[Array]] = [], []
-        ends = list(cell.ranges.values())
-        for values in (*product(*ends), [(lo + hi) / 2 for lo, hi in ends]):
-            pencil = model.at(**dict(zip(cell.ranges, values, strict=True)))
-            lam, x, z = model.every(pencil)
-            at = np.flatnonzero(cell.contour.encloses(lam) & (lam.imag >= 0))
-            scale = self.allowed(lam[at])
-            x, z, (_, D, M) = x[:, at] / scale, z[:, at] / scale, model.moving(pencil)
-            columns[0].extend(real_parts(np.vstack([x, x * lam[at] / unit])))
-            columns[1].extend(real_parts(np.vstack([unit * (D.T @ z + M.T @ (z * lam[at].conj())), z])))
-        (X, right), (Z, left) = (la.svd(np.hstack(side), full_matrices=False)[:2] for side in columns)
-        terms = tuple([unit**power * np.asarray(A)[model.free:, model.free:] for _, A in several]
-                      for power, several in ((2, model.M), (1, model.D), (0, model.K)))
-        # between two spaces vectors are less exact than between equal ones; how much less changes with each column
-        sizes = np.maximum(right, left)
-        counts = np.unique([np.count_nonzero(sizes > self.share / part) for part in (np.linspace(4, 8, 5) if best else [6.0])])
-        tried = [States.of(terms, X[:, :k], Z[:, :k], unit) for k in counts.tolist() if 0 < k < 1.5 * d]
-        lacking = list(by_threads(lambda one: self.lacking(model, cell, one), tried)) if len(tried) > 1 else [0] * len(tried)
-        return tried[int(np.argmin(lacking))] if tried else None
+        over, spaces, tried = Polynomials.of(cell.ranges, most), list[Spaces](), list[tuple[float, float, States]]()
+        for count in over.counts:
+            for place in over.nodes[len(spaces):count].tolist():
+                pencil = model.at(**dict(zip(cell.ranges, place, strict=True)))
+                lam, x, z = model.every(pencil)
+                at = np.flatnonzero(cell.contour.encloses(lam))
+                if len(at) != number:
+                    return None
+                scale = self.allowed(lam[at]) * self.share / 6  # what is shorter than 1 does not count
+                spaces.append(Spaces.of(model.moving(pencil), lam[at], x[:, at] / scale, z[:, at] / scale, unit, *spaces[:1]))
+            states = States.of(over, spaces, unit)
+            tried.append((*self.lacking(model, cell, states), states))
+            largest = [one[1] for one in tried]
+            known = 2 if tried[-1][0] else 1  # a degree may gain nothing by symmetry
+            if len(tried) > known and largest[-1] > largest[-1 - known] / 2:  # what is left is the error of the model itself
+                break
+        lacking, _, states = min(tried, key=lambda one: (one[0], one[1] > 2 * min(largest)))
+        return states if lacking < number / 2 else None  # a step for each pair takes as long as the whole problem
 
-    def lacking(self, model: BoxModel, cell: Cell, states: States) -> int:
-        """How many pairs these states do not list without iteration, at some values in a cell."""
+    def lacking(self, model: BoxModel, cell: Cell, states: States) -> tuple[float, float]:
+        """How many pairs a value lacks that these states do not list without iteration, and the largest radius over |λ|."""
         assert cell.contour is not None and cell.number is not None
-        lacking, (lo, hi) = 0, np.transpose(list(cell.ranges.values()))
-        for values in _spread(lo, hi, 4):
-            factors = model.factors(**dict(zip(cell.ranges, values.tolist(), strict=True)))
+        lacking, largest, (lo, hi) = list[int](), list[float](), np.transpose(list(cell.ranges.values()))
+        for place in _spread(lo, hi, 4).tolist():
+            values = dict(zip(cell.ranges, place, strict=True))
+            factors = model.factors(**values)
             sizes = model.radii.at((factors - self.middle)[self.varied])
-            lacking += abs(seen(states, factors, model.moving(model.weighted(factors)), cell.contour.encloses,
-                                cell.number - 2 * model.free, sizes, self.box.tol)[2])
-        return lacking
+            (lam, _, _, size), _, missing = seen(states, values, model.moving(model.weighted(factors)), cell.contour.encloses,
+                                                 cell.number - 2 * model.free, sizes, self.box.tol)
+            lacking.append(abs(missing))
+            relative = size / np.maximum(np.abs(lam), DOUBLE * self.box.band[1])
+            largest.append(float(relative.max()) if len(lam) else np.inf)
+        return float(np.mean(lacking)), max(largest)
 
     def learn(self, model: BoxModel, node: Node) -> None:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""

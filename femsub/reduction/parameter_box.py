@@ -124,7 +124,7 @@ class Cell:
     sampled : bool
         Whether a factor was sampled, since it takes no `Interval`.
     states : States or None
-        On which the pairs are found, where they are fewer than the shapes.
+        On which the pairs are found: as many as there are eigenvalues in the contour.
     why : str
         Why the cell is open, and near which s = λ: of a cell that was not tried, that of the one of which it is a half.
 
@@ -191,8 +191,8 @@ class Radii:
         """What gives the radius of single eigenvalues at θ."""
         weights = self.weights(theta)
         terms, d, r = self.images.shape
-        adjoint = weights * np.append(1.0, self.signs)[:, None]
-        right, left = ((own.T @ self.images.reshape(terms, d * r)).reshape(3 * d, r) for own in (weights, adjoint))
+        both = np.hstack([weights, weights * np.append(1.0, self.signs)[:, None]])  # the images pass the memory once
+        right, left = (both.T @ self.images.reshape(terms, d * r)).reshape(2, 3 * d, r)
         return RadiiAt(self, weights, right, left, np.tensordot(np.abs(weights.T), self.rounding, 1))
 
     @staticmethod
@@ -325,7 +325,8 @@ class BoxModel(Affine):
         found = cast(BoxModel, super().fixed(**values))
         rest = {name: ends for name, ends in self.box.ranges.items() if name not in values}
         box = replace(self.box, ranges=rest) if rest else self.box
-        cells = tuple(replace(cell, ranges={key: ends for key, ends in cell.ranges.items() if key not in values} or cell.ranges)
+        cells = tuple(replace(cell, ranges={key: ends for key, ends in cell.ranges.items() if key not in values} or cell.ranges,
+                              states=cell.states and replace(cell.states, given={**cell.states.given, **values}))
                       for cell in self.cells
                       if all(cell.ranges[name][0] <= value < cell.ranges[name][1]  # each place once, ends of the box included
                              or value == cell.ranges[name][1] == self.box.ranges[name][1] for name, value in values.items()))
@@ -363,7 +364,7 @@ class BoxModel(Affine):
         found, sizes = None, self.radii.at((factors - self.middle)[self.varied])
         if cell.states is not None and cell.number is not None:
             number, tol = cell.number - 2 * free, self.box.tol
-            found = listed(cell.states, factors, self.moving(pencil), contour.encloses, number, sizes, tol, fine)
+            found = listed(cell.states, values, self.moving(pencil), contour.encloses, number, sizes, tol, fine)
         if found is None:
             lam, x, z = self.every(pencil)
             near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band

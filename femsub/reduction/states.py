@@ -1,25 +1,37 @@
-"""Eigenpairs of a small model of second order in the time that its wanted ones take: Petrov-Galerkin projection of states.
+"""Eigenpairs of a small model of second order in the time that its wanted ones take: projection on states that move with p.
 
-A shape of the small model takes part as x and as λx, and right and left vectors share one basis: that makes four columns for an
-eigenvalue. In first order, with a basis for right states and another one for left states,
+In first order, with right states (x, λx) and left states ((D + λM)ᴴz, z),
 
-    a (x, λx) = λ b (x, λx),   a = |  0   I |,   b = | I  0 |,   left states ((D + λM)ᴴz, z),
+    a (x, λx) = λ b (x, λx),   a = |  0   I |,   b = | I  0 |.
                                    | -K  -D |        | 0  M |
 
-ZᵀaX and ZᵀbX are of about the size of the number of wanted eigenvalues, and affine in the factors of the model. Such a projection
-is less stable: it has eigenvalues that belong to nothing, and vectors that are mixed with theirs. Pairs whose residuals need it
-take a step of inverse iteration on P(λ), and the number of circles of error shows whether all are there. Two-sided
-bases of states: A. Antoulas, Approximation of Large-Scale Dynamical Systems (2005), ch. 11.
+No eigenvalue crosses the contour Γ of a proved cell. So Π(p) = (1/2πi) ∮ (sb - a)⁻¹b ds = X(ZᴴbX)⁻¹Zᴴb, with the right and
+left states X and Z of the k eigenvalues inside, is analytic in the parameters p. So are the real bases Π(p)X_c of right and
+(bΠ(p)b⁻¹)ᵀZ_c of left states, X_c and Z_c those of the middle of the cell. Polynomials of low degree give these bases:
+
+    X(p) = Σ_e T_e(p) X_e,   Z(p) = Σ_e T_e(p) Z_e,   T_e(p) = Π_i T_{e_i}(p_i),   e_1 + e_2 + … ≤ degree.
+
+The pencil ZᵀaX - λ ZᵀbX has order k: as many eigenvalues as are wanted, and none besides. Where two modes become one, their
+vectors have no derivative, but Π has.
+
+Pairs whose residuals need it take a step of inverse iteration on P(λ), and the number of circles of error shows whether all are
+there. The polynomials are exact at discrete Leja points, each degree at those of the one before and at new ones.
+
+Sources: T. Kato, Perturbation Theory for Linear Operators (1966), ch. 2 (Π(p)); L. Bos, S. De Marchi, A. Sommariva, M. Vianello,
+SIAM J. Numer. Anal. 48 (2010) 1984 (Leja points by an LU factor).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations_with_replacement
+from math import comb
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
+from numpy.polynomial.chebyshev import chebvander
 
 from femsub.checks import EPS, Array
 
@@ -31,35 +43,122 @@ Inside = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
-class States:
-    """ZᵀaX and ZᵀbX (q + 1, k, k), the first of them without a factor, the shapes in X and in Z, (d, k), and the unit of λ."""
+class Polynomials:
+    """Products T_e of Chebyshev's polynomials over ranges of q parameters, e (m, q) in order of degree, and nodes (m, q).
 
-    a: Array
-    b: Array
-    x: Array
-    z: Array
-    unit: float
+    The first nodes are those of lower degrees, the very first is the middle.
+    """
+
+    ranges: Mapping[str, tuple[float, float]]
+    e: Array
+    nodes: Array
 
     @classmethod
-    def of(cls, terms: tuple[Sequence[Array], ...], X: Array, Z: Array, unit: float) -> States:
-        """On right states X and left ones Z (2d, k), of M, D and K that are sums of these terms (d, d), in a unit of λ."""
-        (x, dx), (dz, z) = (np.split(part, 2) for part in (X, Z))
-        mass, damping, stiffness = ([-z.T @ A @ part for A in several] for several, part in zip(terms, (dx, dx, x), strict=True))
-        none = np.zeros((X.shape[1], X.shape[1]))
-        a = [dz.T @ dx, *(none for _ in mass), *damping, *stiffness]
-        b = [dz.T @ x, *(-A for A in mass), *(none for _ in damping), *(none for _ in stiffness)]
-        return cls(np.array(a), np.array(b), x, z, unit)
+    def of(cls, ranges: Mapping[str, tuple[float, float]], most: int) -> Polynomials:
+        """Of the highest degree with at most so many of them, 1 at least."""
+        from scipy.stats import qmc  # takes a tenth of a second to load
 
-    def pairs(self, factors: Array, inside: Inside) -> tuple[Array, Array, Array]:
-        """λ (k,) inside a contour with Im λ ≥ 0, x and z (d, k)."""
-        a, b = ((np.append(1.0, factors) @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.a, self.b))
-        solve = _solver(b)
+        q, degree = len(ranges), 0
+        while comb(q + degree + 1, q) <= most:
+            degree += 1
+        e = np.array(sorted((np.bincount(one, minlength=q + 1)[1:].tolist()
+                             for one in combinations_with_replacement(range(q + 1), degree)), key=sum)).reshape(-1, q)
+        spread = np.cos(np.pi * qmc.Sobol(q, seed=1).random_base2((16 * len(e)).bit_length()))
+        tried = np.vstack([np.zeros(q), spread])  # the middle is the first node
+        lo, hi = np.transpose(list(ranges.values()))
+        found = cls(ranges, e, (lo + hi) / 2 + tried * (hi - lo) / 2)
+        order = np.arange(len(tried))
+        for row, other in enumerate(la.lu_factor(found.weights(found.nodes))[1]):
+            order[[row, other]] = order[[other, row]]
+        return cls(ranges, e, found.nodes[order[:len(e)]])
+
+    def weights(self, places: Array) -> Array:
+        """T_e (j, m) at places (j, q)."""
+        lo, hi = np.transpose(list(self.ranges.values()))
+        each = chebvander((2 * places - lo - hi) / (hi - lo), int(self.e.max(initial=0)))  # (j, q, degree + 1)
+        return np.asarray(np.take_along_axis(each, self.e.T[None], axis=2).prod(axis=1))
+
+    @property
+    def counts(self) -> list[int]:
+        """How many there are of a degree of at most 0, 1, …"""
+        return [int(count) for count in np.cumsum(np.bincount(self.e.sum(axis=1)))]
+
+
+class Spaces(NamedTuple):
+    """Real bases of the right and of the left states of the eigenvalues inside a contour, (2d, k), in a unit of λ."""
+
+    right: Array
+    left: Array
+
+    @classmethod
+    def of(cls, matrices: Matrices, lam: Array, x: Array, z: Array, unit: float, middle: Spaces | None = None) -> Spaces:
+        """Of all eigenpairs inside, conjugates included, of any lengths: those of the middle, if given, as Π moves them.
+
+        Else principal directions as long as their singular values.
+        """
+        _, D, M = matrices
+        X, Z = np.vstack([x, x * (lam / unit)]), np.vstack([unit * (D.T @ z + M.T @ (z * lam.conj())), z])
+        d = len(M)
+
+        def b(states: Array, mass: Array) -> Array:
+            return np.vstack([states[:d], unit**2 * (mass @ states[d:])])
+
+        if middle is None:
+            return cls(*_principal(np.hstack([X.real, X.imag]), np.hstack([Z.real, Z.imag]), X.shape[1]))
+        G = Z.conj().T @ b(X, M)
+        return cls((X @ np.linalg.solve(G, Z.conj().T @ b(middle.right, M))).real,
+                   (Z @ np.linalg.solve(G.conj().T, X.conj().T @ b(middle.left, M.T))).real)
+
+
+@dataclass(frozen=True)
+class States:
+    """X_e and Z_e (m, 2d, k) of some products T_e of the parameters, in a unit of λ; `given` are parameters with a value."""
+
+    over: Polynomials
+    right: Array
+    left: Array
+    unit: float
+    given: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, over: Polynomials, spaces: Sequence[Spaces], unit: float) -> States:
+        """With these values at the first nodes, as many as there are polynomials of some degree."""
+        m = len(spaces)
+        inverse = np.linalg.inv(over.weights(over.nodes[:m])[:, :m])
+        right, left = (np.tensordot(inverse, np.array(side), 1) for side in zip(*spaces, strict=True))
+        return cls(over, right, left, unit)
+
+    def at(self, values: Mapping[str, float]) -> Spaces:
+        """X and Z at values of the parameters."""
+        every = {**self.given, **values}
+        weights = self.over.weights(np.array([[every[name] for name in self.over.ranges]]))[0, :len(self.right)]
+        return Spaces(*((weights @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.right, self.left)))
+
+    @property
+    def span(self) -> Spaces:
+        """Principal directions of all X_e and of all Z_e, as many on both sides, without those that are shorter than 1."""
+        right, left = _principal(*(np.concatenate(part, axis=1) for part in (self.right, self.left)))
+        size = np.maximum(la.norm(right, axis=0), la.norm(left, axis=0))
+        return Spaces((right / la.norm(right, axis=0))[:, size > 1], (left / la.norm(left, axis=0))[:, size > 1])
+
+    def pairs(self, values: Mapping[str, float], matrices: Matrices, inside: Inside) -> tuple[Array, Array, Array]:
+        """λ (k,) inside a contour with Im λ ≥ 0, x and z (d, k), of K, D and M at these values."""
+        K, D, M = matrices
+        (x, dx), (dz, z) = (np.split(part, 2) for part in self.at(values))
+        a = dz.T @ dx - z.T @ (K @ x + self.unit * (D @ dx))
+        solve = _solver(dz.T @ x + self.unit**2 * (z.T @ (M @ dx)))
         lam, y = np.linalg.eig(solve(a))
         lam = self.unit * lam.astype(complex)  # NumPy's are real where all are, and would be taken for frequencies
         at = np.flatnonzero(inside(lam) & (lam.imag >= 0))
         w = solve(np.linalg.inv(y)[at].T, 1).conj()
         w = np.where(lam[at].imag == 0, w.real, w)  # the inverse left them a rounding
-        return lam[at], self.x @ y[:, at], self.z @ w
+        return lam[at], x @ y[:, at], z @ w
+
+
+def _principal(right: Array, left: Array, most: int | None = None) -> list[Array]:
+    """At most so many principal directions of the columns of each, the longest first, as long as their singular values."""
+    found = (la.svd(one, full_matrices=False)[:2] for one in (right, left))
+    return [(U * size)[:, :most] for U, size in found]
 
 
 def _solver(A: Array) -> Callable[..., Array]:
@@ -103,12 +202,12 @@ def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
     return settled(matrices, lam, *(np.array(side, dtype=complex).T for side in zip(*better, strict=True)))
 
 
-def seen(states: States, factors: Array, matrices: Matrices, inside: Inside, number: int, sizes: RadiiAt,
+def seen(states: States, values: Mapping[str, float], matrices: Matrices, inside: Inside, number: int, sizes: RadiiAt,
          tol: float) -> tuple[list[Array], Array, int]:
     """λ, x, z and `sizes` of the states; which of these count, see `listed`; and how many lack, with conjugates."""
     with np.errstate(all="ignore"):
         try:
-            lam, x, z = settled(matrices, *states.pairs(factors, inside))
+            lam, x, z = settled(matrices, *states.pairs(values, matrices, inside))
         except la.LinAlgError:
             lam, x, z = np.zeros(0, dtype=complex), *np.zeros((2, len(matrices[0]), 0), dtype=complex)
         size = sizes(lam, x, z)
@@ -116,7 +215,7 @@ def seen(states: States, factors: Array, matrices: Matrices, inside: Inside, num
         return [lam, x, z, size], *_apart(lam, size, inside, tol / 2, number)
 
 
-def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, number: int,
+def listed(states: States, values: Mapping[str, float], matrices: Matrices, inside: Inside, number: int,
            sizes: RadiiAt, tol: float, fine: bool = False) -> tuple[Array, ...] | None:
     """λ, x, z and `sizes` of the eigenpairs inside a contour with Im λ ≥ 0; `inside` says which λ are.
 
@@ -124,7 +223,7 @@ def listed(states: States, factors: Array, matrices: Matrices, inside: Inside, n
     These count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
     None otherwise: then the whole problem is to be solved.
     """
-    (lam, x, z, size), at, missing = seen(states, factors, matrices, inside, number, sizes, tol)
+    (lam, x, z, size), at, missing = seen(states, values, matrices, inside, number, sizes, tol)
     waiting = np.argsort(size)
     waiting = waiting[~np.isin(waiting, at)]  # most of them belong to nothing, and have the largest residuals
     better = np.append(at[:len(at) * fine], waiting[:max(missing, 0)])

@@ -247,9 +247,9 @@ def sources_of(family: Affine) -> list[Enclosed]:
 
     box: Any = family
     if not hasattr(box, "cells"):
-        terms = [[np.asarray(A.toarray() if hasattr(A, "toarray") else A) for _, A in part]
-                 for part in (family.M, family.D, family.K)]
-        return [Enclosed(Companion.of(*terms), everywhere, None, everywhere)]
+        M, D, K = ([np.asarray(A.toarray() if hasattr(A, "toarray") else A) for _, A in part]
+                   for part in (family.M, family.D, family.K))
+        return [Enclosed(Companion.of(M, D, K), everywhere, None, everywhere)]
     names = list(box.parameters)
 
     def known(values: Mapping[str, float]) -> tuple[Array, Array]:
@@ -259,9 +259,12 @@ def sources_of(family: Affine) -> list[Enclosed]:
     found = []
     for cell in box.cells:
         ends = np.array([cell.ranges[name] for name in names])
-        moving = [[np.asarray(A)[box.free:, box.free:] for _, A in part] for part in (box.M, box.D, box.K)]
+        M, D, K = ([np.asarray(A)[box.free:, box.free:] for _, A in part] for part in (box.M, box.D, box.K))
         if cell.number is not None:
-            found.append(Enclosed(cell.states or Companion.of(*moving), lambda points, ends=ends: (  # type: ignore[misc]
+            linear = Companion.of(M, D, K, cell.states and cell.states.unit)
+            if cell.states is not None and (few := cell.states.span)[0].shape[1] < 0.75 * len(few[0]):
+                linear = linear.between(*few)
+            found.append(Enclosed(linear, lambda points, ends=ends: (  # type: ignore[misc]
                 (points >= ends[:, 0]) & (points <= ends[:, 1])).all(axis=1), known, cell.contour.encloses,
                                 (cell.number - 2 * box.free) // 2))
     return found

@@ -46,7 +46,7 @@ class Linear(Protocol):
 
 
 class Companion(NamedTuple):
-    """The first order of λ² M + λ D + K with states (x, λx / unit), without a projection."""
+    """The first order of λ² M + λ D + K with states (x, λx / unit)."""
 
     a: Array
     b: Array
@@ -54,10 +54,10 @@ class Companion(NamedTuple):
     unit: float
 
     @classmethod
-    def of(cls, M: list[Array], D: list[Array], K: list[Array]) -> Companion:
+    def of(cls, M: list[Array], D: list[Array], K: list[Array], unit: float | None = None) -> Companion:
         """Of terms (n, n), each with a factor of its own, in this order."""
         n = len(M[0])
-        unit = float(np.sqrt(sum(np.linalg.norm(A) for A in K) / sum(np.linalg.norm(A) for A in M))) or 1.0
+        unit = unit or float(np.sqrt(sum(np.linalg.norm(A) for A in K) / sum(np.linalg.norm(A) for A in M))) or 1.0
         terms = [*((A, 2) for A in M), *((A, 1) for A in D), *((A, 0) for A in K)]
         a, b = np.zeros((2, len(terms) + 1, 2 * n, 2 * n))
         a[0, :n, n:], b[0, :n, :n] = np.eye(n), np.eye(n)
@@ -67,6 +67,11 @@ class Companion(NamedTuple):
             else:
                 a[i, n:, power * n:(power + 1) * n] = -A * unit ** (power - 2.0)
         return cls(a, b, np.eye(n, 2 * n), unit)
+
+    def between(self, right: Array, left: Array) -> Companion:
+        """Its projection on right states X and left ones Z (2n, k), where b is diag(I, unit² M): ZᵀaX and ZᵀbX."""
+        Z = left * np.repeat([1.0, self.unit**2], len(left) // 2)[:, None]
+        return Companion(Z.T @ self.a @ right, Z.T @ self.b @ right, self.x @ right, self.unit)
 
 
 class Middle(NamedTuple):
