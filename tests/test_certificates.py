@@ -120,6 +120,7 @@ def test_the_sign_of_friction_is_seen_by_the_count() -> None:
     assert [found.number for found in numbers] == [in_disc(pencil, radius) for pencil in pencils] == [120, 119]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("rayleigh", [(0.0, 0.0), (0.002, 0.03), (0.0, 2e-3), (0.003, 0.0)])
 def test_proportional_damping_and_a_few_dashpots_need_no_bound_by_factors(rayleigh: tuple[float, float],
                                                                           rng: np.random.Generator) -> None:

@@ -63,7 +63,7 @@ def cut(n: int, pieces: int, fixed: bool = True) -> tuple[dict[str, fs.Substruct
     return parts, joints, fs.chain(n, belt=2, damping=0.1, masses=masses, springs=springs, fixed=fixed)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("how", [("full",), ("craig-bampton",), ("craig-chang",), ("full", "craig-chang", "craig-bampton")])
 @pytest.mark.parametrize("fixed", [True, False])
 @pytest.mark.parametrize("pieces", [2, 3, 5, 8])

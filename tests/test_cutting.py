@@ -59,6 +59,7 @@ def test_a_solid_in_parts_is_the_whole(kind: str, into: int) -> None:
     assert np.array_equal(np.sort(np.concatenate(list(cut.cells.values()))), np.arange(len(mesh.cells)))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("into", [2, 5, 8])
 @pytest.mark.parametrize("kind", ["quad", "triangle"])
 def test_a_plate_in_parts_is_the_whole(kind: str, into: int) -> None:

@@ -143,6 +143,7 @@ def test_a_lost_eigenvalue_of_a_dense_pencil_is_noticed(monkeypatch: pytest.Monk
         fs.complex_modes(twins)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place: int,
                                                                            monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.processes import cache, folders
 from femsub.modes import ShiftInvert
 
-SIZE = (40, 30)
+SIZE = (24, 18)
 
 
 @pytest.fixture

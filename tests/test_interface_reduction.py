@@ -173,6 +173,7 @@ def test_hurtys_interface_counts_what_moves_it_once() -> None:
 # band and tolerance
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", ["craig-bampton", "rubin"])
 @pytest.mark.parametrize("tol", [1e-2, 1e-4])
 def test_a_tolerance_is_met_with_few_modes(key: str, tol: float) -> None:

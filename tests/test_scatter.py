@@ -73,6 +73,7 @@ def test_the_interval_holds_in_95_of_100_repetitions(law: str) -> None:
     assert sum(inside[::2]) >= 95 and sum(inside[1::2]) >= 95
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(4))
 def test_labels_of_enclosures_are_those_of_dense_solutions(seed: int) -> None:
     family = random_family(seed)

@@ -275,7 +275,7 @@ def test_modes_that_pass_through_the_band_are_found_without_a_sweep() -> None:
     assert {attack.attacked("passing", seed) for seed in (13, 28)} == {"confirmed"}
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", [11, 69, 122])
 def test_growing_modes_that_pass_an_edge_far_from_where_a_chord_places_them_are_counted(seed: int) -> None:
     """On a curve, several at speeds of their own: Newton's method from the chord's place found another one, or none."""

@@ -45,6 +45,7 @@ def grown(model: fs.Affine, at: Mapping[str, float], band: tuple[float, float] |
     return sum(modes.eigenvalues[i].imag >= 0 for i in modes.unstable)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("radius", [0.35, 0.12, 0.045, 0.02])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_an_island_is_a_closed_line_also_within_a_cell(radius: float, sign: float) -> None:
