@@ -186,8 +186,8 @@ def test_unstable_cycles_of_the_paper_s_chain_are_known_as_such(name: str) -> No
     assert (abs(first.imag) > 0.1) == (name == "full") and abs(first) > 1.01
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("start", [0.15, 0.44, 0.73, 1.0, 1.8, 1.97])
+@pytest.mark.sampled(6)
+@pytest.mark.parametrize("start", [1.0, 0.15, 0.44, 0.73, 1.8, 1.97])
 def test_the_full_model_has_no_stable_cycle_at_the_paper_s_point(start: float) -> None:
     assert cycle("full", start=start).is_stable is False
 

@@ -222,7 +222,7 @@ def test_one_part_of_a_system_is_reduced_by_itself() -> None:
     assert u["p10"].shape == (60, 2) == u["p11"].shape
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("held", [True, False])
 @pytest.mark.parametrize("key", ["craig-bampton", "rubin"])
 def test_parts_that_meet_share_their_shapes(key: str, held: bool) -> None:
