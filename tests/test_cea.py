@@ -628,6 +628,7 @@ def damped_everywhere(n: int) -> fs.Pencil:
     return fs.Pencil(np.eye(n), D, (K + K.T) / 2)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
 def test_a_dense_model_in_a_band_takes_one_decomposition_at_most(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
     pencil, asked = damped_everywhere(320), []

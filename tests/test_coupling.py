@@ -116,6 +116,7 @@ def test_a_cross_point_is_one_however_it_is_said(how: tuple[str, ...], arms: int
     assert system.redundant == (len(joints) - arms + 1 if way == "loop" else 0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("how", list(HOW))
 def test_parts_in_any_order_are_one_system(how: str) -> None:
     parts, joints, whole = cut(17, 4)

@@ -368,6 +368,7 @@ def test_no_loss_is_missed_under_heavy_damping(size: float) -> None:
     np.testing.assert_allclose(np.abs(one.shape), [1.0, 0.0], atol=1e-8)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("d", [1e-2, 1e-6, -1e-6])
 def test_a_pair_that_becomes_real_before_one_of_it_passes_zero(d: float) -> None:
     """λ² + dλ + 1 - p: with d < 0 two eigenvalues grow before p = 1 and one after, which is a regain; backwards it is a loss."""

@@ -161,6 +161,7 @@ def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place
             fs.complex_modes(sub, band=(0.0, 0.5))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("ask", [{"band": (0.0, 0.5)}, {"count": 12}])
 def test_a_ghost_does_not_make_up_for_a_missed_pair(ask: dict, monkeypatch: pytest.MonkeyPatch) -> None:
     sub = membrane(16).with_damping(0.01 * membrane(16).K)

@@ -210,7 +210,7 @@ def test_motion_without_mass_follows() -> None:
     np.testing.assert_allclose(found, exact, rtol=1e-6)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 @pytest.mark.parametrize("seed", [FLUTTER, 3, 36])
 def test_an_unstable_mode_just_below_the_end_of_the_band_is_not_missed(seed: int) -> None:

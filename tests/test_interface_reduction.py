@@ -128,6 +128,7 @@ def test_all_interface_modes_are_the_system(key: str, held: bool) -> None:
     assert np.allclose(elastic(rom, 15), elastic(system, 15), rtol=1e-9) and fs.normal_modes(rom, count=1).rigid == rigid
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", PRIMAL)
 def test_frequencies_fall_with_every_mode_and_stay_above(key: str) -> None:
     system = small(key)
@@ -187,6 +188,7 @@ def test_a_tolerance_is_met_with_few_modes(key: str, tol: float) -> None:
     assert (elastic(fewer, 8) / true - 1).max() > 0.9 * tol or SHARE * fewer.cutoff <= 1.01 * true[-1]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", ["craig-bampton", "craig-chang"])
 def test_complex_eigenvalues_under_a_belt_are_within_the_tolerance(key: str) -> None:
     system = reduced(key, 8, cells=(16, 8), pieces=(2, 2))

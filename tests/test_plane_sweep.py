@@ -62,8 +62,8 @@ def sweep_of(family: fs.Affine) -> PlaneSweep:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_its_losses_are_those_of_the_discs(seed: int) -> None:
     family = rubbing(seed)
-    found = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=BAND, solver="swept")
-    exact = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=BAND, solver="discs")
+    found = fs.critical_value(family, None, "p", between=(0.0, 0.7), band=BAND, solver="swept")
+    exact = fs.critical_value(family, None, "p", between=(0.0, 0.7), band=BAND, solver="discs")
     assert found.evidence == "certified" and not found.open
     for several, every in ((found.losses, exact.losses), (found.regains, exact.regains)):
         assert [one.value for one in several] == pytest.approx([one.value for one in every], abs=1e-9)

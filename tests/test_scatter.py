@@ -50,6 +50,7 @@ def product(x: float, y: float) -> float:
     return x * y
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("law", LAWS)
 def test_the_probability_of_hulten_s_model_is_within_its_interval(law: str) -> None:
     """Undamped: P(μ > μ_c) in closed form. Damped: Hurwitz at the samples themselves, and their probability."""

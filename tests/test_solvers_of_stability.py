@@ -260,6 +260,7 @@ def test_a_band_whose_edges_are_not_followed_is_not_checked(monkeypatch: pytest.
     assert found.evidence == "not checked" and found.open == (between,)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", attack.PASSING)
 def test_modes_that_pass_through_the_band_at_any_speed_are_found(kind: str) -> None:
     """A few seeds of benchmarks/attacks/critical_values.py: two that were missed, or were open, at the samples alone.

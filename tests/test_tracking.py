@@ -390,6 +390,7 @@ def test_a_branch_turns_colour_where_stability_is_lost_and_regained(points: int)
     assert texts == [f"disc: stability lost at {lost.value:.4g}", f"disc: stability regained at {regained.value:.4g}"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "exact"), [("two-mode", [0.75, 0.7575]), ("ziegler", [3.5 - np.sqrt(2), 41 / 28 + 5e-5])])
 def test_scenes_tell_the_critical_values_beside_the_closed_forms(tmp_path: Path, name: str, exact: list[float]) -> None:
     (tmp_path / "a.toml").write_text(f'scene = "{name}"\npoints = 7\n', encoding="utf-8")
