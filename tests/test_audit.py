@@ -287,8 +287,8 @@ def test_nothing_is_said_of_sound_models(part: str) -> None:
 
 
 @pytest.mark.slow
-def test_nothing_is_said_of_a_hundred_sound_models() -> None:
-    assert sum(check_sound(part, 3, 7) for part in PARTS) >= 100
+def test_nothing_is_said_of_fifty_sound_models() -> None:
+    assert sum(check_sound(part, 7) for part in PARTS) >= 50
 
 
 @pytest.mark.parametrize("modes", [1, 2, 3])

@@ -35,9 +35,9 @@ ROOT = Path(__file__).parent.parent
 
 
 def run(*args: object) -> subprocess.CompletedProcess[str]:
-    """A command of benchmarks/."""
+    """A command of benchmarks/. What it starts takes this interpreter, and sets none up."""
     return subprocess.run([sys.executable, "-m", "benchmarks", *map(str, args)], cwd=ROOT, capture_output=True, text=True,
-                          check=False)
+                          check=False, env=os.environ | {"FEMSUB_PYTHON": sys.executable})
 
 
 @pytest.mark.parametrize("name", ["", "--help", "no-such-command"])
