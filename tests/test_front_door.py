@@ -226,7 +226,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "reduce_by_levels": {"parts": recipes, "folder": folder / "levels", "workers": 1},
         "refine": {"modes": modes, "rom": rom, "contacts": slope}, "rms": {},
         "rotating": {"part": fs.solid(ring, steel), "mesh": ring},
-        "self_excitation": {"reduced": rom, "contacts": belt, "band": (0.0, 2.0), "omega": [0.3, 0.7]},
+        "self_excitation": {"reduced": rom, "contacts": belt, "band": (0.0, 2.0)},
         "shoot": {"model": rom, "start": cycle, "tol": 1e-06, "rounds": 3},
         "AddedMass": {"at": [1], "amount": 0.1}, "AddedSpring": {"at": [1], "amount": 0.1, "to": [3]},
         "AddedDamper": {"at": "belt", "amount": 0.1}, "JointChange": {"joint": fs.Spring(("chain", "belt"), stiffness=1.0)},
