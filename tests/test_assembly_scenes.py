@@ -16,6 +16,7 @@ from femsub.app.scenes import solid_parts
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("fineness", "kind"), [(1, "hexahedron"), (2, "hexahedron"), (1, "hexahedron27")])
 def test_the_assembly_is_joined_at_any_fineness(fineness: int, kind: str) -> None:
     """Each glued surface lies within the other, no face meets one of its own size, and bolts meet in a place."""

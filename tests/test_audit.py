@@ -214,7 +214,7 @@ def alone(told: Given) -> fs.Audit:
                     units="SI")
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_is_found(fault: str) -> None:
     plant, check, without_v, by_itself = FAULTS[fault]
@@ -287,8 +287,8 @@ def test_nothing_is_said_of_sound_models(part: str) -> None:
 
 
 @pytest.mark.slow
-def test_nothing_is_said_of_a_hundred_sound_models() -> None:
-    assert sum(check_sound(part, 3, 7) for part in PARTS) >= 100
+def test_nothing_is_said_of_fifty_sound_models() -> None:
+    assert sum(check_sound(part, 7) for part in PARTS) >= 50
 
 
 @pytest.mark.parametrize("modes", [1, 2, 3])
@@ -325,6 +325,7 @@ def test_rigid_coordinates_of_hurty_are_no_modes_of_mass_one(modes: int) -> None
             assert not found.faults, found.text
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", ["craig-chang", "dual-craig-bampton", "rubin", "hurty", "herting"])
 @pytest.mark.parametrize("key", ["M", "K"])
 def test_a_wrong_entry_of_any_coordinate_is_found_without_v(method: str, key: str) -> None:
@@ -536,7 +537,7 @@ def test_a_model_of_rigid_motion_alone_is_compared() -> None:
     assert "static interface response" in [one.what for one in found.faults]
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("key", ["M", "K", "MK"])
 @pytest.mark.parametrize("by", [0.0, -1.0])
 @pytest.mark.parametrize("method", sorted(METHODS))

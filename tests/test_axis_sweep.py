@@ -32,6 +32,7 @@ def projected(seed: int, at: float = 0.2) -> Projection:
     return projection
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", [3, 10, 11])  # one loss, two, and two with a regain
 def test_the_sweep_meets_the_crossings_of_the_discs_and_no_other(seed: int) -> None:
     family, _ = coupled(seed, 45)

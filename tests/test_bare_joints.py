@@ -45,6 +45,7 @@ def plain(parts: Mapping[str, fs.Substructure], names: tuple[str, ...], ends: Ma
     return la.eigh(K, M, eigvals_only=True)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("stiffness", DUST)
 @pytest.mark.parametrize("assembly", ["primal", "dual"])
 @pytest.mark.parametrize("names", [("a", "soft"), ("soft", "a"), ("a", "soft", "b"), ("soft", "b", "a")])

@@ -116,6 +116,7 @@ def test_craig_chang_with_every_mode_says_that_nothing_is_left() -> None:
     assert rom.size == 10 and rom.dropped == 2 and set(rom.kinds) == {"free"}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", METHODS)
 def test_ritz_values_bound_from_above_and_fall(component: fs.Substructure, method: type) -> None:
     exact = la.eigvalsh(*(part.toarray() if sp.issparse(part) else part for part in (component.K, component.M)))

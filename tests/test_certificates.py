@@ -71,6 +71,7 @@ def test_an_unproved_count_is_none() -> None:
     assert counted(pencil, 0.5 * (omega[50] + omega[51]), rounds=0) is None
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("ask", [{"count": 20}, {"band": (0.0, 0.1)}, {"band": (0.02, 0.1), "re": (-0.01, 0.05)}])
 def test_a_large_model_is_counted_and_a_removed_eigenvalue_noticed(ask: dict[str, object],
                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,6 +121,7 @@ def test_the_sign_of_friction_is_seen_by_the_count() -> None:
     assert [found.number for found in numbers] == [in_disc(pencil, radius) for pencil in pencils] == [120, 119]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("rayleigh", [(0.0, 0.0), (0.002, 0.03), (0.0, 2e-3), (0.003, 0.0)])
 def test_proportional_damping_and_a_few_dashpots_need_no_bound_by_factors(rayleigh: tuple[float, float],
                                                                           rng: np.random.Generator) -> None:
@@ -320,6 +322,7 @@ def test_double_modes_of_a_symmetric_structure_are_not_lost(interface: list[int]
     np.testing.assert_allclose(np.sort(out.modes.eigenvalues.imag)[5:], exact, rtol=1e-9)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("share", [1.0, 0.8])  # of the radius that is expected: the second disc is wide enough
 def test_those_nearest_to_0_come_from_a_projection(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """As of a band: no search by PEP, no factor of an unsymmetric matrix."""

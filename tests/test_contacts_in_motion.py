@@ -138,6 +138,7 @@ def _moved(pencil: fs.Pencil, start: Array, end: float) -> Array:
 # limit cycles
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("eps", "period"), [(0.1, 6.2871), (1.0, 6.6632868593)])
 def test_van_der_pol(eps: float, period: float) -> None:
     """The period at ε = 1 is 6.6632868593..., 2π(1 + ε²/16 - 5ε⁴/3072 + ...) for small ε."""

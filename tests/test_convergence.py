@@ -13,7 +13,7 @@ import femsub as fs
 
 
 class Convergence:
-    """The relative errors of ω² fall as h**order, fitted over five grids."""
+    """The relative errors of ω² fall as h**order, fitted over several grids."""
 
     order: ClassVar[int]
     grids: ClassVar[tuple[int, ...]]
@@ -101,19 +101,19 @@ class Solid(Convergence):
 
 
 class TestHexahedron(Solid):
-    kind, order, grids = "hexahedron", 2, (4, 6, 8, 10, 12)
+    kind, order, grids = "hexahedron", 2, (4, 6, 8, 10)
 
 
 class TestTetra(Solid):
-    kind, order, grids = "tetra", 2, (4, 6, 8, 10, 12)
+    kind, order, grids = "tetra", 2, (4, 6, 8, 10)
 
 
 class TestHexahedron20(Solid):
-    kind, order, grids = "hexahedron20", 4, (2, 3, 4, 5, 6)
+    kind, order, grids = "hexahedron20", 4, (2, 3, 4, 5)
 
 
 class TestHexahedron27(Solid):
-    kind, order, grids = "hexahedron27", 4, (2, 3, 4, 5, 6)
+    kind, order, grids = "hexahedron27", 4, (2, 3, 4, 5)
 
 
 @pytest.mark.slow

@@ -63,7 +63,7 @@ def cut(n: int, pieces: int, fixed: bool = True) -> tuple[dict[str, fs.Substruct
     return parts, joints, fs.chain(n, belt=2, damping=0.1, masses=masses, springs=springs, fixed=fixed)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("how", [("full",), ("craig-bampton",), ("craig-chang",), ("full", "craig-chang", "craig-bampton")])
 @pytest.mark.parametrize("fixed", [True, False])
 @pytest.mark.parametrize("pieces", [2, 3, 5, 8])
@@ -116,6 +116,7 @@ def test_a_cross_point_is_one_however_it_is_said(how: tuple[str, ...], arms: int
     assert system.redundant == (len(joints) - arms + 1 if way == "loop" else 0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("how", list(HOW))
 def test_parts_in_any_order_are_one_system(how: str) -> None:
     parts, joints, whole = cut(17, 4)

@@ -100,6 +100,7 @@ def test_no_finite_eigenvalue_is_lost_beside_multipliers(slope: float) -> None:
     assert (distance.min(axis=1) <= dual.error_bar + primal.error_bar.max()).all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", ["two parts", "several parts", "massless", "damped", "belts"])
 def test_dual_and_primal_assembly_at_random(kind: str) -> None:
     from benchmarks.attacks.eigenvalues import dual

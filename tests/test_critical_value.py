@@ -22,7 +22,7 @@ EYE = np.eye(2)
 TWO_MODE = fs.Affine(EYE, None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(10))
 def test_random_models_agree_with_a_dense_scan(seed: int) -> None:
     """Flutter, negative damping, divergence, several losses and regains."""
@@ -345,7 +345,7 @@ def test_an_unsymmetric_mass_is_no_obstacle() -> None:
         fs.critical_value(massless, None, "mu", between=(0.0, 2.0))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("kind", "seed"), [
     ("heavy damping", 2), ("heavy damping", 17), ("undamped", 3), ("belt", 3), ("real pairs", 3),
     ("close crossings", 4), ("close crossings", 17), ("ends", 4), ("doubles", 1), ("units", 3), ("units", 14)])
@@ -368,6 +368,7 @@ def test_no_loss_is_missed_under_heavy_damping(size: float) -> None:
     np.testing.assert_allclose(np.abs(one.shape), [1.0, 0.0], atol=1e-8)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("d", [1e-2, 1e-6, -1e-6])
 def test_a_pair_that_becomes_real_before_one_of_it_passes_zero(d: float) -> None:
     """λ² + dλ + 1 - p: with d < 0 two eigenvalues grow before p = 1 and one after, which is a regain; backwards it is a loss."""

@@ -59,6 +59,7 @@ def test_a_solid_in_parts_is_the_whole(kind: str, into: int) -> None:
     assert np.array_equal(np.sort(np.concatenate(list(cut.cells.values()))), np.arange(len(mesh.cells)))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("into", [2, 5, 8])
 @pytest.mark.parametrize("kind", ["quad", "triangle"])
 def test_a_plate_in_parts_is_the_whole(kind: str, into: int) -> None:
@@ -93,7 +94,7 @@ def test_sets_supports_ports_and_damping_go_to_the_parts_that_have_them() -> Non
         assert part.dofs.nodes.tolist() == whole.dofs.nodes[cut.rows[name]].tolist()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("kind", "into"), [("hexahedron", 2), ("hexahedron", 5), ("hexahedron20", 2), ("quad", 8),
                                             ("triangle", 5)])
 def test_matrices_in_parts_are_the_whole_and_craig_bampton_serves(kind: str, into: int) -> None:

@@ -143,6 +143,7 @@ def test_a_lost_eigenvalue_of_a_dense_pencil_is_noticed(monkeypatch: pytest.Monk
         fs.complex_modes(twins)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place: int,
                                                                            monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,6 +161,7 @@ def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place
             fs.complex_modes(sub, band=(0.0, 0.5))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("ask", [{"band": (0.0, 0.5)}, {"count": 12}])
 def test_a_ghost_does_not_make_up_for_a_missed_pair(ask: dict, monkeypatch: pytest.MonkeyPatch) -> None:
     sub = membrane(16).with_damping(0.01 * membrane(16).K)

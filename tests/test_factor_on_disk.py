@@ -17,7 +17,7 @@ from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.processes import cache, folders
 from femsub.modes import ShiftInvert
 
-SIZE = (40, 30)
+SIZE = (24, 18)
 
 
 @pytest.fixture
@@ -139,6 +139,7 @@ def test_a_factor_makes_room_for_the_count_of_its_modes(what: dict[str, Any], ma
     assert np.allclose(found[0].frequencies, found[1].frequencies, rtol=1e-9, atol=0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", [fs.Herting(5), fs.CraigBampton(5), fs.MacNeal(5), fs.Guyan()], ids=lambda method: method.key)
 def test_reductions_go_on_without_the_factor(method: fs.Method, monkeypatch: pytest.MonkeyPatch) -> None:
     roms = []

@@ -304,6 +304,7 @@ def answers(sub: fs.Substructure, band: tuple[float, float]) -> list[np.ndarray]
         return found
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("make", "band"), [(long_chain, BAND), (plate, (0.0, 1500.0)), (lambda: lattice(9, 8), (0.0, 0.4))])
 def test_no_number_depends_on_it(make: Callable[[], fs.Substructure], band: tuple[float, float],
                                  request: pytest.FixtureRequest) -> None:

@@ -299,7 +299,7 @@ def test_the_belt_sweep_compares_all_models_in_one_panel() -> None:
 # ---- all of a scene's figures
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("name", "keys"), [
     ("chain", 'belts = [1, 2]\nsizes = [3, 5]\nrepeats = 1\n'),
     ("chain-parts", 'n = 12\nparts = [2]\nmodes = [2]\nrepeats = 1\n'),

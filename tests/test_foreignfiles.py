@@ -22,7 +22,7 @@ def written(path: Path, form: str, mesh: fs.Mesh = BRICKS, **options: object) ->
     return path.read_bytes()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("form", "suffix", "options"), [
     ("vtk42", ".vtk", {"binary": True}), ("vtk42", ".vtk", {"binary": False}), ("vtk", ".vtk", {"binary": True}),
     ("vtk", ".vtk", {"binary": False}), ("su2", ".su2", {})])

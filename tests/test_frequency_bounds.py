@@ -41,7 +41,7 @@ def random_parts(seed: int) -> fs.System:
     return fs.couple(*fs.cut(sub, into=int(rng.integers(2, 5))))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("seed", range(40))
 def test_of_random_chains_in_parts(seed: int) -> None:
     system = random_parts(seed)
@@ -171,7 +171,7 @@ def test_modes_that_share_stiffness_with_the_interface_have_no_bound() -> None:
         fs.frequency_bounds(rom, 2)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", attack.KINDS)
 def test_attacks_find_nothing(kind: str, seed: int) -> None:

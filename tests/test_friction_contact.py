@@ -309,7 +309,7 @@ def test_it_is_affine_in_what_it_declares_and_in_nothing_else(way: dict[str, Any
             assert straight == (name in contact.affine) or (name == "speed" and speed is None), name
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("names", "terms"), [
     (["mu", "speed"], (2, 3)), (["stiffness", "mu"], (2, 4)), (["slope", "speed"], (3, 2)), (["pressure", "speed", "mu"], (3, 4)),
     (["stiffness", "mu", "pressure", "slope", "speed"], (3, 5))])

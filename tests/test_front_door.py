@@ -359,7 +359,7 @@ NAMES = sorted(
 )
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) if name == "study" else name for name in NAMES])
 def test_nonsense_is_answered_or_refused(name: str, working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:
     function, right = working[name]

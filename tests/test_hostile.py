@@ -321,6 +321,7 @@ fs.write_matrices({str(folder)!r}, fs.chain(5, belt=2))
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -signal.SIGKILL
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("at", "size"), [(1, 4), (2, 5), (4, 5)])
 def test_a_killed_write_leaves_the_old_model_or_the_new_one(at: int, size: int, tmp_path: Path) -> None:
     """Before the new files are complete the old model is there, then the new one; the next write leaves nothing behind."""

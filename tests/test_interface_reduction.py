@@ -128,6 +128,7 @@ def test_all_interface_modes_are_the_system(key: str, held: bool) -> None:
     assert np.allclose(elastic(rom, 15), elastic(system, 15), rtol=1e-9) and fs.normal_modes(rom, count=1).rigid == rigid
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", PRIMAL)
 def test_frequencies_fall_with_every_mode_and_stay_above(key: str) -> None:
     system = small(key)
@@ -173,6 +174,7 @@ def test_hurtys_interface_counts_what_moves_it_once() -> None:
 # band and tolerance
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", ["craig-bampton", "rubin"])
 @pytest.mark.parametrize("tol", [1e-2, 1e-4])
 def test_a_tolerance_is_met_with_few_modes(key: str, tol: float) -> None:
@@ -186,6 +188,7 @@ def test_a_tolerance_is_met_with_few_modes(key: str, tol: float) -> None:
     assert (elastic(fewer, 8) / true - 1).max() > 0.9 * tol or SHARE * fewer.cutoff <= 1.01 * true[-1]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", ["craig-bampton", "craig-chang"])
 def test_complex_eigenvalues_under_a_belt_are_within_the_tolerance(key: str) -> None:
     system = reduced(key, 8, cells=(16, 8), pieces=(2, 2))
@@ -221,7 +224,7 @@ def test_one_part_of_a_system_is_reduced_by_itself() -> None:
     assert u["p10"].shape == (60, 2) == u["p11"].shape
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("held", [True, False])
 @pytest.mark.parametrize("key", ["craig-bampton", "rubin"])
 def test_parts_that_meet_share_their_shapes(key: str, held: bool) -> None:

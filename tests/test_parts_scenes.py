@@ -65,6 +65,7 @@ def written(folder: Path) -> tuple[fs.Substructure, fs.Substructure]:
     return front, back
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("pieces", [2, 3, 5, 9])
 @pytest.mark.parametrize("belt", [1, 4, 10])
 def test_the_pieces_of_the_chain_are_the_chain(pieces: int, belt: int) -> None:
@@ -406,7 +407,7 @@ def test_figures_of_parts_are_drawn(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "methods-2-parts.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("span", [(0.27, 0.44), (0.9, 4.1), (0.2, 1.1), (0.002, 0.15), (140.0, 160.0)])
 def test_numbers_at_an_axis_do_not_collide(span: tuple[float, float]) -> None:
     """Within a factor of 5, matplotlib set nine numbers of four digits side by side."""

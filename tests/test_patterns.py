@@ -208,6 +208,7 @@ def test_only_single_signs_are_possessive() -> None:
         checked(parser.parse(pattern, flags))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("pattern", [
     rb"\s*(?:%[^\n]*\s+)*x", r",[, \t]*(?=\n|\Z)", r"(\d+\.?\d*|\.\d+)+x", r"""INCLUDE[ \t]*('[^']*'?|[^\n$]*)[^\n]*\n?x""",
     rb"<Data\b([^>]*)>"])

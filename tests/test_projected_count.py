@@ -77,7 +77,7 @@ def count(pencil: fs.Pencil, contour: Contour) -> Count | None:
 
 
 @pytest.mark.sampled(7)  # each kind of damping
-@pytest.mark.parametrize("seed", range(48))
+@pytest.mark.parametrize("seed", range(36))
 def test_a_count_is_never_wrong(seed: int) -> None:
     """Where it is given, it is LAPACK's; and it is given for most. In 300 models of the same kind none was wrong."""
     pencil, rng = random_pencil(seed, FEW), np.random.default_rng(seed)
@@ -91,8 +91,8 @@ def test_a_count_is_never_wrong(seed: int) -> None:
             assert found is not None and found.margin < 1
 
 
-@pytest.mark.sampled(7)
-@pytest.mark.parametrize("seed", range(48))
+@pytest.mark.sampled(13)
+@pytest.mark.parametrize("seed", range(36))
 def test_one_projection_counts_for_all_values_of_a_parameter(seed: int) -> None:
     """P(s) + Σ θ_q s^q T_q with stiffness, damping, mass and a contact that change: where a count is given, it is LAPACK's."""
     pencil, rng = random_pencil(seed, FEW), np.random.default_rng(seed)
@@ -351,6 +351,7 @@ def test_modes_need_no_solve_for_their_inertia(seed: int) -> None:
     assert projection.size and la.norm(known - exact) < 1e-9 * la.norm(exact)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("seed", "size"), [(7, 1.0), (3, 1.0), (10, 1.0), (10, 1e-80), (10, 1e80)])
 def test_images_that_grow_are_those_of_all_columns(seed: int, size: float) -> None:
     """A contact acts on few rows, of which alone its images are made. They are right in any units."""

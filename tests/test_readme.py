@@ -64,7 +64,7 @@ def test_sentences_are_short() -> None:
                 for sentence in re.split(r"(?<=[.?!])\**\s", paragraph) if len(sentence.split()) > 30]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("page", [pytest.param(page, marks=slow(page)) for page, text in TEXTS.items() if blocks_of(text)])
 def test_a_page_prints_what_it_shows(page: str, tmp_path: Path) -> None:
     found, printed, fault = run(TEXTS[page], tmp_path)

@@ -183,6 +183,7 @@ def numbers(family: Callable[..., fs.Substructure], change: fs.MaterialChange, s
     return complex(found.first[0, 0]), difference
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("parameter", ["E", "nu", "rho", "loss"])
 def test_material_of_a_group_of_a_solid(parameter: str) -> None:
     mesh = fs.block((0.1, 0.02, 0.03), (2, 1, 1))

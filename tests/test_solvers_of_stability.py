@@ -260,6 +260,7 @@ def test_a_band_whose_edges_are_not_followed_is_not_checked(monkeypatch: pytest.
     assert found.evidence == "not checked" and found.open == (between,)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", attack.PASSING)
 def test_modes_that_pass_through_the_band_at_any_speed_are_found(kind: str) -> None:
     """A few seeds of benchmarks/attacks/critical_values.py: two that were missed, or were open, at the samples alone.
@@ -275,7 +276,7 @@ def test_modes_that_pass_through_the_band_are_found_without_a_sweep() -> None:
     assert {attack.attacked("passing", seed) for seed in (13, 28)} == {"confirmed"}
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", [11, 69, 122])
 def test_growing_modes_that_pass_an_edge_far_from_where_a_chord_places_them_are_counted(seed: int) -> None:
     """On a curve, several at speeds of their own: Newton's method from the chord's place found another one, or none."""

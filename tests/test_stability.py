@@ -44,7 +44,7 @@ def test_errors_with_the_belt_under_m2() -> None:
     assert abs(hcb / full - 1) == pytest.approx(9e-7, abs=1e-7) and abs(cc / full - 1) < 1e-8
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("belt", range(1, 11))
 @pytest.mark.parametrize("n", [10, 33])
 def test_the_two_ways_agree_and_the_pencil_confirms(belt: int, n: int) -> None:
@@ -144,6 +144,7 @@ def test_a_rom_s_own_high_modes_do_not_decide() -> None:
     assert fs.critical_slope(rom).band == (0.0, rom.cutoff)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(3))
 def test_lattice_with_proportional_damping_against_brute_force(seed: int) -> None:
     plain = lattice(5, 4, held=True, seed=seed)

@@ -45,6 +45,7 @@ def grown(model: fs.Affine, at: Mapping[str, float], band: tuple[float, float] |
     return sum(modes.eigenvalues[i].imag >= 0 for i in modes.unstable)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("radius", [0.35, 0.12, 0.045, 0.02])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_an_island_is_a_closed_line_also_within_a_cell(radius: float, sign: float) -> None:
@@ -100,6 +101,7 @@ def test_modes_that_change_places_between_two_points_have_a_border_each(strip: f
         assert line.points[:, 0] == pytest.approx(x, abs=1e-6) and line.omega == pytest.approx(omega, abs=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("points", [(31, 21), (30, 20)])
 def test_undamped_modes_grow_where_they_coalesce(points: tuple[int, int]) -> None:
     """K = [[1, y], [-y, 2 + x]] has complex λ² where 2|y| > |1 + x|. Some points of the first grid are on that border."""

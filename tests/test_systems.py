@@ -94,6 +94,7 @@ def test_forces_in_joints_balance_each_other_and_hold_the_parts() -> None:
                                atol=ROUNDING * largest)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", ["craig-bampton", "craig-chang", "rubin", "dual-craig-bampton", "herting"])
 def test_forces_become_those_of_the_full_system(key: str) -> None:
     """With more modes the error falls; with all of them it is rounding."""

@@ -64,6 +64,7 @@ def test_without_an_eps_the_cycle_is_the_same_and_sticking_unknown() -> None:
         fs.branch(SUB, belt(), "slope")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("law", ["rational", "bare"])
 def test_scenes_take_it_by_its_key(law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shared = f'law = "{law}"\neps = 0.02\nspeed = 0.2\nn = 6\ndamping = 0.1\nmethods = ["craig-bampton"]\n'

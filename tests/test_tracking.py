@@ -88,7 +88,7 @@ def test_a_mode_that_looks_rigid_beside_its_coalescence_breaks_no_branch() -> No
         assert meetings("symmetric", 2) == "certified"
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(13)
 @pytest.mark.parametrize("rigid", [0, 1])
 @pytest.mark.parametrize("values", [[-1, 0, 1], [-1, 0.3, 1], [0, 0.5, 1], [-1, -0.5, 0], [-1, -0.5, 0, 0.5, 1]])
 @pytest.mark.parametrize("damping", [0.0, 0.1])
@@ -207,7 +207,7 @@ def test_real_eigenvalues_have_branches_of_their_own() -> None:
     assert found.eigenvalues.shape[1] == 4 and np.abs(found.eigenvalues[-1].imag).max() == 0.0
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(10))
 def test_random_models_agree_with_fine_steps(seed: int) -> None:
     model = random_model(seed)
@@ -390,6 +390,7 @@ def test_a_branch_turns_colour_where_stability_is_lost_and_regained(points: int)
     assert texts == [f"disc: stability lost at {lost.value:.4g}", f"disc: stability regained at {regained.value:.4g}"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "exact"), [("two-mode", [0.75, 0.7575]), ("ziegler", [3.5 - np.sqrt(2), 41 / 28 + 5e-5])])
 def test_scenes_tell_the_critical_values_beside_the_closed_forms(tmp_path: Path, name: str, exact: list[float]) -> None:
     (tmp_path / "a.toml").write_text(f'scene = "{name}"\npoints = 7\n', encoding="utf-8")

@@ -73,6 +73,7 @@ def test_two_integrators_agree_and_halving_the_tolerance_changes_nothing() -> No
     assert usual[1] == pytest.approx(0.7227, rel=5e-3)  # the paper's CC
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("kind", "frequency"), [("HCB", 0.7245), ("CC", 0.7227)])
 def test_reduced_models_go_to_the_cycles_of_fig_5(kind: str, frequency: float) -> None:
     run = fs.transient(paper(kind), BELT, (0, 3000), record_from=2000, step=0.2)

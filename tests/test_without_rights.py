@@ -124,7 +124,7 @@ def test_closed_streams_lose_nothing(closed: str, tmp_path: Path) -> None:
     assert run(f'cd {tmp_path}; "$PYTHON" -m femsub run nothing.toml {closed}').returncode == 2
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("command", ["scenes", "keys chain", "new brake", "run a.toml", "schema"])
 def test_a_terminal_without_greek_letters(command: str, tmp_path: Path) -> None:
     """It was a UnicodeEncodeError."""
