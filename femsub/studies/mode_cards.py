@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ import scipy.sparse as sp
 
 from femsub.checks import POSITION, Array, Matrix, instance, whole_number, whole_numbers, word
 from femsub.errors import InputError
-from femsub.model import Pencil, ReducedSubstructure, Substructure, contacts_at, contacts_of, fields_of, small_matrices
+from femsub.model import MOTIONS, TRANSLATIONS, Pencil, ReducedSubstructure, Substructure, contacts_at, contacts_of, fields_of, small_matrices
 from femsub.modes import ComplexModes, ModeName, ShiftInvert, all_modes, modes_below, named, parts_energies
 from femsub.studies.tables import Column, Table, column, fitted
 
@@ -42,12 +43,16 @@ class RealMode(NamedTuple):
     phase : float
         The angle of φᵀMx beside that of the first real mode, in degrees, -180 to 180.
     name : ModeName
+    mass_shares : mapping of str to float
+        Its effective mass over the whole, in each direction of translation: how a shaker could drive it. Empty where the model
+        does not know how it moves as a rigid body.
     """
 
     frequency: float
     share: float
     phase: float
     name: ModeName
+    mass_shares: Mapping[str, float] = MappingProxyType({})
 
 
 class ContactWork(NamedTuple):
@@ -196,10 +201,13 @@ class ModeCard:
     def tables(self) -> tuple[Table, ...]:
         """The real modes with their phases, the parts, and what adds up to Re λ."""
         rows = [{"name": str(one.name), "omega": one.frequency, "share": one.share, "phase": round(one.phase, 3) + 0.0}
-                for one in self.real_modes]
+                | ({"mass": max(one.mass_shares.values()), "way": max(one.mass_shares, key=one.mass_shares.__getitem__)}
+                   if one.mass_shares else {}) for one in self.real_modes]
+        shaken = [Column("mass", "mass", ".1%", "", "the largest effective mass of a translation, over the whole"),
+                  Column("way", "in", "s", "", "direction of this mass")] if self.real_modes[0].mass_shares else []
         made = Table("real-modes", rows, [
             Column("name", "real mode", "s"), column("omega", "ω", ".6g"), Column("share", "share", ".1%"),
-            Column("phase", "phase [°]", ".0f", "°", "of its coordinate, beside the first")], "Real modes")
+            Column("phase", "phase [°]", ".0f", "°", "of its coordinate, beside the first"), *shaken], "Real modes")
         parts = [{"part": key, "kinetic": share, "elastic": self.strain[key], "phase": round(self.phases[key], 3) + 0.0}
                  for key, share in self.energy.items()]
         forces = [{"force": key, "growth": part, "work": self.work[key]} for key, part in self.growth.items()]
@@ -319,6 +327,11 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     order = np.argsort(-shares, axis=0, kind="stable")[:whole_number("most", most, least=2)]
     shown, plain = np.unique(order), Substructure(M, K0, name="model") if isinstance(model, Pencil) else model
     names = dict(zip(shown.tolist(), named(plain, real.shapes[:, shown], full), strict=True))
+    inertia, masses = plain.rigid_inertia(), dict[int, Mapping[str, float]]()
+    if inertia is not None:
+        ways, of_way = [at for at in inertia.acting if MOTIONS[at] in TRANSLATIONS], inertia.mass.diagonal()
+        masses = {j: {MOTIONS[at]: float((phi @ inertia.forces[:, at])**2 / of_way[at]) for at in ways}
+                  for j, phi in zip(shown.tolist(), real.shapes[:, shown].T, strict=True)}
     kinetic_of, strain_of, square_of = parts_energies(plain, X, full)
     forms = named(plain, X, full)
     acting = [Acting.of(plain, one, parameter) for one in given]
@@ -326,7 +339,7 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     for at, (value, x) in enumerate(zip(values[chosen], X.T, strict=True)):
         a = A[:, at]
         angles = np.degrees(np.angle(a * np.conj(a[order[0, at]])))
-        made = tuple(RealMode(float(real.frequencies[j]), float(shares[j, at]), float(angles[j]), names[j])
+        made = tuple(RealMode(float(real.frequencies[j]), float(shares[j, at]), float(angles[j]), names[j], masses.get(j, {}))
                      for j in order[:, at].tolist())
 
         # the balance of power
