@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import femsub as fs
+from femsub.app.figure_style import draw
+from femsub.studies import changes_chart
 
 BRICKS = fs.block((0.2, 0.02, 0.03), (6, 1, 1))
 BAR = fs.Mesh(BRICKS.points, BRICKS.cells, BRICKS.kind, sets=dict(BRICKS.sets), groups={"root": range(4), "tip": [4, 5]})
@@ -73,6 +75,23 @@ def test_candidates_are_ordered_by_solving_them() -> None:
     assert all(np.isclose(one.growth, growth[one.name]) for one in found.tried)
     assert found.best.reached == (found.best.growth <= 0) and len(found.ranking) == 5
     assert all(one.name in str(found) for one in found.tried) and "goes from" in found.ranking[0]
+
+
+@pytest.mark.parametrize("band", [(0.0, 1.2), (0.2, 0.3)], ids=["modes", "none in the band"])
+def test_the_chart_has_a_bar_from_now_to_the_growth_of_each_candidate(band: tuple[float, float]) -> None:
+    sub, belt = fs.chain(10, belt=2), fs.Belt(slope=-0.05)
+    found = fs.what_helps(sub, belt, [fs.AddedDamper([4], 0.2), fs.AddedMass([4], 1.0)], band=band, full=sub)
+    chart = changes_chart("helps", found, "Title")
+    series = chart.panels[0].series
+    bars = [one for one in series if one.line]
+    for rank, (bar, one) in enumerate(zip(bars, found.tried, strict=True), 1):
+        assert list(bar.y) == [rank, rank]
+        assert np.array_equal(bar.x, [found.before.growth, one.growth]) or not np.isfinite(one.growth)
+    assert [label for one in series for label in one.labels] == [one.name for one in found.tried]
+    assert [list(one.x) for one in series if one.name == "full model"] == [[found.best.growth]] or band[0]
+    assert {level.at for level in chart.panels[0].levels} == {found.before.growth, found.target}
+    draw(chart)
+    chart.plain()
 
 
 def test_a_model_of_a_belt_is_confirmed_in_the_full_one() -> None:
