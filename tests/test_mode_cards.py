@@ -230,7 +230,7 @@ def test_pairs_of_a_disc_are_counted_where_pads_split_and_mix_them() -> None:
     assert places_in_families(braked) == [0, 1, 0, 2, 0, 0, 3, 3, 0, 1, 4, 5, 1]
     hat = [disc(1), disc(1), disc(2), disc(2), disc(2), disc(2), disc(3)]  # of a hat, which repeats the counts
     assert places_in_families(hat) == [1, 1, 2, 2, 0, 0, 0]
-    assert [ordinal(k) for k in (1, 2, 3, 4, 11, 12, 13, 21, 111)] == "1st 2nd 3rd 4th 11th 12th 13th 21st 111th".split()
+    assert " ".join(map(ordinal, (1, 2, 3, 4, 11, 12, 13, 21, 111))) == "1st 2nd 3rd 4th 11th 12th 13th 21st 111th"
 
 
 def test_a_sentence_names_the_place_of_a_pair() -> None:

@@ -9,10 +9,10 @@ import numpy as np
 from femsub.studies.charts import Chart, Level, Panel, Series, finite
 
 if TYPE_CHECKING:
-    from femsub.stability import WhatHelps
+    from femsub.stability.changes_tried import WhatHelps
 
-NOTE = ("Each bar goes from the largest growth rate of the model as it is to that with the change. Left of the target the change is "
-        "enough. The slope alone misleads where modes meet, or where another mode begins to grow.")
+NOTE = ("Each bar goes from the largest growth rate of the model as it is to that with the change. Left of the target the change "
+        "is enough. The slope alone misleads where modes meet, or where another mode begins to grow.")
 VERDICTS = {True: ("all modes decay", "#2166ac"), False: ("a mode grows", "#b2182b"), None: ("undecided", "0.5")}
 
 
@@ -31,9 +31,10 @@ def changes_chart(name: str, found: WhatHelps, title: str) -> Chart:
                  Series(word, ends[1:], [rank], marker="o", colour=colour, size=7.0, hover={"candidate": [one.name]}),
                  Series("", [middle], [rank - 0.3], marker="", colour="black", legend=False, labels=[one.name])]
     bars.append(Series("by slope", finite([one.by_slope for one in tried]), ranks, marker="|", colour="black", size=11.0))
-    full = [(one.in_full.growth, rank) for rank, one in zip(ranks, tried, strict=True) if one.in_full is not None]
+    full = {rank: one.in_full.growth for rank, one in zip(ranks, tried, strict=True) if one.in_full is not None}
     if full:
-        bars.append(Series("full model", *zip(*full, strict=True), marker="D", colour="black", hollow=True, size=8.0))
+        bars.append(Series("full model", finite(list(full.values())), list(full), marker="D", colour="black", hollow=True,
+                           size=8.0))
     levels = [Level(now, "as it is", line="dot"), Level(found.target, "target")]
     panel = Panel(bars, "largest Re λ  [1/time]", "rank of the candidate", levels=levels,
                   limits={"y": (len(tried) + 0.5, 0.4)})

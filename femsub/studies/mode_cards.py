@@ -22,7 +22,17 @@ import scipy.sparse as sp
 
 from femsub.checks import POSITION, Array, Matrix, instance, whole_number, whole_numbers, word
 from femsub.errors import InputError
-from femsub.model import MOTIONS, TRANSLATIONS, Pencil, ReducedSubstructure, Substructure, contacts_at, contacts_of, fields_of, small_matrices
+from femsub.model import (
+    MOTIONS,
+    TRANSLATIONS,
+    Pencil,
+    ReducedSubstructure,
+    Substructure,
+    contacts_at,
+    contacts_of,
+    fields_of,
+    small_matrices,
+)
 from femsub.modes import ComplexModes, ModeName, ShiftInvert, all_modes, modes_below, named, parts_energies
 from femsub.studies.tables import Column, Table, column, fitted
 
@@ -472,8 +482,8 @@ def hertz(omega: float) -> str:
 def places_in_families(names: Sequence[ModeName]) -> list[int]:
     """`RealMode.place` of all modes from the lowest on: the place of its counts among those of this motion.
 
-    What is attached to a disc may split or mix a pair, so that counts have a place and modes have not. A third clear mode with the
-    same counts belongs to a pair of its own, as of a hat: from there on places are not known, 0.
+    What is attached to a disc may split or mix a pair, so that counts have a place and modes have not. A third clear mode with
+    the same counts belongs to a pair of its own, as of a hat: from there on places are not known, 0.
     """
     seen, places, found = Counter[tuple[Any, ...]](), dict[tuple[Any, ...], dict[Any, int]](), list[int]()
     for name in names:
