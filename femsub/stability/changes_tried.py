@@ -140,16 +140,19 @@ class _Joined:
         self.columns = {key: np.arange(*ends[at:at + 2]) for at, key in enumerate(loads)}
         self.held = np.zeros((W.shape[1],) * 2) if self.contact is None else W.T @ (self.contact @ W)
 
-        # Z, with the places of each L in it, and ZᵀK⁻¹Z
         self.moved = {key: np.asarray(term.U @ W) for key, term in self.terms.items()}
-        Z, start = [np.asarray(part.sub.K @ W), np.asarray(full.M @ W)], 2 * W.shape[1]
+        self.K, self.M, self.responses = part.sub.K, full.M, partial(model.wider.responses, full)
+        self.energy: Array | None = None
+        if len(candidates) == 1:  # it has fewer modes than Z has columns
+            return
+        # ZᵀK⁻¹Z, and the places of each L in Z
+        Z, start = [np.asarray(self.K @ W), np.asarray(self.M @ W)], 2 * W.shape[1]
         self.places: dict[_Key, Array] = {}
         for key, term in self.terms.items():
             Z.append(_dense(term.U).T if self.few[key] else np.asarray(term.U.T @ (term.A @ self.moved[key])))
             self.places[key] = np.arange(start, start := start + Z[-1].shape[1])
-        self.forces, self.responses = np.hstack(Z), partial(model.wider.responses, full)
-        # one candidate has fewer modes than Z has columns
-        self.energy = self.forces.T @ self.responses(self.forces) if len(candidates) > 1 else None
+        forces = np.hstack(Z)
+        self.energy = forces.T @ self.responses(forces)
 
     def _group(self, key: _Key) -> Any:
         """Terms of few motions that are the same have responses in common."""
@@ -192,23 +195,27 @@ class _Joined:
         modes = all_modes(wide.K, wide.M, carried=wide.rigid_motion) if self.contact is None else \
             all_modes(wide.K + block(self.held), wide.M)
         moving = (modes.eigenvalues > EPS**0.5 * limit) & (modes.eigenvalues <= limit)
-        square, w = modes.eigenvalues[moving], self.parts["V"].shape[1]
-        x = T @ modes.shapes[:, moving]
-        rows, y = [at, w + at], [x, -square * x]
-        for key, term, weight in acting:
-            if key[0] in "MK":
-                rows.append(self.places[key] if self.few[key] else self.places[key][at])
-                y.append(weight * (-square if key[0] == "M" else 1.0) * (
-                    term.A @ (self.moved[key][:, at] @ x) if self.few[key] else x))
-        places, several = np.concatenate(rows), np.vstack(y)
-        if self.energy is None:
-            r = self.forces[:, places] @ several
-            energy = np.einsum("ij,ij->j", r, self.responses(r))
-        else:
-            energy = np.einsum("ij,ij->j", several, self.energy[np.ix_(places, places)] @ several)
+        square = modes.eigenvalues[moving]
+        energy = self._residual_energy(acting, square, at, T @ modes.shapes[:, moving])
         error = np.abs(energy) / (2 * square) / (1 - np.minimum(square / model.cutoff**2, SHARE**2))
         wide._set(change_error=float(error.max(initial=0.0)))
         return wide
+
+    def _residual_energy(self, acting: Sequence[_Acting], square: Array, at: Array, x: Array) -> Array:
+        """rᵀK⁻¹r of modes ω² (k,) with the columns `at` of W times x, (len(at), k)."""
+        weights = [weight * (-square if key[0] == "M" else 1.0) * (key[0] in "MK") for key, _, weight in acting]
+        if self.energy is None:
+            u = self.parts["V"][:, at] @ x
+            r = self.K @ u - (self.M @ u) * square
+            for (key, term, _), weight in zip(acting, weights, strict=True):
+                r += term.U.T @ (term.A @ (self.moved[key][:, at] @ x)) * weight
+            return np.asarray(np.einsum("ij,ij->j", r, self.responses(r)))
+        rows, y = [at, len(self.parts["V"].T) + at], [x, -square * x]
+        for (key, term, _), weight in zip(acting, weights, strict=True):
+            rows.append(self.places[key] if self.few[key] else self.places[key][at])
+            y.append(weight * (term.A @ (self.moved[key][:, at] @ x) if self.few[key] else x))
+        places, several = np.concatenate(rows), np.vstack(y)
+        return np.asarray(np.einsum("ij,ij->j", several, self.energy[np.ix_(places, places)] @ several))
 
 
 def _bytes(A: Matrix) -> tuple[Any, ...]:
