@@ -12,7 +12,6 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
-from femsub.algebra import BLOCK, SINGULAR
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, whole_number, word
 from femsub.errors import InputError
 from femsub.model import SHARE, Change, ChangeTerm, ReducedSubstructure, Substructure, added, as_changes, usable_band
@@ -90,7 +89,7 @@ def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], 
         acting = [_Acting((term.matrix, _bytes(term.U), _bytes(term.A)), term, float(term.factor(change.amount)))
                   for change in changes for term in change.terms(full)]
         more = sizes | {key: term.U.shape[0] if term.U.shape[0] <= few else model.size for key, term, _ in acting}
-        if batch and sum(more.values()) > max(model.size, BLOCK):  # a joined basis of about twice as many columns
+        if batch and sum(more.values()) > model.size:  # a joined basis of up to twice as many columns
             joined = _Joined(model, full, batch, few)
             yield from map(joined.changed, batch)
             batch, more = [], {key: more[key] for key, *_ in acting}
@@ -168,7 +167,7 @@ class _Joined:
         T = np.eye(len(at))
         if len(groups) > 1:
             size, turn = np.linalg.eigh(self.parts["M"][np.ix_(new, new)])
-            kept = size > SINGULAR
+            kept = size > EPS**0.75 * size.max(initial=0.0)
             T = block_diag(np.eye(model.size), turn[:, kept] / np.sqrt(size[kept]))
         plus: dict[str, Array] = {}
         for key, term, weight in acting:

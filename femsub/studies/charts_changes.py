@@ -9,7 +9,7 @@ import numpy as np
 from femsub.studies.charts import Chart, Level, Panel, Series, finite
 
 if TYPE_CHECKING:
-    from femsub.stability.changes_tried import WhatHelps
+    from femsub.stability import WhatHelps
 
 NOTE = ("Each bar goes from the largest growth rate of the model as it is to that with the change. Left of the target the change "
         "is enough. The slope alone misleads where modes meet, or where another mode begins to grow.")
