@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import mpmath as mp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from scipy import optimize
 
 import femsub as fs
@@ -121,6 +122,23 @@ def test_left_vectors_of_lightly_damped_modes_need_no_complex_factor(monkeypatch
     assert made  # the count sees them
     assert (np.abs(light.first - whole.first) <= light.error_bar + whole.error_bar).all()
     assert (light.error_bar <= 1e-6 * np.abs(light.first).max(axis=0)).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_bars_hold_where_a_mode_hardly_moves(seed: int) -> None:
+    """Springs to the ground at random make modes local: far from them other modes than the nearest carry the error."""
+    rng, count = np.random.default_rng(seed), 60
+    chain, ports = fs.chain(count, damping=0), {"n": np.eye(count)[19], "t": np.eye(count)[44]}
+    K = chain.K + sp.diags_array(2 * rng.random(count))
+    sub = fs.Substructure(chain.M, K, 1e-6 * K, ports=ports)
+    rubbing = fs.LinearContact(("n", "t"), stiffness=[[0.5, 0.1], [-0.2, 0.0]], damping=[[0.0, 0.02], [0.0, 0.01]])
+    modes, changes = fs.complex_modes(sub, rubbing, count=12), [fs.AddedMass([k]) for k in range(count)]
+    assert modes.left is not None
+    rough = replace(modes, left=modes.left + 1e-7 * rng.standard_normal(modes.left.shape))
+    light = fs.sensitivities(sub, rubbing, rough, changes, second=False)
+    whole = fs.sensitivities(sub, rubbing, modes, changes, second=True)
+    assert np.abs(light.first).min() < 1e-9 * np.abs(light.first).max()
+    assert (np.abs(light.first - whole.first) <= light.error_bar + whole.error_bar).all()
 
 
 def test_a_contact_makes_its_matrices_once_for_all_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -385,7 +385,7 @@ class _Simple(NamedTuple):
 
 class _Work(NamedTuple):
     """Of one eigenpair: P_j x and P_jᴴy, (n, q), or their products YᴴP_j x and XᴴP_jᴴy with some vectors; yᴴP_j x, yᴴP'_j x, the
-    rounding in the former, and yᴴP_jk x.
+    rounding in the former, yᴴP_jk x, and ‖P_j x‖₁ and ‖P_jᴴy‖₁.
     """
 
     pushed: Array
@@ -394,13 +394,14 @@ class _Work(NamedTuple):
     turned: Array
     size: Array
     curves: Array
+    sums: Array
 
     @classmethod
     def of(cls, known: _Parameters, value: complex, x: Array, y: Array, onto: tuple[Array, Array] | None = None) -> _Work:
         q = len(known.names)
         F, L = np.zeros((2, len(x) if onto is None else onto[0].shape[1], q), dtype=complex)
         work, turned = np.zeros((2, q), dtype=complex)
-        size, curves = np.zeros(q), np.zeros((q, q), dtype=complex)
+        size, sums, curves = np.zeros(q), np.zeros((2, q)), np.zeros((q, q), dtype=complex)
         several = np.column_stack([x, y] if onto is None else [x, y, *onto])
         r = 0 if onto is None else onto[0].shape[1]
         for piece, motions in zip(known.pieces, _motions(known.pieces, several), strict=True):
@@ -410,8 +411,11 @@ class _Work(NamedTuple):
             rounding = abs(weight) * float(np.abs(here) @ (abs(piece.A) @ np.abs(there)))
             pushed, pulled = (piece.back(f), piece.back(g)) if onto is None else \
                 (motions[:, 2:2 + r].conj().T @ f, motions[:, 2 + r:].conj().T @ g)
+            ones = 1.0 if piece.U is None else np.asarray(abs(piece.U).sum(axis=1))
+            lengths = abs(weight) * np.array([np.sum(ones * np.abs(f)), np.sum(ones * np.abs(g))])
             for j in np.flatnonzero(piece.jet.first):
                 theta = piece.jet.first[j]
+                sums[:, j] += abs(theta) * lengths
                 F[:, j] += theta * weight * pushed
                 L[:, j] += theta * np.conj(weight) * pulled
                 work[j] += theta * weight * product
@@ -419,7 +423,7 @@ class _Work(NamedTuple):
                 size[j] += abs(theta) * rounding
             if piece.jet.second.any():
                 curves += piece.jet.second * weight * product
-        return cls(F, L, work, turned, size, curves)
+        return cls(F, L, work, turned, size, curves, sums)
 
 
 def _motions(pieces: list[_Piece], X: Array) -> Iterator[Array]:
@@ -468,7 +472,8 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
     """The derivatives of one λ of a sparse pencil, whose left vector is known roughly, by one real factor; None where it fails.
 
     The bar sums up errors of the vectors in the directions of the `nearest` modes and their conjugates, and is doubled for the
-    others: P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i) y_iᴴP'x_i).
+    others: P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i) y_iᴴP'x_i). Those may move where the nearest do not. So each entry of x and y is taken
+    to have an error as large as the largest entry of that sum, too.
     """
     value, x = complex(modes.eigenvalues[k]), modes.shapes[:, k]
     if modes.left is None or not value.imag:
@@ -494,7 +499,9 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
     doubt = float(np.abs(y) @ of_x) / abs(rate)
     mass = np.vdot(y, pencil.M @ x)
     with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.abs(L).T @ (np.abs(Y).T @ of_x / rates) + np.abs(F).T @ (np.abs(X).T @ of_y / rates)
+        in_x, in_y = np.abs(Y).T @ of_x / rates, np.abs(X).T @ of_y / rates
+        spread = np.abs(L).T @ in_x + np.abs(F).T @ in_y
+        spread += found.sums[0] * (np.abs(Y).max(axis=0) @ in_y) + found.sums[1] * (np.abs(X).max(axis=0) @ in_x)
     bar = (2 * spread + np.abs(found.turned + 2 * mass * first) * doubt
            + 4 * EPS * (found.size + np.abs(first) * sizes.rates(value, x, y))) / abs(rate)
     q = len(first)
