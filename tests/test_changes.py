@@ -8,8 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import splu
 
 import femsub as fs
+from femsub.app.figure_style import draw
+from femsub.reduction.wider import Wider
+from femsub.stability.changes_tried import _each_modified
+from femsub.studies import changes_chart
 
 BRICKS = fs.block((0.2, 0.02, 0.03), (6, 1, 1))
 BAR = fs.Mesh(BRICKS.points, BRICKS.cells, BRICKS.kind, sets=dict(BRICKS.sets), groups={"root": range(4), "tip": [4, 5]})
@@ -75,6 +80,23 @@ def test_candidates_are_ordered_by_solving_them() -> None:
     assert all(one.name in str(found) for one in found.tried) and "goes from" in found.ranking[0]
 
 
+@pytest.mark.parametrize("band", [(0.0, 1.2), (0.2, 0.3)], ids=["modes", "none in the band"])
+def test_the_chart_has_a_bar_from_now_to_the_growth_of_each_candidate(band: tuple[float, float]) -> None:
+    sub, belt = fs.chain(10, belt=2), fs.Belt(slope=-0.05)
+    found = fs.what_helps(sub, belt, [fs.AddedDamper([4], 0.2), fs.AddedMass([4], 1.0)], band=band, full=sub)
+    chart = changes_chart("helps", found, "Title")
+    series = chart.panels[0].series
+    bars = [one for one in series if one.line]
+    for rank, (bar, one) in enumerate(zip(bars, found.tried, strict=True), 1):
+        assert list(bar.y) == [rank, rank]
+        assert np.array_equal(bar.x, [found.before.growth, one.growth]) or not np.isfinite(one.growth)
+    assert [label for one in series for label in one.labels] == [one.name for one in found.tried]
+    assert [list(one.x) for one in series if one.name == "full model"] == [[found.best.growth]] or band[0]
+    assert {level.at for level in chart.panels[0].levels} == {found.before.growth, found.target}
+    draw(chart)
+    chart.plain()
+
+
 def test_a_model_of_a_belt_is_confirmed_in_the_full_one() -> None:
     full, belt = fs.chain(60, belt=20), fs.Belt(slope=-0.02)
     rom = fs.reduce(full, fs.CraigBampton(12), ports=True)
@@ -82,6 +104,50 @@ def test_a_model_of_a_belt_is_confirmed_in_the_full_one() -> None:
     best = found.best
     assert best.in_full is not None and abs(best.in_full.growth - best.growth) < 0.05 * abs(found.before.growth)
     assert found.tried[1].in_full is None
+
+
+def test_candidates_tried_together_are_as_each_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One basis has the static responses of all, and the full model is solved once for them, whatever their number."""
+    solves, responses = list[int](), Wider.responses
+    monkeypatch.setattr(Wider, "responses", lambda self, sub, loads: solves.append(1) or responses(self, sub, loads))
+    full = fs.solid(BAR, {"root": STEEL, "tip": SOFT}, supports=["left"], interface=["right"], rayleigh=(5.0, 1e-7))
+    rom = fs.reduce(full, fs.Rubin(8))
+    softer = fs.MaterialChange.solid(BAR, SOFT, "E", -1e9, cells="tip", rayleigh=(5.0, 1e-7))
+    candidates = [[fs.AddedMass([180, 181], 0.01)], [fs.AddedSpring([60, 61], 1e6)],
+                  # responses in common, and others that depend on each other
+                  [fs.AddedMass([180, 181], 0.02), fs.AddedSpring([180, 181], 1e5), fs.AddedDamper([60], 10.0)],
+                  [fs.AddedMass([60, 61, 64], 0.01), fs.AddedSpring([60, 61], 2e5)]]
+    with_material = [[softer], [fs.AddedMass([60], 0.01), softer]]
+    alone = [fs.modified(rom, changes) for changes in candidates + with_material]
+    before = len(solves)
+    together = list(_each_modified(rom, candidates))
+    assert len(solves) - before == 2
+    for one, other, changes in zip([*together, *_each_modified(rom, with_material)], alone, candidates + with_material,
+                                   strict=True):
+        # the error by its definition, rᵀK⁻¹r / 2ω² (1 - ω²/ω_c²)⁻¹ with r of the changed full model
+        whole, limit = fs.modified(full, changes), 0.7 * rom.cutoff
+        modes = fs.normal_modes(one, band=(0.0, limit))
+        x, square = one.V @ modes.shapes, modes.eigenvalues
+        r = whole.K @ x - (whole.M @ x) * square
+        error = np.einsum("ij,ij->j", r, splu(full.K.tocsc()).solve(r)) / (2 * square) / (1 - square / rom.cutoff**2)
+        assert np.isclose(one.change_error, error.max(), rtol=1e-3, atol=1e-11)
+        assert one.size == other.size and one.kinds == other.kinds
+        now, then = (fs.normal_modes(part, count=6).frequencies for part in (one, other))
+        assert np.allclose(now, then, rtol=1e-9)
+        assert np.isclose(one.change_error, other.change_error, rtol=1e-6, atol=1e-11)
+        pair = fs.complex_modes(one).eigenvalues, fs.complex_modes(other).eigenvalues
+        assert np.allclose(*(np.sort(values[np.abs(values) < 0.5 * rom.cutoff].real) for values in pair), rtol=1e-6, atol=1e-6)
+    del solves[:]
+    dampers = {f"{k}": fs.AddedDamper([60, 61], 10.0 * k) for k in range(1, 8)}
+    found = fs.what_helps(rom, None, dampers, band=(0.0, 0.5 * rom.cutoff))
+    assert len(found.tried) == 7 and len(solves) == 2
+
+
+def test_slopes_do_not_depend_on_how_many_are_computed_together() -> None:
+    sub, belt = fs.chain(10, belt=2), fs.Belt(slope=-0.05)
+    candidates = [fs.AddedDamper([k], 0.02) for k in range(5)]
+    one, other = (fs.what_helps(sub, belt, candidates, band=(0.0, 1.2), at_once=count) for count in (2, 100))
+    assert np.allclose([change.by_slope for change in one.tried], [change.by_slope for change in other.tried], rtol=1e-12)
 
 
 def test_what_has_no_place_is_refused() -> None:

@@ -113,3 +113,31 @@ def test_an_audit_says_what_share_of_the_mass_the_modes_move() -> None:
     said = {one.what: one.said for one in fs.audit(rom).findings}["mass that the modes move"]
     share = fs.effective_masses(rom).shares.sum(axis=0)
     assert f"{share[0]:.0%}".replace("%", " %") in said or f"{share[:3].min():.0%}".replace("%", " %") in said
+
+
+@pytest.mark.parametrize("make", [lambda: bar(supports=["left"]), lambda: fs.reduce(bar(interface=["left"]), fs.CraigBampton(6)),
+                                  lambda: fs.beam(1.0, 8, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4, supports={"left": "clamped"})])
+def test_normal_modes_know_their_effective_masses(make: Any) -> None:
+    part = make()
+    for modes in (fs.normal_modes(part, count=4), fs.normal_modes(part, band=(0.0, 4000.0))):
+        there = fs.effective_masses(part, modes)
+        assert modes.directions == there.directions and np.allclose(modes.mass, there.mass)
+        assert np.allclose(modes.mass_shares, there.shares, atol=1e-12)
+        assert f"; they move {repr(there).partition('modes move ')[2].partition(' of ')[0]} of " in repr(modes)
+    bare = fs.normal_modes(fs.chain(4), count=2)
+    assert bare.directions == () and "move" not in repr(bare)
+
+
+def test_a_comparison_and_a_card_say_how_much_mass_a_mode_moves() -> None:
+    part = bar(supports=["left"], interface=["right"])
+    own = fs.normal_modes(part, count=4)
+    known = fs.ModeSet(1j * own.frequencies[::-1], own.shapes[:, ::-1], part.dofs)
+    pairs = known.compare(part, own)
+    assert np.allclose(pairs.mass_shares, own.mass_shares[::-1]) and "; they move" in repr(pairs)
+    complex_ones = fs.complex_modes(part, band=(0.0, float(own.frequencies[3])))
+    assert known.compare(part, complex_ones).mass_shares.shape == (4, 0)
+    for card in fs.mode_cards(part, None, complex_ones):
+        one = card.real_modes[0]  # without damping and friction a mode is a real mode
+        at = int(np.argmin(np.abs(own.frequencies - one.frequency)))
+        assert np.allclose(list(one.mass_shares.values()), own.mass_shares[at, :3], atol=1e-9)
+        assert f"{max(one.mass_shares.values()):.1%}" in card.tables[0].text()

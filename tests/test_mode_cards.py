@@ -14,6 +14,8 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.checks import Array
+from femsub.modes import ModeName
+from femsub.studies.mode_cards import ordinal, places_in_families
 
 
 @dataclass(frozen=True)
@@ -213,6 +215,41 @@ def test_bad_input_is_refused() -> None:
     growing = fs.complex_modes(chain, belt)
     card = fs.mode_cards(chain, belt, growing, growing.unstable[growing.eigenvalues[growing.unstable].imag > 0][:1])[0]
     assert "negative damping" in card.sentence and card.growth["contact damping"] > 0 and "part of Re λ" in str(card)
+
+
+def test_pairs_of_a_disc_are_counted_where_pads_split_and_mix_them() -> None:
+    def disc(n: int, m: int = 0, purity: float = 1.0, motion: str = "out of plane", part: str = "disc") -> ModeName:
+        return ModeName(part, 1.0, "disc", motion, (n, m), purity)
+
+    pad = ModeName("pad", 1.0, "plate", "in plane", (1, 1))
+    # the disc alone, and with pads, of which one mode more is mostly like the pair with two diameters
+    alone = [disc(1), disc(1), disc(0), disc(2), disc(2), disc(3), disc(3), disc(0, 1), disc(1, 1), disc(1, 1), disc(4)]
+    assert places_in_families(alone) == [1, 1, 1, 2, 2, 3, 3, 2, 4, 4, 5]
+    braked = [disc(0, 0, 0.6), disc(1), disc(2, 0, 0.4), disc(2), disc(2, 0, 0.6), pad, disc(3), disc(3), disc(1, 1, 0.5),
+              disc(2, 0, 1.0, "in plane, radial"), disc(1, 1), disc(4), disc(1, part="rotor")]
+    assert places_in_families(braked) == [0, 1, 0, 2, 0, 0, 3, 3, 0, 1, 4, 5, 1]
+    hat = [disc(1), disc(1), disc(2), disc(2), disc(2), disc(2), disc(3)]  # of a hat, which repeats the counts
+    assert places_in_families(hat) == [1, 1, 2, 2, 0, 0, 0]
+    assert " ".join(map(ordinal, (1, 2, 3, 4, 11, 12, 13, 21, 111))) == "1st 2nd 3rd 4th 11th 12th 13th 21st 111th"
+
+
+def test_a_sentence_names_the_place_of_a_pair() -> None:
+    """Of an annulus with a belt's circulatory force between two points, beside the places of its real modes."""
+    mesh = fs.annulus(0.05, 0.15, 0.012, (1, 16, 1))
+    disc = fs.solid(mesh, fs.Material(1.1e11, 0.26, 7200.0), supports=["inner"], interface=["top"], name="disc")
+    modes = fs.normal_modes(disc, count=7)
+    names = fs.mode_names(disc, modes)
+    pair = [at for at, name in enumerate(names) if name.motion == "out of plane" and name.counts == (3, 0)]
+    assert len(pair) == 2
+    shapes = modes.shapes[:, pair]
+    N = disc.M @ shapes @ np.array([[0.0, 1.0], [-1.0, 0.0]]) @ (disc.M @ shapes).T  # makes these two flutter
+    size = 1e-2 * modes.frequencies[pair[0]]**2
+    fluttering = fs.Substructure(disc.M, disc.K, interface=disc.interface, ports={"all": np.eye(disc.size)}, name="disc",
+                                 dofs=disc.dofs)
+    rubbing = fs.LinearContact(("all",), stiffness=size * N)
+    found = fs.complex_modes(fluttering, rubbing)
+    first, *_ = fs.mode_cards(fluttering, rubbing, found, [int(found.eigenvalues.real.argmax())])
+    assert "the two modes of the disc's 3rd out-of-plane pair with 3 nodal diameters meet" in first.sentence
 
 
 @pytest.mark.slow

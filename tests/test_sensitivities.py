@@ -9,11 +9,14 @@ from typing import Any, ClassVar
 import mpmath as mp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from scipy import optimize
 
 import femsub as fs
 from femsub.components import two_mode, two_mode_critical
+from femsub.coupling.contacts.friction_contact import FrictionInMotion
 from femsub.model import Jet
+from femsub.modes.quadratic import correction
 
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 
@@ -94,6 +97,59 @@ def test_a_real_factor_gives_the_derivatives_of_a_large_model_within_their_bars(
     again = fs.sensitivities(dense, rubbing, fs.complex_modes(dense, rubbing), changes)
     at = [int(np.argmin(np.abs(again.eigenvalues - value))) for value in light.eigenvalues]
     assert (np.abs(light.first - again.first[at]) <= light.error_bar + again.error_bar[at] + 1e-12).all()
+
+
+def test_left_vectors_of_lightly_damped_modes_need_no_complex_factor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Re P(λ) is nearly singular there. Without a projection its factor gains no digit, and each mode takes a complex one."""
+    made: list[bool] = []
+
+    class Counted(correction.ComplexFactor):
+        def __init__(self, P: Any) -> None:
+            made.append(True)
+            super().__init__(P)
+
+    monkeypatch.setattr(correction, "ComplexFactor", Counted)
+    count = 60
+    chain, ports = fs.chain(count, damping=0), {"n": np.eye(count)[19], "t": np.eye(count)[44]}
+    sub = fs.Substructure(chain.M, chain.K, 1e-7 * chain.K, ports=ports)
+    rubbing = fs.LinearContact(("n", "t"), stiffness=[[0.5, 0.0], [0.2, 0.0]], damping=[[0.0, 0.0], [0.0, 0.01]])
+    modes, changes = fs.complex_modes(sub, rubbing, count=20), [fs.AddedMass([30]), fs.AddedDamper([7])]
+    assert modes.left is not None
+    rough = replace(modes, left=modes.left + 1e-5 * np.random.default_rng(0).standard_normal(modes.left.shape))
+    light = fs.sensitivities(sub, rubbing, rough, changes)
+    assert not made
+    whole = fs.sensitivities(sub, rubbing, modes, changes, second=True)
+    assert made  # the count sees them
+    assert (np.abs(light.first - whole.first) <= light.error_bar + whole.error_bar).all()
+    assert (light.error_bar <= 1e-6 * np.abs(light.first).max(axis=0)).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_bars_hold_where_a_mode_hardly_moves(seed: int) -> None:
+    """Springs to the ground at random make modes local: far from them other modes than the nearest carry the error."""
+    rng, count = np.random.default_rng(seed), 60
+    chain, ports = fs.chain(count, damping=0), {"n": np.eye(count)[19], "t": np.eye(count)[44]}
+    K = chain.K + sp.diags_array(2 * rng.random(count))
+    sub = fs.Substructure(chain.M, K, 1e-6 * K, ports=ports)
+    rubbing = fs.LinearContact(("n", "t"), stiffness=[[0.5, 0.1], [-0.2, 0.0]], damping=[[0.0, 0.02], [0.0, 0.01]])
+    modes, changes = fs.complex_modes(sub, rubbing, count=12), [fs.AddedMass([k]) for k in range(count)]
+    assert modes.left is not None
+    rough = replace(modes, left=modes.left + 1e-7 * rng.standard_normal(modes.left.shape))
+    light = fs.sensitivities(sub, rubbing, rough, changes, second=False)
+    whole = fs.sensitivities(sub, rubbing, modes, changes, second=True)
+    assert np.abs(light.first).min() < 1e-9 * np.abs(light.first).max()
+    assert (np.abs(light.first - whole.first) <= light.error_bar + whole.error_bar).all()
+
+
+def test_a_contact_makes_its_matrices_once_for_all_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`complex_modes` has made them; the model, its linearisation and the family over μ ask for them again."""
+    mesh = fs.block((0.1, 0.04, 0.02), (3, 2, 1))
+    pad = fs.solid(mesh, STEEL, supports={"left": "xyz"}, interface=["bottom"], rayleigh=(50.0, 1e-7))
+    rubbing = fs.FrictionContact("bottom", "ground", mesh, stiffness=2e11, mu=0.5, direction=(1, 0, 0))
+    modes, rest, asked = fs.complex_modes(pad, rubbing, count=4), FrictionInMotion.at_rest, []
+    monkeypatch.setattr(FrictionInMotion, "at_rest", lambda self: asked.append(self) or rest(self))
+    fs.sensitivities(pad, rubbing, modes, ["mu"], of=[0])
+    assert not asked
 
 
 def test_where_modes_meet_the_pair_has_coefficients_and_lambda_has_no_derivative() -> None:

@@ -277,6 +277,41 @@ def test_a_contact_of_a_pencil_keeps_its_columns() -> None:
     assert np.array_equal(columns @ damping @ columns.T, pencil.D)
 
 
+@pytest.mark.parametrize("sparse", [True, False])
+@pytest.mark.parametrize("skew", [0.0, 1e-15, 0.3])
+def test_several_contacts_are_summed_before_the_check(sparse: bool, skew: float) -> None:
+    """D and K with all contacts; a skew part within rounding is averaged out, a larger one stays."""
+    K = fs.chain(6).K
+    ports = {"a": np.eye(6)[1], "b": np.eye(6)[4], "surface": np.eye(6)[:, 1:4]}
+    sub = fs.Substructure(*(A if sparse else A.toarray() for A in (sp.eye_array(6), K, 0.1 * K)), ports=ports)
+    C = np.array([[2.0, 0.5 + skew], [0.5, 1.0]])
+    S = sp.csr_array(np.diag([1.0, 2.0, 3.0]))
+    several = [fs.LinearContact(("a", "b"), stiffness=C, damping=0.1 * C), Surface(S), fs.LinearContact(("b",), damping=[[0.2]])]
+    pencil = sub.linearised(several)
+    W = np.column_stack([ports["a"], ports["b"]])
+    first, second = W @ C @ W.T, ports["surface"] @ S @ ports["surface"].T
+    dense = [A.toarray() if sparse else A for A in (pencil.D, pencil.K)]
+    b = np.outer(ports["b"], ports["b"])
+    for A, wanted in zip(dense, (0.1 * K.toarray() + 0.1 * first + 0.2 * b, K.toarray() + first + second), strict=True):
+        assert np.allclose(A, wanted, rtol=0, atol=1e-14)
+        assert np.array_equal(A, A.T) == (skew < 0.1)
+    assert pencil.symmetric == (True, skew < 0.1, skew < 0.1)
+    K0 = pencil.K0.toarray() if sparse else pencil.K0
+    assert np.allclose(K0, K.toarray() + second, rtol=0, atol=1e-14)  # a surface is part of it
+    assert [np.shape(own) for *_, own in pencil.contacts] == [(6, 2), (6, 1)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Surface:
+    """A contact of a sparse matrix, as those of surfaces."""
+
+    C: sp.csr_array
+    ports: tuple[str, ...] = ("surface",)
+
+    def linearised(self, model: fs.Substructure) -> tuple[None, sp.csr_array]:
+        return None, self.C
+
+
 @pytest.mark.parametrize(("changes", "words"), [
     ({"V": None}, "V must be real numbers, not None"), ({"V": np.eye(4)}, r"V must have a row per DOF .* \(4, 4\)"),
     ({"V": np.ones(3)}, r"V must have a row per DOF"), ({"full_interface": [3]}, "interface DOF 3 is out of range"),

@@ -143,20 +143,21 @@ def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:
     return sp.csr_array((np.concatenate([one.data for one in blocks]), indices, indptr), shape=(rows[-1], columns[-1]))
 
 
-def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
+def without_rounding(matrix: Matrix, part: Matrix | None = None) -> tuple[Matrix, bool]:
     """(A + Aᵀ)/2 if |a_ij - a_ji| ≤ ROUNDING sqrt(|a_ii a_jj|) for all i, j, else A itself; and whether the result is symmetric.
 
     An assembly may add up the two triangles in different order. The skew part is then rounding, but it would rule out the
-    cheaper methods for symmetric matrices.
+    cheaper methods for symmetric matrices. `part` is what was added to a symmetric sparse matrix: A is as unsymmetric as that.
     """
     if sp.issparse(matrix):
-        other = matrix.T.tocsr()  # canonical, as `matrix` is
-        if same_pattern(matrix, other):
-            at = np.flatnonzero(matrix.data != other.data)
-            row, column = np.searchsorted(matrix.indptr, at, side="right") - 1, matrix.indices[at]
-            skew = matrix.data[at] - other.data[at]
+        looked = matrix if part is None else part
+        other = looked.T.tocsr()  # canonical, as `looked` is
+        if same_pattern(looked, other):
+            at = np.flatnonzero(looked.data != other.data)
+            row, column = np.searchsorted(looked.indptr, at, side="right") - 1, looked.indices[at]
+            skew = looked.data[at] - other.data[at]
         else:
-            rest = sp.coo_array(matrix - other)
+            rest = sp.coo_array(looked - other)
             row, column, skew = rest.row, rest.col, rest.data
     elif np.array_equal(matrix, matrix.T):
         return matrix, True

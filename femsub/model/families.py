@@ -122,7 +122,7 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
             for into, found in zip(sums, _terms_of(model, contact, changing), strict=True):
                 for key, A in found.items():
                     into[key] = into[key] + A if key in into else A
-    D, K = ([(theta_of(key), A) for key, A in terms.items() if abs(A).max()] for terms in sums)
+    D, K = ([(theta_of(key), A) for key, A in terms.items() if np.any(A.data if sp.issparse(A) else A)] for terms in sums)
     family = Affine(constant.M, D, K)
     without = [(name, constant.K - constant.K) for name in names if name not in family.parameters]
     return (Affine(constant.M, D, [*K, *without]) if without else family).below(model.cutoff)
@@ -217,10 +217,12 @@ def _terms_of(model: Substructure, contact: Any, box: Mapping[str, tuple[float, 
 
 def _fitted(basis: Array, values: Sequence[float | Matrix], size: int) -> dict[int, Matrix]:
     """c_S of C = Σ_S basis[corner, S] c_S at all corners, sparse, shape (size, size), without what is rounding."""
-    flat = [sp.csr_array(C * sp.eye_array(size) if isinstance(C, float) else C).reshape((1, -1)) for C in values]
-    together = sp.csr_array(sp.vstack(flat))
-    used, column = np.unique(together.indices, return_inverse=True)
-    C = sp.csr_array((together.data, column, together.indptr), shape=(len(values), len(used))).toarray()
+    found = [sp.coo_array(sp.csr_array(C * sp.eye_array(size) if isinstance(C, float) else C)) for C in values]
+    places = [one.row.astype(np.int64) * size + one.col for one in found]
+    used = places[0] if all(np.array_equal(places[0], one) for one in places) else np.unique(np.concatenate(places))
+    C = np.zeros((len(values), len(used)))
+    for row, place, one in zip(C, places, found, strict=True):
+        row[slice(None) if place is used else np.searchsorted(used, place)] = one.data
     inverse = np.linalg.inv(basis)
 
     def times(A: Array, rows: Array) -> Array:
@@ -234,8 +236,8 @@ def _fitted(basis: Array, values: Sequence[float | Matrix], size: int) -> dict[i
     acting = np.abs(c) * np.abs(basis).max(axis=0)[:, None]
     c[acting <= DUST * np.abs(C).max(axis=0)] = 0.0
     terms = {}
-    for row, found in enumerate(c):
+    for row, own in enumerate(c):
         if acting[row].max(initial=0.0) > DUST * np.abs(C).max(initial=0.0):
-            there = np.flatnonzero(found)
-            terms[row] = sp.csr_array((found[there], np.divmod(used[there], size)), shape=(size, size))
+            there = np.flatnonzero(own)
+            terms[row] = sp.csr_array((own[there], np.divmod(used[there], size)), shape=(size, size))
     return terms

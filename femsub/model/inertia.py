@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from femsub.algebra import Frozen, same
-from femsub.checks import Array, Matrix
+from femsub.checks import EPS, Array, Matrix
 from femsub.model.dof_map import DofMap
 
 
@@ -48,6 +48,12 @@ class Inertia:
             both = R.T @ beside
             P, W = P + beside, W + both + both.T + H.T @ (supported.mass @ H)
         return cls(np.asarray(P), np.asarray((W + W.T) / 2))
+
+    @property
+    def acting(self) -> Array:
+        """The directions of the six in which there is any mass."""
+        mass = self.mass.diagonal()
+        return np.flatnonzero(mass > EPS * mass.max(initial=0.0))
 
     def projected(self, V: Any) -> Inertia:
         """The same in the coordinates of a basis V (n, r)."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from femsub.algebra import (
     times,
     unit_length,
     units as energy_units,
+    weighted,
     without_rounding,
     without_signs,
 )
@@ -170,29 +172,46 @@ class Pencil(Frozen):
         A number c stands for c times the unit matrix. What does not change is shared and not checked again. A sparse C stands
         for a surface, with too many columns to count with: it becomes part of `K0`.
         """
-        found, K0 = self, self.K0
-        contacts: tuple[Any, ...] = self.contacts
-        surface = sp.issparse(damping) or sp.issparse(stiffness)
-        if _any(stiffness):
-            added = contact_matrix(W, stiffness)
-            K, symmetric = without_rounding(as_matrix("K", self._plus(self.K, added), self.size))
-            found = self._with(K=K, symmetric=(*self.symmetric[:2], symmetric))
-            if surface:
-                K0 = K if self.K0 is self.K else self._plus(self.K0, added)
-        if _any(damping):
-            found = found.with_damping(contact_matrix(W, damping))
-        if found is self:
+        return self.with_contacts([(W, damping, stiffness)])
+
+    def with_contacts(self, terms: Sequence[tuple[Matrix, float | Matrix, float | Matrix]]) -> Pencil:
+        """A copy with D + Σ W C_D Wᵀ and K + Σ W C_K Wᵀ of (W, C_D, C_K), see `with_contact`: the sums are checked once."""
+        terms = [(W, damping, stiffness) for W, damping, stiffness in terms if _any(damping) or _any(stiffness)]
+        if not terms:
             return self
-        if not surface:
-            C_D, C_K = (C if np.isscalar(C) else np.array(C) for C in (damping, stiffness))
-            contacts = *contacts, (C_D, C_K, np.array(W).reshape(len(W), -1))
+        surface = [sp.issparse(damping) or sp.issparse(stiffness) for _, damping, stiffness in terms]
+        found, K0, motion = self, self.K0, self.rigid_motion
+        contacts: list[Any] = list(self.contacts)
+        damped, stiff = ([contact_matrix(one[0], one[of]) if _any(one[of]) else None for one in terms] for of in (1, 2))
+        if any(A is not None for A in stiff):
+            K, symmetric = self._with_more("K", _total(stiff))
+            found = self._with(K=K, symmetric=(*self.symmetric[:2], symmetric))
+            of_surfaces = [A if flag else None for A, flag in zip(stiff, surface, strict=True)]
+            if any(A is not None for A in of_surfaces):
+                K0 = K if self.K0 is self.K and all(surface) else self._plus(self.K0, _total(of_surfaces))
+        if any(A is not None for A in damped):
+            found = found.with_damping(_total(damped))
         unit = energy_units(self.M.diagonal(), self.K0.diagonal())[0]
-        return found._with(contacts=contacts, K0=K0, noise=self.noise,
-                           rigid_motion=changed(self.rigid_motion, Touched(damping, W, stiffness, unit)))
+        for (W, damping, stiffness), flag in zip(terms, surface, strict=True):
+            if not flag:
+                C_D, C_K = (C if np.isscalar(C) else np.array(C) for C in (damping, stiffness))
+                contacts.append((C_D, C_K, np.array(W).reshape(len(W), -1)))
+            motion = changed(motion, Touched(damping, W, stiffness, unit))
+        return found._with(contacts=tuple(contacts), K0=K0, noise=self.noise, rigid_motion=motion)
 
     def with_damping(self, extra: Matrix) -> Pencil:
         """A copy with D + extra. M and K are shared and not checked again."""
-        return self.damped_by(self._plus(self.D, extra))._with(noise=self.noise)
+        return self._damped(*self._with_more("D", extra))._with(noise=self.noise)
+
+    def _with_more(self, name: str, extra: Matrix) -> tuple[Matrix, bool]:
+        """D or K with what is added, checked, and whether the sum is symmetric."""
+        part = getattr(self, name)
+        if not (self.is_sparse and self.symmetric["MDK".index(name)]):
+            return without_rounding(as_matrix(name, self._plus(part, extra), self.size))
+        more = sp.csr_array(extra)
+        more.sum_duplicates()
+        more = sp.csr_array((more.data, more.indices, more.indptr), shape=more.shape)  # with short indices, as the others have
+        return without_rounding(as_matrix(name, weighted([(1.0, part), (1.0, more)]), self.size), more)
 
     def _plus(self, part: Matrix, extra: Matrix) -> Matrix:
         return part + (sp.csr_array(extra) if self.is_sparse else _dense(extra))
@@ -201,7 +220,9 @@ class Pencil(Frozen):
         """A copy with another D (None: no damping), sparse or dense like M and K, which are shared and not checked again."""
         D = sp.csr_array(self.M.shape) if D is None else D
         D = (D if sp.issparse(D) else sp.csr_array(np.asarray(D))) if self.is_sparse else _dense(D)
-        D, symmetric = without_rounding(as_matrix("D", D, self.size))
+        return self._damped(*without_rounding(as_matrix("D", D, self.size)))
+
+    def _damped(self, D: Matrix, symmetric: bool) -> Pencil:
         return self._with(D=D, symmetric=(self.symmetric[0], symmetric, self.symmetric[2]), contacts=(), K0=self.K,
                           noise=np.zeros((self.size, 0)), rigid_motion=changed(self.rigid_motion, Damped(D, self.M.diagonal())))
 
@@ -316,6 +337,11 @@ def _dense(A: Any) -> Any:
 
 def _any(C: Any) -> bool:
     return bool(C.nnz if sp.issparse(C) else np.any(C))
+
+
+def _total(matrices: Sequence[Matrix | None]) -> Matrix:
+    """The sum of those that are not None."""
+    return reduce(add, (A for A in matrices if A is not None))
 
 
 def contact_matrix(W: Matrix, C: float | Array | Matrix) -> Matrix:

@@ -197,11 +197,7 @@ class Substructure(Frozen):
         """
         if not structural:
             self.viscous_only("λ²M + λD + K")
-        pencil = self.pencil
-        for contact in contacts_of(contacts):
-            W, damping, stiffness = small_matrices(self, contact)
-            pencil = pencil.with_contact(damping, W, stiffness)
-        return pencil
+        return self.pencil.with_contacts([small_matrices(self, contact) for contact in contacts_of(contacts)])
 
     def check_held(self, contacts: Contacts, noun: str = "the part") -> None:
         """An InputError if friction pushes a part that nothing but the contact holds (`femsub.model.held`)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from femsub.algebra import Frozen
 from femsub.checks import Array, instance, items, positive_number, rows, shown
 from femsub.errors import InputError
 from femsub.model import MOTIONS, DofMap, ReducedSubstructure, Substructure
+from femsub.modes.normal_modes import moved
 from femsub.modes.quadratic.matching import CLUSTER, NEAR, match
 
 if TYPE_CHECKING:
@@ -149,7 +150,9 @@ class ModeSet(Frozen):
         ends = np.abs(values[found]), self.frequencies[known]
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.where(ends[0] == ends[1], 0.0, ends[0] / ends[1] - 1)
-        return ModePairs(known, found, mac, change, table, len(here))
+        directions = getattr(modes, "directions", ())
+        return ModePairs(known, found, mac, change, table, len(here), directions,
+                         modes.mass_shares[found] if directions else np.zeros((len(found), 0)))  # type: ignore[union-attr]
 
     def _common(self, dofs: DofMap, tol: float | None) -> tuple[Array, Array]:
         """Rows of this set, and rows of the model's map for the same motions."""
@@ -189,6 +192,10 @@ class ModePairs(Frozen):
         The MAC of each known mode and each mode of the model.
     dofs : int
         DOF that were compared.
+    directions : tuple of str, length d
+        Those of the model's modes, see `NormalModes`; empty for complex modes.
+    mass_shares : ndarray, shape (p, d)
+        The effective masses of the model's paired modes, over its whole mass.
     """
 
     known: Array
@@ -197,13 +204,15 @@ class ModePairs(Frozen):
     change: Array
     table: Array
     dofs: int
+    directions: tuple[str, ...] = ()
+    mass_shares: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         self._set(**{item.name: getattr(self, item.name) for item in fields(self)})  # read-only
 
     def __repr__(self) -> str:
         return (f"ModePairs: {len(self.known)} of {len(self.table)} modes at {self.dofs} DOF, smallest MAC {self.mac.min():.3f}, "
-                f"largest change of ω {np.abs(self.change).max():.1e}")
+                f"largest change of ω {np.abs(self.change).max():.1e}{moved(self.directions, self.mass_shares)}")
 
 
 def _share(x: Array, Y: Array) -> float:

@@ -7,7 +7,7 @@ modes are wanted. The inertia of K - ω²M confirms their number (the inertia co
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from math import isclose
@@ -45,7 +45,7 @@ from femsub.errors import (
     SingularMatrixError,
     warn,
 )
-from femsub.model import DOUBLE, Substructure, in_band, usable_band, widened
+from femsub.model import DOUBLE, MOTIONS, TRANSLATIONS, Substructure, in_band, usable_band, widened
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
 from femsub.modes.shift_invert import IN_PARTS, ShiftInvert
 
@@ -90,6 +90,13 @@ class NormalModes:
         (0 for rigid-body modes). u is eps, or more where K was written with fewer digits (`rounding_of`). Modes
         of little energy whose rigid motion Z is known exactly, from parts of a system or as translations, are corrected with
         K Z = 0; theirs is the error that is left.
+    directions : tuple of str, length d
+        Of rigid accelerations that move mass: 'ux', 'uy', 'uz', and 'rx', 'ry', 'rz' about the origin. None where the model does
+        not know how it moves as a rigid body.
+    coupling : ndarray, shape (k, d)
+        L = ΦᵀP with the forces P of these accelerations; L² are the effective masses. See `effective_masses` for their sums.
+    mass : ndarray, shape (d,)
+        The whole mass, or moment of inertia.
 
     Examples
     --------
@@ -108,6 +115,14 @@ class NormalModes:
     tally: Tally = field(default=Tally(0))
     rounding: Array = field(default_factory=lambda: np.zeros(0))
     unlisted: int = 0
+    directions: tuple[str, ...] = ()
+    coupling: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    mass: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def mass_shares(self) -> Array:
+        """The effective masses over the whole mass, L² / m of each mode and direction, (k, d)."""
+        return self.coupling**2 / self.mass
 
     @property
     def evidence(self) -> str:
@@ -125,7 +140,14 @@ class NormalModes:
         worst = f"{self.residual.max():.0e}" if len(self.residual) else "none"
         beside = f", {self.unlisted} of them outside the band" if self.unlisted else ""
         return (f"NormalModes: {self.rigid} rigid and {len(elastic)} elastic{span}; largest residual {worst}; "
-                f"{self.counted[1]} counted below {self.counted[0]:.5g}{beside}")
+                f"{self.counted[1]} counted below {self.counted[0]:.5g}{beside}{moved(self.directions, self.mass_shares)}")
+
+
+def moved(directions: Sequence[str], shares: Array) -> str:
+    """The effective masses of modes (k, d) as the end of a sentence, in directions of translation; '' without any."""
+    sums = [f"{share:.1%} of {name}".replace("%", " %") for name, share in zip(directions, shares.sum(axis=0), strict=True)
+            if name in TRANSLATIONS]
+    return f"; they move {', '.join(sums)}" if sums else ""
 
 
 def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: NormalModes | None = None,
@@ -435,7 +457,7 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     Returns
     -------
     NormalModes
-        ω, Φ, the residual of each mode, and the inertia count.
+        ω, Φ, the residual of each mode, the inertia count, and the coupling to rigid accelerations.
 
     Warns
     -----
@@ -471,6 +493,7 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
             name = getattr(model, "name", "the model")
             warn(f"count={count} elastic modes of {name!r} were asked for, but it has {found} of finite frequency"
                  + (f" beside {modes.rigid} rigid-body modes" if modes.rigid else "") + ". All of them are returned")
+        modes = _with_masses(model, modes)
         log.info("%r", modes)
         return modes
     lo, hi = usable_band(model, band)
@@ -479,8 +502,19 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     modes = replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
                     rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],
                     unlisted=int(np.count_nonzero(~inside)))
+    modes = _with_masses(model, modes)
     log.info("%r", modes)
     return modes
+
+
+def _with_masses(model: Substructure, modes: NormalModes) -> NormalModes:
+    """The modes with their coupling to rigid accelerations, where the model knows these."""
+    inertia = model.rigid_inertia() if isinstance(model, Substructure) else None
+    if inertia is None:
+        return modes
+    some = inertia.acting
+    return replace(modes, directions=tuple(MOTIONS[at] for at in some), coupling=modes.shapes.T @ inertia.forces[:, some],
+                   mass=inertia.mass.diagonal()[some])
 
 
 def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None, most: float = np.inf,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -52,19 +52,27 @@ class Wider:
 
     def joined(self, model: ReducedSubstructure, sub: Substructure, loads: Sequence[Array]) -> ReducedSubstructure:
         """The model with the static responses of the full component `sub` to loads (n, k)."""
-        V = model.V
-        new = self.responses(sub, np.hstack(loads))
+        new, = self.shapes(model, sub, [np.hstack(loads)])
+        return replace(model, **self.bordered(model, sub, new), estimate=None, estimated=None)
+
+    def shapes(self, model: ReducedSubstructure, sub: Substructure, loads: Sequence[Array]) -> list[Array]:
+        """What the static responses to each of these loads, (n, k), have outside the basis: M-orthonormal, each by itself."""
         values, turn = np.linalg.eigh(model.M)
         massive = values > values[-1] * SINGULAR
-        new = orthonormal(new, sub.M.__matmul__, V @ (turn[:, massive] / np.sqrt(values[massive])))[0]
+        known = model.V @ (turn[:, massive] / np.sqrt(values[massive]))
+        found = np.split(self.responses(sub, np.hstack(loads)), np.cumsum([one.shape[1] for one in loads])[:-1], axis=1)
+        return [orthonormal(one, sub.M.__matmul__, known)[0] for one in found]
+
+    def bordered(self, model: ReducedSubstructure, sub: Substructure, new: Array) -> dict[str, Any]:
+        """The fields of the model that new columns (n, k) of the basis make larger."""
+        V = model.V
         wide = np.hstack([V, new])
         M, D, K = (_bordered(own, wide.T @ (A @ new)) for own, A in ((model.M, sub.M), (model.D, sub.D), (model.K, sub.K)))
         D[len(model.D):, :len(model.D)] = (sub.D.T @ new).T @ V
         H = None if model.H is None or sub.H is None else _bordered(model.H, wide.T @ (sub.H @ new))
         ports = {name: np.concatenate([w, new.T @ sub.port(name)]) if name in sub.ports else
                  np.concatenate([w, np.zeros((new.shape[1], *w.shape[1:]))]) for name, w in model.ports.items()}
-        return replace(model, M=M, D=D, K=K, H=H, V=wide, ports=ports, kinds=(*model.kinds, *("residual",) * new.shape[1]),
-                       estimate=None, estimated=None)
+        return {"M": M, "D": D, "K": K, "H": H, "V": wide, "ports": ports, "kinds": (*model.kinds, *("residual",) * new.shape[1])}
 
     def responses(self, sub: Substructure, loads: Array) -> Array:
         """K⁻¹F (n, k) of loads on the full component, without rigid motion; with the interface held, if the basis has it so."""

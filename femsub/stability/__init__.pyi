@@ -1,3 +1,4 @@
+from .changes_tried import WhatHelps as WhatHelps
 from .critical_value import critical_slope as critical_slope, first_value as first_value
 from .crossings import Crossing as Crossing
 from .parameter import pencil_over as pencil_over

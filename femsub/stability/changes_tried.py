@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import block_diag
 
-from femsub.checks import EPS, finite_number, instance, items, mapping, whole_number, word
+from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, whole_number, word
 from femsub.errors import InputError
-from femsub.model import SHARE, Change, ReducedSubstructure, Substructure, added, as_changes, usable_band
+from femsub.model import SHARE, Change, ChangeTerm, ReducedSubstructure, Substructure, added, as_changes, usable_band
 from femsub.modes import all_modes, beside_the_full, match
 from femsub.stability.sensitivities import sensitivities
 
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from femsub.modes import ComplexModes
 
 log = logging.getLogger(__name__)
+
+_Key: TypeAlias = tuple[str, Any, Any]  # of a term: its matrix, and the numbers of U and A
 
 
 def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -> Any:
@@ -64,41 +68,162 @@ def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -
     """
     given = as_changes("changes", changes)
     instance("model", model, Substructure)
-    whole_number("few", few, least=0)
+    return next(_each_modified(model, [given], whole_number("few", few, least=0)))
+
+
+def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], few: int = 12) -> Iterator[Any]:
+    """The model with the changes of each candidate. Those of a reduced model share the work on the full one."""
     if not isinstance(model, ReducedSubstructure):
-        return _plus(model, given)
+        yield from (_plus(model, changes) for changes in candidates)
+        return
     full = None if model.wider is None else model.wider.full()
     if np.isinf(model.cutoff):
-        return replace(_plus(model, given), change_error=0.0)  # nothing is left out
+        yield from (replace(_plus(model, changes), change_error=0.0) for changes in candidates)  # nothing is left out
+        return
     if full is None or full.size != len(model.V):
         log.info("the full model of %r is gone: the changes are projected on its basis as it is", model.name)
-        return _plus(model, given)
-    limit, K = (SHARE * model.cutoff) ** 2, model.wider.partition(full).sub.K
-    contact = None if K is full.K else K - full.K  # of a model of contact modes: what holds its parts together
+        yield from (_plus(model, changes) for changes in candidates)
+        return
+    batch, sizes = list[list[_Acting]](), dict[_Key, int]()
+    for changes in candidates:
+        acting = [_Acting((term.matrix, _bytes(term.U), _bytes(term.A)), term, float(term.factor(change.amount)))
+                  for change in changes for term in change.terms(full)]
+        more = sizes | {key: term.U.shape[0] if term.U.shape[0] <= few else model.size for key, term, _ in acting}
+        if batch and sum(more.values()) > model.size:  # a joined basis of up to twice as many columns
+            joined = _Joined(model, full, batch, few)
+            yield from map(joined.changed, batch)
+            batch, more = [], {key: more[key] for key, *_ in acting}
+        batch.append(acting)
+        sizes = more
+    if batch:
+        joined = _Joined(model, full, batch, few)
+        yield from map(joined.changed, batch)
 
-    def undamped(small: ReducedSubstructure) -> Any:
-        if contact is None:
-            return all_modes(small.K, small.M, carried=small.rigid_motion)
-        return all_modes(small.K + small.V.T @ (contact @ small.V), small.M)
 
-    terms = [term for change in given for term in change.terms(full)]
-    each = {id(term.U): term.U for term in terms}.values()
-    loads = [U.toarray().T if sp.issparse(U) else U.T for U in each if U.shape[0] <= few]
-    if large := [term for term in terms if term.U.shape[0] > few]:
-        modes = undamped(model)
-        shapes = model.V @ modes.shapes[:, modes.eigenvalues <= limit]
-        loads += [U.T @ (A @ (U @ shapes)) for _, U, A, _ in large]
-    wide = model.wider.joined(model, full, loads) if loads else model
-    wide._set(wider=model.wider)  # for the changes that name a part
-    wide = _plus(wide, given)
-    modes, plus = undamped(wide), added(full, given)
-    moving = (modes.eigenvalues > EPS**0.5 * limit) & (modes.eigenvalues <= limit)
-    square, x = modes.eigenvalues[moving], wide.V @ modes.shapes[:, moving]
-    force = [A @ x + (plus[key] @ x if key in plus else 0.0) for key, A in (("M", full.M), ("K", K))]
-    r = force[1] - force[0] * square
-    energy = np.einsum("ij,ij->j", r, model.wider.responses(full, r)) / np.einsum("ij,ij->j", x, force[0])
-    error = np.abs(energy) / (2 * square) / (1 - np.minimum(square / model.cutoff**2, SHARE**2))
-    return replace(wide, change_error=float(error.max(initial=0.0)))
+class _Acting(NamedTuple):
+    """A term of a change with its θ at the amount. Equal terms have the same key."""
+
+    key: _Key
+    term: ChangeTerm
+    weight: float
+
+
+class _Joined:
+    """A reduced model with the static responses to many changes in one basis W = [V, N₁, N₂, …], (n, w).
+
+    Products with matrices of the full model are made once, for all of them. A model with some of the changes has V and the
+    columns that belong to these: its matrices are blocks of WᵀMW, WᵀDW and WᵀKW. The residual of a mode x = Wφ of the changed
+    model is
+
+        r = KWφ - ω²MWφ + Σ θ (1 or -ω²) UᵀAUWφ = Zy,   Z = [KW, MW, L₁, L₂, …],
+
+    with UᵀAUW = LC for each term of a change. So rᵀK⁻¹r = yᵀ(ZᵀK⁻¹Z)y, with the rounding of terms that cancel.
+    """
+
+    def __init__(self, model: ReducedSubstructure, full: Substructure, candidates: Sequence[Sequence[_Acting]], few: int) -> None:
+        self.model, part = model, model.wider.partition(full)
+        self.contact = None if part.sub.K is full.K else part.sub.K - full.K  # of contact modes: what holds the parts together
+        self.terms = {key: term for acting in candidates for key, term, _ in acting}
+        # static responses to unit forces of a change of few motions, and to its forces in the model's modes else
+        self.few = {key: term.U.shape[0] <= few for key, term in self.terms.items()}
+        shapes = np.zeros((full.size, 0))
+        if not all(self.few.values()):
+            modes = all_modes(model.K, model.M, carried=model.rigid_motion) if self.contact is None else \
+                all_modes(model.K + model.V.T @ (self.contact @ model.V), model.M)
+            shapes = model.V @ modes.shapes[:, modes.eigenvalues <= (SHARE * model.cutoff) ** 2]
+        loads = {self._group(key): _dense(term.U).T if self.few[key] else np.asarray(term.U.T @ (term.A @ (term.U @ shapes)))
+                 for key, term in self.terms.items()}
+        new = model.wider.shapes(model, full, list(loads.values())) if loads else []
+        self.parts: dict[str, Any] = model.wider.bordered(model, full, np.hstack([np.zeros((full.size, 0)), *new]))
+        W, ends = self.parts["V"], model.size + np.cumsum([0, *(one.shape[1] for one in new)])
+        self.columns = {key: np.arange(*ends[at:at + 2]) for at, key in enumerate(loads)}
+        self.held = np.zeros((W.shape[1],) * 2) if self.contact is None else W.T @ (self.contact @ W)
+
+        self.moved = {key: np.asarray(term.U @ W) for key, term in self.terms.items()}
+        self.K, self.M, self.responses = part.sub.K, full.M, partial(model.wider.responses, full)
+        self.energy: Array | None = None
+        if len(candidates) == 1:  # it has fewer modes than Z has columns
+            return
+        # ZᵀK⁻¹Z, and the places of each L in Z
+        Z, start = [np.asarray(self.K @ W), np.asarray(self.M @ W)], 2 * W.shape[1]
+        self.places: dict[_Key, Array] = {}
+        for key, term in self.terms.items():
+            Z.append(_dense(term.U).T if self.few[key] else np.asarray(term.U.T @ (term.A @ self.moved[key])))
+            self.places[key] = np.arange(start, start := start + Z[-1].shape[1])
+        forces = np.hstack(Z)
+        self.energy = forces.T @ self.responses(forces)
+
+    def _group(self, key: _Key) -> Any:
+        """Terms of few motions that are the same have responses in common."""
+        return key[1] if self.few[key] else key
+
+    def changed(self, acting: Sequence[_Acting]) -> Any:
+        """The model with the changes of one of the candidates, and its `change_error`."""
+        model = self.model
+        groups = dict.fromkeys(self._group(key) for key, *_ in acting)
+        new = np.concatenate([np.zeros(0, dtype=int), *(self.columns[key] for key in groups)])
+        at = np.append(np.arange(model.size), new)
+        # columns of several groups may depend on each other
+        T = np.eye(len(at))
+        if len(groups) > 1:
+            size, turn = np.linalg.eigh(self.parts["M"][np.ix_(new, new)])
+            kept = size > EPS**0.75 * size.max(initial=0.0)
+            T = block_diag(np.eye(model.size), turn[:, kept] / np.sqrt(size[kept]))
+        plus: dict[str, Array] = {}
+        for key, term, weight in acting:
+            if weight:
+                moved = self.moved[key][:, at] @ T
+                plus[key[0]] = plus.get(key[0], 0.0) + weight * (moved.T @ (term.A @ moved))
+
+        def block(A: Array) -> Array:
+            found = T.T @ A[np.ix_(at, at)] @ T
+            found[:model.size, :model.size] = A[:model.size, :model.size]
+            return found
+
+        own: dict[str, Any] = {name: None if self.parts[name] is None else block(self.parts[name]) for name in "MDKH"}
+        for name, more in plus.items():
+            own[name] = more if own[name] is None else own[name] + more
+        own |= {name: (A + A.T) / 2 for name, A in own.items() if name != "D" and A is not None}
+        ports = {name: T.T @ w[at] for name, w in self.parts["ports"].items()}
+        wide = replace(model, **own, V=np.hstack([model.V, self.parts["V"][:, new] @ T[model.size:, model.size:]]), ports=ports,
+                       kinds=(*model.kinds, *("residual",) * (T.shape[1] - model.size)), estimate=None, estimated=None)
+        wide._set(wider=model.wider)  # for the changes that name a part
+
+        # the error of its undamped frequencies
+        limit = (SHARE * model.cutoff) ** 2
+        modes = all_modes(wide.K, wide.M, carried=wide.rigid_motion) if self.contact is None else \
+            all_modes(wide.K + block(self.held), wide.M)
+        moving = (modes.eigenvalues > EPS**0.5 * limit) & (modes.eigenvalues <= limit)
+        square = modes.eigenvalues[moving]
+        energy = self._residual_energy(acting, square, at, T @ modes.shapes[:, moving])
+        error = np.abs(energy) / (2 * square) / (1 - np.minimum(square / model.cutoff**2, SHARE**2))
+        wide._set(change_error=float(error.max(initial=0.0)))
+        return wide
+
+    def _residual_energy(self, acting: Sequence[_Acting], square: Array, at: Array, x: Array) -> Array:
+        """rᵀK⁻¹r of modes ω² (k,) with the columns `at` of W times x, (len(at), k)."""
+        weights = [weight * (-square if key[0] == "M" else 1.0) * (key[0] in "MK") for key, _, weight in acting]
+        if self.energy is None:
+            u = self.parts["V"][:, at] @ x
+            r = self.K @ u - (self.M @ u) * square
+            for (key, term, _), weight in zip(acting, weights, strict=True):
+                r += term.U.T @ (term.A @ (self.moved[key][:, at] @ x)) * weight
+            return np.asarray(np.einsum("ij,ij->j", r, self.responses(r)))
+        rows, y = [at, len(self.parts["V"].T) + at], [x, -square * x]
+        for (key, term, _), weight in zip(acting, weights, strict=True):
+            rows.append(self.places[key] if self.few[key] else self.places[key][at])
+            y.append(weight * (term.A @ (self.moved[key][:, at] @ x) if self.few[key] else x))
+        places, several = np.concatenate(rows), np.vstack(y)
+        return np.asarray(np.einsum("ij,ij->j", several, self.energy[np.ix_(places, places)] @ several))
+
+
+def _bytes(A: Matrix) -> tuple[Any, ...]:
+    parts = (A.data, A.indices, A.indptr) if sp.issparse(A) and A.format == "csr" else (_dense(A),)
+    return A.shape, *(part.tobytes() for part in parts)
+
+
+def _dense(A: Matrix) -> Array:
+    return np.asarray(A.toarray() if sp.issparse(A) else A)
 
 
 def _plus(model: Any, changes: Sequence[Change]) -> Any:
@@ -207,7 +332,8 @@ class WhatHelps:
 
 
 def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str, Any] | Sequence[Any], target: float = 0.0, *,
-               band: tuple[float, float] | None = None, full: Substructure | None = None, first: int = 1) -> WhatHelps:
+               band: tuple[float, float] | None = None, full: Substructure | None = None, first: int = 1,
+               at_once: int = 100) -> WhatHelps:
     """Order candidates by the growth that is left when the changed model is solved anew: max Re λ in the band.
 
     The slope alone misleads where modes meet or another mode begins to grow, so it is only printed beside.
@@ -226,6 +352,8 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
     full : Substructure, optional
         With a reduced model: the full one, in which the `first` so many candidates are solved as well.
     first : int
+    at_once : int
+        Changes whose slopes are computed together: memory grows with the square.
 
     Returns
     -------
@@ -246,6 +374,7 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
     """
     finite_number("target", target)
     whole_number("first", first, least=0)
+    whole_number("at_once", at_once, least=1)
     named: list[tuple[str, list[Change]]] = []
     listed = mapping("candidates", candidates, "names and changes").items() if isinstance(candidates, Mapping) else \
         ((None, one) for one in items("candidates", candidates, "changes"))
@@ -260,14 +389,13 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
     band = None if band is None else usable_band(instance("model", model, Substructure), band)
     before = beside_the_full(instance("model", model, Substructure), contacts, band=band)
     at = np.flatnonzero((before.eigenvalues.imag >= 0) & ~before.rigid & ~before.above_cutoff)
-    slopes = sensitivities(model, contacts, before, [change for _, changes in named for change in changes], of=at.tolist(),
-                           second=False)
+    every = [change for _, changes in named for change in changes]
+    growth = np.hstack([sensitivities(model, contacts, before, every[start:start + at_once], of=at.tolist(), second=False).growth
+                        for start in range(0, len(every), at_once)])
     tried, start = [], 0
-    for name, changes in named:
-        own = slopes.growth[:, start:start + len(changes)]
+    for (name, changes), new in zip(named, _each_modified(model, [changes for _, changes in named]), strict=True):
+        predicted = before.eigenvalues.real[at] + growth[:, start:start + len(changes)] @ [change.amount for change in changes]
         start += len(changes)
-        predicted = slopes.eigenvalues.real + own @ np.array([change.amount for change in changes])
-        new = modified(model, changes)
         modes = beside_the_full(new, contacts, band=band)
         tried.append(TriedChange(name, tuple(changes), modes.growth, float(np.nanmax(predicted, initial=-np.inf)),
                                  modes.is_stable, modes.growth <= target, _words(before, modes, model.size), modes,

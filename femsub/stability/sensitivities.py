@@ -25,11 +25,12 @@ P. Lancaster, Numer. Math. 6 (1964) 377 (λ_j); A. L. Andrew, K.-W. E. Chu, P. L
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, positive_number, truth, whole_numbers, word
 from femsub.errors import InputError, unknown_name
@@ -323,7 +324,9 @@ def _varied(model: Any, contacts: Contacts, parameters: Any, at: Mapping[str, fl
         values, family = _now(contacts, named), None
         if named:
             ranges = {name: _around(value) for name, value in values.items()}
-            family = family_of(model.with_structural_damping(None), contacts, named, ranges)
+            # a copy would be another model to the contacts, which keep their matrices by the model's DOF
+            viscous = model if model.H is None else model.with_structural_damping(None)
+            family = family_of(viscous, contacts, named, ranges)
     q, pieces = len(given), []
     order = {one: j for j, one in enumerate(given) if isinstance(one, str)}
     if family is not None:
@@ -382,7 +385,7 @@ class _Simple(NamedTuple):
 
 class _Work(NamedTuple):
     """Of one eigenpair: P_j x and P_jᴴy, (n, q), or their products YᴴP_j x and XᴴP_jᴴy with some vectors; yᴴP_j x, yᴴP'_j x, the
-    rounding in the former, and yᴴP_jk x.
+    rounding in the former, yᴴP_jk x, and ‖P_j x‖₁ and ‖P_jᴴy‖₁.
     """
 
     pushed: Array
@@ -391,31 +394,48 @@ class _Work(NamedTuple):
     turned: Array
     size: Array
     curves: Array
+    sums: Array
 
     @classmethod
     def of(cls, known: _Parameters, value: complex, x: Array, y: Array, onto: tuple[Array, Array] | None = None) -> _Work:
         q = len(known.names)
         F, L = np.zeros((2, len(x) if onto is None else onto[0].shape[1], q), dtype=complex)
         work, turned = np.zeros((2, q), dtype=complex)
-        size, curves = np.zeros(q), np.zeros((q, q), dtype=complex)
-        for piece in known.pieces:
-            there, here = piece.moved(x), piece.moved(y)
+        size, sums, curves = np.zeros(q), np.zeros((2, q)), np.zeros((q, q), dtype=complex)
+        several = np.column_stack([x, y] if onto is None else [x, y, *onto])
+        r = 0 if onto is None else onto[0].shape[1]
+        for piece, motions in zip(known.pieces, _motions(known.pieces, several), strict=True):
+            there, here = motions[:, 0], motions[:, 1]
             f, g, weight = piece.A @ there, piece.A.T @ here, piece.weight(value)
             product = np.vdot(here, f)
             rounding = abs(weight) * float(np.abs(here) @ (abs(piece.A) @ np.abs(there)))
-            if onto is None:
-                pushed, pulled = piece.back(f), piece.back(g)
-            else:
-                pushed, pulled = (piece.moved(V).conj().T @ one for V, one in zip(onto, (f, g), strict=True))
+            pushed, pulled = (piece.back(f), piece.back(g)) if onto is None else \
+                (motions[:, 2:2 + r].conj().T @ f, motions[:, 2 + r:].conj().T @ g)
+            ones = 1.0 if piece.U is None else np.asarray(abs(piece.U).sum(axis=1))
+            lengths = abs(weight) * np.array([np.sum(ones * np.abs(f)), np.sum(ones * np.abs(g))])
             for j in np.flatnonzero(piece.jet.first):
                 theta = piece.jet.first[j]
+                sums[:, j] += abs(theta) * lengths
                 F[:, j] += theta * weight * pushed
                 L[:, j] += theta * np.conj(weight) * pulled
                 work[j] += theta * weight * product
                 turned[j] += theta * piece.weight(value, 1) * product
                 size[j] += abs(theta) * rounding
-            curves += piece.jet.second * weight * product
-        return cls(F, L, work, turned, size, curves)
+            if piece.jet.second.any():
+                curves += piece.jet.second * weight * product
+        return cls(F, L, work, turned, size, curves, sums)
+
+
+def _motions(pieces: list[_Piece], X: Array) -> Iterator[Array]:
+    """UX of each piece, X (n, k): one product for those of a few rows, which many parameters have."""
+    few = [piece.U for piece in pieces if sp.issparse(piece.U)]
+    moved = sp.csr_array(sp.vstack(few)) @ X if few else X[:0]
+    start = 0
+    for piece in pieces:
+        if piece.U is None or not sp.issparse(piece.U):
+            yield piece.moved(X)
+        else:
+            yield moved[start:(start := start + piece.U.shape[0])]
 
 
 class _Sizes(NamedTuple):
@@ -436,7 +456,7 @@ class _Sizes(NamedTuple):
         `left` is P'ᴴy, the direction of an error of λ in Pᴴy.
         """
         s, found = abs(value), []
-        back = P.conj().T @ y
+        back = (P.T @ y.conj()).conj()
         for r, v, (M, D, K) in ((P @ x, x, self), (back - left * (np.vdot(x, back) / np.vdot(x, left)), y,
                                                    (A.T for A in self))):
             size = np.abs(v)
@@ -452,13 +472,14 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
     """The derivatives of one λ of a sparse pencil, whose left vector is known roughly, by one real factor; None where it fails.
 
     The bar sums up errors of the vectors in the directions of the `nearest` modes and their conjugates, and is doubled for the
-    others: P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i) y_iᴴP'x_i).
+    others: P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i) y_iᴴP'x_i). Those may move where the nearest do not. So each entry of x and y is taken
+    to have an error as large as the largest entry of that sum, too.
     """
     value, x = complex(modes.eigenvalues[k]), modes.shapes[:, k]
     if modes.left is None or not value.imag:
         return None
     P = pencil.at(value)
-    y = left_by_real_factor(P, x, modes.left[:, k], left_slope(pencil, value, modes.left[:, k]))
+    y = left_by_real_factor(pencil, value, P, x, modes.left[:, k])
     if y is None:
         return None
     own, left = slope(pencil, value, x), left_slope(pencil, value, y)
@@ -478,7 +499,9 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
     doubt = float(np.abs(y) @ of_x) / abs(rate)
     mass = np.vdot(y, pencil.M @ x)
     with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.abs(L).T @ (np.abs(Y).T @ of_x / rates) + np.abs(F).T @ (np.abs(X).T @ of_y / rates)
+        in_x, in_y = np.abs(Y).T @ of_x / rates, np.abs(X).T @ of_y / rates
+        spread = np.abs(L).T @ in_x + np.abs(F).T @ in_y
+        spread += found.sums[0] * (np.abs(Y).max(axis=0) @ in_y) + found.sums[1] * (np.abs(X).max(axis=0) @ in_x)
     bar = (2 * spread + np.abs(found.turned + 2 * mass * first) * doubt
            + 4 * EPS * (found.size + np.abs(first) * sizes.rates(value, x, y))) / abs(rate)
     q = len(first)

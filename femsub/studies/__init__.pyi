@@ -4,6 +4,7 @@ from .charts import (
     Panel as Panel,
     Series as Series,
 )
+from .charts_changes import changes_chart as changes_chart
 from .charts_components import (
     belt_places_chart as belt_places_chart,
     belt_sweep_chart as belt_sweep_chart,

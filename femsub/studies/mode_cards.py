@@ -11,8 +11,10 @@ the work of its force over the period 2π/ω. So each force has a part of Re λ,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,7 +22,17 @@ import scipy.sparse as sp
 
 from femsub.checks import POSITION, Array, Matrix, instance, whole_number, whole_numbers, word
 from femsub.errors import InputError
-from femsub.model import Pencil, ReducedSubstructure, Substructure, contacts_at, contacts_of, fields_of, small_matrices
+from femsub.model import (
+    MOTIONS,
+    TRANSLATIONS,
+    Pencil,
+    ReducedSubstructure,
+    Substructure,
+    contacts_at,
+    contacts_of,
+    fields_of,
+    small_matrices,
+)
 from femsub.modes import ComplexModes, ModeName, ShiftInvert, all_modes, modes_below, named, parts_energies
 from femsub.studies.tables import Column, Table, column, fitted
 
@@ -42,12 +54,20 @@ class RealMode(NamedTuple):
     phase : float
         The angle of φᵀMx beside that of the first real mode, in degrees, -180 to 180.
     name : ModeName
+    mass_shares : mapping of str to float
+        Its effective mass over the whole, in each direction of translation: how a shaker could drive it. Empty where the model
+        does not know how it moves as a rigid body.
+    place : int
+        Of a disc: the place of its pair among those of this motion, from the lowest, counted from 1. A mode without nodal
+        diameters has its place among such modes. 0 of all else, and where it is not clear.
     """
 
     frequency: float
     share: float
     phase: float
     name: ModeName
+    mass_shares: Mapping[str, float] = MappingProxyType({})
+    place: int = 0
 
 
 class ContactWork(NamedTuple):
@@ -196,10 +216,13 @@ class ModeCard:
     def tables(self) -> tuple[Table, ...]:
         """The real modes with their phases, the parts, and what adds up to Re λ."""
         rows = [{"name": str(one.name), "omega": one.frequency, "share": one.share, "phase": round(one.phase, 3) + 0.0}
-                for one in self.real_modes]
+                | ({"mass": max(one.mass_shares.values()), "way": max(one.mass_shares, key=one.mass_shares.__getitem__)}
+                   if one.mass_shares else {}) for one in self.real_modes]
+        shaken = [Column("mass", "mass", ".1%", "", "the largest effective mass of a translation, over the whole"),
+                  Column("way", "in", "s", "", "direction of this mass")] if self.real_modes[0].mass_shares else []
         made = Table("real-modes", rows, [
             Column("name", "real mode", "s"), column("omega", "ω", ".6g"), Column("share", "share", ".1%"),
-            Column("phase", "phase [°]", ".0f", "°", "of its coordinate, beside the first")], "Real modes")
+            Column("phase", "phase [°]", ".0f", "°", "of its coordinate, beside the first"), *shaken], "Real modes")
         parts = [{"part": key, "kinetic": share, "elastic": self.strain[key], "phase": round(self.phases[key], 3) + 0.0}
                  for key, share in self.energy.items()]
         forces = [{"force": key, "growth": part, "work": self.work[key]} for key, part in self.growth.items()]
@@ -317,8 +340,16 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     product = np.abs(A) * np.abs(B[:len(A)])
     shares = product / product.sum(axis=0)
     order = np.argsort(-shares, axis=0, kind="stable")[:whole_number("most", most, least=2)]
-    shown, plain = np.unique(order), Substructure(M, K0, name="model") if isinstance(model, Pencil) else model
+    plain = Substructure(M, K0, name="model") if isinstance(model, Pencil) else model
+    below = int(order[:2].max()) + 1  # all modes up to the highest that may meet another, so that pairs of a disc are counted
+    shown = np.union1d(np.arange(below), order)
     names = dict(zip(shown.tolist(), named(plain, real.shapes[:, shown], full), strict=True))
+    places_of_pairs = places_in_families([names[j] for j in range(below)])
+    inertia, masses = plain.rigid_inertia(), dict[int, Mapping[str, float]]()
+    if inertia is not None:
+        ways, of_way = [at for at in inertia.acting if MOTIONS[at] in TRANSLATIONS], inertia.mass.diagonal()
+        masses = {j: {MOTIONS[at]: float((phi @ inertia.forces[:, at])**2 / of_way[at]) for at in ways}
+                  for j, phi in zip(shown.tolist(), real.shapes[:, shown].T, strict=True)}
     kinetic_of, strain_of, square_of = parts_energies(plain, X, full)
     forms = named(plain, X, full)
     acting = [Acting.of(plain, one, parameter) for one in given]
@@ -326,7 +357,8 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     for at, (value, x) in enumerate(zip(values[chosen], X.T, strict=True)):
         a = A[:, at]
         angles = np.degrees(np.angle(a * np.conj(a[order[0, at]])))
-        made = tuple(RealMode(float(real.frequencies[j]), float(shares[j, at]), float(angles[j]), names[j])
+        made = tuple(RealMode(float(real.frequencies[j]), float(shares[j, at]), float(angles[j]), names[j], masses.get(j, {}),
+                              places_of_pairs[j] if j < below else 0)
                      for j in order[:, at].tolist())
 
         # the balance of power
@@ -447,14 +479,41 @@ def hertz(omega: float) -> str:
     return f"{f / 1000:.3g} kHz" if f >= 1000 else f"{f:.3g} Hz"
 
 
+def places_in_families(names: Sequence[ModeName]) -> list[int]:
+    """`RealMode.place` of all modes from the lowest on: the place of its counts among those of this motion.
+
+    What is attached to a disc may split or mix a pair, so that counts have a place and modes have not. A third clear mode with
+    the same counts belongs to a pair of its own, as of a hat: from there on places are not known, 0.
+    """
+    seen, places, found = Counter[tuple[Any, ...]](), dict[tuple[Any, ...], dict[Any, int]](), list[int]()
+    for name in names:
+        if name.family != "disc":
+            found.append(0)
+            continue
+        double = name.counts[0] > 0
+        own = places.setdefault((name.part, name.motion, double), {})
+        place = own.setdefault(name.counts, len(own) + 1)
+        seen[name.same] += not name.mixed
+        if seen[name.same] > 1 + double:
+            own[None] = 0
+        found.append(0 if name.mixed or None in own else place)
+    return found
+
+
+def ordinal(number: int) -> str:
+    """'1st', '2nd', '3rd', '4th'."""
+    return f"{number}{'th' if number % 100 in (11, 12, 13) else {1: 'st', 2: 'nd', 3: 'rd'}.get(number % 10, 'th')}"
+
+
 def phrase(mode: RealMode) -> str:
-    """A mode as part of a sentence: "the disc's out-of-plane pair with 4 nodal diameters"."""
+    """A mode as part of a sentence: "the disc's 3rd out-of-plane pair with 4 nodal diameters"."""
     name, owner = mode.name, f"the {mode.name.part}'s"
     if name.family == "disc":
         motion = name.motion.replace("out of plane", "out-of-plane").replace("in plane, ", "in-plane ")
         if name.mixed:
             return f"{owner} mixed {motion} mode, mostly with {name.lines}"
-        return f"{owner} {motion} {'pair' if name.counts[0] else 'mode'} with {name.lines}"
+        place = f"{ordinal(mode.place)} " if mode.place else ""
+        return f"{owner} {place}{motion} {'pair' if name.counts[0] else 'mode'} with {name.lines}"
     if name.family in ("beam", "plate"):
         motion, _, waves = name.form.rpartition(", ")
         return f"{owner} {motion.replace(' ', '-')} mode with {waves}"

@@ -193,11 +193,12 @@ class FrictionContact(Joint):
         sides = [model.sets[name].tobytes() if name in model.sets else None for name in self.sets]
         ways = [np.array(way, dtype=float).tobytes() for way in (self.direction, self.axis, self.centre)]  # None is NaN
         key = (self.sets, *sides, *ways)
-        directions, dofs = self._directions(points), model.interface_dofs
+        dofs = model.interface_dofs
         known, pressed, moving = (None, [], []) if dofs is None else points.terms.get(dofs, (None, [], []))
         slides = self.speed is not None and self.pressure > 0
         if known != key or (slides and not moving):
-            exerting = replace(replace(self, pressure=float(slides), speed=1.0)._exerting(model, points, *directions), slope=0.0)
+            turning = replace(self, pressure=float(slides), speed=1.0)
+            exerting = replace(turning._exerting(model, points, *self._directions(points)), slope=0.0)
             still = replace(exerting, speed=None, stiffness=1.0)
             (A,), (both,) = (replace(still, mu=mu).at_rest() for mu in (0.0, 1.0))
             pressed = [A, both - A]

@@ -366,7 +366,7 @@ def pencil_of(model: Substructure | Pencil, contacts: Contacts) -> Pencil:
         model.refuse_empty(pencil.D, pencil.K, model.H)
         pencil = pencil if model.H is None else LossyPencil.of(pencil, model.H, model.name)
     look_at_the_order(*([(1.0, part)] for part in (pencil.M, pencil.D, pencil.K)))
-    if pencil.norms[0] == 0 and pencil.norms[1] == 0:
+    if not any(np.any(A.data if pencil.is_sparse else A) for A in (pencil.M, pencil.D)):
         raise InputError("M and D are both zero, so there are no eigenvalues")
     return pencil
 
