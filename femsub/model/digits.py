@@ -12,7 +12,7 @@ SEEN = 1e-6  # largest share of K's entries that is taken for rounding
 ALONG = 0.5  # share of the absolute sum from which forces add up, as those of a mount do; those of rounding do not
 SLACK = 4.0  # rounding of K along rotations may be larger than along translations
 MANY = 200_000  # entries of a sparse K from which some are left out at once
-SAMPLE, FIRST, FEW = 2000, 200, 10  # entries that are looked at, in all and at first; different ones that are needed
+SAMPLE, FEW = 2000, 10  # entries that are looked at; different ones that are needed
 TYPICAL = 0.125  # of the last digit, since many roundings of either sign add up in a mode
 DIGITS = range(5, 15)  # decimal digits of a written K; numbers with fewer may be round by themselves
 DUST = 64 * EPS  # of the largest entry: smaller ones are rounding themselves
@@ -56,7 +56,7 @@ def _written(entries: Array, most: float = 0.95) -> float:
         return np.array([len(repr(value).split("e")[0].replace(".", "").strip("0")) for value in some.tolist()])
 
     # where some of them alone have more digits than `most` of all leave, the others need not be looked at
-    more = counted(values[::max(1, len(values) // FIRST)]) >= DIGITS.stop
+    more = counted(values[::FEW]) >= DIGITS.stop
     if np.count_nonzero(more) > (1 - most) * len(values) + 2:
         return 0.0
     digits = counted(values)

@@ -90,13 +90,13 @@ def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], 
                   for change in changes for term in change.terms(full)]
         more = sizes | {key: term.U.shape[0] if term.U.shape[0] <= few else model.size for key, term, _ in acting}
         if batch and sum(more.values()) > model.size:  # a joined basis of up to twice as many columns
-            joined = _Joined(model, full, batch, few)
+            joined = _ChangedBasis(model, full, batch, few)
             yield from map(joined.changed, batch)
             batch, more = [], {key: more[key] for key, *_ in acting}
         batch.append(acting)
         sizes = more
     if batch:
-        joined = _Joined(model, full, batch, few)
+        joined = _ChangedBasis(model, full, batch, few)
         yield from map(joined.changed, batch)
 
 
@@ -108,7 +108,7 @@ class _Acting(NamedTuple):
     weight: float
 
 
-class _Joined:
+class _ChangedBasis:
     """A reduced model with the static responses to many changes in one basis W = [V, N₁, N₂, …], (n, w).
 
     Products with matrices of the full model are made once, for all of them. A model with some of the changes has V and the
