@@ -14,12 +14,13 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from femsub.algebra import by_threads
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import DOUBLE, Affine, projected, usable_band
@@ -28,7 +29,7 @@ from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, 
 from femsub.reduction.states import Polynomials, Spaces, States, improved, seen
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 log = logging.getLogger(__name__)
 
@@ -218,14 +219,17 @@ class _Maker:
                 break
             del model  # before the next one takes memory
             nodes = self.enriched([*(nodes if names else []), new], 1)
-            model = self.listing(self.small(nodes, cells), len(places))
-            found = model.modes_over(**dict(zip(names, train.T, strict=True))) if names else [model.modes()]
-            before, errors = errors, np.array([self.error(one) for one in found])
+            model = self.small(nodes, cells)
+            again = errors > box.tol  # more shapes do not make an error larger
+            found = model.modes_over(**dict(zip(names, train[again].T, strict=True))) if names else [model.modes()]
+            before, errors = errors, errors.copy()
+            errors[again] = [self.error(one) for one in found]
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
-        return model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
+        model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
+        return self.listing(model, len(places))
 
     def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
         """The model on the vectors of these nodes."""
@@ -286,16 +290,21 @@ class _Maker:
         d, number, unit = model.size - model.free, (cell.number or 0) - 2 * model.free, self.projection.outer.size
         if not cell.ranges or cell.contour is None or not 0 < number < 1.5 * d:
             return None
-        over, spaces, tried = Polynomials.of(cell.ranges, most), list[Spaces](), list[tuple[float, float, States]]()
+        contour, over = cell.contour, Polynomials.of(cell.ranges, most)
+        spaces, tried = list[Spaces](), list[tuple[float, float, States]]()
+
+        def solved(place: Sequence[float]) -> tuple[Any, Array, Array, Array]:
+            pencil = model.at(**dict(zip(cell.ranges, place, strict=True)))
+            lam, x, z = model.every(pencil)
+            at = np.flatnonzero(contour.encloses(lam))
+            scale = self.allowed(lam[at]) * self.share / 6  # what is shorter than 1 does not count
+            return model.moving(pencil), lam[at], x[:, at] / scale, z[:, at] / scale
+
         for count in over.counts:
-            for place in over.nodes[len(spaces):count].tolist():
-                pencil = model.at(**dict(zip(cell.ranges, place, strict=True)))
-                lam, x, z = model.every(pencil)
-                at = np.flatnonzero(cell.contour.encloses(lam))
-                if len(at) != number:
+            for found in by_threads(solved, over.nodes[len(spaces):count].tolist()):
+                if len(found[1]) != number:
                     return None
-                scale = self.allowed(lam[at]) * self.share / 6  # what is shorter than 1 does not count
-                spaces.append(Spaces.of(model.moving(pencil), lam[at], x[:, at] / scale, z[:, at] / scale, unit, *spaces[:1]))
+                spaces.append(Spaces.of(*found, unit, *spaces[:1]))
             states = States.of(over, spaces, unit)
             tried.append((*self.lacking(model, cell, states), states))
             largest = [one[1] for one in tried]
@@ -308,16 +317,18 @@ class _Maker:
     def lacking(self, model: BoxModel, cell: Cell, states: States) -> tuple[float, float]:
         """How many pairs a value lacks that these states do not list without iteration, and the largest radius over |λ|."""
         assert cell.contour is not None and cell.number is not None
-        lacking, largest, (lo, hi) = list[int](), list[float](), np.transpose(list(cell.ranges.values()))
-        for place in _spread(lo, hi, 4).tolist():
+        inside, number = cell.contour.encloses, cell.number - 2 * model.free
+
+        def missing(place: Sequence[float]) -> tuple[int, float]:
             values = dict(zip(cell.ranges, place, strict=True))
             factors = model.factors(**values)
             sizes = model.radii.at((factors - self.middle)[self.varied])
-            (lam, _, _, size), _, missing = seen(states, values, model.moving(model.weighted(factors)), cell.contour.encloses,
-                                                 cell.number - 2 * model.free, sizes, self.box.tol)
-            lacking.append(abs(missing))
+            (lam, _, _, size), _, lacking = seen(states, values, model.moving(model.weighted(factors)), inside, number, sizes,
+                                                 self.box.tol)
             relative = size / np.maximum(np.abs(lam), DOUBLE * self.box.band[1])
-            largest.append(float(relative.max()) if len(lam) else np.inf)
+            return abs(lacking), float(relative.max()) if len(lam) else np.inf
+
+        lacking, largest = zip(*by_threads(missing, _spread(*np.transpose(list(cell.ranges.values())), 4).tolist()), strict=True)
         return float(np.mean(lacking)), max(largest)
 
     def learn(self, model: BoxModel, node: Node) -> None:
