@@ -234,12 +234,13 @@ def along(full: fs.Affine, small: Any, name: str, line: list[dict[str, float]], 
     for i, (before, after) in enumerate(pairwise(spectra)):
         a, b = line[i][name], line[i + 1][name]
         more = len(growing(after)) - len(growing(before)) - sum(step for one, step in every if a < one.value <= b)
+        # of what comes into the band, or grows by more than rounding from there on, both ends grow
         for p, omega in crossed(lambda p: growing(spectrum(full, {**others, name: p})), np.array([a, b] * bool(more)), shortest):
             a, b = max(begin, p - 10 * shortest), min(end, p + 10 * shortest)
-            ends = near(omega, a)[0].real, near(omega, b)[0].real  # of what comes into the band both grow
+            ends = [newton(full.at(**{**others, name: end}), near(omega, end)[0])[0].real for end in (a, b)]
             room = 2 * shortest + 2 * (near(omega, p)[1] + shift) / max(abs(ends[1] - ends[0]) / (b - a), EPS)
             known = any(abs(one.value - p) <= room + one.width and abs(one.omega - omega) <= 1e-3 * hi for one, _ in every)
-            known |= found.evidence == "not checked" or any(a - room <= p <= b + room for a, b in found.open) or min(ends) > shift
+            known |= found.evidence == "not checked" or any(a - room <= p <= b + room for a, b in found.open) or min(ends) > 0
             told += [f"the crossing at {name} = {p:.9g}, ω = {omega:.6g} is missing at {others}"] * (
                 not known and lo + BESIDE * hi < omega < hi * (1 - BESIDE))
     return told, len(every)
