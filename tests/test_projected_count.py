@@ -490,6 +490,29 @@ def test_strongly_damped_shapes_of_few_rows_are_those_of_lanczos(seed: int, monk
     assert np.linalg.svd(X.T @ (found[0].A @ Y), compute_uv=False).min() > 1 - 1e-9  # in the norm of A
 
 
+def test_friction_outside_of_the_basis_does_not_keep_corrections_from_converging(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disc and a pad of 348 DOF: the residuals of the pairs join the basis. LAPACK took all 696 eigenvalues."""
+    disc = fs.annulus(0.05, 0.15, 0.012, (1, 12, 1))
+    pad = fs.annulus(0.09, 0.145, 0.012, (1, 2, 1), sector=(-0.4, 0.4))
+    pad = replace(pad, points=pad.points + np.array([0.0, 0.0, 0.012]))
+    top = disc.nodes("top")
+    disc = disc.with_sets(track=top[np.abs(np.arctan2(disc.points[top, 1], disc.points[top, 0])) < 0.6])
+    ports = {f"{place}-{axis}": (place, axis) for place in ("top", "start", "end") for axis in "xyz"}
+    iron, lining = fs.Material(1.1e11, 0.26, 7200.0), fs.Material(5e9, 0.25, 2500.0)
+    parts = {"disc": fs.solid(disc, iron, supports=["inner"], interface=["track"], rayleigh=(10.0, 1e-8)),
+             "pad": fs.solid(pad, lining, interface=["bottom"], ports=ports, rayleigh=(10.0, 1e-8))}
+    rubbing = fs.FrictionContact("pad.bottom", "disc.track", {"disc": disc, "pad": pad}, 2e11, 0.3, 1e6, axis=(0, 0, 1),
+                                 speed=50.0)
+    brake = fs.couple(parts, [rubbing, *(fs.Spring(("pad", port), stiffness=1e7) for port in ports)])
+    band = (1e3, 4.5e4)
+    exact = dense.solve(brake.linearised(rubbing).dense())[0]
+    exact = exact[(exact.imag >= band[0]) & (exact.imag <= band[1])]
+    monkeypatch.setattr(dense, "solve", None)
+    found = fs.complex_modes(brake, rubbing, band=band)
+    assert found.evidence == "certified" and len(found) == len(exact) > 10
+    assert np.abs(found.eigenvalues[:, None] - exact).min(axis=1).max() < 1e-8 * band[1]
+
+
 BRAKE = Path(__file__).parent.parent.parent / "shared" / "brake-m0"
 
 

@@ -127,8 +127,11 @@ def _some(given: Pencil, region: Region, evidence: bool | None, projection: Proj
     # count, and with it the pairs
     count, pairs, why = None, None, ""
     if wanted:
-        projection, count, why = _counted(pencil, region, projection)
-        pairs = None if count is None or projection is None else _corrected(projection, pencil, count, region)
+        for _ in range(2):
+            projection, count, why = _counted(pencil, region, projection)
+            pairs = None if count is None or projection is None else _corrected(projection, pencil, count, region)
+            if pairs is not None or projection is None or not _widened(projection):
+                break
     elif evidence is None:
         why = f"the model has {pencil.size} DOF, and above {KEPT} none is made unasked, because of its second factor"
     if pairs is None and small:
@@ -251,7 +254,20 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
             found = None if found is None else distinct(*found)  # two may have come to one eigenvalue
             if found is not None and count.tally(found[0]).listed == count.number:
                 return found
+            log.info("corrections of the %d eigenpairs of the projection do not converge", count.number)
     return None
+
+
+def _widened(projection: Projection) -> bool:
+    """Whether residuals of the eigenpairs in the last contour join V: friction outside V may keep corrections from converging."""
+    small = projection.counted
+    if small is None or projection.size > projection.most / 2:
+        return False
+    at = np.flatnonzero(small.contour.encloses(small.each) & (small.each.imag >= 0))
+    with suppress(LinAlgError, NotEnoughMemoryError):
+        residuals = [projection.residuals(small.each[at], side[:, at], side is small.z) for side in (small.x, small.z)]
+        return projection.add(np.hstack(residuals))
+    return False
 
 
 def projection_over(pencil: Pencil, changes: Sequence[Varied], box: Box, room: float = ROOM, kept: bool = False) -> Projection:
