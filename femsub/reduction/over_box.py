@@ -328,7 +328,8 @@ class _Maker:
             relative = size / np.maximum(np.abs(lam), DOUBLE * self.box.band[1])
             return abs(lacking), float(relative.max()) if len(lam) else np.inf
 
-        lacking, largest = zip(*by_threads(missing, _spread(*np.transpose(list(cell.ranges.values())), 4).tolist()), strict=True)
+        lo, hi = np.transpose(list(cell.ranges.values()))
+        lacking, largest = zip(*by_threads(missing, _spread(lo, hi, 4).tolist()), strict=True)
         return float(np.mean(lacking)), max(largest)
 
     def learn(self, model: BoxModel, node: Node) -> None:
