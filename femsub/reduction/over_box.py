@@ -220,7 +220,7 @@ class _Maker:
             del model  # before the next one takes memory
             nodes = self.enriched([*(nodes if names else []), new], 1)
             model = self.small(nodes, cells)
-            again = errors > box.tol  # more shapes do not make an error larger
+            again = errors >= min(box.tol, errors.max())  # more shapes do not make an error larger
             found = model.modes_over(**dict(zip(names, train[again].T, strict=True))) if names else [model.modes()]
             before, errors = errors, errors.copy()
             errors[again] = [self.error(one) for one in found]

@@ -500,12 +500,15 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
         load[rows, np.arange(len(rows))] = 1.0
         flexibility = solve(load)
         del load
-        L = la.cholesky(flexibility[rows], lower=True)
-        values, w = la.eigh(L.T @ (D[rows][:, rows] @ L))
+        # with G = EᵀA⁻¹E = LLᵀ of the rows' unit loads E, D = ESEᵀ and LᵀSLw = λw, Dx = λAx has x = A⁻¹ESLw / λ. A stiff joint
+        # between two rows makes G singular within rounding
+        size, turn = la.eigh(flexibility[rows])
+        S, L = D[rows][:, rows], turn * np.sqrt(np.maximum(size, 0.0))
+        values, w = la.eigh(L.T @ (S @ L))
         keep = (values >= d[0]) | (values <= -d[1])
         if keep.sum() < number:
             raise NotConvergedError(f"of {number} strongly damped shapes {keep.sum()} were found")
-        return flexibility @ la.solve_triangular(L, w[:, keep], lower=True, trans=1), ends
+        return flexibility @ (S @ (L @ w[:, keep]) / values[keep]), ends
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
     check_columns("the pencil", A.shape[0], 2 * number + 1)
