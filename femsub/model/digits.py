@@ -51,14 +51,6 @@ def _written(entries: Array, most: float = 0.95) -> float:
     bits = np.frexp(values)[0] * 2.0**BITS
     if np.mean(bits == np.rint(bits)) > most and np.mean(bits % 8 != 0) > 0.5:
         return TYPICAL * 2.0 ** (1 - BITS)
-
-    def counted(some: Array) -> Array:
-        return np.array([len(repr(value).split("e")[0].replace(".", "").strip("0")) for value in some.tolist()])
-
-    # where some of them alone have more digits than `most` of all leave, the others need not be looked at
-    more = counted(values[::FEW]) >= DIGITS.stop
-    if np.count_nonzero(more) > (1 - most) * len(values) + 2:
-        return 0.0
-    digits = counted(values)
+    digits = np.array([len(repr(value).split("e")[0].replace(".", "").strip("0")) for value in values.tolist()])
     longest = int(np.quantile(digits, most))
     return TYPICAL * 10.0 ** (1 - longest) if longest in DIGITS and np.mean(digits >= longest - 1) > 0.5 else 0.0
