@@ -323,7 +323,9 @@ def _varied(model: Any, contacts: Contacts, parameters: Any, at: Mapping[str, fl
         pencil = pencil_of(model, contacts)
         values, family = _now(contacts, named), None
         if named:
-            ranges = {name: _around(value) for name, value in values.items()}
+            # of one sign, since a contact may refuse others; the fit over them is exact
+            ranges = {name: (min(value / 2, 2 * value), max(value / 2, 2 * value)) if value else (0.0, 1.0)
+                      for name, value in values.items()}
             # a copy would be another model to the contacts, which keep their matrices by the model's DOF
             viscous = model if model.H is None else model.with_structural_damping(None)
             family = family_of(viscous, contacts, named, ranges)
@@ -366,11 +368,6 @@ def _now(contacts: Contacts, named: Sequence[str]) -> dict[str, float]:
         if any(found[name] in kinks_of(one, name) for one in owners):
             raise InputError(f"a contact has a kink at {name} = {found[name]:g}: there is no derivative")
     return found
-
-
-def _around(value: float) -> tuple[float, float]:
-    """A range of values of one sign about a value, since a contact may refuse others; the fit over it is exact."""
-    return (0.0, 1.0) if value == 0 else (min(value / 2, 2 * value), max(value / 2, 2 * value))
 
 
 class _Simple(NamedTuple):

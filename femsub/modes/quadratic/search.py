@@ -195,10 +195,12 @@ def _counted(pencil: Pencil, region: Region, projection: Projection | None) -> t
     try:
         if region.box is None:
             radius, modes = about_radius(pencil, region.count or 0)
+        # two eigenproblems of a projection, the usual number, cost no more than all eigenvalues by LAPACK
+        most = int(pencil.size * 0.5 ** (1 / 3)) if pencil.size <= QUADRATIC else QUADRATIC
         for wider in (1.0, 1.25, 1.5):  # a disc that may hold too few; the first is mostly wide enough
             if region.box is None:
                 outer = Contour(wider * radius)
-            projection = Projection(pencil, outer, _most_shapes(pencil.size), lowest=modes)
+            projection = Projection(pencil, outer, most, lowest=modes)
             count = projection.on(partial(_inside, region, outer))
             if count is not None:
                 return projection, count, ""
@@ -261,9 +263,12 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
 def _widened(projection: Projection) -> bool:
     """Whether residuals of the eigenpairs in the last contour join V: friction outside V may keep corrections from converging."""
     small = projection.counted
-    if small is None or projection.size > projection.most / 2:
+    if small is None:
         return False
     at = np.flatnonzero(small.contour.encloses(small.each) & (small.each.imag >= 0))
+    if (size := projection.size + 4 * len(at)) > projection.most:  # real and imaginary parts, right and left
+        log.info("a basis of %d shapes might let them converge, and the limit is %d", size, projection.most)
+        return False
     with suppress(LinAlgError, NotEnoughMemoryError):
         residuals = [projection.residuals(small.each[at], side[:, at], side is small.z) for side in (small.x, small.z)]
         return projection.add(np.hstack(residuals))
@@ -302,8 +307,3 @@ def _around(box: Box, room: float = ROOM) -> Contour:
     """The contour around a rectangle whose edges may move out by up to `room` of its top, from the real axis on."""
     a, b, _, hi = box
     return Contour(sides=(a - room * hi, b + room * hi, (1 + room) * hi))
-
-
-def _most_shapes(size: int) -> int:
-    """Shapes of a projection: two of its eigenproblems, the usual number, cost no more than all eigenvalues by LAPACK."""
-    return int(size * 0.5 ** (1 / 3)) if size <= QUADRATIC else QUADRATIC
