@@ -50,6 +50,7 @@ from .model.changes import (
 from .model.contact import LinearContact as LinearContact
 from .model.dof_map import DofMap as DofMap
 from .model.estimate import Estimate as Estimate
+from .model.families import family_of as family_of
 from .model.pencil import Pencil as Pencil
 from .model.substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure
 from .modes.damping import damped as damped, equivalent_viscous as equivalent_viscous

@@ -6,6 +6,7 @@ import math
 import pickle
 import re
 import warnings
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -214,21 +215,28 @@ def test_some_of_the_parameters_may_be_fixed():
                                rtol=small.box.tol)
 
 
-def test_the_span_of_states_has_the_eigenvalues_of_the_model():
-    """It does not move: `scatter` encloses eigenvalues on it."""
+def test_states_that_stay_know_how_far_they_are_off():
+    """`scatter` encloses eigenvalues on the states of a place: so it asks at corners of its neighbourhood."""
     small, rng = reduced_family(4), np.random.default_rng(4)
     M, D, K = ([A for _, A in terms] for terms in (small.M, small.D, small.K))
+    seen = []
     for cell in small.cells:
-        right, left = cell.states.span
-        fixed = Companion.of(M, D, K, cell.states.unit).between(right, left)
-        assert len(fixed.x) == small.size and fixed.b.shape[1] == right.shape[1] == left.shape[1] < 2 * small.size
-        for _ in range(3):
-            place = {name: float(rng.uniform(*ends)) for name, ends in cell.ranges.items()}
-            weights = np.append(1.0, small.factors(**place))
-            a, b = (np.tensordot(weights, part, 1) for part in (fixed.a, fixed.b))
-            modes = small.modes(**place)
-            far = np.abs(fixed.unit * la.eigvals(a, b)[:, None] - modes.eigenvalues).min(axis=0)
-            assert (far <= modes.error_bar + small.box.tol * np.abs(modes.eigenvalues)).all()
+        for reach in (0.0, 0.03, 0.1):
+            place = {name: float(rng.uniform(0.7 * lo + 0.3 * hi, 0.3 * lo + 0.7 * hi)) for name, (lo, hi) in cell.ranges.items()}
+            aside = {name: value + reach * float(np.ptp(cell.ranges[name])) for name, value in place.items()}
+            here = cell.states.staying(place)
+            off = small.distance(cell, here, aside)
+            right, left = cell.states.at(place)
+            fixed = Companion.between(M, D, K, cell.states.unit, right, left)
+            a, b = (np.tensordot(np.append(1.0, small.factors(**aside)), part, 1) for part in (fixed.a, fixed.b))
+            every, found = truth(family(4).at(**aside)), fixed.unit * la.eigvals(a, b)
+            far = np.abs(found[:, None] - every).min(axis=1)
+            assert (far <= 1.01 * off * np.abs(found) + 1e-9).all()
+            seen.append((reach, off))
+    assert max(off for reach, off in seen if not reach) < small.box.tol
+    assert min(off for reach, off in seen if reach > 0.05) > 10 * max(off for reach, off in seen if not reach)
+    lacks = replace(cell, number=cell.number + 2)
+    assert small.distance(lacks, cell.states, place) == np.inf
 
 
 @pytest.mark.sampled(3)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -40,6 +41,18 @@ def random_family(seed: int, n: int = 6) -> fs.Affine:
     skew, turn, load = rng.standard_normal((n, n)), rng.standard_normal((n, n)), rng.standard_normal((n, 2))
     return fs.Affine(np.eye(n), [(1.0, np.diag(0.05 * omega)), (reciprocal, 0.02 * (turn - turn.T))],
                      [(1.0, np.diag(omega**2)), ("x", 0.5 * (skew - skew.T)), (product, 0.3 * load @ load.T)])
+
+
+@dataclass(frozen=True)
+class Rubbing:
+    """The motion of p pushes q with μ, and that of q pushes p back."""
+
+    mu: float = 0.0
+    ports: tuple[str, ...] = ("p", "q")
+    affine: ClassVar[tuple[str, ...]] = ("mu",)
+
+    def linearised(self, model: Any) -> tuple[Any, Any]:
+        return None, self.mu * np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
 def reciprocal(y: float) -> float:
@@ -169,6 +182,25 @@ def test_samples_outside_a_box_are_undecided_and_the_bound_is_named() -> None:
             assert verdict == {True: -1, False: 1, None: 0}[stable] or verdict == 0
     assert found.interval[1] - found.interval[0] > found.outside
     assert found.evidence == "confirmed" and found.solved < 64
+
+
+def test_labels_over_a_box_are_those_of_the_full_model() -> None:
+    """Three parameters: a field of a contact, a material and a spring. Most samples are not solved for themselves."""
+    rng = np.random.default_rng(3)
+    beam = fs.beam(1.0, 20, E=1.0, I=1.0, rho=1.0, A=1.0, supports={0.0: "clamped"}, rayleigh=(0.5, 0.0),
+                   ports={"p": (0.5, "w"), "q": (1.0, "w")})
+    rubbing = Rubbing(mu=0.5)
+    changes = {"E": fs.MaterialChange.beam(1.0, 20, "E", E=1.0, I=1.0, rho=1.0, A=1.0), "tip": fs.AddedSpring("q")}
+    ranges = {"mu": (45.0, 70.0), "E": (0.95, 1.05), "tip": (0.0, 1.0)}
+    full = fs.family_of(beam, rubbing, list(ranges), ranges, changes=changes)
+    small = fs.reduce(full, fs.ParameterBox(ranges, band=(0.0, 80.0)))
+    laws = {name: stats.uniform(lo, hi - lo) for name, (lo, hi) in ranges.items()}
+    found = fs.scatter(small, laws, samples=1024, importance=False)
+    assert small.evidence == "certified" and found.evidence == "confirmed"
+    assert 0.1 < found.probability < 0.9 and found.undecided < 0.01 and found.solved < 0.5 * len(found.samples)
+    for i in rng.choice(len(found.samples), 40, replace=False):
+        modes = fs.complex_modes(full.at(**dict(zip(ranges, found.samples[i].tolist(), strict=True))), band=(0.0, 80.0))
+        assert found.verdict[i] in (0, np.sign(modes.eigenvalues.real.max()))
 
 
 def test_fields_of_contacts_scatter_as_well_and_a_seed_repeats() -> None:

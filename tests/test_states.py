@@ -219,7 +219,7 @@ def test_enclosures_have_the_same_projection() -> None:
     right, left = rng.standard_normal((2, 24, 8))
     states = States.of(Polynomials.of({"p": (0.0, 1.0)}, 1), [Spaces(right, left)], 3.0)
     lam, _, _ = states.pairs({"p": 0.5}, (K, D, M), lambda s: np.isfinite(s))
-    a, b, _, unit = Companion.of([M], [D], [K], 3.0).between(right, left)
+    a, b, _, unit = Companion.between([M], [D], [K], 3.0, right, left)
     every = unit * la.eigvals(a.sum(axis=0), b.sum(axis=0))
     np.testing.assert_allclose(np.sort_complex(every[every.imag >= 0]), np.sort_complex(lam), rtol=1e-8)
 

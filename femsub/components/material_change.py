@@ -93,6 +93,14 @@ class MaterialChange(Change):
     def name(self) -> str:
         return f"{self.parameter} of {' '.join(one for one in (self.part, self.where) if one) or self.kind}"
 
+    def __post_init__(self) -> None:
+        self.allowed(0.0)
+        self.allowed(finite_number("amount", self.amount))
+
+    def allowed(self, amount: float) -> None:
+        """Refuse an amount with which the material is none."""
+        _possible(self.kind, {**self.constants, self.parameter: self.value + amount})
+
     @property
     def value(self) -> float:
         """The constant now."""
@@ -118,7 +126,7 @@ class MaterialChange(Change):
         """
         members, where = _cells(mesh, cells)
         now = {name: getattr(instance("material", material, Material), name) for name in ("E", "nu", "rho", "loss")}
-        _checked(parameter, amount, now, lambda changed: Material(**changed))
+        choice("parameter", parameter, now)
         nodes, places = np.unique(mesh.cells[members], return_inverse=True)
         piece = Mesh(mesh.points[nodes], places.reshape(-1, mesh.cells.shape[1]), mesh.kind)
         every = np.arange(len(members))
@@ -128,7 +136,7 @@ class MaterialChange(Change):
             matrices.append(K)
         own = np.arange(3 * len(nodes))
         dofs = DofMap(mesh.numbers[nodes][own // 3], own % 3, TRANSLATIONS)
-        return cls("solid", parameter, float(amount), now, (*matrices, M), dofs, word("part", part), where, _pair(rayleigh))
+        return cls("solid", parameter, amount, now, (*matrices, M), dofs, word("part", part), where, _pair(rayleigh))
 
     @classmethod
     def plate(cls, mesh: Mesh, parameter: str, amount: float = 0.0, *, E: float, nu: float, rho: float, thickness: float,
@@ -136,15 +144,10 @@ class MaterialChange(Change):
         """Of a plate: `parameter` is 'E', 'nu', 'rho' or 'thickness'. The others are as given to `plate`; see `solid`."""
         members, where = _cells(mesh, cells)
         now = {"E": E, "nu": nu, "rho": rho, "thickness": thickness}
-
-        def check(given: Values) -> None:
-            Material(given["E"], given["nu"], given["rho"])
-            positive_number("thickness", given["thickness"])
-
-        _checked(parameter, amount, now, check)
+        choice("parameter", parameter, now)
         layout = Layout(mesh)
         (K0, M), (K1, _) = (layout.matrices(nu, members) for nu in (0.0, 1.0))  # K is affine in ν
-        return cls("plate", parameter, float(amount), now, (K0, K1 - K0, M), layout.dofs(), word("part", part), where,
+        return cls("plate", parameter, amount, now, (K0, K1 - K0, M), layout.dofs(), word("part", part), where,
                    _pair(rayleigh))
 
     @classmethod
@@ -158,16 +161,11 @@ class MaterialChange(Change):
         x, h = element_lengths(length, elements)
         members = np.arange(len(h)) if cells is None else _rows(cells, len(h))
         now = {"E": E, "I": I, "rho": rho, "A": A, "foundation": foundation}
-
-        def check(given: Values) -> None:
-            for name, value in given.items():
-                (not_negative if name == "foundation" else positive_number)(name, value)
-
-        _checked(parameter, amount, now, check)
+        choice("parameter", parameter, now)
         rows = 2 * members[:, None] + np.arange(4)
         K, M = gathered(rows, 2 * len(x), lambda part: hermite_matrices(h[members[part]]))
         dofs = DofMap(np.repeat(np.arange(1, len(x) + 1), 2), np.tile([0, 1], len(x)), LABELS)
-        return cls("beam", parameter, float(amount), now, (K, M, M), dofs, word("part", part), "" if cells is None else "cells",
+        return cls("beam", parameter, amount, now, (K, M, M), dofs, word("part", part), "" if cells is None else "cells",
                    _pair(rayleigh))
 
     def terms(self, model: Any) -> list[ChangeTerm]:
@@ -198,11 +196,16 @@ class MaterialChange(Change):
         return terms
 
 
-def _checked(parameter: Any, amount: Any, now: Mapping[str, float], check: Callable[[Any], Any]) -> None:
-    """Both materials are possible ones."""
-    choice("parameter", parameter, now)
-    check(now)
-    check({**now, parameter: now[parameter] + finite_number("amount", amount)})
+def _possible(kind: str, of: Values) -> None:
+    """An error if a component of this kind cannot have these constants."""
+    if kind == "solid":
+        Material(**of)
+    elif kind == "plate":
+        Material(of["E"], of["nu"], of["rho"])
+        positive_number("thickness", of["thickness"])
+    else:
+        for name, value in of.items():
+            (not_negative if name == "foundation" else positive_number)(name, value)
 
 
 def _pair(rayleigh: tuple[float, float] | None) -> tuple[float, float]:

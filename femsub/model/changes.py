@@ -60,6 +60,9 @@ class Change(ABC):
     def name(self) -> str:
         """A name for tables."""
 
+    def allowed(self, amount: float) -> None:  # noqa: B027  (most amounts are)
+        """Refuse an amount with which the model would make no sense, as a negative E, by an `InputError`."""
+
     @abstractmethod
     def terms(self, model: Substructure) -> list[ChangeTerm]:
         """What it adds to the matrices of a model.

@@ -1,4 +1,4 @@
-"""`family_of`: a model with contacts as an `Affine` over several of their parameters, and the check of what contacts declare.
+"""`family_of`: a model with contacts and changes as an `Affine` over their parameters, and the check of what contacts declare.
 
 A contact declares in `affine` and `affine_through` that its C_D and C_K are affine in each parameter p_i, or in functions f(p_i),
 while the others stay. So each is a sum Σ c_S Π f(p_i) over sets S of parameters. The values at the corners of a box give all c_S,
@@ -7,7 +7,7 @@ and each becomes one matrix W c_S Wᵀ.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from inspect import Parameter, Signature
@@ -18,11 +18,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import without_rounding
+from femsub.algebra import as_matrix, without_rounding
 from femsub.checks import EPS, EQUAL, Array, Matrix, instance, interval, items, mapping, word
 from femsub.errors import InputError, unknown_name
 from femsub.model.affine import Affine, Theta
+from femsub.model.changes import as_changes
 from femsub.model.contact import Contacts, affine_functions, columns_of, contacts_of, fields_of, small_matrices
+from femsub.model.jets import Jet
 from femsub.model.pencil import contact_matrix
 from femsub.model.substructure import Substructure
 
@@ -59,9 +61,27 @@ def theta_of(key: Key) -> Theta:
     return 1.0 if not key else key[0][0] if len(key) == 1 and key[0][1] is None else Product(key)
 
 
+@dataclass(frozen=True)
+class _From:
+    """θ(p - p_0): the factor of a change whose parameter is p_0 now."""
+
+    factor: Callable[[Any], Any]
+    start: float
+
+    def __call__(self, p: Any) -> Any:
+        return self.factor(p - self.start)
+
+    @property
+    def __name__(self) -> str:
+        return f"change from {self.start:g} to "
+
+
 def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequence[str],
-              ranges: Mapping[str, tuple[float, float]]) -> Affine:
+              ranges: Mapping[str, tuple[float, float]], changes: Mapping[str, Any] | None = None) -> Affine:
     """M, D + Σ θ_S(p) W c_S Wᵀ and K + Σ θ_S(p) W c_S Wᵀ over parameters p of the contacts: the pencil as an `Affine`.
+
+    A parameter of `changes` adds θ(p) UᵀAU to M, D and K, see `Change`. What takes an `Affine` takes all of them then: `reduce`
+    over a `ParameterBox`, `scatter`, `stability_map`, `critical_value`, `track`.
 
     Parameters
     ----------
@@ -70,9 +90,13 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
     contacts : contact or sequence of contacts
         Each parameter changes in all that have it. Those that have none stay as they are.
     parameters : sequence of str
-        Fields of the contacts.
+        Fields of the contacts, and names in `changes`.
     ranges : mapping of str to (lo, hi)
         The range of each parameter. The contacts are asked at a few values in it, and samples check there what they declare.
+    changes : mapping of str to a change, or a sequence of them, optional
+        Parameters that are no fields of contacts, each by what it changes: a constant of a material (`MaterialChange`), a mass,
+        a spring or a dashpot (`AddedMass`, ...), a joint (`JointChange`). The value of the parameter is the constant itself,
+        such as E in Pa, or what is added in all. Amounts of the changes do not count. The basis of a reduced model stays.
 
     Returns
     -------
@@ -85,7 +109,8 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
     ------
     InputError, InputTypeError
         A parameter that no contact has, or in which one is not declared to be affine; a declaration that samples contradict; a
-        range without lo < hi; structural damping.
+        range without lo < hi, or with values that a constant cannot have; structural damping; changes of one parameter that
+        start from different values.
 
     Examples
     --------
@@ -93,11 +118,15 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
     >>> from femsub.model import family_of
     >>> family_of(fs.chain(3, belt=1), fs.Belt(slope=-0.1), ["force", "slope"], {"force": (1, 2), "slope": (-0.3, 0)})
     Affine: 3 DOF, sparse, parameters force, slope
+    >>> family_of(fs.chain(3, belt=1), fs.Belt(slope=-0.1), ["slope", "tuned"], {"slope": (-0.3, 0), "tuned": (0, 1)},
+    ...           changes={"tuned": fs.AddedMass([2])})
+    Affine: 3 DOF, sparse, parameters tuned, slope
     """
     names = [word("each of parameters", name) for name in items("parameters", parameters, "names")]
     if isinstance(model, Affine):
-        if contacts is not None:
-            raise InputError("an Affine has no ports for contacts. Put them into its matrices, or use a Substructure")
+        if contacts is not None or changes:
+            raise InputError("an Affine has no ports for contacts, and no nodes for changes. Put them into its matrices, or use a "
+                             "Substructure")
         if unknown := [name for name in names if name not in model.parameters]:
             raise unknown_name("parameter", unknown[0], model.parameters)
         if rest := [name for name in model.parameters if name not in names]:
@@ -106,8 +135,14 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
     instance("model", model, Substructure, "or an Affine").viscous_only("a model over parameters")
     given: Sequence[Any] = contacts_of(contacts)
     known = [fields_of(contact) for contact in given]
-    if unknown := [name for name in names if not any(name in fields for fields in known)]:
-        raise unknown_name("parameter", unknown[0], sorted(set().union(*known)))
+    changed = {} if changes is None else mapping("changes", changes, "names of parameters and lists of changes")
+    fields = set().union(*known)
+    if unknown := [name for name in names if name not in fields and name not in changed]:
+        raise unknown_name("parameter", unknown[0], sorted(fields | set(changed)))
+    if both := sorted(fields & set(changed)):
+        raise InputError(f"{both[0]!r} is a field of a contact. Give its change another name")
+    if idle := [name for name in changed if name not in names]:
+        raise unknown_name("change", idle[0], names)
     mapping("ranges", ranges, "names and pairs (lo, hi)")
     if missing := [name for name in names if name not in ranges]:
         raise InputError(f"no range is given for {', '.join(missing)}. Give all of {', '.join(names)}")
@@ -116,7 +151,7 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
 
     own = [{name: ends for name, ends in box.items() if name in fields} for fields in known]
     constant = model.linearised([contact for contact, changing in zip(given, own, strict=True) if not changing])
-    sums: tuple[dict[Key, Matrix], dict[Key, Matrix]] = {(): constant.D}, {(): constant.K}
+    sums: tuple[dict[Any, Matrix], ...] = {(): constant.D}, {(): constant.K}
     for contact, changing in zip(given, own, strict=True):
         if changing:
             for into, found in zip(sums, _terms_of(model, contact, changing), strict=True):
@@ -124,8 +159,44 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
                     into[key] = into[key] + A if key in into else A
     D, K = ([(theta_of(key), A) for key, A in terms.items() if np.any(A.data if sp.issparse(A) else A)] for terms in sums)
     family = Affine(constant.M, D, K)
+    if changed:
+        sums = tuple(dict(getattr(family, name)) for name in "MDK")
+        for name, several in changed.items():
+            for matrix, theta, A in _changing(model, name, several, box[name]):
+                into = sums["MDK".index(matrix)]
+                into[theta] = into[theta] + A if theta in into else as_matrix(matrix, A)
+        # no `Affine` anew: what is constant may have no stiffness left
+        family = family._with(**{name: tuple(terms.items()) for name, terms in zip("MDK", sums, strict=True)})
     without = [(name, constant.K - constant.K) for name in names if name not in family.parameters]
-    return (Affine(constant.M, D, [*K, *without]) if without else family).below(model.cutoff)
+    return family._with(K=(*family.K, *without)).below(model.cutoff)
+
+
+def _changing(model: Substructure, name: str, several: Any, between: tuple[float, float]) -> Iterator[tuple[str, Theta, Matrix]]:
+    """Of each term of the changes of a parameter: the matrix it belongs to, its factor and UᵀAU."""
+    given = as_changes(f"the changes of {name}", several if isinstance(several, (list, tuple)) else [several])
+    if not given:
+        raise InputError(f"the parameter {name} has no changes")
+    starts = [0.0 if np.isnan(one.value) else one.value for one in given]
+    if max(starts) != min(starts):
+        raise InputError(f"the changes of {name} start from different values, {min(starts):g} to {max(starts):g}: give each a "
+                         "parameter of its own")
+    for change, start in zip(given, starts, strict=True):
+        for end in between:
+            change.allowed(end - start)
+        for matrix, U, A, factor in change.terms(model):
+            if matrix == "H":
+                raise InputError(f"{change.name} changes the structural damping, which a model over parameters cannot have")
+            whole = U.T @ ((sp.csr_array(A) if sp.issparse(U) else A) @ U)
+            if matrix != "D":
+                whole = (whole + whole.T) / 2
+            jets = [factor(Jet.of(p - start, 0, 1)) for p in (*between, start)]
+            if not any(jet.second.any() for jet in jets):  # as of E and ρ: the parameter itself is the factor
+                slope = float(jets[-1].first[0])
+                yield matrix, name, slope * whole
+                if start:
+                    yield matrix, 1.0, -start * slope * whole
+            else:
+                yield matrix, theta_of(((name, _From(factor, start)),)), whole
 
 
 def check_affine(owner: str, parameter: str, functions: Sequence[Function], at: Callable[[float], tuple[Array, ...]],

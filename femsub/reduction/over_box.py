@@ -266,11 +266,15 @@ class _Maker:
         kept = length > max(allowed, len(length) * EPS * length.max())
         mix = mix.T.reshape(len(scale), d, -1) / scale
         lost = np.array([la.norm(part, 2) for part in mix[..., ~kept]]) if not kept.all() else np.zeros(len(scale))
+        mix = mix[..., kept]
+        rounding = float(np.finfo(np.float32).eps) * la.norm(mix, axis=(1, 2))
+        if rounding @ scale.ravel() <= allowed / 10:
+            mix, lost = mix.astype(np.float32), lost + rounding
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
         V = projection.V @ W
-        radii = Radii(mix[..., kept], lost, signs, places, base, projection.sizes(V), self.least)
+        radii = Radii(mix, lost, signs, places, base, projection.sizes(V), self.least)
         V = np.hstack([projection.free, V]) if projection.free.size else V
         V *= self.unit[:, None]
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))
@@ -294,11 +298,11 @@ class _Maker:
         spaces, tried = list[Spaces](), list[tuple[float, float, States]]()
 
         def solved(place: Sequence[float]) -> tuple[Any, Array, Array, Array]:
-            pencil = model.at(**dict(zip(cell.ranges, place, strict=True)))
-            lam, x, z = model.every(pencil)
+            matrices = model.moving(model.factors(**dict(zip(cell.ranges, place, strict=True))))
+            lam, x, z = model.every(matrices)
             at = np.flatnonzero(contour.encloses(lam))
             scale = self.allowed(lam[at]) * self.share / 6  # what is shorter than 1 does not count
-            return model.moving(pencil), lam[at], x[:, at] / scale, z[:, at] / scale
+            return matrices, lam[at], x[:, at] / scale, z[:, at] / scale
 
         for count in over.counts:
             for found in by_threads(solved, over.nodes[len(spaces):count].tolist()):
@@ -323,8 +327,7 @@ class _Maker:
             values = dict(zip(cell.ranges, place, strict=True))
             factors = model.factors(**values)
             sizes = model.radii.at((factors - self.middle)[self.varied])
-            (lam, _, _, size), _, lacking = seen(states, values, model.moving(model.weighted(factors)), inside, number, sizes,
-                                                 self.box.tol)
+            (lam, _, _, size), _, lacking = seen(states, values, model.moving(factors), inside, number, sizes, self.box.tol)
             relative = size / np.maximum(np.abs(lam), DOUBLE * self.box.band[1])
             return abs(lacking), float(relative.max()) if len(lam) else np.inf
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -25,9 +26,9 @@ from femsub.checks import (
     whole_number,
 )
 from femsub.errors import InputError
-from femsub.model import Affine, in_band
+from femsub.model import DOUBLE, Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
-from femsub.reduction.states import States, improved, listed
+from femsub.reduction.states import States, improved, listed, settled
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -171,7 +172,7 @@ class Radii:
     |δλ| ≤ ‖R‖ ‖L‖ / (c |zᴴP'(λ)x|) with the residuals R and L of right and left vectors in the norm of A⁻¹, if P(λ) outside the
     basis has an inverse of at most 1/c in the norm of A. c is an estimate: a third of the least that was seen at values of the
     parameters whose eigenvectors are not in the basis. `images` (p + 1, d, r) of the basis by A and by the terms are real rows of
-    their lengths and angles, but for what is too small to matter.
+    their lengths and angles, but for what is too small to matter; in single precision where that is so for its rounding.
     """
 
     images: Array
@@ -191,7 +192,8 @@ class Radii:
         """What gives the radius of single eigenvalues at θ."""
         weights = self.weights(theta)
         terms, d, r = self.images.shape
-        both = np.hstack([weights, weights * np.append(1.0, self.signs)[:, None]])  # the images pass the memory once
+        # the images pass the memory once
+        both = np.hstack([weights, weights * np.append(1.0, self.signs)[:, None]]).astype(self.images.dtype)
         right, left = (both.T @ self.images.reshape(terms, d * r)).reshape(2, 3 * d, r)
         return RadiiAt(self, weights, right, left, np.tensordot(np.abs(weights.T), self.rounding, 1))
 
@@ -236,7 +238,7 @@ class RadiiAt(NamedTuple):
         rounding = 64 * EPS * np.einsum("ik,ki->i", moved, np.abs(z))
         for images, s, part in ((self.right, values, x), (self.left, values.conj(), z)):
             columns = np.concatenate([part, part * s, part * s * s])
-            image = np.vstack([columns.real.T, columns.imag.T]) @ images  # real times complex
+            image = np.vstack([columns.real.T, columns.imag.T]).astype(images.dtype) @ images  # real times complex
             square = np.einsum("ka,ka->k", image, image).reshape(2, -1).sum(axis=0)
             length = np.linalg.norm(part, axis=0)
             size = size * (np.sqrt(square) + self.radii.lost @ own * length)
@@ -357,23 +359,61 @@ class BoxModel(Affine):
         λ are in the order of Im λ, without those of free rigid motion, which are 0. Pairs are as exact as the tolerance of the
         box requires, or `fine`: to rounding.
         """
-        cell, region, free = self.cell(**values), self.box.region, self.free
         factors = self.factors(**values)
-        pencil = self.weighted(factors)
-        contour = cell.contour or self.box.contour
+        lam, x, z, size = self._listed(self.cell(**values), values, factors, fine)
+        none = np.zeros((self.free, len(lam)))
+        return self.weighted(factors), lam, np.vstack([none, x]), np.vstack([none, z]), size
+
+    def _listed(self, cell: Cell, values: Mapping[str, float], factors: Array, fine: bool = False) -> tuple[Array, ...]:
+        """λ, x, z and size of `pairs`, without free rigid motion."""
+        region, contour, matrices = self.box.region, cell.contour or self.box.contour, self.moving(factors)
         found, sizes = None, self.radii.at((factors - self.middle)[self.varied])
         if cell.states is not None and cell.number is not None:
-            number, tol = cell.number - 2 * free, self.box.tol
-            found = listed(cell.states, values, self.moving(pencil), contour.encloses, number, sizes, tol, fine)
+            number, tol = cell.number - 2 * self.free, self.box.tol
+            found = listed(cell.states, values, matrices, contour.encloses, number, sizes, tol, fine)
         if found is None:
-            lam, x, z = self.every(pencil)
+            lam, x, z = self.every(matrices)
             near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
-            lam, x, z = improved(self.moving(pencil), lam[near], x[:, near], z[:, near])
+            lam, x, z = improved(matrices, lam[near], x[:, near], z[:, near])
             found = lam, x, z, sizes(lam, x, z)
         order = np.argsort(found[0].imag, kind="stable")
-        lam, x, z, size = (part[..., order] for part in found)
-        none = np.zeros((free, len(lam)))
-        return pencil, lam, np.vstack([none, x]), np.vstack([none, z]), size
+        return tuple(part[..., order] for part in found)
+
+    @one_thread(True)
+    def eigenvalues(self, values: Mapping[str, float]) -> tuple[Array, Array, bool]:
+        """λ (k,) with Im λ ≥ 0 in the band, without those of free rigid motion; the radius of each; whether these are all."""
+        cell = self.cell(**values)
+        lam, _, _, size = self._listed(cell, values, self.factors(**values))
+        near, bar, number = self._in_band(cell, lam, size)
+        return lam[near], bar, number == cell.number
+
+    @one_thread(True)
+    def distance(self, cell: Cell, states: States, values: Mapping[str, float]) -> float:
+        """How far the eigenvalues of a cell's states, without iteration, are from those of the full model at most, over |λ|.
+
+        inf where they are not as many as the cell has.
+        """
+        factors, contour = self.factors(**values), cell.contour or self.box.contour
+        matrices, sizes = self.moving(factors), self.radii.at((factors - self.middle)[self.varied])
+        with np.errstate(all="ignore"):
+            try:
+                raw, x, z = states.pairs(values, matrices, contour.encloses)
+            except np.linalg.LinAlgError:
+                return np.inf
+            lam, x, z = settled(matrices, raw, x, z)
+            if len(raw) + np.count_nonzero(raw.imag) + 2 * self.free != cell.number:
+                return np.inf
+            off = self.radii.circles(lam, sizes(lam, x, z)) + np.abs(lam - raw)
+            off = off / np.maximum(np.abs(lam), DOUBLE * self.box.band[1])
+        return float(off.max(initial=0.0)) if np.isfinite(off).all() else np.inf
+
+    def _in_band(self, cell: Cell, lam: Array, size: Array) -> tuple[Array, Array, int]:
+        """Which λ are in the band, the radius of each, and how many eigenvalues are in the cell's contour."""
+        region = self.box.region
+        enclosed = (cell.contour or self.box.contour).encloses(lam)
+        near = np.flatnonzero(in_band(lam, region[2:], region[:2]))
+        number = 2 * self.free + int(enclosed.sum() + np.count_nonzero(lam[enclosed].imag))
+        return near, self.radii.circles(lam, size)[near], number
 
     @one_thread(True)
     def modes(self, **values: float) -> ComplexModes:
@@ -381,13 +421,9 @@ class BoxModel(Affine):
 
         Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
         """
-        cell, region, free = self.cell(**values), self.box.region, self.free
-        contour = cell.contour or self.box.contour
+        cell, free = self.cell(**values), self.free
         pencil, lam, x, _, size = self.pairs(values)
-        enclosed = contour.encloses(lam)
-        number = 2 * free + int(enclosed.sum() + np.count_nonzero(lam[enclosed].imag))
-        near = np.flatnonzero(in_band(lam, region[2:], region[:2]))
-        bar = self.radii.circles(lam, size)[near]
+        near, bar, number = self._in_band(cell, lam, size)
         values_, x = lam[near], x[:, near]
         zeros = np.zeros(2 * free * (self.box.band[0] == 0))
         shapes = np.zeros((self.size, len(zeros) + len(near)), dtype=complex)
@@ -399,7 +435,7 @@ class BoxModel(Affine):
         residual = pencil.residual(values_, shapes)
         scale = np.abs(values_)**2 * pencil.norms[0] + np.abs(values_) * pencil.norms[1] + pencil.norms[2]
         return ComplexModes(values_, shapes, np.linalg.norm(residual, axis=0) / scale, bar, rigid, np.zeros(len(bar), dtype=bool),
-                            searched=region, tally=tally, cutoff=self.cutoff,
+                            searched=self.box.region, tally=tally, cutoff=self.cutoff,
                             full_growth=np.stack([values_.real - bar, values_.real + bar], axis=1))
 
     def modes_over(self, **values: Any) -> list[ComplexModes]:
@@ -421,14 +457,26 @@ class BoxModel(Affine):
             self.cell(**place)
         return list(by_threads(lambda place: self.modes(**place), places))
 
-    def moving(self, pencil: Pencil) -> tuple[Array, Array, Array]:
-        """K, D and M of a small pencil without free rigid motion."""
-        return pencil.K[self.free:, self.free:], pencil.D[self.free:, self.free:], pencil.M[self.free:, self.free:]
+    def moving(self, factors: Array) -> tuple[Array, Array, Array]:
+        """K, D and M (d, d) without free rigid motion, with these θ (q,)."""
+        d, found, start = self.size - self.free, [], 0
+        for matrices in self._moving:
+            found.append((factors[start:start + len(matrices)] @ matrices).reshape(d, d))
+            start += len(matrices)
+        M, D, K = found
+        return K, D, M
 
-    def every(self, pencil: Pencil) -> tuple[Array, Array, Array]:
-        """All λ of `moving` (2d,), and x and z (d, 2d) with |zᴴP'(λ)x| = 1; infinite λ are inf."""
+    @cached_property
+    def _moving(self) -> list[Array]:
+        """The matrices of M, of D and of K as rows, (q_M, d²) and so on."""
+        d = self.size - self.free
+        return [np.array([A[self.free:, self.free:] for _, A in terms]).reshape(len(terms), d * d)
+                for terms in (self.M, self.D, self.K)]
+
+    def every(self, matrices: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        """All λ of K, D and M (2d,), and x and z (d, 2d) with |zᴴP'(λ)x| = 1; infinite λ are inf."""
         hi = self.box.band[1]
-        (shift, nu, x, z), *_ = eigenpairs(np.stack(self.moving(pencil)), float(np.hypot(hi, hi)))
+        (shift, nu, x, z), *_ = eigenpairs(np.stack(matrices), float(np.hypot(hi, hi)))
         with np.errstate(all="ignore"):
             lam = shift + 1 / nu
         return np.where(np.isfinite(lam), lam, np.inf), x, z

@@ -24,7 +24,7 @@ SIAM J. Numer. Anal. 48 (2010) 1984 (Leja points by an LU factor).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
 from math import comb
 from typing import TYPE_CHECKING, NamedTuple
@@ -104,7 +104,8 @@ class Spaces(NamedTuple):
             return np.vstack([states[:d], unit**2 * (mass @ states[d:])])
 
         if middle is None:
-            return cls(*_principal(np.hstack([X.real, X.imag]), np.hstack([Z.real, Z.imag]), X.shape[1]))
+            found = (la.svd(np.hstack([side.real, side.imag]), full_matrices=False)[:2] for side in (X, Z))
+            return cls(*((U * size)[:, :X.shape[1]] for U, size in found))
         G = Z.conj().T @ b(X, M)
         return cls((X @ np.linalg.solve(G, Z.conj().T @ b(middle.right, M))).real,
                    (Z @ np.linalg.solve(G.conj().T, X.conj().T @ b(middle.left, M.T))).real)
@@ -134,12 +135,10 @@ class States:
         weights = self.over.weights(np.array([[every[name] for name in self.over.ranges]]))[0, :len(self.right)]
         return Spaces(*((weights @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.right, self.left)))
 
-    @property
-    def span(self) -> Spaces:
-        """Principal directions of all X_e and of all Z_e, as many on both sides, without those that are shorter than 1."""
-        right, left = _principal(*(np.concatenate(part, axis=1) for part in (self.right, self.left)))
-        size = np.maximum(la.norm(right, axis=0), la.norm(left, axis=0))
-        return Spaces((right / la.norm(right, axis=0))[:, size > 1], (left / la.norm(left, axis=0))[:, size > 1])
+    def staying(self, values: Mapping[str, float]) -> States:
+        """The bases at these values, for all others as well."""
+        right, left = self.at(values)
+        return replace(self, right=right[None], left=left[None])
 
     def pairs(self, values: Mapping[str, float], matrices: Matrices, inside: Inside) -> tuple[Array, Array, Array]:
         """λ (k,) inside a contour with Im λ ≥ 0, x and z (d, k), of K, D and M at these values."""
@@ -153,12 +152,6 @@ class States:
         w = solve(np.linalg.inv(y)[at].T, 1).conj()
         w = np.where(lam[at].imag == 0, w.real, w)  # the inverse left them a rounding
         return lam[at], x @ y[:, at], z @ w
-
-
-def _principal(right: Array, left: Array, most: int | None = None) -> list[Array]:
-    """At most so many principal directions of the columns of each, the longest first, as long as their singular values."""
-    found = (la.svd(one, full_matrices=False)[:2] for one in (right, left))
-    return [(U * size)[:, :most] for U, size in found]
 
 
 def _solver(A: Array) -> Callable[..., Array]:

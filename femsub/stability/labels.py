@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,24 +21,23 @@ from femsub.stability.margins import ModesAt, point_modes
 if TYPE_CHECKING:
     from femsub.model import Affine
     from femsub.modes import ComplexModes
+    from femsub.reduction.parameter_box import Cell
 
 ALONE = 3  #: values that are solved one by one: a leaf takes as long as about two
-SIGNED = 0.9  #: share of the eigenvalues with a known sign below which a leaf is halved twice
+CORNERS = 8  #: of a leaf of a model of a box, in which the error is looked at
 WAVE = 64  #: leaves that are looked at before the next ones are chosen
 
 
 class Enclosed(NamedTuple):
-    """A family in first order for the values that `holds` says, and λ that are known at a value with their radii.
+    """A family in first order about a place, for the values that `holds` says.
 
-    Without `known` all eigenvalues are those of the model, to rounding. At `least` so many λ with Im λ ≥ 0 are `inside` a
-    contour.
+    `error` gives how far its λ are from those of the full model between two corners (q,) around the place, over |λ|. Without it
+    they are exact to rounding.
     """
 
-    linear: Linear
+    linear: Callable[[Array], Linear]
     holds: Callable[[Array], Array]
-    known: Callable[[Mapping[str, float]], tuple[Array, Array]] | None
-    inside: Callable[[Array], Array]
-    least: int = 0
+    error: Callable[[Array, Array, Array], float] | None = None
 
 
 class SeenMode(NamedTuple):
@@ -143,7 +143,8 @@ class Labels:
         place, widest = (lo + hi) / 2, int(np.argmax((hi - lo) / np.where(hi > lo, np.ptp(self.points, axis=0), 1.0)))
         here = factors(place[None])[0]
         none = np.zeros((len(at), 0))
-        if (middle := Middle.of(source.linear, here)) is None:
+        linear = source.linear(place)
+        if (middle := Middle.of(linear, here)) is None:
             return at, [widest], none, none, none, place
         changes = known[at] - here
         ends = np.repeat(place[None], 2 * len(place), axis=0)
@@ -151,7 +152,7 @@ class Labels:
         moved = factors(ends) - here
         around = middle.around(changes, moved[1::2] - moved[0::2])
         a, b, low, high = self.region
-        listed = np.flatnonzero((middle.z.imag >= 0) & source.inside(middle.z))
+        listed = np.flatnonzero(middle.z.imag >= 0)
         # where vectors turn much, two halvings at once
         turning = [around.turning(moved[2 * i:2 * i + 2], listed) for i in range(len(place))]
         first = int(np.argmax(turning)) if max(turning) > 0 else widest
@@ -159,28 +160,21 @@ class Labels:
         cuts = [first, int(np.argmax(turning))]
         if not np.isfinite(around.F).all():
             return at, cuts, none, none, none, place
-        if source.known is None:
-            radius = np.zeros(len(listed))
-        else:
-            # some of these belong to nothing; the others must be as many as are known to be there
-            votes = around.votes(changes, listed, np.zeros(len(listed)))[1]
-            known_signs = (votes != 2).sum(axis=1).max()
-            if known_signs < source.least:
-                return at, cuts[:1 + (known_signs < SIGNED * source.least)], none, none, none, place
-            lam, radius = source.known(dict(zip(self.solver.names, place.tolist(), strict=True)))
-            far = np.abs(lam[:, None] - middle.z)
-            listed = far.argmin(axis=1)
-            radius = radius + far.min(axis=1, initial=np.inf)
-            if len(np.unique(listed)) < len(listed):
-                return at, cuts[:1], none, none, none, place
+        radius = np.zeros(len(listed))
+        if source.error is not None:
+            radius = source.error(place, lo, hi) * np.abs(middle.z[listed])
+            if not np.isfinite(radius).all():
+                return at, cuts, none, none, none, place
         values, votes, own = around.votes(changes, listed, radius)
+        if source.error is not None:
+            votes[votes == 0] = 2  # of states that stay: those of the place itself may decide
         doubt = own + radius
         inside = (values.imag <= high) & ((values.imag >= low) | (low <= 0)) & (values.real >= a) & (values.real <= b)
         edge = np.minimum(np.abs(values.imag - high), np.abs(values.real - b)) <= doubt
         edge |= (np.abs(values.imag - low) <= doubt) & (low > 0)
         votes = np.where(edge & (votes != -1), 2, np.where(inside, votes, -1))
         values = np.where(inside, values, np.nan)
-        return (at[(votes == 2).any(axis=1)], cuts[:1], values, votes, source.linear.x @ middle.V[:, listed], place)
+        return (at[(votes == 2).any(axis=1)], cuts[:1], values, votes, linear.x @ middle.V[:, listed], place)
 
     # one by one
 
@@ -192,14 +186,17 @@ class Labels:
                 self._take(np.array([i]), found.values[None], found.votes[None], [-1] * len(found.values))
             self.solved += len(at)
             return
-        points = self.points[at]
-        for i, modes in zip(at.tolist(), solver.each(solver.whole, points) if solver.modes else map(solver.whole, points),
-                            strict=True):
+        points, self.solved = self.points[at], self.solved + len(at)
+        if solver.modes:
+            for i, (found, whole) in zip(at.tolist(), solver.each(solver.alone, points), strict=True):
+                self.whole &= whole
+                self._take(np.array([i]), found.values[None], found.votes[None], [-1] * len(found.values))
+            return
+        for i, modes in zip(at.tolist(), map(solver.whole, points), strict=True):
             self.whole &= modes.evidence != NOT_CHECKED
             found = point_modes(modes, self.solver.band)
             nodes = list(self._nodes_of(self.points[i], modes, found.values, found.votes))
             self._take(np.array([i]), found.values[None], found.votes[None], nodes)
-        self.solved += len(at)
 
     def _nodes_of(self, place: Array, modes: ComplexModes, values: Array, votes: Array) -> Iterator[int]:
         M = self.solver.at(dict(zip(self.solver.names, place.tolist(), strict=True))).M
@@ -241,30 +238,42 @@ class Labels:
 
 
 def sources_of(family: Affine) -> list[Enclosed]:
-    """Of a small model of a box one for each proved cell, with its radii; of another dense family one for all values."""
-    def everywhere(things: Array) -> Array:
-        return np.ones(len(things), dtype=bool)
+    """Of a small model of a box one for each proved cell; of another dense family one for all values.
 
+    About a place the model is projected on the states there, if the cell has any. They stay, and what this makes of the error is
+    looked at in corners.
+    """
     box: Any = family
+    M, D, K = ([np.asarray(A.toarray() if hasattr(A, "toarray") else A) for _, A in part]
+               for part in (family.M, family.D, family.K))
     if not hasattr(box, "cells"):
-        M, D, K = ([np.asarray(A.toarray() if hasattr(A, "toarray") else A) for _, A in part]
-                   for part in (family.M, family.D, family.K))
-        return [Enclosed(Companion.of(M, D, K), everywhere, None, everywhere)]
+        whole = Companion.of(M, D, K)
+        return [Enclosed(lambda place: whole, lambda points: np.ones(len(points), dtype=bool))]
     names = list(box.parameters)
+    M, D, K = ([A[box.free:, box.free:] for A in part] for part in (M, D, K))
 
-    def known(values: Mapping[str, float]) -> tuple[Array, Array]:
-        _, lam, _, _, size = box.pairs(values)
-        return lam, np.maximum(box.radii.circles(lam, size), max(box.box.tol, box.error) * np.abs(lam))
+    def values(place: Array) -> dict[str, float]:
+        return dict(zip(names, place.tolist(), strict=True))
 
-    found = []
-    for cell in box.cells:
-        ends = np.array([cell.ranges[name] for name in names])
-        M, D, K = ([np.asarray(A)[box.free:, box.free:] for _, A in part] for part in (box.M, box.D, box.K))
-        if cell.number is not None:
-            linear = Companion.of(M, D, K, cell.states and cell.states.unit)
-            if cell.states is not None and (few := cell.states.span)[0].shape[1] < 0.75 * len(few[0]):
-                linear = linear.between(*few)
-            found.append(Enclosed(linear, lambda points, ends=ends: (  # type: ignore[misc]
-                (points >= ends[:, 0]) & (points <= ends[:, 1])).all(axis=1), known, cell.contour.encloses,
-                                (cell.number - 2 * box.free) // 2))
-    return found
+    def of(cell: Cell) -> Enclosed:
+        lo, hi = np.transpose([cell.ranges[name] for name in names])
+        states, every = cell.states, None if cell.states else Companion.of(M, D, K)
+
+        def linear(place: Array) -> Companion:
+            return every or Companion.between(M, D, K, states.unit, *states.at(values(place)))
+
+        def error(place: Array, low: Array, high: Array) -> float:
+            if states is None:
+                lam, radius, known = box.eigenvalues(values(place))
+                found = [float((radius / np.abs(lam)).max(initial=0.0)) if known else np.inf]
+            else:
+                here = states.staying(values(place))
+                # of opposite corners one: to first order the states are off by as much in both
+                sides = np.array(list(product((0, 1), repeat=len(place) - 1))[:CORNERS], dtype=bool)
+                corners = np.where(np.hstack([np.ones((len(sides), 1), dtype=bool), sides]), high, low)
+                found = [box.distance(cell, here, values(corner)) for corner in corners]
+            return max(2 * max(found), box.box.tol, box.error)
+
+        return Enclosed(linear, lambda points: ((points >= lo) & (points <= hi)).all(axis=1), error)
+
+    return [of(cell) for cell in box.cells if cell.number is not None]

@@ -68,10 +68,16 @@ class Companion(NamedTuple):
                 a[i, n:, power * n:(power + 1) * n] = -A * unit ** (power - 2.0)
         return cls(a, b, np.eye(n, 2 * n), unit)
 
-    def between(self, right: Array, left: Array) -> Companion:
-        """Its projection on right states X and left ones Z (2n, k), where b is diag(I, unit² M): ZᵀaX and ZᵀbX."""
-        Z = left * np.repeat([1.0, self.unit**2], len(left) // 2)[:, None]
-        return Companion(Z.T @ self.a @ right, Z.T @ self.b @ right, self.x @ right, self.unit)
+    @classmethod
+    def between(cls, M: list[Array], D: list[Array], K: list[Array], unit: float, right: Array, left: Array) -> Companion:
+        """Its projection on right states (x, x') and left ones (z', z), (2n, k): z'ᵀx' - zᵀ(Kx + unit Dx') and z'ᵀx + unit² zᵀMx'."""
+        (x, moving), (other, z) = np.split(right, 2), np.split(left, 2)
+        a, b = np.zeros((2, 1 + len(M) + len(D) + len(K), x.shape[1], x.shape[1]))
+        a[0], b[0] = other.T @ moving, other.T @ x
+        terms = [*((b, unit**2, A, moving) for A in M), *((a, -unit, A, moving) for A in D), *((a, -1.0, A, x) for A in K)]
+        for i, (into, scale, A, part) in enumerate(terms, 1):
+            into[i] = scale * (z.T @ (A @ part))
+        return cls(a, b, x, unit)
 
 
 class Middle(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import BLOCK, WIDE, by_threads, one_thread
-from femsub.checks import EPS, Array
+from femsub.checks import EPS, NOT_CHECKED, Array
 from femsub.model import Affine, Pencil, upper, within
 from femsub.modes import REGULAR, ComplexModes, complex_modes
 
@@ -79,13 +79,10 @@ def _spectrum(values: Array, votes: Array, radius: float = np.nan) -> PointModes
                    radius)
 
 
-def point_modes(modes: ComplexModes, band: tuple[float, float], known: bool = False) -> PointModes:
+def point_modes(modes: ComplexModes, band: tuple[float, float]) -> PointModes:
     at = np.flatnonzero(upper(modes.eigenvalues) & ~modes.rigid & within(modes.eigenvalues, band))
     votes = np.array([0 if vote is None else -1 if vote else 1 for vote in modes.stable], dtype=int)[at]
-    values = modes.eigenvalues[at]
-    size = np.abs(values)
-    return _spectrum(values, votes, np.nan if not known else float(np.divide(
-        modes.error_bar[at], size, out=np.zeros_like(size), where=size > 0).max(initial=0.0)))
+    return _spectrum(modes.eigenvalues[at], votes)
 
 
 def _undamped(squares: Array, band: tuple[float, float]) -> PointModes:
@@ -123,6 +120,7 @@ class ModesAt:
                  band: tuple[float, float], ends: Sequence[Pencil], say: Callable[[str], None], fine: float = 1e-6) -> None:
         self.at, self.names, self.band, self.say, self.solved, self.fine = at, names, band, say, 0, fine
         self.modes: Any = getattr(model, "modes", None) if isinstance(model, Affine) else None  # with the radius of each λ
+        self.eigenvalues: Any = getattr(model, "eigenvalues", None) if self.modes else None
         self.small = ends[0].size <= WIDE
         self.together = self.modes is None and self.small and all(
             one.freed is None and np.linalg.cond(one.dense().M) < REGULAR for one in ends)
@@ -186,8 +184,23 @@ class ModesAt:
         p = dict(zip(self.names, point.tolist(), strict=True))
         return self.modes(**p) if self.modes else modes_in(self.at(p), self.band)
 
+    def alone(self, point: Array) -> tuple[PointModes, bool]:
+        """The modes at one point (q,) of a model with radii, and whether they are all that are there."""
+        if self.eigenvalues:
+            values, radius, whole = self.eigenvalues(dict(zip(self.names, point.tolist(), strict=True)))
+        else:
+            modes = self.whole(point)
+            moving = upper(modes.eigenvalues) & ~modes.rigid
+            values, radius, whole = modes.eigenvalues[moving], modes.error_bar[moving], modes.evidence != NOT_CHECKED
+        at = np.flatnonzero(within(values, self.band))
+        values, radius = values[at], radius[at]
+        votes = np.where(np.abs(values.real) <= radius, 0, np.sign(values.real).astype(int))
+        size = np.abs(values)
+        return _spectrum(values, votes, float(np.max(np.divide(radius, size, out=np.zeros_like(size), where=size > 0),
+                                                     initial=0.0))), whole
+
     def _one(self, points: Array) -> list[PointModes]:
-        return [point_modes(self.whole(points[0]), self.band, known=self.modes is not None)]
+        return [self.alone(points[0])[0] if self.modes else point_modes(self.whole(points[0]), self.band)]
 
     def _many(self, points: Array) -> list[PointModes | None]:
         """All eigenvalues, without vectors; None where rounding may move one in the band across the axis."""
