@@ -303,7 +303,8 @@ def test_changes_are_parameters_as_fields_of_contacts_are() -> None:
     model = fs.solid(mesh, steel, supports=["left"], interface=["right"], rayleigh=(0.01, 0.02))
     changes = {name: fs.MaterialChange.solid(mesh, steel, name, rayleigh=(0.01, 0.02)) for name in ("E", "nu", "rho")}
     tip = [fs.AddedMass("right"), fs.AddedDamper("right", directions=["uz"])]
-    for name, between, start in (("E", (1.0, 3.0), 2.0), ("nu", (0.2, 0.4), 0.3), ("rho", (0.5, 2.0), 1.0), ("tip", (0.0, 0.5), 0.0)):
+    for name, between, start in (("E", (1.0, 3.0), 2.0), ("nu", (0.2, 0.4), 0.3), ("rho", (0.5, 2.0), 1.0),
+                                 ("tip", (0.0, 0.5), 0.0)):
         several = tip if name == "tip" else changes[name]
         family = fs.family_of(model, None, [name], {name: between}, {name: several})
         for value in (*between, start):
@@ -320,14 +321,16 @@ def test_changes_of_a_family_are_refused_where_they_make_no_sense() -> None:
     solid, soft = fs.solid(mesh, steel, supports=["left"]), fs.MaterialChange.solid(mesh, steel, "E")
     lossy = fs.MaterialChange.solid(mesh, fs.Material(2.0, 0.3, 1.0, 0.1), "E")
     other = fs.MaterialChange.solid(mesh, fs.Material(3.0, 0.3, 1.0), "E")
-    for model, contacts, names, between, given, says in (
-            (solid, None, ["E"], (-1.0, 3.0), {"E": soft}, "E"), (solid, None, ["E"], (1.0, 3.0), {"E": [soft, other]}, "different"),
-            (solid, None, ["E"], (1.0, 3.0), {"E": lossy}, "structural"), (solid, None, ["E"], (1.0, 3.0), {"E": []}, "no changes"),
-            (solid, None, ["E"], (1.0, 3.0), {"E": soft, "F": soft}, "unknown change 'F'"),
-            (sub, fs.Belt(slope=-0.1), ["slope"], (1.0, 3.0), {"slope": fs.AddedMass([1])}, "another name"),
-            (fs.family_of(sub, None, ["m"], {"m": (0, 1)}, {"m": fs.AddedMass([1])}), None, ["m"], (0, 1), {"m": soft}, "an Affine")):
+    known = fs.family_of(sub, None, ["m"], {"m": (0, 1)}, {"m": fs.AddedMass([1])})
+    for model, name, between, given, says in (
+            (solid, "E", (-1.0, 3.0), {"E": soft}, "E must be positive"),
+            (solid, "E", (1.0, 3.0), {"E": [soft, other]}, "different"),
+            (solid, "E", (1.0, 3.0), {"E": lossy}, "structural"), (solid, "E", (1.0, 3.0), {"E": []}, "no changes"),
+            (solid, "E", (1.0, 3.0), {"E": soft, "F": soft}, "unknown change 'F'"),
+            (sub, "slope", (1.0, 3.0), {"slope": fs.AddedMass([1])}, "another name"),
+            (known, "m", (0, 1), {"m": soft}, "an Affine")):
         with pytest.raises(fs.InputError, match=says):
-            fs.family_of(model, contacts, names, {names[0]: between}, given)
+            fs.family_of(model, fs.Belt(slope=-0.1) if name == "slope" else None, [name], {name: between}, given)
 
 
 def test_a_term_that_is_rounding_of_others_is_none() -> None:

@@ -241,6 +241,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             "values": [-0.1], "repeats": 1, "assembly": 0.0, "held": True},
         "scatter": {"model": sub, "inputs": {"slope": norm(-0.05, 0.01)}, "contacts": slope, "band": (0.0, 3.0), "samples": 16,
             "covariance": [[1.0]], "seed": 1, "confidence": 0.9, "importance": False},
+        "family_of": {"model": sub, "contacts": slope, "parameters": ["slope", "tuned"],
+                      "ranges": {"slope": (-0.3, 0.0), "tuned": (0.0, 1.0)}, "changes": {"tuned": fs.AddedMass([2])}},
         "stability_map": {"model": fs.Affine(sub.M, sub.D, [(1.0, sub.K), ("a", np.eye(6, k=1)), ("b", -np.eye(6))]),
             "over": {"a": (0.0, 1.0), "b": (0.0, 0.5)}, "points": (3, 3), "halvings": 1, "spots": 1,
             "full": fs.Affine(sub.M, sub.D, [(1.0, sub.K), ("a", np.eye(6, k=1)), ("b", -np.eye(6))])},

@@ -78,7 +78,7 @@ class _From:
 
 def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequence[str],
               ranges: Mapping[str, tuple[float, float]], changes: Mapping[str, Any] | None = None) -> Affine:
-    """M, D + Σ θ_S(p) W c_S Wᵀ and K + Σ θ_S(p) W c_S Wᵀ over parameters p of the contacts: the pencil as an `Affine`.
+    """A model with contacts over parameters p as an `Affine`: M, D + Σ θ_S(p) W c_S Wᵀ and K + Σ θ_S(p) W c_S Wᵀ.
 
     A parameter of `changes` adds θ(p) UᵀAU to M, D and K, see `Change`. What takes an `Affine` takes all of them then: `reduce`
     over a `ParameterBox`, `scatter`, `stability_map`, `critical_value`, `track`.
@@ -115,18 +115,17 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
     Examples
     --------
     >>> import femsub as fs
-    >>> from femsub.model import family_of
-    >>> family_of(fs.chain(3, belt=1), fs.Belt(slope=-0.1), ["force", "slope"], {"force": (1, 2), "slope": (-0.3, 0)})
+    >>> fs.family_of(fs.chain(3, belt=1), fs.Belt(slope=-0.1), ["force", "slope"], {"force": (1, 2), "slope": (-0.3, 0)})
     Affine: 3 DOF, sparse, parameters force, slope
-    >>> family_of(fs.chain(3, belt=1), fs.Belt(slope=-0.1), ["slope", "tuned"], {"slope": (-0.3, 0), "tuned": (0, 1)},
-    ...           changes={"tuned": fs.AddedMass([2])})
+    >>> ranges = {"slope": (-0.3, 0), "tuned": (0, 1)}
+    >>> fs.family_of(fs.chain(3, belt=1), fs.Belt(slope=-0.1), ["slope", "tuned"], ranges, {"tuned": fs.AddedMass([2])})
     Affine: 3 DOF, sparse, parameters tuned, slope
     """
     names = [word("each of parameters", name) for name in items("parameters", parameters, "names")]
     if isinstance(model, Affine):
         if contacts is not None or changes:
-            raise InputError("an Affine has no ports for contacts, and no nodes for changes. Put them into its matrices, or use a "
-                             "Substructure")
+            raise InputError("an Affine has no ports for contacts and no nodes for changes. Put them into its matrices, or use "
+                             "a Substructure")
         if unknown := [name for name in names if name not in model.parameters]:
             raise unknown_name("parameter", unknown[0], model.parameters)
         if rest := [name for name in model.parameters if name not in names]:
@@ -136,6 +135,8 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
     given: Sequence[Any] = contacts_of(contacts)
     known = [fields_of(contact) for contact in given]
     changed = {} if changes is None else mapping("changes", changes, "names of parameters and lists of changes")
+    for name in changed:
+        word("each of changes", name)
     fields = set().union(*known)
     if unknown := [name for name in names if name not in fields and name not in changed]:
         raise unknown_name("parameter", unknown[0], sorted(fields | set(changed)))

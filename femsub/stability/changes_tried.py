@@ -6,12 +6,14 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
+from femsub.algebra import by_threads, one_thread
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, whole_number, word
 from femsub.errors import InputError
 from femsub.model import SHARE, Change, ChangeTerm, ReducedSubstructure, Substructure, added, as_changes, usable_band
@@ -90,14 +92,12 @@ def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], 
                   for change in changes for term in change.terms(full)]
         more = sizes | {key: term.U.shape[0] if term.U.shape[0] <= few else model.size for key, term, _ in acting}
         if batch and sum(more.values()) > model.size:  # a joined basis of up to twice as many columns
-            joined = _ChangedBasis(model, full, batch, few)
-            yield from map(joined.changed, batch)
+            yield from by_threads(_ChangedBasis(model, full, batch, few).changed, batch)
             batch, more = [], {key: more[key] for key, *_ in acting}
         batch.append(acting)
         sizes = more
     if batch:
-        joined = _ChangedBasis(model, full, batch, few)
-        yield from map(joined.changed, batch)
+        yield from by_threads(_ChangedBasis(model, full, batch, few).changed, batch)
 
 
 class _Acting(NamedTuple):
@@ -157,6 +157,7 @@ class _ChangedBasis:
         """Terms of few motions that are the same have responses in common."""
         return key[1] if self.few[key] else key
 
+    @one_thread(True)  # of these sizes two threads take longer than one, beside other work much longer
     def changed(self, acting: Sequence[_Acting]) -> Any:
         """The model with the changes of one of the candidates, and its `change_error`."""
         model = self.model
@@ -191,8 +192,9 @@ class _ChangedBasis:
 
         # the error of its undamped frequencies
         limit = (SHARE * model.cutoff) ** 2
-        modes = all_modes(wide.K, wide.M, carried=wide.rigid_motion) if self.contact is None else \
-            all_modes(wide.K + block(self.held), wide.M)
+        # columns of a change may nearly depend on V: then the highest modes, which are not looked at, have fewer digits
+        modes = all_modes(wide.K, wide.M, EPS**0.5, wide.rigid_motion) if self.contact is None else \
+            all_modes(wide.K + block(self.held), wide.M, EPS**0.5)
         moving = (modes.eigenvalues > EPS**0.5 * limit) & (modes.eigenvalues <= limit)
         square = modes.eigenvalues[moving]
         energy = self._residual_energy(acting, square, at, T @ modes.shapes[:, moving])
@@ -393,10 +395,9 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
     growth = np.hstack([sensitivities(model, contacts, before, every[start:start + at_once], of=at.tolist(), second=False).growth
                         for start in range(0, len(every), at_once)])
     tried, start = [], 0
-    for (name, changes), new in zip(named, _each_modified(model, [changes for _, changes in named]), strict=True):
+    for (name, changes), (new, modes) in zip(named, _solved(model, [changes for _, changes in named], contacts, band), strict=True):
         predicted = before.eigenvalues.real[at] + growth[:, start:start + len(changes)] @ [change.amount for change in changes]
         start += len(changes)
-        modes = beside_the_full(new, contacts, band=band)
         tried.append(TriedChange(name, tuple(changes), modes.growth, float(np.nanmax(predicted, initial=-np.inf)),
                                  modes.is_stable, modes.growth <= target, _words(before, modes, model.size), modes,
                                  float(getattr(new, "change_error", np.nan if new.is_reduced else 0.0))))
@@ -406,6 +407,14 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
             found = beside_the_full(modified(instance("full", full, Substructure), one.changes), contacts, band=band)
             tried[place] = replace(one, in_full=found)
     return WhatHelps(tuple(tried), before, float(target))
+
+
+def _solved(model: Substructure, candidates: Sequence[Sequence[Change]], contacts: Contacts, band: tuple[float, float] | None,
+            few: int = 8) -> Iterator[tuple[Any, ComplexModes]]:
+    """The changed models and their modes; of dense models a `few` at a time are solved side by side."""
+    solve, models = partial(beside_the_full, contacts=contacts, band=band), _each_modified(model, candidates)
+    while several := list(islice(models, 1 if sp.issparse(model.K) else few)):
+        yield from zip(several, by_threads(solve, several) if len(several) > 1 else map(solve, several), strict=True)
 
 
 def _words(before: ComplexModes, after: ComplexModes, size: int) -> str:

@@ -7,7 +7,7 @@ few are left, each is solved for itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,7 +21,6 @@ from femsub.stability.margins import ModesAt, point_modes
 if TYPE_CHECKING:
     from femsub.model import Affine
     from femsub.modes import ComplexModes
-    from femsub.reduction.parameter_box import Cell
 
 ALONE = 3  #: values that are solved one by one: a leaf takes as long as about two
 CORNERS = 8  #: of a leaf of a model of a box, in which the error is looked at
@@ -255,7 +254,7 @@ def sources_of(family: Affine) -> list[Enclosed]:
     def values(place: Array) -> dict[str, float]:
         return dict(zip(names, place.tolist(), strict=True))
 
-    def of(cell: Cell) -> Enclosed:
+    def of(cell: Any) -> Enclosed:
         lo, hi = np.transpose([cell.ranges[name] for name in names])
         states, every = cell.states, None if cell.states else Companion.of(M, D, K)
 

@@ -70,7 +70,7 @@ class Companion(NamedTuple):
 
     @classmethod
     def between(cls, M: list[Array], D: list[Array], K: list[Array], unit: float, right: Array, left: Array) -> Companion:
-        """Its projection on right states (x, x') and left ones (z', z), (2n, k): z'ᵀx' - zᵀ(Kx + unit Dx') and z'ᵀx + unit² zᵀMx'."""
+        """a = z'ᵀx' - zᵀ(Kx + unit Dx') and b = z'ᵀx + unit² zᵀMx' of right states (x, x') and left ones (z', z), (2n, k)."""
         (x, moving), (other, z) = np.split(right, 2), np.split(left, 2)
         a, b = np.zeros((2, 1 + len(M) + len(D) + len(K), x.shape[1], x.shape[1]))
         a[0], b[0] = other.T @ moving, other.T @ x
