@@ -22,7 +22,7 @@ from femsub.errors import FemsubWarning, InputError
 from femsub.modes import eigenpairs
 from femsub.modes.quadratic import projected_count
 from femsub.reduction import parameter_box
-from femsub.stability.leaves import Companion
+from femsub.stability.labels import sources_of
 
 
 def truth(pencil: fs.Pencil) -> np.ndarray:
@@ -218,25 +218,23 @@ def test_some_of_the_parameters_may_be_fixed():
 def test_states_that_stay_know_how_far_they_are_off():
     """`scatter` encloses eigenvalues on the states of a place: so it asks at corners of its neighbourhood."""
     small, rng = reduced_family(4), np.random.default_rng(4)
-    M, D, K = ([A for _, A in terms] for terms in (small.M, small.D, small.K))
     seen = []
-    for cell in small.cells:
+    for cell, source in zip(small.cells, sources_of(small), strict=True):
+        ends = np.array([cell.ranges[name] for name in small.parameters])
         for reach in (0.0, 0.03, 0.1):
-            place = {name: float(rng.uniform(0.7 * lo + 0.3 * hi, 0.3 * lo + 0.7 * hi)) for name, (lo, hi) in cell.ranges.items()}
-            aside = {name: value + reach * float(np.ptp(cell.ranges[name])) for name, value in place.items()}
-            here = cell.states.staying(place)
-            off = small.distance(cell, here, aside)
-            right, left = cell.states.at(place)
-            fixed = Companion.between(M, D, K, cell.states.unit, right, left)
-            a, b = (np.tensordot(np.append(1.0, small.factors(**aside)), part, 1) for part in (fixed.a, fixed.b))
-            every, found = truth(family(4).at(**aside)), fixed.unit * la.eigvals(a, b)
-            far = np.abs(found[:, None] - every).min(axis=1)
-            assert (far <= 1.01 * off * np.abs(found) + 1e-9).all()
+            place, half = rng.uniform(*(ends @ [[0.7, 0.3], [0.3, 0.7]]).T), reach * np.ptp(ends, axis=1)
+            off, fixed = source.error(place, place - half, place + half), source.linear(place)
+            for side in rng.uniform(-1, 1, (4, 2)):
+                values = dict(zip(small.parameters, (place + side * half).tolist(), strict=True))
+                a, b = (np.tensordot(np.append(1.0, small.factors(**values)), part, 1) for part in (fixed.a, fixed.b))
+                every, found = truth(family(4).at(**values)), fixed.unit * la.eigvals(a, b)
+                far = np.abs(found[:, None] - every).min(axis=1)
+                assert (far <= off * np.abs(found) + 1e-9).all() and len(found) == cell.number
             seen.append((reach, off))
-    assert max(off for reach, off in seen if not reach) < small.box.tol
-    assert min(off for reach, off in seen if reach > 0.05) > 10 * max(off for reach, off in seen if not reach)
+    assert max(off for reach, off in seen if not reach) <= small.box.tol
+    assert min(off for reach, off in seen if reach > 0.05) > 3 * small.box.tol
     lacks = replace(cell, number=cell.number + 2)
-    assert small.distance(lacks, cell.states, place) == np.inf
+    assert small.distance(lacks, cell.states, values) == np.inf
 
 
 @pytest.mark.sampled(3)
