@@ -201,7 +201,8 @@ def test_labels_over_a_box_are_those_of_the_full_model(monkeypatch: pytest.Monke
     assert 0.1 < found.probability < 0.9 and found.undecided < 0.01 and found.solved < 0.5 * len(found.samples)
     whole = sources_of(small)
     assert len(whole) == len(small.cells) and all(source.error is not None for source in whole)
-    monkeypatch.setattr(import_module("femsub.stability.scatter"), "sources_of", lambda _: [one._replace(error=lambda *_: 0.1) for one in whole])
+    monkeypatch.setattr(import_module("femsub.stability.scatter"), "sources_of",
+                        lambda _: [one._replace(error=lambda *_: 0.1) for one in whole])
     coarse = fs.scatter(small, laws, samples=64, importance=False)  # an error that decides nothing leaves all to solutions
     assert coarse.undecided == 0 and coarse.solved > 64
     for i in np.argsort(np.abs(found.growth))[:60]:  # those nearest to the axis

@@ -395,7 +395,8 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
     growth = np.hstack([sensitivities(model, contacts, before, every[start:start + at_once], of=at.tolist(), second=False).growth
                         for start in range(0, len(every), at_once)])
     tried, start = [], 0
-    for (name, changes), (new, modes) in zip(named, _solved(model, [changes for _, changes in named], contacts, band), strict=True):
+    solved = _solved(model, [changes for _, changes in named], contacts, band)
+    for (name, changes), (new, modes) in zip(named, solved, strict=True):
         predicted = before.eigenvalues.real[at] + growth[:, start:start + len(changes)] @ [change.amount for change in changes]
         start += len(changes)
         tried.append(TriedChange(name, tuple(changes), modes.growth, float(np.nanmax(predicted, initial=-np.inf)),
