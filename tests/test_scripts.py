@@ -70,13 +70,13 @@ def test_an_attack_runs_and_names_its_kinds(monkeypatch: pytest.MonkeyPatch, cap
 
 
 #: seeds of the attack on boxes with 40 to 90 DOF: one family of 400 takes as long as all of these
-SMALL = {"light": (4, 11), "strong": (10, 18), "negative": (6, 8), "gyroscopic": (1, 10), "circulatory": (3, 4), "mixed": (3, 10)}
+SMALL = {"light": (4,), "strong": (10, 18), "negative": (6,), "gyroscopic": (1,), "circulatory": (3, 4), "mixed": (3,)}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("subject", ["cycles", "unheld", "audits", "cutoff", "counts", "boxes"])
 def test_attacks_that_no_other_test_asks_find_nothing(subject: str) -> None:
-    """Two or three seeds of each kind; `python -m benchmarks attack SUBJECT` runs thousands."""
+    """One to three seeds of each kind; `python -m benchmarks attack SUBJECT` runs thousands."""
     kinds, attacked = SUBJECTS[subject]
     seeds = SMALL if subject == "boxes" else dict.fromkeys(kinds, range(3))
     assert not [found for kind in kinds for seed in seeds[kind] if (found := attacked(kind, seed)).startswith("wrong")]
@@ -207,7 +207,7 @@ def test_bases_agree_with_those_of_others(bases: Callable[[str], tuple[Path, lis
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("component", ["slab", "bulk", "disc"])
+@pytest.mark.parametrize("component", ["slab", "bulk"])
 def test_bases_of_all_methods_agree_and_a_bench_goes_on_where_it_stopped(
         component: str, bases: Callable[[str], tuple[Path, list[Any]]], tmp_path: Path) -> None:
     folder, measured = bases(component)
