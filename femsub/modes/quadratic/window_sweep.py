@@ -1,0 +1,462 @@
+"""Where a parameter of any rank brings an eigenvalue to lines in the plane of s, for all its values: proved.
+
+P(s; ε) = P(s) + ε T(s), where T acts through any number of columns, inside U and outside (see `energy_basis`).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import EPS, Array
+from femsub.modes.quadratic.axis_sweep import Line, Met, residuals_of
+from femsub.modes.quadratic.energy_basis import Coupling, each_of, eigenpairs
+
+if TYPE_CHECKING:
+    from femsub.modes.quadratic.projected_count import Projection
+
+log = logging.getLogger(__name__)
+
+NEAR = 130  # eigenpairs that stand apart in a window, at most
+PARTS = 10  # intervals of the range at first
+
+
+class Crossing(NamedTuple):
+    """The one crossing of line `of` in |t - t_0| ≤ a, |ε - ε_0| ≤ b."""
+
+    of: int
+    met: Met
+    value: float
+    room: float
+
+    def holds(self, tiles: Array) -> Array:
+        """Which tiles (l, 5) - line, t, half width, ε, half width - lie inside, bool."""
+        of, t, h, e, b = tiles.T
+        return (of == self.of) & (np.abs(t - self.met.at) + h <= self.met.room) & (np.abs(e - self.value) + b <= self.room)
+
+
+class WindowSweep:
+    """The pencil of a projection, + ε Σ weight_q s^k T_q, for ε in a range.
+
+    Parameters
+    ----------
+    projection : Projection
+        At ε = 0 (`Projection.changed`).
+    weights : sequence of float
+        θ_q = weight_q ε of each change.
+    between : (lo, hi)
+        The range of ε, lo < 0 < hi.
+    """
+
+    def __init__(self, projection: Projection, weights: Sequence[float], between: tuple[float, float]) -> None:
+        self.projection, self.between, self.outer = projection, between, projection.outer
+        self.weights, m, size = np.array(weights), projection.size, projection.outer.size
+        self.most = 1.02 * max(map(abs, between))
+        base, widest = (projection.changed(np.abs(self.weights) * e) for e in (0.0, self.most))
+        c = widest.least
+        self.c = 0.9 * c  # a tenth is left to complex ε
+        self.P, self.T, self.slope = base.matrices, np.zeros((3, m, m)), np.zeros((len(base.terms), 3))
+        self.signs = np.array([term.sign for term in base.terms])
+        grows = 0.0  # Σ |s^k| g
+        for i, ((place, own), term, inside) in enumerate(zip(projection.own_weights, base.terms, projection.inside, strict=True)):
+            if place is not None:
+                self.slope[i] = self.weights[place] * np.array(own)
+                self.T += self.slope[i][:, None, None] * inside
+                if not term.spanned:
+                    grows += projection.norm(term) * float(np.abs(self.slope[i]) @ size ** np.arange(3))
+        self.reach = min(0.02 * max(map(abs, between)), 0.1 * c / grows if grows else np.inf)  # of complex ε
+        self.powers = [k for k in range(3) if self.T[k].any()]
+        self.sizes = np.array([la.norm(A, 2) for A in self.T])
+        largest = np.array([term.largest(size) for term in widest.terms])
+        self.rounding = 8 * EPS * m**-0.5 * float(np.append(1.0, largest) @ [
+            la.norm(one, 2) for one in projection.sizes(projection.V)])
+        self.rounding += 8 * EPS * float(size ** np.arange(3) @ [
+            la.norm(np.abs(A), 2) + self.most * la.norm(np.abs(B), 2) for A, B in zip(self.P, self.T, strict=True)])
+        # ‖images outside V‖ of each term
+        lost, noise, last = projection.lost, projection.noise, [m - 1, m - 1]
+        self.outside = np.array([max(float(la.eigvalsh(lost[i, :, i], subset_by_index=last)[0]), 0.0) + float(noise[i].max())
+                                 for i in range(len(lost))]) ** 0.5
+        self.solved = 0
+
+    def swept(self, lines: Sequence[Line], least: float) -> tuple[list[list[Met]], list[tuple[float, float]]]:
+        """All crossings of each line, and the pieces (of ε) in which they are not known.
+
+        The first of them has a length of `least` of the range.
+        """
+        self.lines = lines
+        ends = np.linspace(*self.between, PARTS + 1).tolist()
+        known: list[Crossing] = []
+        left: list[tuple[float, float]] = []
+        waiting = list(pairwise(ends))
+        while waiting and not left:
+            log.info("%d intervals, from %.4g to %.4g", len(waiting), waiting[0][0], waiting[-1][1])
+            found = each_of(self._tested, *zip(*waiting, strict=True))
+            starts: list[tuple[int, float, float]] = []
+            for tiles, places in found:
+                starts += [one for one in places if not any(other.holds(np.array([[one[0], one[1], 0, one[2], 0]]))[0] for other in known)]
+            starts = [one for i, one in enumerate(starts) if not any(one[0] == other[0] and abs(one[1] - other[1]) < 1e-6 * self.outer.size and abs(one[2] - other[2]) < 1e-6 * self.most for other in starts[:i])]
+            log.info("%d open tiles, crossings tried at %s", sum(len(t) for t, _ in found), [(a, round(b), round(c, 4)) for a, b, c in starts])
+            tried = each_of(self._crossing, *zip(*starts, strict=True)) if starts else []
+            for one in tried:
+                if one is not None and not any(one.of == other.of and one.met.holds(other.met) for other in known):
+                    known.append(one)
+            again = []
+            for (a, b), (tiles, _) in zip(waiting, found, strict=True):
+                for one in known:
+                    tiles = tiles[~one.holds(tiles)]
+                if not len(tiles):
+                    continue
+                if b - a <= least * (self.between[1] - self.between[0]) or self.solved > 400:
+                    left.append((a, b))
+                    continue
+                lo, hi = max(a, float((tiles[:, 3] - tiles[:, 4]).min())), min(b, float((tiles[:, 3] + tiles[:, 4]).max()))
+                again += [(lo, hi)] if hi - lo <= 0.6 * (b - a) else [(lo, (lo + hi) / 2), ((lo + hi) / 2, hi)]
+            waiting = again
+        met = [sorted(one.met for one in known if one.of == i) for i in range(len(lines))]
+        return met, left
+
+    def _tested(self, begin: float, end: float) -> tuple[Array, list[tuple[int, float, float]]]:
+        """Tiles (l, 5) in which a crossing is not excluded, and places of crossings near them: line, t, ε."""
+        m, h = (begin + end) / 2, (end - begin) / 2 * (1 + 4 * EPS)
+        self.solved += 1
+        try:
+            window = Window(self, m)
+        except la.LinAlgError:
+            return np.array([[0, 0, np.inf, m, h]]), []
+        tiles, places = window.tested(h), []
+        for i, at, value in window.candidates(tiles):
+            line = self.lines[i]
+            found = self._place(line, at, value)
+            if found is not None and abs(found[1] - m) <= 1.1 * h and -0.01 * line.length <= found[0] <= 1.01 * line.length:
+                places.append((i, *found))
+        return tiles, places
+
+    def _place(self, line: Line, t: float, value: float, steps: int = 12) -> tuple[float, float] | None:
+        """(t, ε) where an eigenvalue of P_U is on the line."""
+        for _ in range(steps):
+            if abs(value) > 1.01 * self.most:
+                return None
+            try:
+                *_, move, rate = self.shapes(line.start + t * line.along, value)
+            except la.LinAlgError:
+                return None
+            move, rate = move / line.along, rate / line.along
+            if not rate.imag:
+                return None
+            step = -move.imag / rate.imag
+            t, value = t + move.real + rate.real * step, value + step
+            if abs(move) <= EPS**0.5 * self.outer.size and abs(step) <= EPS**0.5 * self.most:
+                return t, value
+        return None
+
+    def _crossing(self, of: int, t: float, value: float) -> Crossing | None:
+        """The window of one crossing."""
+        line = self.lines[of]
+        s = line.start + t * line.along
+        room = min(self.outer.top - s.imag, s.real - self.outer.re[0], self.outer.re[1] - s.real)
+        b = min(self.reach, self.most - abs(value))
+        if room <= 0 or b <= 0:
+            return None
+        self.solved += 1
+        window = Window(self, value)
+        i = int(np.abs(window.lam - s).argmin())
+        rate = complex(window.B[i, i] / line.along)
+        off = complex((window.lam[i] - s) / line.along)
+        for _ in range(10):
+            a = min(max(abs(rate) * b, 1e-9 * self.outer.size), room)
+            r = window.rest(s, a, b, i)
+            sigma = float(la.svd(np.array([[-a, rate.real * b], [0.0, rate.imag * b]]), compute_uv=False)[-1])
+            q = (r + abs(off)) / sigma if sigma else np.inf
+            if q < 0.45 and sigma > 2 * 2**0.5 * r:
+                return Crossing(of, Met(t, a, (t - q * a, t + q * a), (value - q * b, value + q * b), bool(rate.imag > 0)), value, b)
+            b /= 3
+        return None
+
+    def matrices(self, value: float) -> Array:
+        """K, D and M of P_U (3, m, m)."""
+        return self.P + value * self.T
+
+    def shapes(self, s: complex, value: float, steps: int = 4) -> tuple[Array, Array, complex, complex]:
+        """Right and left vectors in V (m,) of the eigenvalue nearest to s; how far it is, and dλ/dε."""
+        K, D, M = self.matrices(value)
+        P, slope = K + s * (D + s * M), D + 2 * s * M
+        factor = la.lu_factor(P + EPS * la.norm(P) * np.eye(len(P)))
+        x = z = np.random.default_rng(len(P)).standard_normal(len(P)).astype(complex)
+        for _ in range(steps):
+            x, z = la.lu_solve(factor, slope @ x), la.lu_solve(factor, slope.conj().T @ z, trans=2)
+            x, z = x / la.norm(x), z / la.norm(z)
+        own = z.conj() @ slope @ x
+        change = z.conj() @ (np.tensordot([1.0, s, s * s], self.T, 1) @ x)
+        return x, z, complex(-(z.conj() @ P @ x) / own), complex(-change / own)
+
+    def eigenvalue(self, s: complex, value: float, steps: int) -> complex:
+        """The eigenvalue of P_U(s; ε) near s at ε = `value`, by Newton's method; NaN if that leaves the region."""
+        for _ in range(steps):
+            if not abs(s) <= self.outer.size:
+                return complex(np.nan)
+            move = self.shapes(s, value)[2]
+            s += move
+            if abs(move) <= EPS**0.75 * abs(s):
+                break
+        return s
+
+
+class Segment(NamedTuple):
+    """Bounds for |s' - s| ≤ d, see `Window.segment`."""
+
+    reach: float
+    N: Array
+    Q: Array
+    off: Array
+    column: Array
+    row: Array
+    far: float
+    far_T: float
+    size: float
+    fed: Array
+    wrong: float
+    lengths: tuple[Array, Array, Array, Array]
+    outside: tuple[float, float]
+
+
+class Window:
+    """The eigenpairs of P_U at one value of ε, and bounds about it."""
+
+    def __init__(self, sweep: WindowSweep, value: float) -> None:
+        self.sweep, self.value, T = sweep, value, sweep.T
+        (shift, nu, x, z), *_ = eigenpairs(sweep.matrices(value), sweep.outer.size)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            lam = np.where(nu != 0, shift + 1 / nu, np.inf)
+        corners = np.array([one.start + t * one.along for one in sweep.lines for t in (0.0, one.length)])
+        away = np.hypot(np.maximum(0, np.maximum(corners.real.min() - lam.real, lam.real - corners.real.max())),
+                        np.maximum(0, np.maximum(corners.imag.min() - lam.imag, lam.imag - corners.imag.max())))
+        away = np.where(np.isfinite(lam), away, np.inf)
+        self.clear = min(0.7 * sweep.outer.top, float(np.sort(away)[min(NEAR, len(away) - 1)]))
+        near = away < self.clear
+        self.shift, self.lam, self.x, self.z = shift, lam[near], x[:, near], z[:, near]
+        self.far = nu[~near], lam[~near], x[:, ~near], z[:, ~near].conj().T
+        _, _, X, Z = self.far
+        left = self.z.conj().T
+        self.fed = [left @ A for A in T]  # z_iᴴT
+        images = [A @ self.x for A in T]
+        self.left, self.right = np.stack([A @ X for A in self.fed]), np.stack([Z @ A for A in images])
+        own = [left @ A for A in images]
+        self.B = own[0] + own[1] * self.lam + own[2] * self.lam**2
+        self.N = own[1] + own[2] * self.lam, own[2]
+        self.lengths = [la.norm(part, axis=0) for part in (self.x, self.z)]
+        self.far_lengths = la.norm(X, axis=0), la.norm(Z, axis=1)
+        gram = X.conj().T @ X
+        # of Σ e_k x_k z_kᴴ B with B = I, T_k: the quadratic forms of squares of Frobenius norms, lengths of z_kᴴB; norm at a point
+        self.begin = self._each(sum(sweep.lines[0].start + t * sweep.lines[0].along for t in (0.0, sweep.lines[0].length)) / 2)
+        T_f, self.forms = (X * self.begin) @ Z, []
+        for A in (None, *(T[k] for k in sweep.powers)):
+            rows = Z if A is None else Z @ A
+            self.forms.append((gram * (rows @ rows.conj().T).conj(), la.norm(rows, axis=1), _root((part := T_f if A is None else T_f @ A).conj().T @ part)))
+        here = sweep.projection.changed(sweep.weights * value)
+        self.small = Coupling(here, shift, nu, x, z, sweep.outer.size)
+        middle = sum(one.start + t * one.along for one in sweep.lines for t in (0.0, one.length)) / (2 * len(sweep.lines))
+        self.weighed = ([complex(term.weight(np.array(middle))) for term in here.terms],
+                        max(_root(gram) for gram in here.products(middle)))  # the norms of P_LU and P_UL there
+        self.products = self.small._products(self.x), self.small._products(self.z)
+        constant, growing, each = residuals_of(sweep.matrices(value), shift, nu, x, z)
+        self.off, self.own = (constant, growing, each[~near]), each[near]
+
+    def _each(self, s: complex) -> Array:
+        """1/(λ - s) of the far pairs."""
+        nu = self.far[0]
+        return nu / (1 - (s - self.shift) * nu)
+
+    def segment(self, s: complex, d: float) -> Segment | None:
+        """What `beta` takes, for all |s' - s| ≤ d. None if that is too large."""
+        sweep, (nu, lam, X, Z) = self.sweep, self.far
+        each, distance = self._each(s), np.where(nu != 0, np.abs(lam - s), np.inf)
+        if not (distance > 1.5 * d).all():
+            return None
+        largest, size = 1 / (distance - d), np.abs(each)
+        (a, A), (b, B) = (_about(part, s, d) for part in (self.left, self.right))
+        off = np.maximum((A * largest) @ B - (np.abs(a) * size) @ np.abs(b), 0.0)
+        of_x, of_z = self.far_lengths
+        column = la.norm((X * each) @ b, axis=0) + of_x @ (B * largest[:, None] - np.abs(b) * size[:, None])
+        row = la.norm((a * each) @ Z, axis=1) + (A * largest - np.abs(a) * size) @ of_z
+        # T_f and T_fT: by their Taylor series
+        series = [each - self.begin, *(d**k * each ** (k + 1) for k in range(1, 4))]
+        rest = (d / distance) ** 4 * largest * of_x
+        norms = []
+        for form, of_row, begin in self.forms:
+            squares = [float((e.conj() @ form @ e).real) + len(e) * EPS * float(np.abs(e) * of_x @ of_row) ** 2 for e in series]
+            norms.append(begin + sum(max(square, 0.0) ** 0.5 for square in squares) + float(rest @ of_row))
+        most = abs(s) + d
+        far, far_T = norms[0], sum(most**k * one for k, one in zip(sweep.powers, norms[1:], strict=True))
+        fed = sum(most**k * la.norm(part, axis=1) for k, part in enumerate(self.fed))
+        constant, growing, own = self.off
+        wrong = far * sweep.rounding + float((largest * of_x) @ own) + constant + growing * (abs(s - self.shift) + d)
+        return Segment(d, self.N[0] + s * self.N[1], (a * each) @ b, off, column, row, far, far_T,
+                       float(most ** np.arange(3) @ sweep.sizes), np.asarray(fed), wrong, *self._outside(s, d))
+
+    def _outside(self, s: complex, d: float) -> tuple[tuple[Array, Array, Array, Array], tuple[float, float]]:
+        """‖P_LU x_j‖ and ‖z_iᴴP_UL‖, the same of T, and norms of both, in units in which P_L ≥ 1."""
+        sweep, root = self.sweep, self.sweep.c**-0.5
+        lengths = [root * part[0] for part in self.small._lengths(np.array([s]), np.array([[d]]), self.products)]
+        _, linear, square = sweep.slope.T
+        weight, change = sweep.slope @ [1.0, s, s * s], d * (np.abs(linear + 2 * s * square) + d * np.abs(square))
+        for own, w in zip(self.products, (weight, sweep.signs * weight.conj()), strict=True):
+            sizes = np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0))
+            here = np.einsum("a,kab,b->k", w.conj(), own, w).real
+            lengths.append(root * (np.sqrt(np.maximum(here, 0.0)) + change @ sizes))
+        begin, whole = self.weighed
+        moved = np.array([abs(complex(term.weight(np.array(s))) - w) + term.change(np.array(s), np.array(d))
+                          for term, w in zip(self.small.basis.terms, begin, strict=True)])
+        return tuple(lengths), (root * (whole + float(moved @ sweep.outside)),
+                                root * float((np.abs(weight) + change) @ sweep.outside))
+
+    def beta(self, given: Segment, h: float) -> Array | None:
+        """F (n, n) for |t| ≤ h."""
+        sweep, lam, B, N, d = self.sweep, self.lam, self.B, given.N, given.reach
+        n, b, gap = len(lam), self.B.diagonal(), self.lam - self.lam[:, None]
+        far = np.abs(gap) > 4 * h * (np.abs(B) + np.abs(B).T)
+        np.fill_diagonal(far, False)
+        X = np.where(far, B / np.where(far, gap, 1.0), 0.0)
+        if h * np.abs(X).sum(axis=1).max(initial=0.0) > 0.5:
+            X = np.zeros_like(X)
+        turn, slip = h * np.abs(X), h * (np.abs(N) + d * np.abs(self.N[1]))
+        if slip.sum(axis=1).max(initial=0.0) > 0.5:
+            return None
+        first = np.where(X != 0, 0.0, np.abs(B))
+        np.fill_diagonal(first, 0.0)
+        second, eye = N @ B - given.Q, np.eye(n)
+        rough = given.off + d * np.abs(self.N[1]) @ np.abs(B)
+        whole = np.abs(second) + rough
+        slipped, turned = la.inv(eye - slip), la.inv(eye - turn)
+        G = h * first + h**2 * (np.abs(B @ X - X * b + second) + rough + whole @ turn + slip @ (slipped @ whole) @ (eye + turn))
+        (right, left, right_T, left_T), (outside, outside_T) = given.lengths, given.outside
+        outside += h * outside_T
+        of_x, of_z = self.lengths
+        rounding = self.own + of_z * sweep.rounding + h * given.fed * given.wrong
+        rows = np.stack([h**2 * given.row * given.size + rounding, left + h * left_T + h * given.row * outside], axis=1)
+        columns = np.stack([h * given.column + given.wrong * of_x, right + h * right_T])
+        few = np.array([[h * given.far_T + given.wrong, given.far * outside], [outside, 0.0]])
+        if few[0, 0] + few[0, 1] * few[1, 0] >= 0.95:
+            return None
+        both = turned @ slipped
+        F = turned @ G + both @ (np.outer(rounding, of_x) + rows @ la.inv(np.eye(2) - few) @ columns) @ (eye + turn)
+        return F if np.isfinite(F).all() else None
+
+    def apart(self, tiles: Array) -> Array:
+        """Least distances |λ_i + t b_i - s| in tiles (l, 5), (l, n)."""
+        found = np.empty((len(tiles), len(self.lam)))
+        for k, line in enumerate(self.sweep.lines):
+            at = tiles[:, 0] == k
+            _, u, uh, e, eh = tiles[at].T[:, :, None]
+            v, b = (self.lam - line.start) / line.along, self.B.diagonal() / line.along
+            w = v + (e - self.value) * b
+            found[at] = np.hypot(np.maximum(np.abs(w.real - u) - eh * np.abs(b.real) - uh, 0.0),
+                                 np.maximum(np.abs(w.imag) - eh * np.abs(b.imag), 0.0))
+        return found
+
+    def tested(self, h: float, fine: int = 100) -> Array:
+        """The tiles (l, 5) for |t| ≤ h in which a crossing is not excluded."""
+        lines, left = self.sweep.lines, []
+        pieces = []
+        for k, line in enumerate(lines):
+            number = int(np.ceil(line.length / (self.clear / 3)))
+            half = line.length / number / 2
+            pieces += [(k, (2 * i + 1) * half, half) for i in range(number)]
+        while pieces:
+            again = []
+            for k, u, half in pieces:
+                e = self.value + (np.arange(4) - 1.5) / 2 * h
+                tiles = np.column_stack([np.full(4, k), np.full(4, u), np.full(4, half), e, np.full(4, h / 4)])
+                line = lines[k]
+                given = self.segment(line.start + u * line.along, half)
+                F = None if given is None else self.beta(given, h)
+                tiles = tiles if F is None else self._open(F, tiles, h / fine)
+                if len(tiles) and half > self.clear / 30:
+                    again += [(k, u + sign * half / 2, half / 2) for sign in (-1, 1)]
+                else:
+                    left.append(tiles)
+            pieces = again
+        return np.vstack([np.zeros((0, 5)), *left])
+
+    def _open(self, F: Array, tiles: Array, least: float, most: int = 3000) -> Array:
+        """Those parts of the tiles that F does not exclude."""
+        left, seen = [], 0
+        speed = np.abs(self.B.diagonal())
+        while len(tiles):
+            seen += len(tiles)
+            D = self.apart(tiles)
+            bad = ~(_radius(F, D) < 0.98)
+            tiles, D = tiles[bad], D[bad]
+            if seen > most:
+                left.append(tiles)
+                break
+            b = speed[D.argmin(axis=1)]
+            along = tiles[:, 2] > b * tiles[:, 4]
+            ended = ~along & (tiles[:, 4] <= least)
+            left.append(tiles[ended])
+            tiles, along = tiles[~ended], along[~ended]
+            half = np.where(along[:, None], [0, 0, 1, 0, 0], [0, 0, 0, 0, 1]) * tiles / 2
+            move = np.column_stack([half[:, 0], half[:, 2], half[:, 0], half[:, 4], half[:, 0]])
+            tiles = np.vstack([tiles - half + sign * move for sign in (-1, 1)])
+        return np.vstack(left) if left else tiles
+
+    def candidates(self, tiles: Array) -> list[tuple[int, float, float]]:
+        """Where the centres of the discs nearest to open tiles meet the line: line, t, ε, one for each disc and line."""
+        if not len(tiles):
+            return []
+        nearest, found, seen = self.apart(tiles).argmin(axis=1), [], set()
+        for (k, *_), i in zip(tiles, nearest, strict=True):
+            if (k, i) not in seen:
+                seen.add((k, i))
+                line = self.sweep.lines[int(k)]
+                v, b = complex((self.lam[i] - line.start) / line.along), complex(self.B[i, i] / line.along)
+                if b.imag:
+                    move = -v.imag / b.imag
+                    found.append((int(k), v.real + move * b.real, self.value + move))
+        return found
+
+    def rest(self, s: complex, a: float, b: float, i: int) -> float:
+        """A bound of |φ - (λ_i - s + t b_i)| for complex |s' - s| ≤ a, |t| ≤ b, φ what is left for g_i; inf if there is none."""
+        given = self.segment(s, a)
+        F = None if given is None else self.beta(given, b)
+        if F is None:
+            return np.inf
+        D = np.abs(self.lam - s) - b * np.abs(self.B.diagonal()) - a
+        others = np.arange(len(D)) != i
+        if not (D[others] > 0).all():
+            return np.inf
+        rest = np.diag(D[others]) - F[np.ix_(others, others)]
+        if not _radius(F[np.ix_(others, others)], D[None, others])[0] < 0.98:
+            return np.inf
+        return float(F[i, i] + F[i, others] @ np.maximum(la.solve(rest, F[others, i]), 0.0)) * (1 + 1e-9)
+
+
+def _about(part: Array, s: complex, d: float) -> tuple[Array, Array]:
+    """A polynomial (3, …) at s, and a bound of its entries for |s' - s| ≤ d."""
+    constant, linear, square = part
+    here = constant + s * (linear + s * square)
+    return here, np.abs(here) + d * (np.abs(linear + 2 * s * square) + d * np.abs(square))
+
+
+def _radius(F: Array, D: Array, steps: int = 25) -> Array:
+    """At most the spectral radius of each F_ij / D_ki, (l,), by Collatz's quotients."""
+    w, found = np.ones_like(D), np.full(len(D), np.inf)
+    with np.errstate(all="ignore"):
+        for _ in range(steps):
+            new = (w @ F.T) / D
+            found = np.fmin(found, (new / w).max(axis=1))
+            if (found < 0.98).all():
+                break
+            w = w + np.minimum(new, 1e200)
+            w = np.maximum(w / w.max(axis=1, keepdims=True), 1e-200)
+    return found
+
+
+def _root(gram: Array) -> float:
+    """The root of the largest eigenvalue of XᴴX, the norm of X."""
+    return float(max(la.eigvalsh(gram, subset_by_index=[len(gram) - 1] * 2, check_finite=False)[0], 0.0)) ** 0.5 if gram.size else 0.0
