@@ -2,8 +2,8 @@
 
 Where the parameter acts through few columns, one projection of the model serves all of its values, and sweeps run around the
 rectangle of all λ in the band that grow: up the axis, out along the edges of the band, and up at Re λ = the end of the band
-(`femsub.modes.quadratic.axis_sweep`). Where it acts through many and a proof is asked for, they cover the plane of s on these
-lines and the parameter (`femsub.modes.quadratic.plane_sweep`). They find all eigenvalues that cross its border for any value, and
+(`femsub.modes.quadratic.axis_sweep`). Where it acts through many and a proof is asked for, windows of the parameter cover its
+range, each for all of these lines (`femsub.modes.quadratic.window_sweep`). They find all eigenvalues that cross its border for any value, and
 prove that no other does. So the number inside is known for each value, once it is known for one: the answer is certified.
 
 Elsewhere it is confirmed. Right vectors of the full pencil at some values of the parameter span a basis V. The pencil VᵀP(λ; p)V
@@ -53,7 +53,7 @@ from femsub.modes import (
     Inverse,
     Line,
     Met,
-    PlaneSweep,
+    WindowSweep,
     Projection,
     Varied,
     corrected,
@@ -193,8 +193,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
     axis = Line(1j * band[0], 1j, height)
     edges = [Line(1j * edge, 1.0, side) for edge in band if edge]
     lines = [axis, *edges, Line(side + 1j * band[0], 1j, height)]
-    sweep: AxisSweep | PlaneSweep
-    solved = 3
+    sweep: AxisSweep | WindowSweep
     if few:
         for _ in range(4):
             if not _enriched(projection, band):
@@ -202,11 +201,11 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
         sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
     else:
         enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 7), band)
-        sweep = PlaneSweep(projection, weights, (lo - p0, hi - p0))
-        solved = len(sweep.nodes) + 2
+        sweep = WindowSweep(projection, weights, (lo - p0, hi - p0))
     met: list[list[Met]] = []
-    for line in lines:
-        found, left = sweep.swept(line, RESOLUTION * band[1])
+    every = sweep.swept(lines, RESOLUTION) if isinstance(sweep, WindowSweep) else (
+        sweep.swept(line, RESOLUTION * band[1]) for line in lines)
+    for line, (found, left) in zip(lines, every, strict=True):
         if left:
             raise NotConvergedError(f"in {len(left)} pieces it is not known what crosses, such as beside s = "
                                     f"{line.start + line.along * sum(left[0]) / 2:.6g}")
@@ -240,6 +239,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
             lost += [p0 + sum(one.values) / 2] if inward else []
     losses, regains = (sorted(part, key=lambda one: (one.value, one.omega)) for part in both)
     begin, end = (weight(z.imag) for z in grown)
+    solved = 2 + (sweep.solved if isinstance(sweep, WindowSweep) else 1)
     return CriticalValue.of(question, losses, regains, Tally(change(losses, regains), end - begin - entered), growing=begin,
                             fastest=fastest(grown[0]), lost=lost, solved=solved, method="followed")
 
@@ -276,7 +276,7 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
     projection.join(columns, 0.02)
 
 
-def _crossing(question: LossQuestion, sweep: AxisSweep | PlaneSweep, V: Array, start: float, one: Met, p0: float, steps: int
+def _crossing(question: LossQuestion, sweep: AxisSweep | WindowSweep, V: Array, start: float, one: Met, p0: float, steps: int
               ) -> Crossing | None:
     """A crossing of the axis on the full pencil, where Newton's method comes to one that is the one that was met."""
     over, (lo, hi) = question.over, question.between

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 NEAR = 130  # eigenpairs that stand apart in a window, at most
-PARTS = 10  # intervals of the range at first
+
+PARTS = 14  # intervals of the range at first
+BELOW = 0.98  # required spectral radius; the theorem needs 1
 
 
 class Crossing(NamedTuple):
@@ -82,44 +84,43 @@ class WindowSweep:
         lost, noise, last = projection.lost, projection.noise, [m - 1, m - 1]
         self.outside = np.array([max(float(la.eigvalsh(lost[i, :, i], subset_by_index=last)[0]), 0.0) + float(noise[i].max())
                                  for i in range(len(lost))]) ** 0.5
+        # ‖P_LU‖ and ‖P_ULᴴ‖ at one s are convex functions of ε: no larger between values than their chords
+        self.middle, values = complex(sum(self.outer.re), self.outer.top) / 2, np.linspace(-self.most, self.most, 5)
+        self.at_middle = values, np.array([max(map(_root, projection.changed(self.weights * e).products(self.middle)))
+                                           for e in values])
         self.solved = 0
 
-    def swept(self, lines: Sequence[Line], least: float) -> tuple[list[list[Met]], list[tuple[float, float]]]:
-        """All crossings of each line, and the pieces (of ε) in which they are not known.
+    def swept(self, lines: Sequence[Line], least: float, most: int = 120) -> list[tuple[list[Met], list[tuple[float, float]]]]:
+        """All crossings of each line, and the pieces (of t) in which they are not known.
 
-        The first of them has a length of `least` of the range.
+        Then an interval of ε has a length of `least` of the range, or there are `most` windows.
         """
-        self.lines = lines
-        ends = np.linspace(*self.between, PARTS + 1).tolist()
+        self.lines, same = lines, EPS**0.5 * np.array([1.0, self.outer.size, self.most])
         known: list[Crossing] = []
-        left: list[tuple[float, float]] = []
-        waiting = list(pairwise(ends))
-        while waiting and not left:
-            log.info("%d intervals, from %.4g to %.4g", len(waiting), waiting[0][0], waiting[-1][1])
+        waiting = list(pairwise(np.linspace(*self.between, PARTS + 1).tolist()))
+        while waiting:
+            log.info("%d intervals of the parameter, from %.4g on", len(waiting), waiting[0][0])
             found = each_of(self._tested, *zip(*waiting, strict=True))
             starts: list[tuple[int, float, float]] = []
-            for tiles, places in found:
-                starts += [one for one in places if not any(other.holds(np.array([[one[0], one[1], 0, one[2], 0]]))[0] for other in known)]
-            starts = [one for i, one in enumerate(starts) if not any(one[0] == other[0] and abs(one[1] - other[1]) < 1e-6 * self.outer.size and abs(one[2] - other[2]) < 1e-6 * self.most for other in starts[:i])]
-            log.info("%d open tiles, crossings tried at %s", sum(len(t) for t, _ in found), [(a, round(b), round(c, 4)) for a, b, c in starts])
-            tried = each_of(self._crossing, *zip(*starts, strict=True)) if starts else []
-            for one in tried:
+            for place in (one for _, places in found for one in places):
+                tile = np.array([[place[0], place[1], 0.0, place[2], 0.0]])
+                if not any(one.holds(tile)[0] for one in known) and not any(
+                        (np.abs(np.subtract(place, other)) <= same).all() for other in starts):
+                    starts.append(place)
+            for one in each_of(self._crossing, *zip(*starts, strict=True)) if starts else []:
                 if one is not None and not any(one.of == other.of and one.met.holds(other.met) for other in known):
                     known.append(one)
-            again = []
+            again: list[tuple[float, float]] = []
             for (a, b), (tiles, _) in zip(waiting, found, strict=True):
                 for one in known:
                     tiles = tiles[~one.holds(tiles)]
-                if not len(tiles):
-                    continue
-                if b - a <= least * (self.between[1] - self.between[0]) or self.solved > 400:
-                    left.append((a, b))
-                    continue
-                lo, hi = max(a, float((tiles[:, 3] - tiles[:, 4]).min())), min(b, float((tiles[:, 3] + tiles[:, 4]).max()))
-                again += [(lo, hi)] if hi - lo <= 0.6 * (b - a) else [(lo, (lo + hi) / 2), ((lo + hi) / 2, hi)]
+                if len(tiles) and (b - a <= least * (self.between[1] - self.between[0]) or self.solved > most):
+                    return [([], [(t - h, t + h) for t, h in tiles[tiles[:, 0] == of, 1:3].tolist()]) for of in range(len(lines))]
+                if len(tiles):
+                    lo, hi = max(a, float((tiles[:, 3] - tiles[:, 4]).min())), min(b, float((tiles[:, 3] + tiles[:, 4]).max()))
+                    again += [(lo, hi)] if hi - lo <= 0.6 * (b - a) else [(lo, (lo + hi) / 2), ((lo + hi) / 2, hi)]
             waiting = again
-        met = [sorted(one.met for one in known if one.of == i) for i in range(len(lines))]
-        return met, left
+        return [(sorted(one.met for one in known if one.of == of), []) for of in range(len(lines))]
 
     def _tested(self, begin: float, end: float) -> tuple[Array, list[tuple[int, float, float]]]:
         """Tiles (l, 5) in which a crossing is not excluded, and places of crossings near them: line, t, ε."""
@@ -128,7 +129,7 @@ class WindowSweep:
         try:
             window = Window(self, m)
         except la.LinAlgError:
-            return np.array([[0, 0, np.inf, m, h]]), []
+            return np.array([[of, line.length / 2, line.length / 2, m, h] for of, line in enumerate(self.lines)]), []
         tiles, places = window.tested(h), []
         for i, at, value in window.candidates(tiles):
             line = self.lines[i]
@@ -260,9 +261,6 @@ class Window:
             self.forms.append((gram * (rows @ rows.conj().T).conj(), la.norm(rows, axis=1), _root((part := T_f if A is None else T_f @ A).conj().T @ part)))
         here = sweep.projection.changed(sweep.weights * value)
         self.small = Coupling(here, shift, nu, x, z, sweep.outer.size)
-        middle = sum(one.start + t * one.along for one in sweep.lines for t in (0.0, one.length)) / (2 * len(sweep.lines))
-        self.weighed = ([complex(term.weight(np.array(middle))) for term in here.terms],
-                        max(_root(gram) for gram in here.products(middle)))  # the norms of P_LU and P_UL there
         self.products = self.small._products(self.x), self.small._products(self.z)
         constant, growing, each = residuals_of(sweep.matrices(value), shift, nu, x, z)
         self.off, self.own = (constant, growing, each[~near]), each[near]
@@ -309,11 +307,10 @@ class Window:
             sizes = np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0))
             here = np.einsum("a,kab,b->k", w.conj(), own, w).real
             lengths.append(root * (np.sqrt(np.maximum(here, 0.0)) + change @ sizes))
-        begin, whole = self.weighed
-        moved = np.array([abs(complex(term.weight(np.array(s))) - w) + term.change(np.array(s), np.array(d))
-                          for term, w in zip(self.small.basis.terms, begin, strict=True)])
-        return tuple(lengths), (root * (whole + float(moved @ sweep.outside)),
-                                root * float((np.abs(weight) + change) @ sweep.outside))
+        moved = sum(term.change(np.array(sweep.middle), abs(s - sweep.middle) + d) * size
+                    for term, size in zip(self.small.basis.terms, sweep.outside, strict=True))
+        whole = float(np.interp(self.value, *sweep.at_middle) + moved)
+        return tuple(lengths), (root * whole, root * float((np.abs(weight) + change) @ sweep.outside))
 
     def beta(self, given: Segment, h: float) -> Array | None:
         """F (n, n) for |t| ≤ h."""
@@ -359,12 +356,12 @@ class Window:
                                  np.maximum(np.abs(w.imag) - eh * np.abs(b.imag), 0.0))
         return found
 
-    def tested(self, h: float, fine: int = 100) -> Array:
+    def tested(self, h: float, fine: int = 40) -> Array:
         """The tiles (l, 5) for |t| ≤ h in which a crossing is not excluded."""
         lines, left = self.sweep.lines, []
         pieces = []
         for k, line in enumerate(lines):
-            number = int(np.ceil(line.length / (self.clear / 3)))
+            number = int(np.ceil(line.length / (self.clear / 1.5)))
             half = line.length / number / 2
             pieces += [(k, (2 * i + 1) * half, half) for i in range(number)]
         while pieces:
@@ -390,7 +387,7 @@ class Window:
         while len(tiles):
             seen += len(tiles)
             D = self.apart(tiles)
-            bad = ~(_radius(F, D) < 0.98)
+            bad = ~(_radius(F, D) < BELOW)
             tiles, D = tiles[bad], D[bad]
             if seen > most:
                 left.append(tiles)
@@ -431,7 +428,7 @@ class Window:
         if not (D[others] > 0).all():
             return np.inf
         rest = np.diag(D[others]) - F[np.ix_(others, others)]
-        if not _radius(F[np.ix_(others, others)], D[None, others])[0] < 0.98:
+        if not _radius(F[np.ix_(others, others)], D[None, others])[0] < BELOW:
             return np.inf
         return float(F[i, i] + F[i, others] @ np.maximum(la.solve(rest, F[others, i]), 0.0)) * (1 + 1e-9)
 
@@ -443,16 +440,17 @@ def _about(part: Array, s: complex, d: float) -> tuple[Array, Array]:
     return here, np.abs(here) + d * (np.abs(linear + 2 * s * square) + d * np.abs(square))
 
 
-def _radius(F: Array, D: Array, steps: int = 25) -> Array:
-    """At most the spectral radius of each F_ij / D_ki, (l,), by Collatz's quotients."""
-    w, found = np.ones_like(D), np.full(len(D), np.inf)
+def _radius(F: Array, D: Array, steps: int = 16) -> Array:
+    """At most the spectral radius of each F_ij / D_ki, (l,), by Collatz's quotients, or 1 and more."""
+    w, found, at = np.ones_like(D), np.full(len(D), np.inf), np.arange(len(D))
     with np.errstate(all="ignore"):
         for _ in range(steps):
-            new = (w @ F.T) / D
-            found = np.fmin(found, (new / w).max(axis=1))
-            if (found < 0.98).all():
+            new = (w @ F.T) / D[at]
+            found[at] = np.fmin(found[at], (new / w).max(axis=1))
+            again = (found[at] >= BELOW) & ((new / w).min(axis=1) < 1)
+            if not again.any():
                 break
-            w = w + np.minimum(new, 1e200)
+            at, w = at[again], w[again] + np.minimum(new[again], 1e200)
             w = np.maximum(w / w.max(axis=1, keepdims=True), 1e-200)
     return found
 
