@@ -1,13 +1,54 @@
 """Where a parameter of any rank brings an eigenvalue to lines in the plane of s, for all its values: proved.
 
-P(s; ε) = P(s) + ε T(s), where T acts through any number of columns, inside U and outside (see `energy_basis`).
+P(s; ε) = P(s) + ε T(s), where T acts through any number of columns, inside U and outside (see `energy_basis`). In a window,
+ε = m + t with |t| ≤ h, all eigenpairs of P_U at m give P_U⁻¹ = X(Λ - s)⁻¹Zᴴ + T_f(s): n pairs near the lines, and T_f of all
+others. Where P(s; ε)(u, y) = 0, u = Xg + q with
+
+    (Λ - s) g + Zᴴ(tTu + P_ULy) = 0,   q = -T_f(tTu + P_ULy),   y = -P_L⁻¹P_LU u.
+
+With T(s)x_j = T(λ_j)x_j + (s - λ_j) T'_j x_j, B_ij = z_iᴴT(λ_j)x_j, N_ij = z_iᴴT'_jx_j, and q inserted once into tZᴴTq,
+
+    (Λ - s) g + (I - tN)⁻¹ [tB - t²Q] g + (I - tN)⁻¹ [-t²ZᴴTT_fT q + (ZᴴP_UL - tZᴴTT_fP_UL) y] = 0,   Q = ZᴴTT_fTX,
+
+and (I - tN)⁻¹ (tB - t²Q) = tB + t²(NB - Q) + t³N(I - tN)⁻¹(NB - Q). To turn the vectors to first order, g = (I + tX̂)g' with
+x̂_ij = b_ij / (λ_j - λ_i) as in `femsub.stability.exclusion`, b = diag B: then
+
+    (λ_i - s + t b_i) g'_i + Σ_j e_ij(s, t) g'_j = 0,   |e_ij| ≤ f_ij  for all complex |t| ≤ h,  |s - s_c| ≤ d,
+    F = (I - h|X̂|)⁻¹ (h|B'| + h²|BX̂ - X̂b + NB - Q| + h³ …) + what q and y bring back.
+
+Norms bound |q| and |y| by |g|, in units in which Re P_L ≥ 1:
+
+    |q| ≤ Σ h‖T_fTx_j‖ |g_j| + h‖T_fT‖ |q| + ‖T_f‖‖P_UL‖ |y|,   |y| ≤ Σ ‖P_LUx_j‖ |g_j| + ‖P_LU‖ |q|.
+
+So P(s; ε) is regular where the spectral radius of f_ij / |λ_i - s + t b_i| is below 1 (`Window.tested`). Tiles of a line and of the
+window's values are halved until that holds in each, or they lie in the rectangle |s - s_0| ≤ a, |ε - ε_0| ≤ b of one crossing. There
+the others are eliminated from the equation of one g'_i. What is left, along a line s = s_0 + τ d, is
+
+    φ(τ, t) = (λ_i - s_0) - τ d + t b_i + ρ(τ, t) = 0,   |ρ| ≤ r = f_ii + f_i.(D - F)⁻¹f_.i
+
+for complex |τ| ≤ a and |t| ≤ b; D has the least |λ_j - s + t b_j| of the others. For complex ε, c is less by |Im ε| Σ |s^k| g, g a
+bound of |xᴴTx| / xᴴAx. With the least singular value σ of the real matrix of (-a d, b b_i),
+
+- all zeros with |τ| ≤ a and |t| ≤ b, real, are in the ellipse of the radius ϱ = (r + |λ_i - s_0|) / σ in (τ/a, t/b), and if ϱ < 1
+  there is an odd number (degree);
+- where |τ| ≤ a/2 and |t| ≤ b/2, ρ has derivatives of at most 2r/a and 2r/b (Cauchy). So if σ > 2√2 r, there is one at most there.
+
+As dλ/dε is about b_i, its direction is known. All holds for any share of the coupling with the outside as well. So in what lines
+enclose P has as many eigenvalues as P_U.
+
+T_f, Q and the lengths are known at s_c: for |s - s_c| ≤ d a product of polynomials and of 1/(λ_k - s) = Σ (s - s_c)^p/(λ_k - s_c)^(p+1)
+changes by no more than the same product of moduli, of d for s - s_c, less its value at d = 0. ‖T_f‖ follows from its Taylor series, by
+Frobenius norms but for its value at one point. ‖P_LU‖ at one s is a convex function of ε. LAPACK's eigenpairs are no exact ones: what is
+left of P_U times the sum (`residuals_of`) and the rounding of P_U are one more operator on u, bounded by its norm.
+
+References: as for `energy_basis`; R. S. Varga, Geršgorin and His Circles (2004); L. Collatz, Math. Z. 48 (1942) 221 (the spectral
+radius of F ≥ 0 is at most the largest (Fw)_i / w_i, w > 0).
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -40,7 +81,14 @@ class Crossing(NamedTuple):
     def holds(self, tiles: Array) -> Array:
         """Which tiles (l, 5) - line, t, half width, ε, half width - lie inside, bool."""
         of, t, h, e, b = tiles.T
-        return (of == self.of) & (np.abs(t - self.met.at) + h <= self.met.room) & (np.abs(e - self.value) + b <= self.room)
+        return np.asarray((of == self.of) & (np.abs(t - self.met.at) + h <= self.met.room) & (
+            np.abs(e - self.value) + b <= self.room))
+
+    @property
+    def tile(self) -> Array:
+        """Where it certainly is, (1, 5)."""
+        (a, b), (c, d) = self.met.between, self.met.values
+        return np.array([[self.of, (a + b) / 2, (b - a) / 2, (c + d) / 2, (d - c) / 2]])
 
 
 class WindowSweep:
@@ -95,6 +143,9 @@ class WindowSweep:
 
         Then an interval of ε has a length of `least` of the range, or there are `most` windows.
         """
+        corners = np.array([one.start + t * one.along for one in lines for t in (0.0, one.length)])
+        if corners.imag.max() > self.outer.top or corners.real.min() < self.outer.re[0] or corners.real.max() > self.outer.re[1]:
+            raise ValueError("a line leaves the region of the projection")
         self.lines, same = lines, EPS**0.5 * np.array([1.0, self.outer.size, self.most])
         known: list[Crossing] = []
         waiting = list(pairwise(np.linspace(*self.between, PARTS + 1).tolist()))
@@ -108,7 +159,7 @@ class WindowSweep:
                         (np.abs(np.subtract(place, other)) <= same).all() for other in starts):
                     starts.append(place)
             for one in each_of(self._crossing, *zip(*starts, strict=True)) if starts else []:
-                if one is not None and not any(one.of == other.of and one.met.holds(other.met) for other in known):
+                if one is not None and not any(one.holds(other.tile)[0] or other.holds(one.tile)[0] for other in known):
                     known.append(one)
             again: list[tuple[float, float]] = []
             for (a, b), (tiles, _) in zip(waiting, found, strict=True):
@@ -166,15 +217,17 @@ class WindowSweep:
             return None
         self.solved += 1
         window = Window(self, value)
+        if not len(window.lam):
+            return None
         i = int(np.abs(window.lam - s).argmin())
         rate = complex(window.B[i, i] / line.along)
         off = complex((window.lam[i] - s) / line.along)
         for _ in range(10):
             a = min(max(abs(rate) * b, 1e-9 * self.outer.size), room)
-            r = window.rest(s, a, b, i)
+            r = window.single(s, a, b, i)
             sigma = float(la.svd(np.array([[-a, rate.real * b], [0.0, rate.imag * b]]), compute_uv=False)[-1])
             q = (r + abs(off)) / sigma if sigma else np.inf
-            if q < 0.45 and sigma > 2 * 2**0.5 * r:
+            if q < 0.25 and sigma > 2 * 2**0.5 * r:
                 return Crossing(of, Met(t, a, (t - q * a, t + q * a), (value - q * b, value + q * b), bool(rate.imag > 0)), value, b)
             b /= 3
         return None
@@ -271,7 +324,7 @@ class Window:
         return nu / (1 - (s - self.shift) * nu)
 
     def segment(self, s: complex, d: float) -> Segment | None:
-        """What `beta` takes, for all |s' - s| ≤ d. None if that is too large."""
+        """What `rest` takes, for all |s' - s| ≤ d. None if that is too large."""
         sweep, (nu, lam, X, Z) = self.sweep, self.far
         each, distance = self._each(s), np.where(nu != 0, np.abs(lam - s), np.inf)
         if not (distance > 1.5 * d).all():
@@ -312,21 +365,24 @@ class Window:
         whole = float(np.interp(self.value, *sweep.at_middle) + moved)
         return tuple(lengths), (root * whole, root * float((np.abs(weight) + change) @ sweep.outside))
 
-    def beta(self, given: Segment, h: float) -> Array | None:
-        """F (n, n) for |t| ≤ h."""
-        sweep, lam, B, N, d = self.sweep, self.lam, self.B, given.N, given.reach
-        n, b, gap = len(lam), self.B.diagonal(), self.lam - self.lam[:, None]
-        far = np.abs(gap) > 4 * h * (np.abs(B) + np.abs(B).T)
+    def turn(self, h: float) -> Array:
+        """X̂ (n, n) for |t| ≤ h, 0 where vectors would turn by too much."""
+        B, gap = np.abs(self.B), self.lam - self.lam[:, None]
+        far = np.abs(gap) > 4 * h * (B + B.T)
         np.fill_diagonal(far, False)
-        X = np.where(far, B / np.where(far, gap, 1.0), 0.0)
-        if h * np.abs(X).sum(axis=1).max(initial=0.0) > 0.5:
-            X = np.zeros_like(X)
+        X = np.where(far, self.B / np.where(far, gap, 1.0), 0.0)
+        return X if h * np.abs(X).sum(axis=1).max(initial=0.0) <= 0.5 else np.zeros_like(X)
+
+    def rest(self, given: Segment, h: float) -> Array | None:
+        """F (n, n) for |t| ≤ h; None if it is too large."""
+        sweep, B, N, d, X = self.sweep, self.B, given.N, given.reach, self.turn(h)
+        b = B.diagonal()
         turn, slip = h * np.abs(X), h * (np.abs(N) + d * np.abs(self.N[1]))
         if slip.sum(axis=1).max(initial=0.0) > 0.5:
             return None
         first = np.where(X != 0, 0.0, np.abs(B))
         np.fill_diagonal(first, 0.0)
-        second, eye = N @ B - given.Q, np.eye(n)
+        second, eye = N @ B - given.Q, np.eye(len(b))
         rough = given.off + d * np.abs(self.N[1]) @ np.abs(B)
         whole = np.abs(second) + rough
         slipped, turned = la.inv(eye - slip), la.inv(eye - turn)
@@ -371,7 +427,7 @@ class Window:
                 tiles = np.column_stack([np.full(4, k), np.full(4, u), np.full(4, half), e, np.full(4, h / 4)])
                 line = lines[k]
                 given = self.segment(line.start + u * line.along, half)
-                F = None if given is None else self.beta(given, h)
+                F = None if given is None else self.rest(given, h)
                 tiles = tiles if F is None else self._open(F, tiles, h / fine)
                 if len(tiles) and half > self.clear / 30:
                     again += [(k, u + sign * half / 2, half / 2) for sign in (-1, 1)]
@@ -404,7 +460,7 @@ class Window:
 
     def candidates(self, tiles: Array) -> list[tuple[int, float, float]]:
         """Where the centres of the discs nearest to open tiles meet the line: line, t, ε, one for each disc and line."""
-        if not len(tiles):
+        if not len(tiles) or not len(self.lam):
             return []
         nearest, found, seen = self.apart(tiles).argmin(axis=1), [], set()
         for (k, *_), i in zip(tiles, nearest, strict=True):
@@ -417,10 +473,10 @@ class Window:
                     found.append((int(k), v.real + move * b.real, self.value + move))
         return found
 
-    def rest(self, s: complex, a: float, b: float, i: int) -> float:
+    def single(self, s: complex, a: float, b: float, i: int) -> float:
         """A bound of |φ - (λ_i - s + t b_i)| for complex |s' - s| ≤ a, |t| ≤ b, φ what is left for g_i; inf if there is none."""
         given = self.segment(s, a)
-        F = None if given is None else self.beta(given, b)
+        F = None if given is None else self.rest(given, b)
         if F is None:
             return np.inf
         D = np.abs(self.lam - s) - b * np.abs(self.B.diagonal()) - a
@@ -446,8 +502,8 @@ def _radius(F: Array, D: Array, steps: int = 16) -> Array:
     with np.errstate(all="ignore"):
         for _ in range(steps):
             new = (w @ F.T) / D[at]
-            found[at] = np.fmin(found[at], (new / w).max(axis=1))
-            again = (found[at] >= BELOW) & ((new / w).min(axis=1) < 1)
+            found[at] = np.fmin(found[at], (new / w).max(axis=1, initial=0.0))
+            again = (found[at] >= BELOW) & ((new / w).min(axis=1, initial=np.inf) < 1)
             if not again.any():
                 break
             at, w = at[again], w[again] + np.minimum(new[again], 1e200)
