@@ -1,4 +1,4 @@
-"""A sweep of the plane of (t, ε) meets all crossings of a parameter of any rank, and its bounds are not too small."""
+"""Windows of a parameter of any rank meet all crossings of lines, and their bounds are not too small."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import scipy.sparse as sp
 from scipy.optimize import brentq
 
 import femsub as fs
-from femsub.modes import Line, WindowSweep, Varied, projection_over
-from femsub.modes.quadratic import window_sweep
+from femsub.modes import Line, Varied, WindowSweep, projection_over
+from femsub.modes.quadratic.window_sweep import Window
 from femsub.stability import followed
 
 BAND = (0.1, 0.6)
@@ -76,7 +76,7 @@ def test_its_losses_are_those_of_the_discs(seed: int) -> None:
 def test_it_meets_all_eigenvalues_that_cross_a_line_beside_the_axis(rate: float) -> None:
     """Against dense eigenvalues of the full pencil, whose Re λ changes its sign about the line from value to value."""
     line = Line(rate + 1j * BAND[0], 1j, BAND[1] - BAND[0])
-    (met, left), = sweep_of(rubbing(0)).swept([line], 1e-9)
+    (met, left), = sweep_of(rubbing(0)).swept([line])
     assert not left
     exact, before = [], eigenvalues(0.0)
     for a, b in pairwise(np.linspace(0.0, 1.0, 101).tolist()):
@@ -93,6 +93,42 @@ def test_it_meets_all_eigenvalues_that_cross_a_line_beside_the_axis(rate: float)
     for (at, value, left_of), one in zip(sorted(exact), inside, strict=True):
         assert abs(at - one.at) < 1e-4 and abs(value - sum(one.values) / 2) < 1e-3 and left_of == one.left
         assert one.between[0] - 1e-6 < at < one.between[1] + 1e-6 and one.values[0] - 1e-5 < value < one.values[1] + 1e-5
+
+
+@pytest.mark.parametrize(("power", "reach"), [(0, 1e-4), (1, 0.03), (2, 0.1)])
+def test_what_is_left_of_each_equation_is_bounded(power: int, reach: float) -> None:
+    """The near block of the full pencil is diag(λ - s + tb) and entries that are no larger than F, for complex s and t.
+
+    With S = P_UL P_L⁻¹ P_LU and E = tT - S it is Λ - s + ZᴴE(I + T_fE)⁻¹X, turned and scaled as in the module's text.
+    """
+    family, rng = rubbing(1), np.random.default_rng(power)
+    M, D, K, rub = family.M[0][1], family.D[0][1], family.K[0][1], family.K[1][1]
+    terms = [(0, rub), (1, 0.1 * rub.T), (2, 0.3 * (rub + rub.T))][:power + 1]
+    projection = projection_over(fs.Affine(M, [(1.0, D + 0.2 * (rub - rub.T))], [(1.0, K + 0.5 * (rub - rub.T))]).at(), [
+        Varied(sp.csr_array(T), power, 0.3) for power, T in terms], (-0.05, BAND[1], *BAND), 0.01).changed(np.zeros(len(terms)))
+    sweep = WindowSweep(projection, np.ones(len(terms)), (-0.3, 0.3))
+    sweep.lines = [Line(1j * BAND[0], 1j, BAND[1] - BAND[0])]
+    window = Window(sweep, 0.15)
+    V, root = projection.V, la.cholesky(projection.A.formed().toarray())
+    outside = la.solve_triangular(root, la.null_space((root @ V).T))  # an orthonormal basis in the norm of A
+    fixed = M.toarray(), (D + 0.2 * (rub - rub.T)).toarray(), (K + 0.5 * (rub - rub.T)).toarray()
+    middle, d, h = 0.4j, reach * window.clear, reach / 3
+    given = window.segment(middle, d)
+    assert given is not None
+    F, turn, eye = window.rest(given, h), window.turn(h), np.eye(len(window.lam))
+    assert F is not None and len(eye) and outside.shape[1]
+    for _ in range(12):
+        s = middle + d * np.exp(2j * np.pi * rng.random())
+        t = complex(rng.choice([-h, h]), min(h / 10, sweep.reach))
+        T = sum(s**power * matrix.toarray() for power, matrix in terms)
+        P = s * s * fixed[0] + s * fixed[1] + fixed[2] + (0.15 + t) * T
+        S = (V.T @ P @ outside) @ la.solve(outside.T @ P @ outside, outside.T @ P @ V)
+        E = t * (V.T @ T @ V) - S
+        nu, _, X, Z = window.far
+        T_f = (X * (nu / (1 - (s - window.shift) * nu))) @ Z
+        near = np.diag(window.lam - s) + window.z.conj().T @ E @ la.solve(np.eye(len(E)) + T_f @ E, window.x)
+        turned = la.solve(eye + t * turn, la.solve(eye - t * (window.N[0] + s * window.N[1]), near) @ (eye + t * turn))
+        assert (np.abs(turned - np.diag(window.lam - s + t * window.B.diagonal())) <= F * 1.001).all()
 
 
 def test_what_is_not_bounded_is_left() -> None:

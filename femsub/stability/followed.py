@@ -2,9 +2,9 @@
 
 Where the parameter acts through few columns, one projection of the model serves all of its values, and sweeps run around the
 rectangle of all λ in the band that grow: up the axis, out along the edges of the band, and up at Re λ = the end of the band
-(`femsub.modes.quadratic.axis_sweep`). Where it acts through many and a proof is asked for, windows of the parameter cover its
-range, each for all of these lines (`femsub.modes.quadratic.window_sweep`). They find all eigenvalues that cross its border for any value, and
-prove that no other does. So the number inside is known for each value, once it is known for one: the answer is certified.
+(`femsub.modes.quadratic.axis_sweep`). Where it acts through many and a proof is asked for, windows cover its range, and each
+serves all of these lines (`femsub.modes.quadratic.window_sweep`). They find all eigenvalues that cross its border for any value,
+and prove that no other does. So the number inside is known for each value, once it is known for one: the answer is certified.
 
 Elsewhere it is confirmed. Right vectors of the full pencil at some values of the parameter span a basis V. The pencil VᵀP(λ; p)V
 is exact at these values, and `discs` finds all of its crossings. Each starts Newton's method on the full pencil, P(iω; p)x = 0,
@@ -53,9 +53,9 @@ from femsub.modes import (
     Inverse,
     Line,
     Met,
-    WindowSweep,
     Projection,
     Varied,
+    WindowSweep,
     corrected,
     few_columns,
     modes_over,
@@ -203,7 +203,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
         enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 7), band)
         sweep = WindowSweep(projection, weights, (lo - p0, hi - p0))
     met: list[list[Met]] = []
-    every = sweep.swept(lines, RESOLUTION) if isinstance(sweep, WindowSweep) else (
+    every = sweep.swept(lines) if isinstance(sweep, WindowSweep) else (
         sweep.swept(line, RESOLUTION * band[1]) for line in lines)
     for line, (found, left) in zip(lines, every, strict=True):
         if left:

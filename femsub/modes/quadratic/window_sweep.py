@@ -20,26 +20,26 @@ Norms bound |q| and |y| by |g|, in units in which Re P_L ≥ 1:
 
     |q| ≤ Σ h‖T_fTx_j‖ |g_j| + h‖T_fT‖ |q| + ‖T_f‖‖P_UL‖ |y|,   |y| ≤ Σ ‖P_LUx_j‖ |g_j| + ‖P_LU‖ |q|.
 
-So P(s; ε) is regular where the spectral radius of f_ij / |λ_i - s + t b_i| is below 1 (`Window.tested`). Tiles of a line and of the
-window's values are halved until that holds in each, or they lie in the rectangle |s - s_0| ≤ a, |ε - ε_0| ≤ b of one crossing. There
-the others are eliminated from the equation of one g'_i. What is left, along a line s = s_0 + τ d, is
+So P(s; ε) is regular where the spectral radius of f_ij / |λ_i - s + t b_i| is below 1. Tiles of a line and of a window's values
+are halved until that holds, or they lie in the rectangle |s - s_0| ≤ a, |ε - ε_0| ≤ b of one crossing. In a window about ε_0 the
+others are eliminated there from the equation of one g'_i. What is left, along the line s = s_0 + τ d, is
 
     φ(τ, t) = (λ_i - s_0) - τ d + t b_i + ρ(τ, t) = 0,   |ρ| ≤ r = f_ii + f_i.(D - F)⁻¹f_.i
 
-for complex |τ| ≤ a and |t| ≤ b; D has the least |λ_j - s + t b_j| of the others. For complex ε, c is less by |Im ε| Σ |s^k| g, g a
-bound of |xᴴTx| / xᴴAx. With the least singular value σ of the real matrix of (-a d, b b_i),
+for complex |τ| ≤ a and |t| ≤ b; D has the least |λ_j - s + t b_j| of the others. For complex ε, c is less by |Im ε| Σ |s^k| g,
+g a bound of |xᴴTx| / xᴴAx. With the least singular value σ of the real matrix of (-a d, b b_i),
 
-- all zeros with |τ| ≤ a and |t| ≤ b, real, are in the ellipse of the radius ϱ = (r + |λ_i - s_0|) / σ in (τ/a, t/b), and if ϱ < 1
-  there is an odd number (degree);
-- where |τ| ≤ a/2 and |t| ≤ b/2, ρ has derivatives of at most 2r/a and 2r/b (Cauchy). So if σ > 2√2 r, there is one at most there.
+- all zeros with |τ| ≤ a and |t| ≤ b, real, are in the ellipse of the radius ϱ = (r + |λ_i - s_0|) / σ in (τ/a, t/b), and if
+  ϱ < 1/2 there is an odd number (degree);
+- where |τ| ≤ a/2 and |t| ≤ b/2, ρ has derivatives of at most 2r/a and 2r/b (Cauchy). So if σ > 2√2 r, there is one at most.
 
 As dλ/dε is about b_i, its direction is known. All holds for any share of the coupling with the outside as well. So in what lines
 enclose P has as many eigenvalues as P_U.
 
-T_f, Q and the lengths are known at s_c: for |s - s_c| ≤ d a product of polynomials and of 1/(λ_k - s) = Σ (s - s_c)^p/(λ_k - s_c)^(p+1)
-changes by no more than the same product of moduli, of d for s - s_c, less its value at d = 0. ‖T_f‖ follows from its Taylor series, by
-Frobenius norms but for its value at one point. ‖P_LU‖ at one s is a convex function of ε. LAPACK's eigenpairs are no exact ones: what is
-left of P_U times the sum (`residuals_of`) and the rounding of P_U are one more operator on u, bounded by its norm.
+T_f and Q are evaluated at s_c. For |s - s_c| ≤ d a product of polynomials and of the series of 1/(λ_k - s) about s_c changes by
+no more than the same product of all moduli, at d, less its value at 0. ‖T_f‖ follows from its Taylor series, by Frobenius norms
+but for its value at one point. ‖P_LU‖ at one s is a convex function of ε. Rounding counts as well: with S, the sum over LAPACK's
+pairs, SP_U = I + Σ x_k r_k / (λ_k - s) + E_0 as in `axis_sweep`. Then r_k u joins the equation of g_k, and the rest that of q.
 
 References: as for `energy_basis`; R. S. Varga, Geršgorin and His Circles (2004); L. Collatz, Math. Z. 48 (1942) 221 (the spectral
 radius of F ≥ 0 is at most the largest (Fw)_i / w_i, w > 0).
@@ -65,7 +65,6 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 NEAR = 130  # eigenpairs that stand apart in a window, at most
-
 PARTS = 14  # intervals of the range at first
 BELOW = 0.98  # required spectral radius; the theorem needs 1
 
@@ -107,6 +106,7 @@ class WindowSweep:
     def __init__(self, projection: Projection, weights: Sequence[float], between: tuple[float, float]) -> None:
         self.projection, self.between, self.outer = projection, between, projection.outer
         self.weights, m, size = np.array(weights), projection.size, projection.outer.size
+        lost = projection.lost  # once, for all that `changed` copies
         self.most = 1.02 * max(map(abs, between))
         base, widest = (projection.changed(np.abs(self.weights) * e) for e in (0.0, self.most))
         c = widest.least
@@ -129,16 +129,15 @@ class WindowSweep:
         self.rounding += 8 * EPS * float(size ** np.arange(3) @ [
             la.norm(np.abs(A), 2) + self.most * la.norm(np.abs(B), 2) for A, B in zip(self.P, self.T, strict=True)])
         # ‖images outside V‖ of each term
-        lost, noise, last = projection.lost, projection.noise, [m - 1, m - 1]
-        self.outside = np.array([max(float(la.eigvalsh(lost[i, :, i], subset_by_index=last)[0]), 0.0) + float(noise[i].max())
-                                 for i in range(len(lost))]) ** 0.5
+        self.outside = np.array([np.hypot(_root(lost[i, :, i]), own.max() ** 0.5) for i, own in enumerate(projection.noise)])
         # ‖P_LU‖ and ‖P_ULᴴ‖ at one s are convex functions of ε: no larger between values than their chords
         self.middle, values = complex(sum(self.outer.re), self.outer.top) / 2, np.linspace(-self.most, self.most, 5)
         self.at_middle = values, np.array([max(map(_root, projection.changed(self.weights * e).products(self.middle)))
                                            for e in values])
         self.solved = 0
 
-    def swept(self, lines: Sequence[Line], least: float, most: int = 120) -> list[tuple[list[Met], list[tuple[float, float]]]]:
+    def swept(self, lines: Sequence[Line], least: float = 5e-4, most: int = 120
+              ) -> list[tuple[list[Met], list[tuple[float, float]]]]:
         """All crossings of each line, and the pieces (of t) in which they are not known.
 
         Then an interval of ε has a length of `least` of the range, or there are `most` windows.
@@ -228,7 +227,8 @@ class WindowSweep:
             sigma = float(la.svd(np.array([[-a, rate.real * b], [0.0, rate.imag * b]]), compute_uv=False)[-1])
             q = (r + abs(off)) / sigma if sigma else np.inf
             if q < 0.25 and sigma > 2 * 2**0.5 * r:
-                return Crossing(of, Met(t, a, (t - q * a, t + q * a), (value - q * b, value + q * b), bool(rate.imag > 0)), value, b)
+                met = Met(t, a, (t - q * a, t + q * a), (value - q * b, value + q * b), bool(rate.imag > 0))
+                return Crossing(of, met, value, b)
             b /= 3
         return None
 
@@ -297,21 +297,20 @@ class Window:
         self.far = nu[~near], lam[~near], x[:, ~near], z[:, ~near].conj().T
         _, _, X, Z = self.far
         left = self.z.conj().T
-        self.fed = [left @ A for A in T]  # z_iᴴT
-        images = [A @ self.x for A in T]
-        self.left, self.right = np.stack([A @ X for A in self.fed]), np.stack([Z @ A for A in images])
-        own = [left @ A for A in images]
+        rows, images = [left @ A for A in T], [A @ self.x for A in T]
+        self.fed = np.stack([la.norm(part, axis=1) for part in rows])  # ‖z_iᴴT‖
+        self.left, self.right = np.stack([part @ X for part in rows]), np.stack([Z @ part for part in images])
+        own = [left @ part for part in images]
         self.B = own[0] + own[1] * self.lam + own[2] * self.lam**2
         self.N = own[1] + own[2] * self.lam, own[2]
         self.lengths = [la.norm(part, axis=0) for part in (self.x, self.z)]
         self.far_lengths = la.norm(X, axis=0), la.norm(Z, axis=1)
         gram = X.conj().T @ X
-        # of Σ e_k x_k z_kᴴ B with B = I, T_k: the quadratic forms of squares of Frobenius norms, lengths of z_kᴴB; norm at a point
-        self.begin = self._each(sum(sweep.lines[0].start + t * sweep.lines[0].along for t in (0.0, sweep.lines[0].length)) / 2)
-        T_f, self.forms = (X * self.begin) @ Z, []
-        for A in (None, *(T[k] for k in sweep.powers)):
-            rows = Z if A is None else Z @ A
-            self.forms.append((gram * (rows @ rows.conj().T).conj(), la.norm(rows, axis=1), _root((part := T_f if A is None else T_f @ A).conj().T @ part)))
+        # of Σ e_k x_k z_kᴴT_p, or without T_p: the form of squares of Frobenius norms, lengths of rows, the norm at one point
+        self.begin, self.forms = self._each(corners[:2].mean()), []
+        for rows in (Z, *(Z @ T[k] for k in sweep.powers)):
+            T_f = (X * self.begin) @ rows
+            self.forms.append((gram * (rows @ rows.conj().T).conj(), la.norm(rows, axis=1), _root(T_f.conj().T @ T_f)))
         here = sweep.projection.changed(sweep.weights * value)
         self.small = Coupling(here, shift, nu, x, z, sweep.outer.size)
         self.products = self.small._products(self.x), self.small._products(self.z)
@@ -342,13 +341,12 @@ class Window:
         for form, of_row, begin in self.forms:
             squares = [float((e.conj() @ form @ e).real) + len(e) * EPS * float(np.abs(e) * of_x @ of_row) ** 2 for e in series]
             norms.append(begin + sum(max(square, 0.0) ** 0.5 for square in squares) + float(rest @ of_row))
-        most = abs(s) + d
-        far, far_T = norms[0], sum(most**k * one for k, one in zip(sweep.powers, norms[1:], strict=True))
-        fed = sum(most**k * la.norm(part, axis=1) for k, part in enumerate(self.fed))
+        most = (abs(s) + d) ** np.arange(3)
+        far, far_T = norms[0], float(most[sweep.powers] @ norms[1:])
         constant, growing, own = self.off
         wrong = far * sweep.rounding + float((largest * of_x) @ own) + constant + growing * (abs(s - self.shift) + d)
-        return Segment(d, self.N[0] + s * self.N[1], (a * each) @ b, off, column, row, far, far_T,
-                       float(most ** np.arange(3) @ sweep.sizes), np.asarray(fed), wrong, *self._outside(s, d))
+        return Segment(d, self.N[0] + s * self.N[1], (a * each) @ b, off, column, row, far, far_T, float(most @ sweep.sizes),
+                       most @ self.fed, wrong, *self._outside(s, d))
 
     def _outside(self, s: complex, d: float) -> tuple[tuple[Array, Array, Array, Array], tuple[float, float]]:
         """‖P_LU x_j‖ and ‖z_iᴴP_UL‖, the same of T, and norms of both, in units in which P_L ≥ 1."""
@@ -360,7 +358,7 @@ class Window:
             sizes = np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0))
             here = np.einsum("a,kab,b->k", w.conj(), own, w).real
             lengths.append(root * (np.sqrt(np.maximum(here, 0.0)) + change @ sizes))
-        moved = sum(term.change(np.array(sweep.middle), abs(s - sweep.middle) + d) * size
+        moved = sum(term.change(np.array(sweep.middle), np.array(abs(s - sweep.middle) + d)) * size
                     for term, size in zip(self.small.basis.terms, sweep.outside, strict=True))
         whole = float(np.interp(self.value, *sweep.at_middle) + moved)
         return tuple(lengths), (root * whole, root * float((np.abs(weight) + change) @ sweep.outside))
@@ -414,63 +412,52 @@ class Window:
 
     def tested(self, h: float, fine: int = 40) -> Array:
         """The tiles (l, 5) for |t| ≤ h in which a crossing is not excluded."""
-        lines, left = self.sweep.lines, []
-        pieces = []
-        for k, line in enumerate(lines):
+        left, waiting = [np.zeros((0, 5))], []
+        for k, line in enumerate(self.sweep.lines):
             number = int(np.ceil(line.length / (self.clear / 1.5)))
-            half = line.length / number / 2
-            pieces += [(k, (2 * i + 1) * half, half) for i in range(number)]
-        while pieces:
-            again = []
-            for k, u, half in pieces:
-                e = self.value + (np.arange(4) - 1.5) / 2 * h
-                tiles = np.column_stack([np.full(4, k), np.full(4, u), np.full(4, half), e, np.full(4, h / 4)])
-                line = lines[k]
-                given = self.segment(line.start + u * line.along, half)
-                F = None if given is None else self.rest(given, h)
-                tiles = tiles if F is None else self._open(F, tiles, h / fine)
-                if len(tiles) and half > self.clear / 30:
-                    again += [(k, u + sign * half / 2, half / 2) for sign in (-1, 1)]
-                else:
-                    left.append(tiles)
-            pieces = again
-        return np.vstack([np.zeros((0, 5)), *left])
+            waiting += [(k, (i + 0.5) * line.length / number, line.length / number / 2) for i in range(number)]
+        while waiting:
+            k, u, half = waiting.pop()
+            line = self.sweep.lines[k]
+            tiles = np.array([(k, u, half, self.value + at * h, h / 4) for at in (-0.75, -0.25, 0.25, 0.75)])
+            given = self.segment(line.start + u * line.along, half)
+            F = None if given is None else self.rest(given, h)
+            tiles = tiles if F is None else self._open(F, tiles, h / fine)
+            if len(tiles) and half > self.clear / 30:
+                waiting += [(k, u + sign * half / 2, half / 2) for sign in (-1, 1)]
+            else:
+                left.append(tiles)
+        return np.vstack(left)
 
     def _open(self, F: Array, tiles: Array, least: float, most: int = 3000) -> Array:
-        """Those parts of the tiles that F does not exclude."""
-        left, seen = [], 0
-        speed = np.abs(self.B.diagonal())
+        """Those parts of the tiles that F does not exclude, with half of the width in ε of `least`; larger ones after `most`."""
+        left, seen, speed = [np.zeros((0, 5))], 0, np.abs(self.B.diagonal())
         while len(tiles):
-            seen += len(tiles)
-            D = self.apart(tiles)
+            D, seen = self.apart(tiles), seen + len(tiles)
             bad = ~(_radius(F, D) < BELOW)
-            tiles, D = tiles[bad], D[bad]
-            if seen > most:
-                left.append(tiles)
+            if not bad.any():
                 break
-            b = speed[D.argmin(axis=1)]
-            along = tiles[:, 2] > b * tiles[:, 4]
-            ended = ~along & (tiles[:, 4] <= least)
+            tiles, D = tiles[bad], D[bad]
+            along = tiles[:, 2] > speed[D.argmin(axis=1)] * tiles[:, 4]
+            ended = (~along & (tiles[:, 4] <= least)) | (seen > most)
             left.append(tiles[ended])
-            tiles, along = tiles[~ended], along[~ended]
-            half = np.where(along[:, None], [0, 0, 1, 0, 0], [0, 0, 0, 0, 1]) * tiles / 2
-            move = np.column_stack([half[:, 0], half[:, 2], half[:, 0], half[:, 4], half[:, 0]])
-            tiles = np.vstack([tiles - half + sign * move for sign in (-1, 1)])
-        return np.vstack(left) if left else tiles
+            tiles, along = tiles[~ended], along[~ended, None]
+            size = np.where(along, [1, 1, 0.5, 1, 1], [1, 1, 1, 1, 0.5]) * tiles
+            move = np.where(along, [0, 0.5, 0, 0, 0], [0, 0, 0, 0.5, 0]) * tiles[:, [0, 2, 0, 4, 0]]
+            tiles = np.vstack([size + sign * move for sign in (-1, 1)])
+        return np.vstack(left)
 
     def candidates(self, tiles: Array) -> list[tuple[int, float, float]]:
         """Where the centres of the discs nearest to open tiles meet the line: line, t, ε, one for each disc and line."""
         if not len(tiles) or not len(self.lam):
             return []
-        nearest, found, seen = self.apart(tiles).argmin(axis=1), [], set()
-        for (k, *_), i in zip(tiles, nearest, strict=True):
-            if (k, i) not in seen:
-                seen.add((k, i))
-                line = self.sweep.lines[int(k)]
-                v, b = complex((self.lam[i] - line.start) / line.along), complex(self.B[i, i] / line.along)
-                if b.imag:
-                    move = -v.imag / b.imag
-                    found.append((int(k), v.real + move * b.real, self.value + move))
+        found = []
+        for k, i in {(int(tile[0]), int(i)) for tile, i in zip(tiles, self.apart(tiles).argmin(axis=1), strict=True)}:
+            line = self.sweep.lines[k]
+            v, b = complex((self.lam[i] - line.start) / line.along), complex(self.B[i, i] / line.along)
+            if b.imag:
+                move = -v.imag / b.imag
+                found.append((k, v.real + move * b.real, self.value + move))
         return found
 
     def single(self, s: complex, a: float, b: float, i: int) -> float:
@@ -513,4 +500,5 @@ def _radius(F: Array, D: Array, steps: int = 16) -> Array:
 
 def _root(gram: Array) -> float:
     """The root of the largest eigenvalue of XᴴX, the norm of X."""
-    return float(max(la.eigvalsh(gram, subset_by_index=[len(gram) - 1] * 2, check_finite=False)[0], 0.0)) ** 0.5 if gram.size else 0.0
+    last = len(gram) - 1
+    return max(float(la.eigvalsh(gram, subset_by_index=[last, last], check_finite=False)[0]), 0.0) ** 0.5 if gram.size else 0.0
