@@ -118,8 +118,10 @@ class WindowSweep:
             if place is not None:
                 self.slope[i] = self.weights[place] * np.array(own)
                 self.T += self.slope[i][:, None, None] * inside
-                if not term.spanned:
-                    grows += projection.norm(term) * float(np.abs(self.slope[i]) @ size ** np.arange(3))
+                if not term.spanned:  # of a skew T the range is known where it counts for real ε
+                    g = max(map(abs, term.range))
+                    g = g if np.isfinite(g) else projection.norm(term)
+                    grows += g * float(np.abs(self.slope[i]) @ size ** np.arange(3))
         self.reach = min(0.02 * max(map(abs, between)), 0.1 * c / grows if grows else np.inf)  # of complex ε
         self.powers = [k for k in range(3) if self.T[k].any()]
         self.sizes = np.array([la.norm(A, 2) for A in self.T])
