@@ -87,7 +87,7 @@ class Followed:
     crossings of the last one that it did not reach. What is not verified then is open. A small model has at most so many
     `columns`, and the band as many parts as it takes: with a third of 90 columns the discs take a fifth of the time, but without
     the modes beside them crossings are rougher, and more small models are made. With `any_rank` sweeps prove the answer as well
-    where the parameter acts through many columns, which may take several times as long.
+    where the parameter acts through many columns, such as friction between meshes.
     """
 
     first: bool = False
@@ -181,7 +181,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
         raise NotConvergedError("without damping eigenvalues are on the axis for all values")
     few = all(few_columns(sp.csr_array(half)) is not None for _, T, _ in terms for half in (T + T.T, T - T.T))
     if not few and not any_rank:
-        raise NotConvergedError("the parameter acts through many columns; solver='swept' may prove the answer, in more time")
+        raise NotConvergedError("the parameter acts through many columns, for which solver='swept' is made")
     p0 = lo + SAMPLES[2] * (hi - lo) if few else (lo + hi) / 2  # a crossing there would have an infinite μ
     reference = over(p0)
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
