@@ -42,6 +42,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from femsub.algebra import by_threads
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, NotConvergedError, warn
 from femsub.model import Pencil, in_band
@@ -200,7 +201,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
                 break
         sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
     else:
-        enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 7), band)
+        enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 5), band)
         sweep = WindowSweep(projection, weights, (lo - p0, hi - p0))
     met: list[list[Met]] = []
     every = sweep.swept(lines) if isinstance(sweep, WindowSweep) else (
@@ -218,7 +219,8 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
     if met[-1]:
         raise NotConvergedError(f"a mode grows faster than the band's end {band[1]:.6g}")
     # the eigenvalues of the small pencil in the rectangle are as many as those of the full one
-    z = [Coupling.of(projection.changed(np.array(weights) * (p - p0)), projection.outer.size).values for p in (lo, hi)]
+    z = list(by_threads(lambda p: Coupling.of(projection.changed(np.array(weights) * (p - p0)), projection.outer.size).values,
+                        (lo, hi)))
     grown = [one[(one.imag >= 0) & (one.real > 0) & (one.real < side) & in_band(one, band)] for one in z]
     sparse = reference.sparse()
     V = projection.V if sparse.alike() is sparse else sparse.units[1][:, None] * projection.V
@@ -264,14 +266,13 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
     """
     columns = []
     projection.lost  # noqa: B018  (once, for all that `changed` copies)
-    for i, value in enumerate(values):
-        here = projection.changed(weights * value)
-        small = Coupling.of(here, projection.outer.size)
+    every = by_threads(lambda value: Coupling.of(projection.changed(weights * value), projection.outer.size), values)
+    for i, small in enumerate(every):
         lam = np.nan_to_num(small.each)
         near = np.flatnonzero((small.nu != 0) & (lam.imag >= 0.9 * band[0]) & (lam.imag <= 1.3 * band[1])
-                              & (np.abs(lam.real) < (0.1 if i % 3 == 0 else 1e-3) * band[1]))
+                              & (np.abs(lam.real) < (0.1 if i % 2 == 0 else 1e-3) * band[1]))
         scale = np.sqrt(projection.least * np.clip(np.abs(lam[near].real), 2e-4 * band[1], 1e-2 * band[1]))
-        columns += [here.coefficients(lam[near], x[:, near] / scale, adjoint)
+        columns += [small.basis.coefficients(lam[near], x[:, near] / scale, adjoint)
                     for x, adjoint in ((small.x, False), (small.z, True))]
     projection.join(columns, 0.02)
 
