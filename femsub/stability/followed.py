@@ -42,7 +42,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import by_threads
+from femsub.algebra import FEW, by_threads, one_thread
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, NotConvergedError, warn
 from femsub.model import Pencil, in_band
@@ -202,7 +202,8 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
         sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
     else:
         enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 5), band)
-        sweep = WindowSweep(projection, weights, (lo - p0, hi - p0))
+        with one_thread(projection.size < FEW):
+            sweep = WindowSweep(projection, weights, (lo - p0, hi - p0))
     met: list[list[Met]] = []
     every = sweep.swept(lines) if isinstance(sweep, WindowSweep) else (
         sweep.swept(line, RESOLUTION * band[1]) for line in lines)
@@ -227,7 +228,8 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
     both: Found = ([], [])
     for one in met[0]:
         omega, value = band[0] + one.at, sum(one.values) / 2
-        crossing = _crossing(question, sweep, V, band[0], one, p0, steps)
+        with one_thread(projection.size < FEW):
+            crossing = _crossing(question, sweep, V, band[0], one, p0, steps)
         if crossing is None:
             raise NotConvergedError("Newton's method did not come to the crossing beside "
                                     f"ω = {omega:.6g}, {over.parameter} = {p0 + value:.6g}")
