@@ -95,31 +95,35 @@ def test_it_meets_all_eigenvalues_that_cross_a_line_beside_the_axis(rate: float)
         assert one.between[0] - 1e-6 < at < one.between[1] + 1e-6 and one.values[0] - 1e-5 < value < one.values[1] + 1e-5
 
 
-@pytest.mark.parametrize(("power", "reach"), [(0, 1e-4), (1, 0.03), (2, 0.1)])
-def test_what_is_left_of_each_equation_is_bounded(power: int, reach: float) -> None:
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize(("power", "reach", "h"), [(0, 1e-6, 1e-4), (0, 1e-6, 0.03), (0, 0.1, 1e-3), (1, 1e-6, 0.03),
+                                                  (1, 0.01, 0.01), (2, 0.1, 0.04)])
+def test_what_is_left_of_each_equation_is_bounded(power: int, reach: float, h: float, whole: bool) -> None:
     """The near block of the full pencil is diag(λ - s + tb) and entries that are no larger than F, for complex s and t.
 
-    With S = P_UL P_L⁻¹ P_LU and E = tT - S it is Λ - s + ZᴴE(I + T_fE)⁻¹X, turned and scaled as in the module's text.
+    With S = P_UL P_L⁻¹ P_LU and E = tT - S it is Λ - s + ZᴴE(I + T_fE)⁻¹X, turned and scaled as in the module's text. If V is
+    the whole space, there is no S.
     """
     family, rng = rubbing(1), np.random.default_rng(power)
     M, D, K, rub = family.M[0][1], family.D[0][1], family.K[0][1], family.K[1][1]
     terms = [(0, rub), (1, 0.1 * rub.T), (2, 0.3 * (rub + rub.T))][:power + 1]
     projection = projection_over(fs.Affine(M, [(1.0, D + 0.2 * (rub - rub.T))], [(1.0, K + 0.5 * (rub - rub.T))]).at(), [
         Varied(sp.csr_array(T), power, 0.3) for power, T in terms], (-0.05, BAND[1], *BAND), 0.01).changed(np.zeros(len(terms)))
+    assert not whole or projection.completed()
     sweep = WindowSweep(projection, np.ones(len(terms)), (-0.3, 0.3))
     sweep.lines = [Line(1j * BAND[0], 1j, BAND[1] - BAND[0])]
     window = Window(sweep, 0.15)
     V, root = projection.V, la.cholesky(projection.A.formed().toarray())
     outside = la.solve_triangular(root, la.null_space((root @ V).T))  # an orthonormal basis in the norm of A
     fixed = M.toarray(), (D + 0.2 * (rub - rub.T)).toarray(), (K + 0.5 * (rub - rub.T)).toarray()
-    middle, d, h = 0.4j, reach * window.clear, reach / 3
+    middle, d = 0.4j, reach * window.clear
     given = window.segment(middle, d)
     assert given is not None
     F, turn, eye = window.rest(given, h), window.turn(h), np.eye(len(window.lam))
-    assert F is not None and len(eye) and outside.shape[1]
+    assert F is not None and len(eye) and outside.any() == (not whole)
     for _ in range(12):
         s = middle + d * np.exp(2j * np.pi * rng.random())
-        t = complex(rng.choice([-h, h]), min(h / 10, sweep.reach))
+        t = h * rng.choice([-1, 1]) * np.exp(1j * min(0.1, sweep.reach / h))
         T = sum(s**power * matrix.toarray() for power, matrix in terms)
         P = s * s * fixed[0] + s * fixed[1] + fixed[2] + (0.15 + t) * T
         S = (V.T @ P @ outside) @ la.solve(outside.T @ P @ outside, outside.T @ P @ V)
