@@ -56,6 +56,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
+from femsub.errors import NotConvergedError
 from femsub.modes.quadratic.axis_sweep import Line, Met, residuals_of
 from femsub.modes.quadratic.energy_basis import Coupling, each_of, eigenpairs
 
@@ -101,6 +102,11 @@ class WindowSweep:
         θ_q = weight_q ε of each change.
     between : (lo, hi)
         The range of ε, lo < 0 < hi.
+
+    Raises
+    ------
+    NotConvergedError
+        c is not positive for all ε.
     """
 
     def __init__(self, projection: Projection, weights: Sequence[float], between: tuple[float, float]) -> None:
@@ -109,7 +115,8 @@ class WindowSweep:
         lost = projection.lost  # once, for all that `changed` copies
         self.most = 1.02 * max(map(abs, between))
         base, widest = (projection.changed(np.abs(self.weights) * e) for e in (0.0, self.most))
-        c = widest.least
+        if (c := widest.least) <= 0:
+            raise NotConvergedError(f"the parameter may outweigh the stiffness of other shapes by {1 - c:.2g}")
         self.c = 0.9 * c  # a tenth is left to complex ε
         self.P, self.T, self.slope = base.matrices, np.zeros((3, m, m)), np.zeros((len(base.terms), 3))
         self.signs = np.array([term.sign for term in base.terms])
@@ -138,7 +145,7 @@ class WindowSweep:
                                            for e in values])
         self.solved = 0
 
-    def swept(self, lines: Sequence[Line], least: float = 5e-4, most: int = 120
+    def swept(self, lines: Sequence[Line], least: float = 5e-4, most: int = 80
               ) -> list[tuple[list[Met], list[tuple[float, float]]]]:
         """All crossings of each line, and the pieces (of t) in which they are not known.
 
@@ -234,13 +241,9 @@ class WindowSweep:
             b /= 3
         return None
 
-    def matrices(self, value: float) -> Array:
-        """K, D and M of P_U (3, m, m)."""
-        return self.P + value * self.T
-
     def shapes(self, s: complex, value: float, steps: int = 4) -> tuple[Array, Array, complex, complex]:
         """Right and left vectors in V (m,) of the eigenvalue nearest to s; how far it is, and dλ/dε."""
-        K, D, M = self.matrices(value)
+        K, D, M = self.P + value * self.T
         P, slope = K + s * (D + s * M), D + 2 * s * M
         factor = la.lu_factor(P + EPS * la.norm(P) * np.eye(len(P)))
         x = z = np.random.default_rng(len(P)).standard_normal(len(P)).astype(complex)
@@ -286,7 +289,8 @@ class Window:
 
     def __init__(self, sweep: WindowSweep, value: float) -> None:
         self.sweep, self.value, T = sweep, value, sweep.T
-        (shift, nu, x, z), *_ = eigenpairs(sweep.matrices(value), sweep.outer.size)
+        matrices = sweep.P + value * T
+        (shift, nu, x, z), *_ = eigenpairs(matrices, sweep.outer.size)
         with np.errstate(divide="ignore", invalid="ignore"):
             lam = np.where(nu != 0, shift + 1 / nu, np.inf)
         corners = np.array([one.start + t * one.along for one in sweep.lines for t in (0.0, one.length)])
@@ -316,7 +320,7 @@ class Window:
         here = sweep.projection.changed(sweep.weights * value)
         self.small = Coupling(here, shift, nu, x, z, sweep.outer.size)
         self.products = self.small._products(self.x), self.small._products(self.z)
-        constant, growing, each = residuals_of(sweep.matrices(value), shift, nu, x, z)
+        constant, growing, each = residuals_of(matrices, shift, nu, x, z)
         self.off, self.own = (constant, growing, each[~near]), each[near]
 
     def _each(self, s: complex) -> Array:
