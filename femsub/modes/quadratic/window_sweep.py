@@ -149,7 +149,7 @@ class WindowSweep:
               ) -> list[tuple[list[Met], list[tuple[float, float]]]]:
         """All crossings of each line, and the pieces (of t) in which they are not known.
 
-        Then an interval of ε has a length of `least` of the range, or there are `most` windows.
+        Then an interval of ε has a length of `least` of the range, or there would be more than `most` windows.
         """
         corners = np.array([one.start + t * one.along for one in lines for t in (0.0, one.length)])
         if corners.imag.max() > self.outer.top or corners.real.min() < self.outer.re[0] or corners.real.max() > self.outer.re[1]:
@@ -170,14 +170,19 @@ class WindowSweep:
                 if one is not None and not any(one.holds(other.tile)[0] or other.holds(one.tile)[0] for other in known):
                     known.append(one)
             again: list[tuple[float, float]] = []
+            left, narrow = [np.zeros((0, 5))], False
             for (a, b), (tiles, _) in zip(waiting, found, strict=True):
                 for one in known:
                     tiles = tiles[~one.holds(tiles)]
-                if len(tiles) and (b - a <= least * (self.between[1] - self.between[0]) or self.solved > most):
-                    return [([], [(t - h, t + h) for t, h in tiles[tiles[:, 0] == of, 1:3].tolist()]) for of in range(len(lines))]
                 if len(tiles):
                     lo, hi = max(a, float((tiles[:, 3] - tiles[:, 4]).min())), min(b, float((tiles[:, 3] + tiles[:, 4]).max()))
                     again += [(lo, hi)] if hi - lo <= 0.6 * (b - a) else [(lo, (lo + hi) / 2), ((lo + hi) / 2, hi)]
+                    left.append(tiles)
+                    narrow |= b - a <= least * (self.between[1] - self.between[0])
+            if narrow or self.solved + len(again) > most:
+                of, t, h, *_ = np.vstack(left).T
+                return [([], [(float(a - b), float(a + b)) for a, b in zip(t[of == k], h[of == k], strict=True)])
+                        for k in range(len(lines))]
             waiting = again
         return [(sorted(one.met for one in known if one.of == of), []) for of in range(len(lines))]
 
@@ -185,10 +190,7 @@ class WindowSweep:
         """Tiles (l, 5) in which a crossing is not excluded, and places of crossings near them: line, t, ε."""
         m, h = (begin + end) / 2, (end - begin) / 2 * (1 + 4 * EPS)
         self.solved += 1
-        try:
-            window = Window(self, m)
-        except la.LinAlgError:
-            return np.array([[of, line.length / 2, line.length / 2, m, h] for of, line in enumerate(self.lines)]), []
+        window = Window(self, m)
         tiles, places = window.tested(h), []
         for i, at, value in window.candidates(tiles):
             line = self.lines[i]
@@ -200,13 +202,9 @@ class WindowSweep:
     def _place(self, line: Line, t: float, value: float, steps: int = 12) -> tuple[float, float] | None:
         """(t, ε) where an eigenvalue of P_U is on the line."""
         for _ in range(steps):
-            if abs(value) > 1.01 * self.most:
+            if not abs(value) <= 1.01 * self.most:
                 return None
-            try:
-                *_, move, rate = self.shapes(line.start + t * line.along, value)
-            except la.LinAlgError:
-                return None
-            move, rate = move / line.along, rate / line.along
+            move, rate = (part / line.along for part in self.shapes(line.start + t * line.along, value)[2:])
             if not rate.imag:
                 return None
             step = -move.imag / rate.imag
@@ -375,7 +373,7 @@ class Window:
         far = np.abs(gap) > 4 * h * (B + B.T)
         np.fill_diagonal(far, False)
         X = np.where(far, self.B / np.where(far, gap, 1.0), 0.0)
-        return X if h * np.abs(X).sum(axis=1).max(initial=0.0) <= 0.5 else np.zeros_like(X)
+        return np.where(h * np.abs(X).sum(axis=1, keepdims=True) <= 0.5, X, 0.0)
 
     def rest(self, given: Segment, h: float) -> Array | None:
         """F (n, n) for |t| ≤ h; None if it is too large."""
