@@ -37,6 +37,7 @@ from .quadratic.dense import (
 )
 from .quadratic.energy_basis import (
     Coupling as Coupling,
+    each_of as each_of,
     eigenpairs as eigenpairs,
 )
 from .quadratic.matching import (

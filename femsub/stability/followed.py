@@ -42,7 +42,6 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import FEW, by_threads, one_thread
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, NotConvergedError, warn
 from femsub.model import Pencil, in_band
@@ -58,6 +57,7 @@ from femsub.modes import (
     Varied,
     WindowSweep,
     corrected,
+    each_of,
     few_columns,
     modes_over,
     projection_over,
@@ -202,8 +202,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
         sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
     else:
         enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 5), band)
-        with one_thread(projection.size < FEW):
-            sweep = WindowSweep(projection, weights, (lo - p0, hi - p0))
+        sweep = WindowSweep(projection, weights, (lo - p0, hi - p0))
     met: list[list[Met]] = []
     every = sweep.swept(lines) if isinstance(sweep, WindowSweep) else (
         sweep.swept(line, RESOLUTION * band[1]) for line in lines)
@@ -220,16 +219,14 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
     if met[-1]:
         raise NotConvergedError(f"a mode grows faster than the band's end {band[1]:.6g}")
     # the eigenvalues of the small pencil in the rectangle are as many as those of the full one
-    z = list(by_threads(lambda p: Coupling.of(projection.changed(np.array(weights) * (p - p0)), projection.outer.size).values,
-                        (lo, hi)))
+    z = each_of(lambda p: Coupling.of(projection.changed(np.array(weights) * (p - p0)), projection.outer.size).values, (lo, hi))
     grown = [one[(one.imag >= 0) & (one.real > 0) & (one.real < side) & in_band(one, band)] for one in z]
     sparse = reference.sparse()
     V = projection.V if sparse.alike() is sparse else sparse.units[1][:, None] * projection.V
     both: Found = ([], [])
     for one in met[0]:
         omega, value = band[0] + one.at, sum(one.values) / 2
-        with one_thread(projection.size < FEW):
-            crossing = _crossing(question, sweep, V, band[0], one, p0, steps)
+        crossing, = each_of(lambda one: _crossing(question, sweep, V, band[0], one, p0, steps), [one])  # BLAS has one thread then
         if crossing is None:
             raise NotConvergedError("Newton's method did not come to the crossing beside "
                                     f"ω = {omega:.6g}, {over.parameter} = {p0 + value:.6g}")
@@ -268,7 +265,7 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
     """
     columns = []
     projection.lost  # noqa: B018  (once, for all that `changed` copies)
-    every = by_threads(lambda value: Coupling.of(projection.changed(weights * value), projection.outer.size), values)
+    every = each_of(lambda value: Coupling.of(projection.changed(weights * value), projection.outer.size), values)
     for i, small in enumerate(every):
         lam = np.nan_to_num(small.each)
         near = np.flatnonzero((small.nu != 0) & (lam.imag >= 0.9 * band[0]) & (lam.imag <= 1.3 * band[1])
