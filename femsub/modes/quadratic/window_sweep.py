@@ -228,16 +228,24 @@ class WindowSweep:
         i = int(np.abs(window.lam - s).argmin())
         rate = complex(window.B[i, i] / line.along)
         off = complex((window.lam[i] - s) / line.along)
-        for _ in range(10):
+        found: Crossing | None = None
+        for _ in range(20):
             a = min(max(abs(rate) * b, 1e-9 * self.outer.size), room)
             r = window.single(s, a, b, i)
             sigma = float(la.svd(np.array([[-a, rate.real * b], [0.0, rate.imag * b]]), compute_uv=False)[-1])
             q = (r + abs(off)) / sigma if sigma else np.inf
             if q < 0.25 and sigma > 2 * 2**0.5 * r:
-                met = Met(t, a, (t - q * a, t + q * a), (value - q * b, value + q * b), bool(rate.imag > 0))
-                return Crossing(of, met, value, b)
+                between, values = (t - q * a, t + q * a), (value - q * b, value + q * b)
+                if found is None:
+                    found = Crossing(of, Met(t, a, between, values, bool(rate.imag > 0)), value, b)
+                elif q * b < 0.5 * (found.met.values[1] - value):  # the same one, in narrower bounds
+                    found = found._replace(met=found.met._replace(between=between, values=values))
+                else:
+                    break
+            elif found is not None:
+                break
             b /= 3
-        return None
+        return found
 
     def shapes(self, s: complex, value: float, steps: int = 4) -> tuple[Array, Array, complex, complex]:
         """Right and left vectors in V (m,) of the eigenvalue nearest to s; how far it is, and dλ/dε."""
