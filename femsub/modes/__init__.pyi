@@ -37,6 +37,7 @@ from .quadratic.dense import (
 )
 from .quadratic.energy_basis import (
     Coupling as Coupling,
+    each_of as each_of,
     eigenpairs as eigenpairs,
 )
 from .quadratic.matching import (
@@ -52,7 +53,6 @@ from .quadratic.matching import (
     spectrum_errors as spectrum_errors,
     turnover as turnover,
 )
-from .quadratic.plane_sweep import PlaneSweep as PlaneSweep
 from .quadratic.port_function import PortFunction as PortFunction
 from .quadratic.projected_count import (
     UNCOUNTED as UNCOUNTED,
@@ -63,6 +63,7 @@ from .quadratic.projected_count import (
 from .quadratic.region import Contour as Contour, Count as Count, Region as Region, region_of as region_of
 from .quadratic.search import count_over as count_over, projection_over as projection_over, search as search
 from .quadratic.singular_mass import REGULAR as REGULAR
+from .quadratic.window_sweep import WindowSweep as WindowSweep
 from .receptance import (
     FrequencyResponse as FrequencyResponse,
     frequency_response as frequency_response,

@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 #: `unfit` gives why a solver cannot answer a question, empty if it can, and `solve` the answer.
 Solver: TypeAlias = Discs | Followed | PortRoot
 #: In the order in which they are tried: the first that can answer a question does.
-SOLVERS: Mapping[str, Solver] = {"discs": Discs(), "followed": Followed(), "swept": Followed(any_rank=True), "root": PortRoot()}
+SOLVERS: Mapping[str, Solver] = {"discs": Discs(), "swept": Followed(any_rank=True), "followed": Followed(), "root": PortRoot()}
 
 
 def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: str, *, between: tuple[float, float],
@@ -59,12 +59,12 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
     band : (lo, hi), optional
         Only crossings with lo ≤ ω ≤ hi count, in radians per unit of time. Default: all, for a reduced model those up to its
         cut-off. Divergence (ω = 0) counts if the band begins at 0. Needed for a model of more than 300 DOF.
-    solver : {'auto', 'discs', 'followed', 'swept', 'root'}
-        'discs': up to 300 DOF; discs around all eigenvalues exclude all other crossings. 'followed': any size; sweeps of the
-        frequency exclude all other crossings where damped modes depend on the parameter through few columns. Else candidates come
-        from a small model on modes of the full one at some values of the parameter. Each is refined on the full pencil.
-        'swept': as 'followed', but sweeps exclude all other crossings as well where damped modes depend on the parameter through
-        many columns, such as friction between meshes. That may take several times as long.
+    solver : {'auto', 'discs', 'swept', 'followed', 'root'}
+        'discs': up to 300 DOF; discs around all eigenvalues exclude all other crossings. 'swept': any size; where damped modes
+        depend on an affine parameter, sweeps of the lines around all λ in the band that grow exclude all other crossings. Where
+        they cannot, the model is followed. 'followed': any size; candidates come from a small model on modes of the full one at
+        some values of the parameter. Each is refined on the full pencil. Sweeps exclude all others where the parameter acts
+        through few columns alone.
         'root': the first loss alone, where the parameter only feeds a port through D (see `critical_slope`); any size. 'auto'
         takes the first of them that can answer.
 

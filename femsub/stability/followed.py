@@ -2,9 +2,9 @@
 
 Where the parameter acts through few columns, one projection of the model serves all of its values, and sweeps run around the
 rectangle of all λ in the band that grow: up the axis, out along the edges of the band, and up at Re λ = the end of the band
-(`femsub.modes.quadratic.axis_sweep`). Where it acts through many and a proof is asked for, they cover the plane of s on these
-lines and the parameter (`femsub.modes.quadratic.plane_sweep`). They find all eigenvalues that cross its border for any value, and
-prove that no other does. So the number inside is known for each value, once it is known for one: the answer is certified.
+(`femsub.modes.quadratic.axis_sweep`). Where it acts through many and a proof is asked for, windows cover its range, and each
+serves all of these lines (`femsub.modes.quadratic.window_sweep`). They find all eigenvalues that cross its border for any value,
+and prove that no other does. So the number inside is known for each value, once it is known for one: the answer is certified.
 
 Elsewhere it is confirmed. Right vectors of the full pencil at some values of the parameter span a basis V. The pencil VᵀP(λ; p)V
 is exact at these values, and `discs` finds all of its crossings. Each starts Newton's method on the full pencil, P(iω; p)x = 0,
@@ -53,10 +53,11 @@ from femsub.modes import (
     Inverse,
     Line,
     Met,
-    PlaneSweep,
     Projection,
     Varied,
+    WindowSweep,
     corrected,
+    each_of,
     few_columns,
     modes_over,
     projection_over,
@@ -87,7 +88,7 @@ class Followed:
     crossings of the last one that it did not reach. What is not verified then is open. A small model has at most so many
     `columns`, and the band as many parts as it takes: with a third of 90 columns the discs take a fifth of the time, but without
     the modes beside them crossings are rougher, and more small models are made. With `any_rank` sweeps prove the answer as well
-    where the parameter acts through many columns, which may take several times as long.
+    where the parameter acts through many columns, such as friction between meshes.
     """
 
     first: bool = False
@@ -181,7 +182,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
         raise NotConvergedError("without damping eigenvalues are on the axis for all values")
     few = all(few_columns(sp.csr_array(half)) is not None for _, T, _ in terms for half in (T + T.T, T - T.T))
     if not few and not any_rank:
-        raise NotConvergedError("the parameter acts through many columns; solver='swept' may prove the answer, in more time")
+        raise NotConvergedError("the parameter acts through many columns, for which solver='swept' is made")
     p0 = lo + SAMPLES[2] * (hi - lo) if few else (lo + hi) / 2  # a crossing there would have an infinite μ
     reference = over(p0)
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
@@ -193,20 +194,19 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
     axis = Line(1j * band[0], 1j, height)
     edges = [Line(1j * edge, 1.0, side) for edge in band if edge]
     lines = [axis, *edges, Line(side + 1j * band[0], 1j, height)]
-    sweep: AxisSweep | PlaneSweep
-    solved = 3
+    sweep: AxisSweep | WindowSweep
     if few:
         for _ in range(4):
             if not _enriched(projection, band):
                 break
         sweep = AxisSweep(projection, weights, (lo - p0, hi - p0))
     else:
-        enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 7), band)
-        sweep = PlaneSweep(projection, weights, (lo - p0, hi - p0))
-        solved = len(sweep.nodes) + 2
+        enriched_over(projection, np.array(weights), np.linspace(lo - p0, hi - p0, 5), band)
+        sweep = WindowSweep(projection, weights, (lo - p0, hi - p0))
     met: list[list[Met]] = []
-    for line in lines:
-        found, left = sweep.swept(line, RESOLUTION * band[1])
+    every = sweep.swept(lines) if isinstance(sweep, WindowSweep) else (
+        sweep.swept(line, RESOLUTION * band[1]) for line in lines)
+    for line, (found, left) in zip(lines, every, strict=True):
         if left:
             raise NotConvergedError(f"in {len(left)} pieces it is not known what crosses, such as beside s = "
                                     f"{line.start + line.along * sum(left[0]) / 2:.6g}")
@@ -219,14 +219,14 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
     if met[-1]:
         raise NotConvergedError(f"a mode grows faster than the band's end {band[1]:.6g}")
     # the eigenvalues of the small pencil in the rectangle are as many as those of the full one
-    z = [Coupling.of(projection.changed(np.array(weights) * (p - p0)), projection.outer.size).values for p in (lo, hi)]
+    z = each_of(lambda p: Coupling.of(projection.changed(np.array(weights) * (p - p0)), projection.outer.size).values, (lo, hi))
     grown = [one[(one.imag >= 0) & (one.real > 0) & (one.real < side) & in_band(one, band)] for one in z]
     sparse = reference.sparse()
     V = projection.V if sparse.alike() is sparse else sparse.units[1][:, None] * projection.V
     both: Found = ([], [])
     for one in met[0]:
         omega, value = band[0] + one.at, sum(one.values) / 2
-        crossing = _crossing(question, sweep, V, band[0], one, p0, steps)
+        crossing, = each_of(lambda one: _crossing(question, sweep, V, band[0], one, p0, steps), [one])  # BLAS has one thread then
         if crossing is None:
             raise NotConvergedError("Newton's method did not come to the crossing beside "
                                     f"ω = {omega:.6g}, {over.parameter} = {p0 + value:.6g}")
@@ -240,6 +240,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
             lost += [p0 + sum(one.values) / 2] if inward else []
     losses, regains = (sorted(part, key=lambda one: (one.value, one.omega)) for part in both)
     begin, end = (weight(z.imag) for z in grown)
+    solved = 2 + (sweep.solved if isinstance(sweep, WindowSweep) else 1)
     return CriticalValue.of(question, losses, regains, Tally(change(losses, regains), end - begin - entered), growing=begin,
                             fastest=fastest(grown[0]), lost=lost, solved=solved, method="followed")
 
@@ -264,19 +265,18 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
     """
     columns = []
     projection.lost  # noqa: B018  (once, for all that `changed` copies)
-    for i, value in enumerate(values):
-        here = projection.changed(weights * value)
-        small = Coupling.of(here, projection.outer.size)
+    every = each_of(lambda value: Coupling.of(projection.changed(weights * value), projection.outer.size), values)
+    for i, small in enumerate(every):
         lam = np.nan_to_num(small.each)
         near = np.flatnonzero((small.nu != 0) & (lam.imag >= 0.9 * band[0]) & (lam.imag <= 1.3 * band[1])
-                              & (np.abs(lam.real) < (0.1 if i % 3 == 0 else 1e-3) * band[1]))
+                              & (np.abs(lam.real) < (0.1 if i % 2 == 0 else 1e-3) * band[1]))
         scale = np.sqrt(projection.least * np.clip(np.abs(lam[near].real), 2e-4 * band[1], 1e-2 * band[1]))
-        columns += [here.coefficients(lam[near], x[:, near] / scale, adjoint)
+        columns += [small.basis.coefficients(lam[near], x[:, near] / scale, adjoint)
                     for x, adjoint in ((small.x, False), (small.z, True))]
     projection.join(columns, 0.02)
 
 
-def _crossing(question: LossQuestion, sweep: AxisSweep | PlaneSweep, V: Array, start: float, one: Met, p0: float, steps: int
+def _crossing(question: LossQuestion, sweep: AxisSweep | WindowSweep, V: Array, start: float, one: Met, p0: float, steps: int
               ) -> Crossing | None:
     """A crossing of the axis on the full pencil, where Newton's method comes to one that is the one that was met."""
     over, (lo, hi) = question.over, question.between

@@ -78,8 +78,8 @@ class CriticalValue:
     tally : Tally
         The eigenvalues of all losses less those of all regains, beside the change of the number that grow over the range.
     evidence : str
-        'certified': discs around the eigenvalues, or sweeps around all that grow in the band where the parameter acts through few
-        columns (with solver='swept' through any), exclude each crossing outside these points. 'confirmed': by discs, but the
+        'certified': discs around the eigenvalues, or sweeps around all that grow in the band (with solver='followed' where the
+        parameter acts through few columns), exclude each crossing outside these points. 'confirmed': by discs, but the
         pencil is not declared affine in the parameter (`Contact`). It was sampled in each interval, and what depends on the
         parameter at 2,048 values of the range (256 for contacts of more than 8 columns). A factor that is a function counts as
         not affine. Or the model was followed: the crossings, and the growing modes that pass an edge of the band, make up how

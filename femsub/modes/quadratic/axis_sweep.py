@@ -108,18 +108,7 @@ class AxisSweep:
         self.matrices, self.A = projection.matrices, parts @ self.B
         self.rounding += 4 * EPS * float(
             projection.outer.size ** np.arange(3) @ [la.norm(np.abs(part), 2) for part in self.matrices])
-        # bounds of the constant of E, of its slope in t, and of |ρ_k| / |ν_k|; see the module's text
-        K, D, M = self.matrices
-        nu, Z, (x, z), unit = small.nu[:, None], small.z.conj().T, self.lengths, 4 * EPS * m**0.5
-        P, slope = K + small.shift * D + small.shift**2 * M, D + 2 * small.shift * M
-        rows = nu * (Z @ P), Z @ slope, np.divide(Z @ M, nu, out=np.zeros_like(Z), where=nu != 0)
-        rounding = unit * sum(np.linalg.norm(part, axis=1) for part in (
-            np.abs(nu) * (np.abs(Z) @ np.abs(P)), np.abs(Z) @ np.abs(slope),
-            np.divide(np.abs(Z) @ np.abs(M), np.abs(nu), out=np.zeros(Z.shape), where=nu != 0)))
-        own = np.linalg.norm(rows[0] + rows[1] + rows[2], axis=1) + rounding
-        self.off = (la.norm(small.x @ ((rows[1] + rows[2]) * (nu != 0)) + np.eye(m)) + float(x @ rounding),
-                    la.norm(small.x @ (Z @ M)) + unit * float((x * z).sum()) * la.norm(M),
-                    np.divide(own, np.abs(small.nu), out=np.zeros(len(own)), where=small.nu != 0))
+        self.off = residuals_of(self.matrices, small.shift, small.nu, small.x, small.z)
 
     def discs(self, s: Array, h: Array, along: complex) -> _Enclosures:
         """The discs for the pieces |t| ≤ h, (l,), of the line s + t along."""
@@ -282,6 +271,21 @@ class AxisSweep:
             if not new or not np.diff(new[0].between) < np.diff(one.between) / 2:
                 return one
             one = new[0]._replace(room=one.room - abs(new[0].at - one.at))
+
+
+def residuals_of(matrices: Array, shift: float, nu: Array, x: Array, z: Array) -> tuple[float, float, Array]:
+    """Bounds of the constant of E, of its slope in t, and of all |ρ_k| / |ν_k|; see the module's text."""
+    (K, D, M), m, column, Z = matrices, len(x), nu[:, None], z.conj().T
+    lengths, unit = [np.linalg.norm(part, axis=0) for part in (x, z)], 4 * EPS * m**0.5
+    P, slope = K + shift * D + shift**2 * M, D + 2 * shift * M
+    rows = column * (Z @ P), Z @ slope, np.divide(Z @ M, column, out=np.zeros_like(Z), where=column != 0)
+    rounding = unit * sum(np.linalg.norm(part, axis=1) for part in (
+        np.abs(column) * (np.abs(Z) @ np.abs(P)), np.abs(Z) @ np.abs(slope),
+        np.divide(np.abs(Z) @ np.abs(M), np.abs(column), out=np.zeros(Z.shape), where=column != 0)))
+    own = np.linalg.norm(rows[0] + rows[1] + rows[2], axis=1) + rounding
+    return (la.norm(x @ ((rows[1] + rows[2]) * (column != 0)) + np.eye(m)) + float(lengths[0] @ rounding),
+            la.norm(x @ (Z @ M)) + unit * float(lengths[0] @ lengths[1]) * la.norm(M),
+            np.divide(own, np.abs(nu), out=np.zeros(len(own)), where=nu != 0))
 
 
 def _discs(G: Array, mu: Array, V: Array, W: Array, b: Array, q: Array, off: Array, h: Array) -> _Enclosures:

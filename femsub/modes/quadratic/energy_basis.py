@@ -519,7 +519,8 @@ def eigenpairs(matrices: Array, unit: float) -> tuple[tuple[float, Array, Array,
         shift = AWAY * unit
         P, slope = K + shift * D + shift**2 * M, D + 2 * shift * M
         companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * M]))], [one, np.zeros((m, m))]])
-        nu, right = la.eig(companion, check_finite=False)
+        nu, right = np.linalg.eig(companion)  # SciPy's holds the lock of Python
+        nu = nu.astype(complex)
         # LAPACK's own left vectors do not belong together where λ is multiple. Real and imaginary parts span what pairs do
         first = np.flatnonzero(nu.imag > 0)
         real = right.real.copy()

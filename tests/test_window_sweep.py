@@ -1,4 +1,4 @@
-"""A sweep of the plane of (t, ε) meets all crossings of a parameter of any rank, and its bounds are not too small."""
+"""Windows of a parameter of any rank meet all crossings of lines, and their bounds are not too small."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import scipy.sparse as sp
 from scipy.optimize import brentq
 
 import femsub as fs
-from femsub.modes import Line, PlaneSweep, Varied, projection_over
-from femsub.modes.quadratic import plane_sweep
+from femsub.modes import Line, Varied, WindowSweep, projection_over
+from femsub.modes.quadratic.window_sweep import Window
 from femsub.stability import followed
 
 BAND = (0.1, 0.6)
@@ -50,12 +50,12 @@ def passing(rate: float, begin: tuple[float, complex], end: tuple[float, complex
     return value, moved(value)
 
 
-def sweep_of(family: fs.Affine) -> PlaneSweep:
+def sweep_of(family: fs.Affine) -> WindowSweep:
     terms = [(1, family.D[1][1]), (0, family.K[1][1])]
     projection = projection_over(family.at(p=0.5), [Varied(sp.csr_array(T), power, 0.5) for power, T in terms],
                                  (-0.05, BAND[1], *BAND), 0.01).changed([0.0, 0.0])
     followed.enriched_over(projection, np.ones(2), np.linspace(-0.5, 0.5, 7), BAND)
-    return PlaneSweep(projection, [1.0, 1.0], (-0.5, 0.5))
+    return WindowSweep(projection, [1.0, 1.0], (-0.5, 0.5))
 
 
 @pytest.mark.sampled(2)
@@ -76,7 +76,7 @@ def test_its_losses_are_those_of_the_discs(seed: int) -> None:
 def test_it_meets_all_eigenvalues_that_cross_a_line_beside_the_axis(rate: float) -> None:
     """Against dense eigenvalues of the full pencil, whose Re λ changes its sign about the line from value to value."""
     line = Line(rate + 1j * BAND[0], 1j, BAND[1] - BAND[0])
-    met, left = sweep_of(rubbing(0)).swept(line, 1e-9)
+    (met, left), = sweep_of(rubbing(0)).swept([line])
     assert not left
     exact, before = [], eigenvalues(0.0)
     for a, b in pairwise(np.linspace(0.0, 1.0, 101).tolist()):
@@ -95,33 +95,48 @@ def test_it_meets_all_eigenvalues_that_cross_a_line_beside_the_axis(rate: float)
         assert one.between[0] - 1e-6 < at < one.between[1] + 1e-6 and one.values[0] - 1e-5 < value < one.values[1] + 1e-5
 
 
-def test_the_far_block_of_a_patch_is_bounded_by_its_zeta() -> None:
-    """‖Z⁻¹‖ of the full pencil, with unknown coordinates outside of V, is no more than ζ anywhere in the patch."""
-    family, rng = rubbing(1), np.random.default_rng(0)
-    sweep = sweep_of(family)
-    projection, (h, b) = sweep.projection, (0.01, 0.1)
-    value = 0.1
-    pairs = [sweep.pairs_at(value)]
-    lam = pairs[0][0]
-    s = 1j * lam[np.abs(lam - 0.3j).argmin()].imag
-    patch = plane_sweep.PlanePatch(sweep, s, value, 1j, (h, b), pairs, 0.06)
-    assert patch.known and patch.size
-    A = projection.A.formed().toarray()
-    V, root = projection.V, la.cholesky(A)
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize(("power", "reach", "h"), [(0, 1e-6, 1e-4), (0, 1e-6, 0.03), (0, 0.1, 1e-3), (1, 1e-6, 0.03),
+                                                  (1, 0.01, 0.01), (2, 0.1, 0.04)])
+def test_what_is_left_of_each_equation_is_bounded(power: int, reach: float, h: float, whole: bool) -> None:
+    """The near block of the full pencil is diag(λ - s + tb) and entries that are no larger than F, for complex s and t.
+
+    With S = P_UL P_L⁻¹ P_LU and E = tT - S it is Λ - s + ZᴴE(I + T_fE)⁻¹X, turned and scaled as in the module's text. If V is
+    the whole space, there is no S.
+    """
+    family, rng = rubbing(1), np.random.default_rng(power)
+    M, D, K, rub = family.M[0][1], family.D[0][1], family.K[0][1], family.K[1][1]
+    terms = [(0, rub), (1, 0.1 * rub.T), (2, 0.3 * (rub + rub.T))][:power + 1]
+    projection = projection_over(fs.Affine(M, [(1.0, D + 0.2 * (rub - rub.T))], [(1.0, K + 0.5 * (rub - rub.T))]).at(), [
+        Varied(sp.csr_array(T), power, 0.3) for power, T in terms], (-0.05, BAND[1], *BAND), 0.01).changed(np.zeros(len(terms)))
+    assert not whole or projection.completed()
+    sweep = WindowSweep(projection, np.ones(len(terms)), (-0.3, 0.3))
+    sweep.lines = [Line(1j * BAND[0], 1j, BAND[1] - BAND[0])]
+    window = Window(sweep, 0.15)
+    V, root = projection.V, la.cholesky(projection.A.formed().toarray())
     outside = la.solve_triangular(root, la.null_space((root @ V).T))  # an orthonormal basis in the norm of A
-    C_L, C_R = patch.sides
-    scale = sweep.least**-0.5
-    for _ in range(20):
-        t, e = rng.uniform(-1, 1, 2) * (h, b)
-        pencil = family.at(p=0.5 + value + e)
-        P = pencil.dense().at(s + 1j * t)
-        Z = np.block([[C_L @ V.T @ P @ V @ C_R, scale * C_L @ V.T @ P @ outside / patch.balance],
-                      [scale * patch.balance * outside.T @ P @ V @ C_R, scale**2 * outside.T @ P @ outside]])
-        assert la.norm(la.inv(Z), 2) <= patch.zeta
+    fixed = M.toarray(), (D + 0.2 * (rub - rub.T)).toarray(), (K + 0.5 * (rub - rub.T)).toarray()
+    middle, d = 0.4j, reach * window.clear
+    given = window.segment(middle, d)
+    assert given is not None
+    F, turn, eye = window.rest(given, h), window.turn(h), np.eye(len(window.lam))
+    assert F is not None and len(eye) and outside.any() == (not whole)
+    for _ in range(12):
+        s = middle + d * np.exp(2j * np.pi * rng.random())
+        t = h * rng.choice([-1, 1]) * np.exp(1j * min(0.1, sweep.reach / h))
+        T = sum(s**power * matrix.toarray() for power, matrix in terms)
+        P = s * s * fixed[0] + s * fixed[1] + fixed[2] + (0.15 + t) * T
+        S = (V.T @ P @ outside) @ la.solve(outside.T @ P @ outside, outside.T @ P @ V)
+        E = t * (V.T @ T @ V) - S
+        nu, _, X, Z = window.far
+        T_f = (X * (nu / (1 - (s - window.shift) * nu))) @ Z
+        near = np.diag(window.lam - s) + window.z.conj().T @ E @ la.solve(np.eye(len(E)) + T_f @ E, window.x)
+        turned = la.solve(eye + t * turn, la.solve(eye - t * (window.N[0] + s * window.N[1]), near) @ (eye + t * turn))
+        assert (np.abs(turned - np.diag(window.lam - s + t * window.B.diagonal())) <= F * 1.001).all()
 
 
 def test_what_is_not_bounded_is_left() -> None:
     """With no room for smaller patches the sweep gives pieces instead of crossings."""
     family = rubbing(0)
-    _, left = sweep_of(family).swept(Line(1j * BAND[0], 1j, 0.5), 1.0)
+    (_, left), = sweep_of(family).swept([Line(1j * BAND[0], 1j, 0.5)], 1.0)
     assert left
