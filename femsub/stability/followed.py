@@ -42,6 +42,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from femsub.algebra import one_thread
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, NotConvergedError, warn
 from femsub.model import Pencil, in_band
@@ -224,12 +225,10 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
     sparse = reference.sparse()
     V = projection.V if sparse.alike() is sparse else sparse.units[1][:, None] * projection.V
     both: Found = ([], [])
-    for one in met[0]:
-        omega, value = band[0] + one.at, sum(one.values) / 2
-        crossing, = each_of(lambda one: _crossing(question, sweep, V, band[0], one, p0, steps), [one])  # BLAS has one thread then
-        if crossing is None:
-            raise NotConvergedError("Newton's method did not come to the crossing beside "
-                                    f"ω = {omega:.6g}, {over.parameter} = {p0 + value:.6g}")
+    with one_thread(True):
+        came = [_come_to(question, sweep, V, band[0], one, p0, steps) for one in met[0]]  # MUMPS takes one call at a time
+    crossings = each_of(lambda one, to: _crossing(question, sweep, one, to, p0, steps), met[0], came)
+    for one, crossing in zip(met[0], crossings, strict=True):
         if in_band(np.array([crossing.omega]), band)[0]:
             both[int(one.left)].append(crossing)
     entered, lost = 0, []
@@ -276,9 +275,9 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
     projection.join(columns, 0.02)
 
 
-def _crossing(question: LossQuestion, sweep: AxisSweep | WindowSweep, V: Array, start: float, one: Met, p0: float, steps: int
-              ) -> Crossing | None:
-    """A crossing of the axis on the full pencil, where Newton's method comes to one that is the one that was met."""
+def _come_to(question: LossQuestion, sweep: AxisSweep | WindowSweep, V: Array, start: float, one: Met, p0: float, steps: int
+             ) -> _Met:
+    """Where Newton's method comes to on the full pencil; an error if that is not the crossing of the axis that was met."""
     over, (lo, hi) = question.over, question.between
     omega, value = start + one.at, sum(one.values) / 2
     real = start + one.between[0] <= 0  # there are no two conjugates
@@ -288,8 +287,15 @@ def _crossing(question: LossQuestion, sweep: AxisSweep | WindowSweep, V: Array, 
     p, at = found.at.value, found.at.lam.imag
     slack = EQUAL * (hi - lo)  # of Newton's method; there is no other crossing in the whole room
     if not found.settled or abs(at - omega) > one.room or not one.values[0] - slack <= p - p0 <= one.values[1] + slack:
-        return None
-    shape = found.vectors[:, 0]
+        raise NotConvergedError("Newton's method did not come to the crossing beside "
+                                f"ω = {omega:.6g}, {over.parameter} = {p0 + value:.6g}")
+    return found
+
+
+def _crossing(question: LossQuestion, sweep: AxisSweep | WindowSweep, one: Met, found: _Met, p0: float, steps: int) -> Crossing:
+    """The crossing that Newton's method came to, with the growth beside it."""
+    over, (lo, hi) = question.over, question.between
+    p, at, shape, real = found.at.value, found.at.lam.imag, found.vectors[:, 0], not found.at.along
     ends, growth = (max(lo, p - ASIDE * (hi - lo)), min(hi, p + ASIDE * (hi - lo))), []
     for end, sign in zip(ends, (1, -1) if one.left else (-1, 1), strict=True):
         for share in (1.0, 1 / 8, 1 / 64):  # nearer, where it would be taken for another mode
