@@ -99,7 +99,15 @@ class MaterialChange(Change):
 
     def allowed(self, amount: float) -> None:
         """Refuse an amount with which the material is none."""
-        _possible(self.kind, {**self.constants, self.parameter: self.value + amount})
+        of = {**self.constants, self.parameter: self.value + amount}
+        if self.kind == "solid":
+            Material(**of)
+        elif self.kind == "plate":
+            Material(of["E"], of["nu"], of["rho"])
+            positive_number("thickness", of["thickness"])
+        else:
+            for name, value in of.items():
+                (not_negative if name == "foundation" else positive_number)(name, value)
 
     @property
     def value(self) -> float:
@@ -194,18 +202,6 @@ class MaterialChange(Change):
                                         lambda a, factor=factor, now=now: factor(  # type: ignore[misc]
                                             {**self.constants, self.parameter: self.value + a}) - now))
         return terms
-
-
-def _possible(kind: str, of: Values) -> None:
-    """An error if a component of this kind cannot have these constants."""
-    if kind == "solid":
-        Material(**of)
-    elif kind == "plate":
-        Material(of["E"], of["nu"], of["rho"])
-        positive_number("thickness", of["thickness"])
-    else:
-        for name, value in of.items():
-            (not_negative if name == "foundation" else positive_number)(name, value)
 
 
 def _pair(rayleigh: tuple[float, float] | None) -> tuple[float, float]:

@@ -460,14 +460,14 @@ class BoxModel(Affine):
     def moving(self, factors: Array) -> tuple[Array, Array, Array]:
         """K, D and M (d, d) without free rigid motion, with these θ (q,)."""
         d, found, start = self.size - self.free, [], 0
-        for matrices in self._moving:
+        for matrices in self.moving_rows:
             found.append((factors[start:start + len(matrices)] @ matrices).reshape(d, d))
             start += len(matrices)
         M, D, K = found
         return K, D, M
 
     @cached_property
-    def _moving(self) -> list[Array]:
+    def moving_rows(self) -> list[Array]:
         """The matrices of M, of D and of K as rows, (q_M, d²) and so on."""
         d = self.size - self.free
         return [np.array([A[self.free:, self.free:] for _, A in terms]).reshape(len(terms), d * d)

@@ -13,11 +13,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
-from femsub.algebra import by_threads, one_thread
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, whole_number, word
 from femsub.errors import InputError
 from femsub.model import SHARE, Change, ChangeTerm, ReducedSubstructure, Substructure, added, as_changes, usable_band
-from femsub.modes import all_modes, beside_the_full, match
+from femsub.modes import all_modes, beside_the_full, each_of, match
 from femsub.stability.sensitivities import sensitivities
 
 if TYPE_CHECKING:
@@ -92,12 +91,12 @@ def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], 
                   for change in changes for term in change.terms(full)]
         more = sizes | {key: term.U.shape[0] if term.U.shape[0] <= few else model.size for key, term, _ in acting}
         if batch and sum(more.values()) > model.size:  # a joined basis of up to twice as many columns
-            yield from by_threads(_ChangedBasis(model, full, batch, few).changed, batch)
+            yield from each_of(_ChangedBasis(model, full, batch, few).changed, batch)
             batch, more = [], {key: more[key] for key, *_ in acting}
         batch.append(acting)
         sizes = more
     if batch:
-        yield from by_threads(_ChangedBasis(model, full, batch, few).changed, batch)
+        yield from each_of(_ChangedBasis(model, full, batch, few).changed, batch)
 
 
 class _Acting(NamedTuple):
@@ -157,7 +156,6 @@ class _ChangedBasis:
         """Terms of few motions that are the same have responses in common."""
         return key[1] if self.few[key] else key
 
-    @one_thread(True)  # of these sizes two threads take longer than one, beside other work much longer
     def changed(self, acting: Sequence[_Acting]) -> Any:
         """The model with the changes of one of the candidates, and its `change_error`."""
         model = self.model
@@ -395,27 +393,22 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
     growth = np.hstack([sensitivities(model, contacts, before, every[start:start + at_once], of=at.tolist(), second=False).growth
                         for start in range(0, len(every), at_once)])
     tried, start = [], 0
-    solved = _solved(model, [changes for _, changes in named], contacts, band)
-    for (name, changes), (new, modes) in zip(named, solved, strict=True):
+    solve, models = partial(beside_the_full, contacts=contacts, band=band), _each_modified(model, [one for _, one in named])
+    solved: list[tuple[float, ComplexModes]] = []
+    while several := list(islice(models, 1 if sp.issparse(model.K) else 8)):  # dense ones side by side; each has a V of its own
+        errors = [float(getattr(new, "change_error", np.nan if new.is_reduced else 0.0)) for new in several]
+        solved += zip(errors, each_of(solve, several) if len(several) > 1 else map(solve, several), strict=True)
+    for (name, changes), (error, modes) in zip(named, solved, strict=True):
         predicted = before.eigenvalues.real[at] + growth[:, start:start + len(changes)] @ [change.amount for change in changes]
         start += len(changes)
         tried.append(TriedChange(name, tuple(changes), modes.growth, float(np.nanmax(predicted, initial=-np.inf)),
-                                 modes.is_stable, modes.growth <= target, _words(before, modes, model.size), modes,
-                                 float(getattr(new, "change_error", np.nan if new.is_reduced else 0.0))))
+                                 modes.is_stable, modes.growth <= target, _words(before, modes, model.size), modes, error))
     tried.sort(key=lambda one: one.growth)
     if full is not None:
         for place, one in enumerate(tried[:first]):
             found = beside_the_full(modified(instance("full", full, Substructure), one.changes), contacts, band=band)
             tried[place] = replace(one, in_full=found)
     return WhatHelps(tuple(tried), before, float(target))
-
-
-def _solved(model: Substructure, candidates: Sequence[Sequence[Change]], contacts: Contacts, band: tuple[float, float] | None,
-            few: int = 8) -> Iterator[tuple[Any, ComplexModes]]:
-    """The changed models and their modes; of dense models a `few` at a time are solved side by side."""
-    solve, models = partial(beside_the_full, contacts=contacts, band=band), _each_modified(model, candidates)
-    while several := list(islice(models, 1 if sp.issparse(model.K) else few)):
-        yield from zip(several, by_threads(solve, several) if len(several) > 1 else map(solve, several), strict=True)
 
 
 def _words(before: ComplexModes, after: ComplexModes, size: int) -> str:

@@ -42,7 +42,6 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import one_thread
 from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
 from femsub.errors import FemsubWarning, NotConvergedError, warn
 from femsub.model import Pencil, in_band
@@ -225,8 +224,8 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
     sparse = reference.sparse()
     V = projection.V if sparse.alike() is sparse else sparse.units[1][:, None] * projection.V
     both: Found = ([], [])
-    with one_thread(True):
-        came = [_come_to(question, sweep, V, band[0], one, p0, steps) for one in met[0]]  # MUMPS takes one call at a time
+    # MUMPS takes one call at a time; BLAS has one thread then
+    came = [each_of(lambda one: _come_to(question, sweep, V, band[0], one, p0, steps), [one])[0] for one in met[0]]
     crossings = each_of(lambda one, to: _crossing(question, sweep, one, to, p0, steps), met[0], came)
     for one, crossing in zip(met[0], crossings, strict=True):
         if in_band(np.array([crossing.omega]), band)[0]:

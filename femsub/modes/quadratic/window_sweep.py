@@ -65,12 +65,12 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-NEAR = 130  # eigenpairs that stand apart in a window, at most
+NEAREST = 130  # eigenpairs that stand apart in a window, at most
 PARTS = 14  # intervals of the range at first
 BELOW = 0.98  # required spectral radius; the theorem needs 1
 
 
-class Crossing(NamedTuple):
+class Crossed(NamedTuple):
     """The one crossing of line `of` in |t - t_0| ≤ a, |ε - ε_0| ≤ b."""
 
     of: int
@@ -155,7 +155,7 @@ class WindowSweep:
         if corners.imag.max() > self.outer.top or corners.real.min() < self.outer.re[0] or corners.real.max() > self.outer.re[1]:
             raise ValueError("a line leaves the region of the projection")
         self.lines, same = lines, EPS**0.5 * np.array([1.0, self.outer.size, self.most])
-        known: list[Crossing] = []
+        known: list[Crossed] = []
         waiting = list(pairwise(np.linspace(*self.between, PARTS + 1).tolist()))
         while waiting:
             log.info("%d intervals of the parameter, from %.4g on", len(waiting), waiting[0][0])
@@ -194,12 +194,12 @@ class WindowSweep:
         tiles, places = window.tested(h), []
         for i, at, value in window.candidates(tiles):
             line = self.lines[i]
-            found = self._place(line, at, value)
+            found = self.place(line, at, value)
             if found is not None and abs(found[1] - m) <= 1.1 * h and -0.01 * line.length <= found[0] <= 1.01 * line.length:
                 places.append((i, *found))
         return tiles, places
 
-    def _place(self, line: Line, t: float, value: float, steps: int = 12) -> tuple[float, float] | None:
+    def place(self, line: Line, t: float, value: float, steps: int = 12) -> tuple[float, float] | None:
         """(t, ε) where an eigenvalue of P_U is on the line."""
         for _ in range(steps):
             if not abs(value) <= 1.01 * self.most:
@@ -213,7 +213,7 @@ class WindowSweep:
                 return t, value
         return None
 
-    def _crossing(self, of: int, t: float, value: float) -> Crossing | None:
+    def _crossing(self, of: int, t: float, value: float) -> Crossed | None:
         """The window of one crossing."""
         line = self.lines[of]
         s = line.start + t * line.along
@@ -228,7 +228,7 @@ class WindowSweep:
         i = int(np.abs(window.lam - s).argmin())
         rate = complex(window.B[i, i] / line.along)
         off = complex((window.lam[i] - s) / line.along)
-        found: Crossing | None = None
+        found: Crossed | None = None
         for _ in range(20):
             a = min(max(abs(rate) * b, 1e-9 * self.outer.size), room)
             r = window.single(s, a, b, i)
@@ -237,7 +237,7 @@ class WindowSweep:
             if q < 0.25 and sigma > 2 * 2**0.5 * r:
                 between, values = (t - q * a, t + q * a), (value - q * b, value + q * b)
                 if found is None:
-                    found = Crossing(of, Met(t, a, between, values, bool(rate.imag > 0)), value, b)
+                    found = Crossed(of, Met(t, a, between, values, bool(rate.imag > 0)), value, b)
                 elif q * b < 0.5 * (found.met.values[1] - value):  # the same one, in narrower bounds
                     found = found._replace(met=found.met._replace(between=between, values=values))
                 else:
@@ -303,7 +303,7 @@ class Window:
         away = np.hypot(np.maximum(0, np.maximum(corners.real.min() - lam.real, lam.real - corners.real.max())),
                         np.maximum(0, np.maximum(corners.imag.min() - lam.imag, lam.imag - corners.imag.max())))
         away = np.where(np.isfinite(lam), away, np.inf)
-        self.clear = min(0.7 * sweep.outer.top, float(np.sort(away)[min(NEAR, len(away) - 1)]))
+        self.clear = min(0.7 * sweep.outer.top, float(np.sort(away)[min(NEAREST, len(away) - 1)]))
         near = away < self.clear
         self.shift, self.lam, self.x, self.z = shift, lam[near], x[:, near], z[:, near]
         self.far = nu[~near], lam[~near], x[:, ~near], z[:, ~near].conj().T
@@ -341,7 +341,11 @@ class Window:
         if not (distance > 1.5 * d).all():
             return None
         largest, size = 1 / (distance - d), np.abs(each)
-        (a, A), (b, B) = (_about(part, s, d) for part in (self.left, self.right))
+        heres, bounds = [], []  # polynomials at s, and of their entries for |s' - s| ≤ d
+        for constant, linear, square in (self.left, self.right):
+            heres.append(constant + s * (linear + s * square))
+            bounds.append(np.abs(heres[-1]) + d * (np.abs(linear + 2 * s * square) + d * np.abs(square)))
+        (a, b), (A, B) = heres, bounds
         off = np.maximum((A * largest) @ B - (np.abs(a) * size) @ np.abs(b), 0.0)
         of_x, of_z = self.far_lengths
         column = la.norm((X * each) @ b, axis=0) + of_x @ (B * largest[:, None] - np.abs(b) * size[:, None])
@@ -434,14 +438,14 @@ class Window:
             tiles = np.array([(k, u, half, self.value + at * h, h / 4) for at in (-0.75, -0.25, 0.25, 0.75)])
             given = self.segment(line.start + u * line.along, half)
             F = None if given is None else self.rest(given, h)
-            tiles = tiles if F is None else self._open(F, tiles, h / fine)
+            tiles = tiles if F is None else self.opened(F, tiles, h / fine)
             if len(tiles) and half > self.clear / 30:
                 waiting += [(k, u + sign * half / 2, half / 2) for sign in (-1, 1)]
             else:
                 left.append(tiles)
         return np.vstack(left)
 
-    def _open(self, F: Array, tiles: Array, least: float, most: int = 3000) -> Array:
+    def opened(self, F: Array, tiles: Array, least: float, most: int = 3000) -> Array:
         """Those parts of the tiles that F does not exclude, with half of the width in ε of `least`; larger ones after `most`."""
         left, seen, speed = [np.zeros((0, 5))], 0, np.abs(self.B.diagonal())
         while len(tiles):
@@ -486,13 +490,6 @@ class Window:
         if not _radius(F[np.ix_(others, others)], D[None, others])[0] < BELOW:
             return np.inf
         return float(F[i, i] + F[i, others] @ np.maximum(la.solve(rest, F[others, i]), 0.0)) * (1 + 1e-9)
-
-
-def _about(part: Array, s: complex, d: float) -> tuple[Array, Array]:
-    """A polynomial (3, …) at s, and a bound of its entries for |s' - s| ≤ d."""
-    constant, linear, square = part
-    here = constant + s * (linear + s * square)
-    return here, np.abs(here) + d * (np.abs(linear + 2 * s * square) + d * np.abs(square))
 
 
 def _radius(F: Array, D: Array, steps: int = 16) -> Array:
