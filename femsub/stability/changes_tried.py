@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from femsub.model import Contacts
     from femsub.modes import ComplexModes
 
+SIDE = 4  #: dense models that are made and solved side by side: each has a basis of its own
+
 log = logging.getLogger(__name__)
 
 _Key: TypeAlias = tuple[str, Any, Any]  # of a term: its matrix, and the numbers of U and A
@@ -86,17 +88,23 @@ def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], 
         yield from (_plus(model, changes) for changes in candidates)
         return
     batch, sizes = list[list[_Acting]](), dict[_Key, int]()
+
+    def made(batch: list[list[_Acting]]) -> Iterator[Any]:
+        joined = _ChangedBasis(model, full, batch, few)
+        for at in range(0, len(batch), SIDE):
+            yield from each_of(joined.changed, batch[at:at + SIDE])
+
     for changes in candidates:
         acting = [_Acting((term.matrix, _bytes(term.U), _bytes(term.A)), term, float(term.factor(change.amount)))
                   for change in changes for term in change.terms(full)]
         more = sizes | {key: term.U.shape[0] if term.U.shape[0] <= few else model.size for key, term, _ in acting}
         if batch and sum(more.values()) > model.size:  # a joined basis of up to twice as many columns
-            yield from each_of(_ChangedBasis(model, full, batch, few).changed, batch)
+            yield from made(batch)
             batch, more = [], {key: more[key] for key, *_ in acting}
         batch.append(acting)
         sizes = more
     if batch:
-        yield from each_of(_ChangedBasis(model, full, batch, few).changed, batch)
+        yield from made(batch)
 
 
 class _Acting(NamedTuple):
@@ -395,7 +403,7 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
     tried, start = [], 0
     solve, models = partial(beside_the_full, contacts=contacts, band=band), _each_modified(model, [one for _, one in named])
     solved: list[tuple[float, ComplexModes]] = []
-    while several := list(islice(models, 1 if sp.issparse(model.K) else 8)):  # dense ones side by side; each has a V of its own
+    while several := list(islice(models, 1 if sp.issparse(model.K) else SIDE)):
         errors = [float(getattr(new, "change_error", np.nan if new.is_reduced else 0.0)) for new in several]
         solved += zip(errors, each_of(solve, several) if len(several) > 1 else map(solve, several), strict=True)
     for (name, changes), (error, modes) in zip(named, solved, strict=True):
