@@ -36,6 +36,7 @@ log = logging.getLogger(__name__)
 GAP = 0.1  #: of the band's top: how far the contour may move out, into gaps that no eigenvalue crosses
 PLACES = 32  #: at which the error is looked at, for each parameter
 SHOWN = 3  #: open cells in a warning
+OTHERS = 4  #: values of a cell at which the estimate of the error is compared with that on its states
 NODES = 12  #: values whose vectors are taken, for each parameter, at most
 
 
@@ -286,8 +287,19 @@ class _Maker:
         return model
 
     def listing(self, model: BoxModel, most: int) -> BoxModel:
-        """The same with states of each cell, from at most so many nodes."""
-        return model._with(cells=tuple(replace(cell, states=self.states(model, cell, most)) for cell in model.cells))
+        """The same with states of each cell, from at most so many nodes.
+
+        Residuals of pairs on states lie in the basis, too, where P has a larger inverse than outside: c may have to be less.
+        """
+        found = model._with(cells=tuple(replace(cell, states=self.states(model, cell, most)) for cell in model.cells))
+        for cell in found.cells:
+            if cell.states is not None:
+                lo, hi = np.transpose(list(cell.ranges.values()))
+                places = [dict(zip(cell.ranges, place, strict=True)) for place in _spread(lo, hi, OTHERS, 2).tolist()]
+                for place in places:
+                    (lam, bar, _), (better, _, _) = found.eigenvalues(place), model.eigenvalues(place)
+                    self.compare(lam, bar, better, model)
+        return found._with(radii=replace(found.radii, least=self.least), error=found.error * model.radii.least / self.least)
 
     def states(self, model: BoxModel, cell: Cell, most: int) -> States | None:
         """Those of a cell that list most pairs; None if that is less than half, or if numbers at nodes are not the cell's."""
@@ -338,16 +350,20 @@ class _Maker:
     def learn(self, model: BoxModel, node: Node) -> None:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
         found = model.modes(**node.values)
-        far = np.abs(found.eigenvalues[:, None] - node.lam).min(axis=1, initial=np.inf)
-        seen = (far > EPS**0.75 * np.abs(found.eigenvalues)) & ~found.rigid  # others are rounding
-        self.least = min(self.least, float(np.min(found.error_bar[seen] / far[seen], initial=np.inf)) * model.radii.least / 3)
+        self.compare(found.eigenvalues[~found.rigid], found.error_bar[~found.rigid], node.lam, model)
+
+    def compare(self, lam: Array, bar: Array, better: Array, model: BoxModel) -> None:
+        """`learn` of λ with their radii, and λ that are nearer to those of the full model."""
+        far = np.abs(lam[:, None] - better).min(axis=1, initial=np.inf)
+        seen = far > EPS**0.75 * np.abs(lam)  # others are rounding
+        self.least = min(self.least, float(np.min(bar[seen] / far[seen], initial=np.inf)) * model.radii.least / 3)
 
 
-def _spread(lo: Array, hi: Array, count: int) -> Array:
+def _spread(lo: Array, hi: Array, count: int, seed: int = 1) -> Array:
     """At least so many values (l, k) all over a box, a power of two."""
     from scipy.stats import qmc  # takes a tenth of a second to load
 
-    return np.asarray(qmc.scale(qmc.Sobol(len(lo), seed=1).random_base2((count - 1).bit_length()), lo, hi))
+    return np.asarray(qmc.scale(qmc.Sobol(len(lo), seed=seed).random_base2((count - 1).bit_length()), lo, hi))
 
 
 def real_parts(vectors: Array) -> list[Array]:
