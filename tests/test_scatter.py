@@ -210,6 +210,29 @@ def test_labels_over_a_box_are_those_of_the_full_model(monkeypatch: pytest.Monke
         assert found.verdict[i] in (0, np.sign(modes.eigenvalues.real.max()))
 
 
+def test_a_real_eigenvalue_that_passes_0_has_no_share_of_its_size_as_radius(monkeypatch: pytest.MonkeyPatch) -> None:
+    """λ = 0 in the middle of the range: an error of 30 % of the largest |λ| leaves samples about it to solutions."""
+    door = fs.Affine(np.eye(1), 4 * np.eye(1), [(1.0, np.eye(1)), ("p", -np.eye(1))])
+    small = fs.reduce(door, fs.ParameterBox({"p": (0.5, 1.5)}, band=(0.0, 6.0)))
+    source, = sources_of(small)
+    monkeypatch.setattr(import_module("femsub.stability.scatter"), "sources_of", lambda _: [source._replace(
+        error=lambda *_: 0.3)])
+    found = fs.scatter(small, {"p": stats.uniform(0.5, 1.0)}, samples=256)
+    assert found.solved > 8 and found.undecided < 0.05
+    certain = found.verdict != 0
+    assert (found.verdict[certain] == np.where(found.samples[certain, 0] > 1, 1, -1)).all()
+
+
+def test_a_model_whose_cutoff_is_not_known_is_not_checked() -> None:
+    chain = fs.chain(40, belt=5)
+    family = fs.family_of(chain, fs.Belt(slope=0.0), ["slope"], {"slope": (-0.02, 0.0)})
+    rough = family.reduced(np.linalg.qr(np.random.default_rng(0).standard_normal((40, 20)))[0])
+    small = fs.reduce(rough, fs.ParameterBox({"slope": (-0.02, 0.0)}, band=(0.0, 0.5)))
+    for model in (rough, small):
+        found = fs.scatter(model, {"slope": stats.uniform(-0.02, 0.02)}, samples=32, band=(0.0, 0.5))
+        assert found.evidence == "not checked"
+
+
 def test_fields_of_contacts_scatter_as_well_and_a_seed_repeats() -> None:
     chain, law = fs.chain(5, belt=2), stats.norm(-0.03, 0.01)
     belt = fs.Belt(slope=-0.01)

@@ -135,8 +135,11 @@ def test_what_is_left_of_each_equation_is_bounded(power: int, reach: float, h: f
         assert (np.abs(turned - np.diag(window.lam - s + t * window.B.diagonal())) <= F * 1.001).all()
 
 
-def test_what_is_not_bounded_is_left() -> None:
-    """With no room for smaller patches the sweep gives pieces instead of crossings."""
+def test_what_is_not_bounded_is_left(caplog: pytest.LogCaptureFixture) -> None:
+    """With no room for shorter windows, or for more of them, the sweep gives pieces instead of crossings, and logs why."""
     family = rubbing(0)
+    caplog.set_level("INFO")
+    (_, few), = sweep_of(family).swept([Line(1j * BAND[0], 1j, 0.5)], most=10)
+    assert few and "and the limit is 10" in caplog.text
     (_, left), = sweep_of(family).swept([Line(1j * BAND[0], 1j, 0.5)], 1.0)
     assert left

@@ -23,10 +23,10 @@ import scipy.sparse as sp
 from femsub.algebra import by_threads
 from femsub.checks import EPS, Array
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
-from femsub.model import DOUBLE, Affine, projected, usable_band
+from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import Polynomials, Spaces, States, improved, seen
+from femsub.reduction.states import Polynomials, Spaces, States, improved
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 GAP = 0.1  #: of the band's top: how far the contour may move out, into gaps that no eigenvalue crosses
 PLACES = 32  #: at which the error is looked at, for each parameter
 SHOWN = 3  #: open cells in a warning
-OTHERS = 4  #: values of a cell at which the estimate of the error is compared with that on its states
+VISITS = 4  #: values of a cell at which its states are looked at
 NODES = 12  #: values whose vectors are taken, for each parameter, at most
 
 
@@ -164,12 +164,12 @@ class _Maker:
 
     def allowed(self, lam: Array) -> Array:
         """√(c tol |λ|): residuals of this size on both sides make an error of the tolerance."""
-        return np.sqrt(self.c * self.box.tol * np.maximum(np.abs(lam), DOUBLE * self.box.band[1]))
+        return np.sqrt(self.c * self.box.tol * np.maximum(np.abs(lam), self.box.still))
 
     def error(self, modes: ComplexModes) -> float:
         """The largest radius of a λ, relative to |λ|; rigid motion has λ = 0, but for rounding."""
         size = np.abs(modes.eigenvalues)
-        moving = size > DOUBLE * self.box.band[1]
+        moving = size > self.box.still
         return float(np.max(modes.error_bar[moving] / size[moving], initial=0.0))
 
     def enriched(self, nodes: list[Node], new: int) -> list[Node]:
@@ -208,8 +208,9 @@ class _Maker:
         self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
-        train = np.vstack([(lo + hi) / 2, _spread(lo, hi, PLACES * len(names))]) if names else np.zeros((1, 0))
-        places = [dict(zip(names, place.tolist(), strict=True)) for place in train]
+        middle = dict(zip(names, ((lo + hi) / 2).tolist(), strict=True))
+        places = [middle, *(_places(box.ranges, PLACES * len(names)) if names else [])]
+        train = np.array([list(place.values()) for place in places])
         at, errors = 0, np.full(len(places), np.inf)
         model = self.small(nodes, cells)
         for _ in range(NODES * max(len(names), 1)):
@@ -287,19 +288,8 @@ class _Maker:
         return model
 
     def listing(self, model: BoxModel, most: int) -> BoxModel:
-        """The same with states of each cell, from at most so many nodes.
-
-        Residuals of pairs on states lie in the basis, too, where P has a larger inverse than outside: c may have to be less.
-        """
-        found = model._with(cells=tuple(replace(cell, states=self.states(model, cell, most)) for cell in model.cells))
-        for cell in found.cells:
-            if cell.states is not None:
-                lo, hi = np.transpose(list(cell.ranges.values()))
-                places = [dict(zip(cell.ranges, place, strict=True)) for place in _spread(lo, hi, OTHERS, 2).tolist()]
-                for place in places:
-                    (lam, bar, _), (better, _, _) = found.eigenvalues(place), model.eigenvalues(place)
-                    self.compare(lam, bar, better, model)
-        return found._with(radii=replace(found.radii, least=self.least), error=found.error * model.radii.least / self.least)
+        """The same with states of each cell, from at most so many nodes."""
+        return model._with(cells=tuple(replace(cell, states=self.states(model, cell, most)) for cell in model.cells))
 
     def states(self, model: BoxModel, cell: Cell, most: int) -> States | None:
         """Those of a cell that list most pairs; None if that is less than half, or if numbers at nodes are not the cell's."""
@@ -328,42 +318,46 @@ class _Maker:
             if len(tried) > known and largest[-1] > largest[-1 - known] / 2:  # what is left is the error of the model itself
                 break
         lacking, _, states = min(tried, key=lambda one: (one[0], one[1] > 2 * min(largest)))
-        return states if lacking < number / 2 else None  # a step for each pair takes as long as the whole problem
+        if lacking >= number / 2:
+            return None  # a step for each pair takes as long as the whole problem
+        return replace(states, doubt=max(1.0, 3 * self.excess(model, cell, states)))
 
     def lacking(self, model: BoxModel, cell: Cell, states: States) -> tuple[float, float]:
         """How many pairs a value lacks that these states do not list without iteration, and the largest radius over |λ|."""
-        assert cell.contour is not None and cell.number is not None
-        inside, number = cell.contour.encloses, cell.number - 2 * model.free
+        def missing(place: Mapping[str, float]) -> tuple[int, float]:
+            (lam, _, _, size), _, lacking, _ = model.on(cell, states, place)
+            return abs(lacking), float((size / np.maximum(np.abs(lam), self.box.still)).max()) if len(lam) else np.inf
 
-        def missing(place: Sequence[float]) -> tuple[int, float]:
-            values = dict(zip(cell.ranges, place, strict=True))
-            factors = model.factors(**values)
-            sizes = model.radii.at((factors - self.middle)[self.varied])
-            (lam, _, _, size), _, lacking = seen(states, values, model.moving(factors), inside, number, sizes, self.box.tol)
-            relative = size / np.maximum(np.abs(lam), DOUBLE * self.box.band[1])
-            return abs(lacking), float(relative.max()) if len(lam) else np.inf
-
-        lo, hi = np.transpose(list(cell.ranges.values()))
-        lacking, largest = zip(*by_threads(missing, _spread(lo, hi, 4).tolist()), strict=True)
+        lacking, largest = zip(*by_threads(missing, _places(cell.ranges, VISITS)), strict=True)
         return float(np.mean(lacking)), max(largest)
+
+    def excess(self, model: BoxModel, cell: Cell, states: States) -> float:
+        """The largest distance of a λ on states, without iteration, from one of the whole small model, over its radius.
+
+        Residuals of such pairs lie in the basis, too, where P has a larger inverse than outside. The radii do not know that.
+        """
+        def off(place: Mapping[str, float]) -> float:
+            (lam, _, _, size), *_ = model.on(cell, states, place)
+            far = np.abs(lam[:, None] - model.pairs(place)[1]).min(axis=1, initial=np.inf)
+            counts = np.isfinite(far) & (far > EPS**0.75 * np.abs(lam))  # others are rounding
+            return float(np.max(far[counts] / size[counts], initial=0.0))
+
+        return max(by_threads(off, _places(cell.ranges, VISITS, 2)))
 
     def learn(self, model: BoxModel, node: Node) -> None:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
         found = model.modes(**node.values)
-        self.compare(found.eigenvalues[~found.rigid], found.error_bar[~found.rigid], node.lam, model)
-
-    def compare(self, lam: Array, bar: Array, better: Array, model: BoxModel) -> None:
-        """`learn` of λ with their radii, and λ that are nearer to those of the full model."""
-        far = np.abs(lam[:, None] - better).min(axis=1, initial=np.inf)
-        seen = far > EPS**0.75 * np.abs(lam)  # others are rounding
-        self.least = min(self.least, float(np.min(bar[seen] / far[seen], initial=np.inf)) * model.radii.least / 3)
+        far = np.abs(found.eigenvalues[:, None] - node.lam).min(axis=1, initial=np.inf)
+        counts = (far > EPS**0.75 * np.abs(found.eigenvalues)) & ~found.rigid  # others are rounding
+        self.least = min(self.least, float(np.min(found.error_bar[counts] / far[counts], initial=np.inf)) * model.radii.least / 3)
 
 
-def _spread(lo: Array, hi: Array, count: int, seed: int = 1) -> Array:
-    """At least so many values (l, k) all over a box, a power of two."""
+def _places(ranges: Ranges, count: int, seed: int = 1) -> list[dict[str, float]]:
+    """At least so many values all over a box, a power of two."""
     from scipy.stats import qmc  # takes a tenth of a second to load
 
-    return np.asarray(qmc.scale(qmc.Sobol(len(lo), seed=seed).random_base2((count - 1).bit_length()), lo, hi))
+    points = qmc.Sobol(len(ranges), seed=seed).random_base2((count - 1).bit_length())
+    return [dict(zip(ranges, row, strict=True)) for row in qmc.scale(points, *np.transpose(list(ranges.values()))).tolist()]
 
 
 def real_parts(vectors: Array) -> list[Array]:

@@ -28,7 +28,7 @@ from femsub.checks import (
 from femsub.errors import InputError
 from femsub.model import DOUBLE, Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
-from femsub.reduction.states import States, improved, listed, settled
+from femsub.reduction.states import States, improved, listed, seen
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -101,6 +101,11 @@ class ParameterBox:
     def region(self) -> tuple[float, float, float, float]:
         """(a, b, lo, hi)."""
         return *(self.re or (-self.band[1], self.band[1])), *self.band
+
+    @property
+    def still(self) -> float:
+        """|λ| up to this is that of rigid motion, but for rounding."""
+        return DOUBLE * self.band[1]
 
     @property
     def contour(self) -> Contour:
@@ -385,7 +390,7 @@ class BoxModel(Affine):
         cell = self.cell(**values)
         lam, _, _, size = self._listed(cell, values, self.factors(**values))
         near, bar, number = self._in_band(cell, lam, size)
-        return lam[near], bar, number == cell.number
+        return lam[near], bar, number == cell.number and not np.isnan(self.cutoff)
 
     @one_thread(True)
     def distance(self, cell: Cell, states: States, values: Mapping[str, float]) -> float:
@@ -393,19 +398,19 @@ class BoxModel(Affine):
 
         inf where they are not as many as the cell has.
         """
-        factors, contour = self.factors(**values), cell.contour or self.box.contour
-        matrices, sizes = self.moving(factors), self.radii.at((factors - self.middle)[self.varied])
+        (lam, _, _, size), *_, raw = self.on(cell, states, values)
+        if len(lam) + np.count_nonzero(lam.imag) + 2 * self.free != cell.number:
+            return np.inf
         with np.errstate(all="ignore"):
-            try:
-                raw, x, z = states.pairs(values, matrices, contour.encloses)
-            except np.linalg.LinAlgError:
-                return np.inf
-            lam, x, z = settled(matrices, raw, x, z)
-            if len(raw) + np.count_nonzero(raw.imag) + 2 * self.free != cell.number:
-                return np.inf
-            off = self.radii.circles(lam, sizes(lam, x, z)) + np.abs(lam - raw)
-            off = off / np.maximum(np.abs(lam), DOUBLE * self.box.band[1])
+            off = (self.radii.circles(lam, size) + np.abs(lam - raw)) / np.maximum(np.abs(lam), self.box.still)
         return float(off.max(initial=0.0)) if np.isfinite(off).all() else np.inf
+
+    def on(self, cell: Cell, states: States, values: Mapping[str, float]) -> tuple[list[Array], Array, int, Array]:
+        """What these states give of a cell without iteration, see `seen`."""
+        assert cell.contour is not None and cell.number is not None
+        factors = self.factors(**values)
+        return seen(states, values, self.moving(factors), cell.contour.encloses, cell.number - 2 * self.free,
+                    self.radii.at((factors - self.middle)[self.varied]), self.box.tol)
 
     def _in_band(self, cell: Cell, lam: Array, size: Array) -> tuple[Array, Array, int]:
         """Which λ are in the band, the radius of each, and how many eigenvalues are in the cell's contour."""

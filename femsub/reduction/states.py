@@ -120,6 +120,7 @@ class States:
     left: Array
     unit: float
     given: Mapping[str, float] = field(default_factory=dict)
+    doubt: float = 1.0  #: by which a pair of `pairs` may be farther off than its size tells
 
     @classmethod
     def of(cls, over: Polynomials, spaces: Sequence[Spaces], unit: float) -> States:
@@ -196,16 +197,17 @@ def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
 
 
 def seen(states: States, values: Mapping[str, float], matrices: Matrices, inside: Inside, number: int, sizes: RadiiAt,
-         tol: float) -> tuple[list[Array], Array, int]:
-    """λ, x, z and `sizes` of the states; which of these count, see `listed`; and how many lack, with conjugates."""
+         tol: float) -> tuple[list[Array], Array, int, Array]:
+    """λ, x, z and `sizes` of the states; which of these count, see `listed`; how many lack, with conjugates; λ of `pairs`."""
     with np.errstate(all="ignore"):
         try:
-            lam, x, z = settled(matrices, *states.pairs(values, matrices, inside))
+            found = states.pairs(values, matrices, inside)
         except la.LinAlgError:
-            lam, x, z = np.zeros(0, dtype=complex), *np.zeros((2, len(matrices[0]), 0), dtype=complex)
-        size = sizes(lam, x, z)
+            found = np.zeros(0, dtype=complex), *np.zeros((2, len(matrices[0]), 0), dtype=complex)
+        lam, x, z = settled(matrices, *found)
+        size = states.doubt * sizes(lam, x, z)
         # half of the tolerance: radii may grow by what a new value shows
-        return [lam, x, z, size], *_apart(lam, size, inside, tol / 2, number)
+        return [lam, x, z, size], *_apart(lam, size, inside, tol / 2, number), found[0]
 
 
 def listed(states: States, values: Mapping[str, float], matrices: Matrices, inside: Inside, number: int,
@@ -216,7 +218,7 @@ def listed(states: States, values: Mapping[str, float], matrices: Matrices, insi
     These count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
     None otherwise: then the whole problem is to be solved.
     """
-    (lam, x, z, size), at, missing = seen(states, values, matrices, inside, number, sizes, tol)
+    (lam, x, z, size), at, missing, _ = seen(states, values, matrices, inside, number, sizes, tol)
     waiting = np.argsort(size)
     waiting = waiting[~np.isin(waiting, at)]  # most of them belong to nothing, and have the largest residuals
     better = np.append(at[:len(at) * fine], waiting[:max(missing, 0)])

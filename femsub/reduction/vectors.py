@@ -13,7 +13,7 @@ import scipy.linalg as la
 
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError
-from femsub.model import DOUBLE, SMALL_SHARE, Affine, Estimate, Pencil, distance_outside, upper
+from femsub.model import SMALL_SHARE, Affine, Estimate, Pencil, distance_outside, upper
 from femsub.modes import solve
 from femsub.reduction.estimates.nested import MARGIN, compared
 from femsub.reduction.estimates.search import Goal
@@ -40,7 +40,7 @@ def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str, finer: 
         raise NotConvergedError(f"{name}: the eigenvalues of the full system up to {hi:.5g} rad/time cannot be counted: "
                                 f"{cell.why}. Lower the band, mu, or the contact's stiffness")
     larger, exact, x, z, size = model.pairs({})
-    still, cutoff = DOUBLE * hi, float((cell.contour.sides or (0.0, 0.0, hi))[2])  # rigid motion has λ = 0, but for rounding
+    still, cutoff = model.box.still, float((cell.contour.sides or (0.0, 0.0, hi))[2])
     share = np.sqrt(model.radii.least * tol * np.maximum(np.abs(exact), still))
     # beyond the vectors all other directions, those of the most inertia first: a poor basis may have λ that belong to nothing
     sides = [part for side in (x, z) for part in real_parts(side[fixed:] / share)]

@@ -92,7 +92,8 @@ def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], 
     def made(batch: list[list[_Acting]]) -> Iterator[Any]:
         joined = _ChangedBasis(model, full, batch, few)
         for at in range(0, len(batch), SIDE):
-            yield from each_of(joined.changed, batch[at:at + SIDE])
+            several = batch[at:at + SIDE]  # one alone takes solves with the full model
+            yield from each_of(joined.changed, several) if len(several) > 1 else map(joined.changed, several)
 
     for changes in candidates:
         acting = [_Acting((term.matrix, _bytes(term.U), _bytes(term.A)), term, float(term.factor(change.amount)))

@@ -30,13 +30,14 @@ WAVE = 64  #: leaves that are looked at before the next ones are chosen
 class Enclosed(NamedTuple):
     """A family in first order about a place, for the values that `holds` says.
 
-    `error` gives how far its λ are from those of the full model between two corners (q,) around the place, over |λ|. Without it
-    they are exact to rounding.
+    `error` gives how far its λ are from those of the full model between two corners (q,) around the place, over |λ|, or over
+    `still` where |λ| is less. Without it they are exact to rounding.
     """
 
     linear: Callable[[Array], Linear]
     holds: Callable[[Array], Array]
     error: Callable[[Array, Array, Array], float] | None = None
+    still: float = 0.0
 
 
 class SeenMode(NamedTuple):
@@ -161,7 +162,8 @@ class Labels:
             return at, cuts, none, none, none, place
         radius = np.zeros(len(listed))
         if source.error is not None:
-            radius = source.error(place, lo, hi) * np.abs(middle.z[listed])
+            # of the largest |λ| in the leaf: a real one may pass 0
+            radius = source.error(place, lo, hi) * np.maximum(np.abs(around.centres(changes, listed)).max(axis=0), source.still)
             if not np.isfinite(radius).all():
                 return at, cuts, none, none, none, place
         values, votes, own = around.votes(changes, listed, radius)
@@ -264,7 +266,7 @@ def sources_of(family: Affine) -> list[Enclosed]:
         def error(place: Array, low: Array, high: Array) -> float:
             if states is None:
                 lam, radius, known = box.eigenvalues(values(place))
-                found = [float((radius / np.abs(lam)).max(initial=0.0)) if known else np.inf]
+                found = [float((radius / np.maximum(np.abs(lam), box.box.still)).max(initial=0.0)) if known else np.inf]
             else:
                 here = states.staying(values(place))
                 # of opposite corners one: to first order the states are off by as much in both
@@ -273,6 +275,6 @@ def sources_of(family: Affine) -> list[Enclosed]:
                 found = [box.distance(cell, here, values(corner)) for corner in corners]
             return max(2 * max(found), box.box.tol, box.error)
 
-        return Enclosed(linear, lambda points: ((points >= lo) & (points <= hi)).all(axis=1), error)
+        return Enclosed(linear, lambda points: ((points >= lo) & (points <= hi)).all(axis=1), error, box.box.still)
 
     return [of(cell) for cell in box.cells if cell.number is not None]

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import BLOCK, WIDE, by_threads, one_thread
-from femsub.checks import EPS, NOT_CHECKED, Array
+from femsub.checks import EPS, Array
 from femsub.model import Affine, Pencil, upper, within
 from femsub.modes import REGULAR, ComplexModes, complex_modes
 
@@ -120,7 +120,7 @@ class ModesAt:
                  band: tuple[float, float], ends: Sequence[Pencil], say: Callable[[str], None], fine: float = 1e-6) -> None:
         self.at, self.names, self.band, self.say, self.solved, self.fine = at, names, band, say, 0, fine
         self.modes: Any = getattr(model, "modes", None) if isinstance(model, Affine) else None  # with the radius of each λ
-        self.eigenvalues: Any = getattr(model, "eigenvalues", None) if self.modes else None
+        self.eigenvalues: Any = getattr(model, "eigenvalues", None)
         self.small = ends[0].size <= WIDE
         self.together = self.modes is None and self.small and all(
             one.freed is None and np.linalg.cond(one.dense().M) < REGULAR for one in ends)
@@ -186,12 +186,7 @@ class ModesAt:
 
     def alone(self, point: Array) -> tuple[PointModes, bool]:
         """The modes at one point (q,) of a model with radii, and whether they are all that are there."""
-        if self.eigenvalues:
-            values, radius, whole = self.eigenvalues(dict(zip(self.names, point.tolist(), strict=True)))
-        else:
-            modes = self.whole(point)
-            moving = upper(modes.eigenvalues) & ~modes.rigid
-            values, radius, whole = modes.eigenvalues[moving], modes.error_bar[moving], modes.evidence != NOT_CHECKED
+        values, radius, whole = self.eigenvalues(dict(zip(self.names, point.tolist(), strict=True)))
         at = np.flatnonzero(within(values, self.band))
         values, radius = values[at], radius[at]
         votes = np.where(np.abs(values.real) <= radius, 0, np.sign(values.real).astype(int))

@@ -294,7 +294,7 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
     result = Scatter(names, points[:count], labels.verdict[:count], labels.growth[:count], labels.omega[:count],
                      float(certain.mean()), interval, float(open_.mean()), float(outside[:count].mean()), tuple(families),
                      _importance(labels, names, count, base), float(level), deviation, replicates, limits, labels.solved,
-                     Tally(complete, complete if labels.whole else None, sampled=True).evidence,
+                     Tally(complete, complete if labels.whole and not np.isnan(model.cutoff) else None, sampled=True).evidence,
                      np.inf if band is not None and not np.isnan(model.cutoff) else model.cutoff)
     log.info("%r", result)
     return result

@@ -180,6 +180,8 @@ class WindowSweep:
                     left.append(tiles)
                     narrow |= b - a <= least * (self.between[1] - self.between[0])
             if narrow or self.solved + len(again) > most:
+                log.info("the sweep ends with %d open tiles: %s", sum(map(len, left)), "an interval is as short as allowed" if
+                         narrow else f"it takes at least {self.solved + len(again)} windows, and the limit is {most}")
                 of, t, h, *_ = np.vstack(left).T
                 return [([], [(float(a - b), float(a + b)) for a, b in zip(t[of == k], h[of == k], strict=True)])
                         for k in range(len(lines))]
