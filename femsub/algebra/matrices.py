@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from operator import add
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra.frozen import frozen, is_sealed
+from femsub.algebra.processes.cache import shared
 from femsub.algebra.processes.threads import times
 from femsub.checks import EPS, Array, Matrix, refuse_masked
 from femsub.errors import InputError, InputTypeError
@@ -35,9 +35,9 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     refuse_masked(name, value)
     try:
         raw: Any = sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
-        shared = isinstance(value, sp.csr_array) and is_sealed(value) and raw.has_canonical_format
+        sealed = isinstance(value, sp.csr_array) and is_sealed(value) and raw.has_canonical_format
         matrix = None if np.iscomplexobj(raw) else raw
-        if matrix is not None and not (shared and raw.dtype == np.float64):
+        if matrix is not None and not (sealed and raw.dtype == np.float64):
             if sp.issparse(raw):  # with short indices where they do: sums of matrices often have long ones
                 short = max(raw.nnz, *raw.shape) <= np.iinfo(np.int32).max
                 places = (part.astype(np.int32 if short else np.int64) for part in (raw.indices, raw.indptr))
@@ -90,7 +90,15 @@ def weighted(terms: Sequence[tuple[float, Matrix]]) -> Matrix:
     The sum is read-only as they are, so that `as_matrix` takes a sparse one without a copy.
     """
     acting = [(theta, A) for theta, A in terms if theta or not sp.issparse(A)] or terms
-    return frozen(reduce(add, (A if theta == 1 else theta * A for theta, A in acting)))
+    return frozen(reduce(plus, (A if theta == 1 else theta * A for theta, A in acting)))
+
+
+def plus(A: Matrix, B: Matrix) -> Matrix:
+    """A + B, dense or sparse, without zeros. SciPy merges rows, which takes four times as long where the patterns are equal."""
+    if sp.issparse(A) and sp.issparse(B) and A.format == B.format == "csr" and same_pattern(A, B):
+        data = A.data + B.data
+        return _some(A, data, data != 0)
+    return A + B
 
 
 def rows_of_zeros(*matrices: Matrix, among: Array | None = None) -> Array:
@@ -117,7 +125,7 @@ def halves(A: Matrix) -> tuple[Matrix, Matrix]:
     turned = A.T
     if sp.issparse(A):
         turned = turned.tocsr()
-        if same_pattern(A, turned):  # SciPy would merge the rows of the two, which takes four times as long
+        if same_pattern(A, turned):
             both = (A.data + turned.data) * 0.5, (A.data - turned.data) * 0.5
             return _some(A, both[0], both[0] != 0), _some(A, both[1], both[1] != 0)
     return (A + turned) * 0.5, (A - turned) * 0.5
@@ -143,21 +151,20 @@ def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:
     return sp.csr_array((np.concatenate([one.data for one in blocks]), indices, indptr), shape=(rows[-1], columns[-1]))
 
 
-def without_rounding(matrix: Matrix, part: Matrix | None = None) -> tuple[Matrix, bool]:
-    """(A + Aᵀ)/2 if |a_ij - a_ji| ≤ ROUNDING sqrt(|a_ii a_jj|) for all i, j, else A itself; and whether the result is symmetric.
+def without_rounding(matrix: Matrix, beside: Matrix | None = None) -> tuple[Matrix, bool]:
+    """(A + Aᵀ)/2 if |a_ij - a_ji| ≤ ROUNDING sqrt(|d_i d_j|) for all i, j, else A itself; and whether the result is symmetric.
 
     An assembly may add up the two triangles in different order. The skew part is then rounding, but it would rule out the
-    cheaper methods for symmetric matrices. `part` is what was added to a symmetric sparse matrix: A is as unsymmetric as that.
+    cheaper methods for symmetric matrices. d is the diagonal of A, or of the sum of A and what it is to be added to.
     """
     if sp.issparse(matrix):
-        looked = matrix if part is None else part
-        other = looked.T.tocsr()  # canonical, as `looked` is
-        if same_pattern(looked, other):
-            at = np.flatnonzero(looked.data != other.data)
-            row, column = np.searchsorted(looked.indptr, at, side="right") - 1, looked.indices[at]
-            skew = looked.data[at] - other.data[at]
+        other = matrix.T.tocsr()  # canonical, as `matrix` is
+        if same_pattern(matrix, other):
+            at = np.flatnonzero(matrix.data != other.data)
+            row, column = np.searchsorted(matrix.indptr, at, side="right") - 1, matrix.indices[at]
+            skew = matrix.data[at] - other.data[at]
         else:
-            rest = sp.coo_array(looked - other)
+            rest = sp.coo_array(matrix - other)
             row, column, skew = rest.row, rest.col, rest.data
     elif np.array_equal(matrix, matrix.T):
         return matrix, True
@@ -166,7 +173,7 @@ def without_rounding(matrix: Matrix, part: Matrix | None = None) -> tuple[Matrix
         skew = matrix - matrix.T
     if not skew.any():
         return matrix, True
-    scale = np.sqrt(np.abs(matrix.diagonal()))
+    scale = np.sqrt(np.abs(matrix.diagonal() + (0.0 if beside is None else diagonal(beside))))
     if (np.abs(skew) > ROUNDING * scale[row] * scale[column]).any():
         return matrix, False
     return frozen(halves(matrix)[0]), True
@@ -177,6 +184,14 @@ def without_signs(A: Matrix) -> Matrix:
     if not sp.issparse(A) or A.format != "csr":
         return abs(A)
     return A if A.data.min(initial=0.0) >= 0 else sp.csr_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
+
+
+def diagonal(matrix: Matrix) -> Array:
+    """The diagonal of a matrix of a model, (n,), which is kept with it: SciPy passes through all entries of a sparse one."""
+    if not sp.issparse(matrix):
+        return np.diagonal(matrix)
+    found: Array = shared((matrix,), "diagonal", lambda: frozen(matrix.diagonal()), lambda d: d.nbytes)
+    return found
 
 
 def norm(matrix: Matrix) -> float:

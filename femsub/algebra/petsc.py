@@ -168,16 +168,24 @@ def scotch_parts(graph: Matrix, count: int) -> Array | None:
         return np.array(found.getIndices(), dtype=np.intp)
 
 
-def _matrix(A: Matrix | Difference, kind: Kind = "general") -> Any:
-    """A as PETSc has it; for a symmetric factor the upper triangle alone."""
-    (PETSc, _), half, given = load(), kind != "general", Difference.of(A)
-    A = given.upper() if half else sp.csr_array(given.formed())
+def _matrix(A: Matrix | Difference, kind: Kind = "general", shared: bool = False) -> Any:
+    """A as PETSc has it; for a symmetric factor the upper triangle alone.
+
+    `shared`: on the arrays of A itself, whole, for MUMPS, which copies the triangle that it needs.
+    """
+    (PETSc, _), given = load(), Difference.of(A)
+    shared = shared and not given.sigma
+    whole = shared or kind == "general"
+    A = sp.csr_array(given.formed()) if whole else given.upper()
     index = PETSc.IntType
     if A.nnz > np.iinfo(index).max:
         raise InputError(f"{A.nnz} nonzeros are more than this PETSc's {np.dtype(index).name} can count")
-    arrays = (A.indptr.astype(index, copy=False), A.indices.astype(index, copy=False), A.data)
-    create = PETSc.Mat().createSBAIJ if half else PETSc.Mat().createAIJ
-    mat = create(A.shape, 1, csr=arrays, comm=PETSc.COMM_SELF)
+    arrays = (A.indptr.astype(index, copy=False), A.indices.astype(index, copy=False), np.asarray(A.data, dtype=float))
+    mat = PETSc.Mat()
+    if shared:
+        mat.createAIJWithArrays(A.shape, arrays, comm=PETSc.COMM_SELF)
+    else:
+        (mat.createAIJ if whole else mat.createSBAIJ)(A.shape, 1, csr=arrays, comm=PETSc.COMM_SELF)
     mat.assemble()
     if kind == "definite":
         mat.setOption(PETSc.Mat.Option.SPD, True)
@@ -213,7 +221,8 @@ class SparseFactor:
         self._finalizer = weakref.finalize(self, self._held.close)
         scaling = equilibrated(A.formed()) if probed and self.package == "mumps" else None
         SparseFactor.made += 1
-        mat = _matrix(A if awaited is None else A.pattern(), "general" if self.package == "petsc" else kind)
+        mat = _matrix(A if awaited is None else A.pattern(), "general" if self.package == "petsc" else kind,
+                      shared=self.package == "mumps" and awaited is None)
         try:
             mat = self._set_up(mat, ROOM[0], None if awaited is None else lambda: _matrix(A.at(awaited()), kind))
             if self._infog(1) in (-8, -9):  # delayed pivots took more than that

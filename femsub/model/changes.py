@@ -392,7 +392,7 @@ def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None =
     wanted = set(plain or labels) if directions is None else set(directions)
     kept = np.array([at for at, label in enumerate(labels) if label in wanted])
     names = np.array(labels)[kept]
-    return U[kept], np.array([1 / np.count_nonzero(names == label) for label in names])
+    return U if len(kept) == len(labels) else U[kept], np.array([1 / np.count_nonzero(names == label) for label in names])
 
 
 def _title(end: Any) -> str:

@@ -15,10 +15,12 @@ from femsub.algebra import (
     BLOCK,
     Frozen,
     as_matrix,
+    diagonal,
     equilibration,
     halves,
     is_symmetric,
     norm,
+    plus,
     scaled,
     shared,
     times,
@@ -191,7 +193,7 @@ class Pencil(Frozen):
                 K0 = K if self.K0 is self.K and all(surface) else self._plus(self.K0, _total(of_surfaces))
         if any(A is not None for A in damped):
             found = found.with_damping(_total(damped))
-        unit = energy_units(self.M.diagonal(), self.K0.diagonal())[0]
+        unit = energy_units(diagonal(self.M), diagonal(self.K0))[0]
         for (W, damping, stiffness), flag in zip(terms, surface, strict=True):
             if not flag:
                 C_D, C_K = (C if np.isscalar(C) else np.array(C) for C in (damping, stiffness))
@@ -211,7 +213,8 @@ class Pencil(Frozen):
         more = sp.csr_array(extra)
         more.sum_duplicates()
         more = sp.csr_array((more.data, more.indices, more.indptr), shape=more.shape)  # with short indices, as the others have
-        return without_rounding(as_matrix(name, weighted([(1.0, part), (1.0, more)]), self.size), more)
+        more, symmetric = without_rounding(more, part)
+        return as_matrix(name, weighted([(1.0, part), (1.0, more)]), self.size), symmetric
 
     def _plus(self, part: Matrix, extra: Matrix) -> Matrix:
         return part + (sp.csr_array(extra) if self.is_sparse else _dense(extra))
@@ -224,7 +227,7 @@ class Pencil(Frozen):
 
     def _damped(self, D: Matrix, symmetric: bool) -> Pencil:
         return self._with(D=D, symmetric=(self.symmetric[0], symmetric, self.symmetric[2]), contacts=(), K0=self.K,
-                          noise=np.zeros((self.size, 0)), rigid_motion=changed(self.rigid_motion, Damped(D, self.M.diagonal())))
+                          noise=np.zeros((self.size, 0)), rigid_motion=changed(self.rigid_motion, Damped(D, diagonal(self.M))))
 
     @cached_property
     def units(self) -> tuple[Array, Array]:
@@ -233,13 +236,13 @@ class Pencil(Frozen):
         They follow from the stiffness of each DOF. If a DOF has none, or far less than couples it to others where K is
         unsymmetric, they come from `equilibration` of |K| + ω|D| + ω²|M| with a typical ω. r = c unless M is unsymmetric.
         """
-        stiffness = np.abs(self.K.diagonal())
+        stiffness = np.abs(diagonal(self.K))
         if self.symmetric[0] and stiffness.all():
             r = c = 2.0 ** np.rint(-np.log2(stiffness) / 2)
             # of an unsymmetric K the diagonal, which is about 1 now, shows the units if no entry is much larger
             if self.symmetric[2] or without_signs(scaled(self.K, r, c)).max() <= SPREAD**0.5:
                 return r, c
-        mass = np.abs(self.M.diagonal())
+        mass = np.abs(diagonal(self.M))
         both = (mass > 0) & (stiffness > 0)
         omega = float(np.sqrt(np.median(stiffness[both] / mass[both]))) if both.any() else 1.0
         r, c = equilibration(abs(self.K) + omega * abs(self.D) + omega**2 * abs(self.M))
@@ -274,7 +277,7 @@ class Pencil(Frozen):
 
     def at(self, value: complex) -> Matrix:
         """P(value), shape (n, n); complex only if `value` is."""
-        return value * value * self.M + value * self.D + self.K
+        return plus(plus(value * self.D, self.K), value * value * self.M)
 
     def residual(self, eigenvalues: Array, shapes: Array) -> Array:
         """R = MXΛ² + DXΛ + KX, column by column P(λ_j) x_j; shapes (k,) and (n, k) give (n, k)."""
@@ -312,13 +315,13 @@ def look_at_the_order(*parts: Sequence[tuple[float, Matrix]], light: float = 0.1
     of nearly all structures. So they are where at least so `many` DOF agree, which is no accident then. And K has no more
     entries than D, as only the damping of a material has. Diagonals are looked at, which costs next to nothing.
     """
-    if not all(parts):
+    if not all(parts) or _entries(parts[2]) > _entries(parts[1]):
         return
-    m, d, k = (sum(theta * A.diagonal() for theta, A in terms) for terms in parts)
+    m, d, k = (np.sum([theta * diagonal(A) for theta, A in terms], axis=0) for terms in parts)
     at = m > 0
     m, d, k = m[at], d[at], np.abs(k[at])
     exchanged = (d > 0) & (d * d > 4 * m * k) & (k * k < (2 * light) ** 2 * m * d)
-    if len(m) < many or not k.any() or not exchanged.all() or _entries(parts[2]) > _entries(parts[1]):
+    if len(m) < many or not k.any() or not exchanged.all():
         return
     with np.errstate(divide="ignore"):
         given, other = (float(np.median(one / (2 * np.sqrt(m * two)))) for one, two in ((d, k), (k, d)))

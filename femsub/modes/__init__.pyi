@@ -23,7 +23,7 @@ from .quadratic.complex_modes import (
 from .quadratic.correction import (
     Inverse as Inverse,
     corrected as corrected,
-    left_by_real_factor as left_by_real_factor,
+    left_by_symmetric_factor as left_by_symmetric_factor,
     left_slope as left_slope,
     slope as slope,
     solver_near as solver_near,

@@ -32,10 +32,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra import without_signs
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, positive_number, truth, whole_numbers, word
 from femsub.errors import InputError, unknown_name
 from femsub.model import Affine, Jet, Substructure, as_changes, contacts_of, family_of, fields_of, kinks_of
-from femsub.modes import ComplexModes, corrected, left_by_real_factor, left_slope, pencil_of, slope, solver_near
+from femsub.modes import ComplexModes, corrected, left_by_symmetric_factor, left_slope, pencil_of, slope, solver_near
 
 if TYPE_CHECKING:
     from femsub.model import Change, Contacts, Pencil
@@ -229,7 +230,7 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
         The values of all parameters of an `Affine`.
     second : bool, optional
         Whether second derivatives are wanted. Default: of dense models. They take a complex factor for each λ. Without them
-        one real factor corrects the left vector of a sparse model, which `modes` knows roughly.
+        one symmetric factor corrects the left vector of a sparse model, which `modes` knows roughly.
     together : float
         Eigenvalues meet if they are nearer than this share of |λ|, or than eight times the error of one of them.
 
@@ -401,14 +402,13 @@ class _Work(NamedTuple):
         size, sums, curves = np.zeros(q), np.zeros((2, q)), np.zeros((q, q), dtype=complex)
         several = np.column_stack([x, y] if onto is None else [x, y, *onto])
         r = 0 if onto is None else onto[0].shape[1]
-        for piece, motions in zip(known.pieces, _motions(known.pieces, several), strict=True):
+        for piece, (motions, ones) in zip(known.pieces, _motions(known.pieces, several), strict=True):
             there, here = motions[:, 0], motions[:, 1]
             f, g, weight = piece.A @ there, piece.A.T @ here, piece.weight(value)
             product = np.vdot(here, f)
             rounding = abs(weight) * float(np.abs(here) @ (abs(piece.A) @ np.abs(there)))
             pushed, pulled = (piece.back(f), piece.back(g)) if onto is None else \
                 (motions[:, 2:2 + r].conj().T @ f, motions[:, 2 + r:].conj().T @ g)
-            ones = 1.0 if piece.U is None else np.asarray(abs(piece.U).sum(axis=1))
             lengths = abs(weight) * np.array([np.sum(ones * np.abs(f)), np.sum(ones * np.abs(g))])
             for j in np.flatnonzero(piece.jet.first):
                 theta = piece.jet.first[j]
@@ -423,16 +423,17 @@ class _Work(NamedTuple):
         return cls(F, L, work, turned, size, curves, sums)
 
 
-def _motions(pieces: list[_Piece], X: Array) -> Iterator[Array]:
-    """UX of each piece, X (n, k): one product for those of a few rows, which many parameters have."""
+def _motions(pieces: list[_Piece], X: Array) -> Iterator[tuple[Array, Array | float]]:
+    """UX of each piece, X (n, k), and the sums of |U| over its rows: at once for those of a few rows, which many have."""
     few = [piece.U for piece in pieces if sp.issparse(piece.U)]
-    moved = sp.csr_array(sp.vstack(few)) @ X if few else X[:0]
-    start = 0
+    whole = sp.csr_array(sp.vstack(few)) if few else X[:0].T
+    moved, sums, start = whole @ X if few else X[:0], np.asarray(abs(whole).sum(axis=1)), 0
     for piece in pieces:
         if piece.U is None or not sp.issparse(piece.U):
-            yield piece.moved(X)
+            yield piece.moved(X), 1.0 if piece.U is None else np.abs(piece.U).sum(axis=1)
         else:
-            yield moved[start:(start := start + piece.U.shape[0])]
+            part = slice(start, start := start + piece.U.shape[0])
+            yield moved[part], sums[part]
 
 
 class _Sizes(NamedTuple):
@@ -445,15 +446,16 @@ class _Sizes(NamedTuple):
     @classmethod
     def of(cls, pencil: Pencil) -> _Sizes:
         H = getattr(pencil, "H", None)
-        return cls(abs(pencil.M), abs(pencil.D), abs(pencil.K) if H is None else abs(pencil.K) + abs(H))
+        K = without_signs(pencil.K)
+        return cls(without_signs(pencil.M), without_signs(pencil.D), K if H is None else K + without_signs(H))
 
-    def doubts(self, P: Matrix, value: complex, x: Array, y: Array, left: Array) -> tuple[Array, Array]:
+    def doubts(self, P: Matrix, turned: Matrix, value: complex, x: Array, y: Array, left: Array) -> tuple[Array, Array]:
         """Errors of Px and of Pᴴy entry by entry, (n,) each: twice the residual, and the rounding in it, as in `bars`.
 
-        `left` is P'ᴴy, the direction of an error of λ in Pᴴy.
+        `turned` is Pᵀ. `left` is P'ᴴy, the direction of an error of λ in Pᴴy.
         """
         s, found = abs(value), []
-        back = (P.T @ y.conj()).conj()
+        back = (turned @ y.conj()).conj()
         for r, v, (M, D, K) in ((P @ x, x, self), (back - left * (np.vdot(x, back) / np.vdot(x, left)), y,
                                                    (A.T for A in self))):
             size = np.abs(v)
@@ -466,7 +468,7 @@ class _Sizes(NamedTuple):
 
 
 def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexModes, k: int, nearest: int = 8) -> _Simple | None:
-    """The derivatives of one λ of a sparse pencil, whose left vector is known roughly, by one real factor; None where it fails.
+    """The derivatives of one λ of a sparse pencil by a symmetric factor from a rough left vector; None where it fails.
 
     The bar sums up errors of the vectors in the directions of the `nearest` modes and their conjugates, and is doubled for the
     others: P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i) y_iᴴP'x_i). Those may move where the nearest do not. So each entry of x and y is taken
@@ -475,24 +477,29 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
     value, x = complex(modes.eigenvalues[k]), modes.shapes[:, k]
     if modes.left is None or not value.imag:
         return None
-    P = pencil.at(value)
-    y = left_by_real_factor(pencil, value, P, x, modes.left[:, k])
-    if y is None:
-        return None
-    own, left = slope(pencil, value, x), left_slope(pencil, value, y)
-    rate = np.vdot(y, own)
-    value, (of_x, of_y) = value - complex(np.vdot(y, P @ x) / rate), sizes.doubts(P, value, x, y, left)
     lam, X, Y = modes.eigenvalues, modes.shapes, modes.left
     lacking = np.flatnonzero(~np.isin(lam.conj(), lam))
     every = np.append(lam, lam[lacking].conj())
     order = np.argsort(np.abs(every - lam[k]), kind="stable")[1:nearest + 1]
-    at, turned = np.append(np.arange(len(lam)), lacking)[order], order >= len(lam)
-    near = every[order]
-    X, Y = (np.where(turned, part[:, at].conj(), part[:, at]) for part in (X, Y))
+    at, mirrored = np.append(np.arange(len(lam)), lacking)[order], order >= len(lam)
+    X, Y = (np.where(mirrored, part[:, at].conj(), part[:, at]) for part in (X, Y))
+    P = pencil.at(value)
+    turned = sp.csr_array(P.T)  # by rows: a product by columns would take longer
+    image = (turned @ Y.conj()).conj()
+    own, alike = slope(pencil, value, x), every[order].imag * value.imag > 0  # a light mode is nearly its own conjugate
+    y = left_by_symmetric_factor(pencil, value, (P, turned), x, modes.left[:, k],
+                                 (X[:, alike], Y[:, alike], image[:, alike]), _between(every, value.imag))
+    if y is None:
+        return None
+    left = left_slope(pencil, value, y)
+    rate = np.vdot(y, own)
+    value, (of_x, of_y) = value - complex(np.vdot(y, P @ x) / rate), sizes.doubts(P, turned, value, x, y, left)
     found = _Work.of(known, value, x, y, (Y, X))
     first = -found.work / rate
     F, L = found.pushed + np.outer(Y.conj().T @ own, first), found.pulled + np.outer(X.conj().T @ left, first.conj())
-    rates = np.abs(np.einsum("ij,ij->j", Y.conj(), 2 * near * (pencil.M @ X) + pencil.D @ X)) * np.abs(value - near)
+    # (λ - λ_i) y_iᴴP'(λ_i)x_i = y_iᴴP(λ)x_i - (λ - λ_i)² y_iᴴMx_i
+    apart = modes.eigenvalues[k] - every[order]
+    rates = np.abs(np.einsum("ij,ij->j", image.conj(), X) - apart**2 * np.einsum("ij,ij->j", Y.conj(), pencil.M @ X))
     doubt = float(np.abs(y) @ of_x) / abs(rate)
     mass = np.vdot(y, pencil.M @ x)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -503,6 +510,13 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
            + 4 * EPS * (found.size + np.abs(first) * sizes.rates(value, x, y))) / abs(rate)
     q = len(first)
     return _Simple(value, first, bar, np.full((q, q), np.nan + 0j), doubt) if np.isfinite(bar).all() else None
+
+
+def _between(values: Array, omega: float) -> float:
+    """The middle of the wider of the two gaps that an eigenfrequency has to the next of the others."""
+    size = np.unique(np.abs(values.imag))
+    gaps = [(abs(other - abs(omega)), other) for other in (*size[size < abs(omega)][-1:], *size[size > abs(omega)][:1])]
+    return (max(gaps)[1] + abs(omega)) / 2 if gaps else abs(omega)
 
 
 def _simple(pencil: Pencil, sizes: _Sizes, known: _Parameters, value: complex, x: Array, turns: int = 3) -> _Simple | None:
@@ -524,7 +538,7 @@ def _simple(pencil: Pencil, sizes: _Sizes, known: _Parameters, value: complex, x
                 break
         P, own, left = pencil.at(value), slope(pencil, value, x), left_slope(pencil, value, y)
         rate = np.vdot(y, own)
-        of_x, of_y = sizes.doubts(P, value, x, y, left)
+        of_x, of_y = sizes.doubts(P, P.T, value, x, y, left)
         found = _Work.of(known, value, x, y)
         first = -found.work / rate
         F, L = found.pushed + np.outer(own, first), found.pulled + np.outer(left, first.conj())
