@@ -288,10 +288,15 @@ class Pencil(Frozen):
         """KX (n, k), the part of P(λ_j) x_j that does not grow with λ."""
         return times(self.K, shapes)
 
+    @property
+    def sizes(self) -> tuple[Matrix, Matrix, Matrix]:
+        """|M|, |D| and |K|, with all that does not grow with λ: for the rounding in products, entry by entry."""
+        return without_signs(self.M), without_signs(self.D), without_signs(self.K)
+
     def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
         """(|λ|²|M| + |λ||D| + |K|)|x| entry by entry: EPS times this is the rounding in P(λ)x."""
         lam, size = np.abs(eigenvalues), np.abs(shapes)
-        mass, damping, stiffness = (times(without_signs(part), size) for part in (self.M, self.D, self.K))
+        mass, damping, stiffness = (times(part, size) for part in self.sizes)
         return mass * lam**2 + damping * lam + stiffness
 
     def backward_error(self, eigenvalues: Array, shapes: Array, residual: Array | None = None) -> Array:

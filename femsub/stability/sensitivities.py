@@ -32,7 +32,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import without_signs
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, positive_number, truth, whole_numbers, word
 from femsub.errors import InputError, unknown_name
 from femsub.model import Affine, Jet, Substructure, as_changes, contacts_of, family_of, fields_of, kinks_of
@@ -269,7 +268,7 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
     lam, first, bar = values[chosen].astype(complex), np.full((k, q), np.nan + 0j), np.full((k, q), np.nan)
     curves, plain, meetings = np.full((k, q, q), np.nan + 0j), np.ones(k, dtype=bool), {}
     second_too = not pencil.is_sparse if second is None else truth("second", second)
-    sizes = _Sizes.of(pencil)
+    sizes = _Sizes(*pencil.sizes)
 
     def solved(mode: int) -> _Simple | None:
         quick = _light(pencil, sizes, known, modes, mode) if pencil.is_sparse and not second_too else None
@@ -437,17 +436,11 @@ def _motions(pieces: list[_Piece], X: Array) -> Iterator[tuple[Array, Array | fl
 
 
 class _Sizes(NamedTuple):
-    """|M|, |D| and |K|, structural damping included: for the rounding in products with P, entry by entry."""
+    """`Pencil.sizes`, for the rounding in products with P, entry by entry."""
 
     M: Matrix
     D: Matrix
     K: Matrix
-
-    @classmethod
-    def of(cls, pencil: Pencil) -> _Sizes:
-        H = getattr(pencil, "H", None)
-        K = without_signs(pencil.K)
-        return cls(without_signs(pencil.M), without_signs(pencil.D), K if H is None else K + without_signs(H))
 
     def doubts(self, P: Matrix, turned: Matrix, value: complex, x: Array, y: Array, left: Array) -> tuple[Array, Array]:
         """Errors of Px and of Pᴴy entry by entry, (n,) each: twice the residual, and the rounding in it, as in `bars`.
@@ -488,7 +481,7 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
     image = (turned @ Y.conj()).conj()
     own, alike = slope(pencil, value, x), every[order].imag * value.imag > 0  # a light mode is nearly its own conjugate
     y = left_by_symmetric_factor(pencil, value, (P, turned), x, modes.left[:, k],
-                                 (X[:, alike], Y[:, alike], image[:, alike]), _between(every, value.imag))
+                                 (X[:, alike], Y[:, alike], image[:, alike]), _between(every, value.imag), along=own)
     if y is None:
         return None
     left = left_slope(pencil, value, y)

@@ -107,14 +107,14 @@ def is_rounding(pencil: Pencil, values: Array, X: Array, Y: Array) -> Array:
 
 
 def left_by_symmetric_factor(pencil: Pencil, value: complex, matrices: tuple[Matrix, Matrix], x: Array, y: Array,
-                             others: tuple[Array, Array, Array], beside: float, steps: int = 80, tol: float = EPS**0.8
-                             ) -> Array | None:
+                             others: tuple[Array, Array, Array], beside: float, *, along: Array, steps: int = 80,
+                             tol: float = EPS**0.85) -> Array | None:
     """A better left vector y of unit length, of a sparse P = P(λ): Pᴴδ = -Pᴴy by GMRES with a factor of S = Re (P + Pᵀ)(s) / 2.
 
     s has the imaginary part `beside`, somewhere between Im λ and that of the next eigenvalue: friction turns a mode more than it
     moves its frequency, so that the symmetric part at λ itself would be nearly singular in another direction than x. Of a lightly
     damped mode S⁻¹P is the unit matrix but for friction and the modes near λ. The nearest, X and Y (n, k) with PᴴY of `others`,
-    are solved apart, and GMRES is preconditioned from the right on the complement of the mode itself, f = P'x and g = P'ᴴy:
+    are solved apart, and GMRES is preconditioned from the right on the complement of the mode, f = P'x (`along`) and g = P'ᴴy:
 
         δ = (1 - y fᴴ / fᴴy) (S⁻¹(r - PᴴYc) + Yc),   c = (XᴴPᴴY)⁻¹Xᴴr   of   (1 - g xᴴ / xᴴg) r,   fᴴδ = 0.
 
@@ -124,7 +124,7 @@ def left_by_symmetric_factor(pencil: Pencil, value: complex, matrices: tuple[Mat
     from scipy.sparse.linalg import LinearOperator, gmres
 
     P, turned = matrices
-    along, out = slope(pencil, value, x), left_slope(pencil, value, y)
+    out = left_slope(pencil, value, y)
     residual = (turned @ y.conj()).conj()
     residual -= out * (np.vdot(x, residual) / np.vdot(x, out))
     enough = tol * float(np.linalg.norm(abs(turned) @ np.abs(y)))

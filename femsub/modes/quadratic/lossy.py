@@ -66,8 +66,11 @@ class LossyPencil(Pencil):
     def restoring(self, eigenvalues: Array, shapes: Array) -> Array:
         return self.K @ shapes + 1j * self.sign(eigenvalues) * (self.H @ shapes)
 
-    def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
-        return super().magnitude(eigenvalues, shapes) + np.abs(self.H) @ np.abs(shapes)
+    @property
+    def sizes(self) -> tuple[Matrix, Matrix, Matrix]:
+        """As of a pencil, |K| + |H| for |K|."""
+        M, D, K = super().sizes
+        return M, D, K + abs(self.H)
 
     def all_modes(self) -> SearchResult:
         """All solutions, each pair side by side.

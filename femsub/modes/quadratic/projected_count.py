@@ -233,9 +233,17 @@ class Projection(EnergyBasis):
         blocks = [V[:, at:at + BLOCK] for at in range(0, V.shape[1], BLOCK)]
 
         def size(*parts: tuple[float, Matrix]) -> Array:
-            several = [(weight, without_signs(part)) for weight, part in parts if weight]
-            images = (sum(weight * times(B, np.abs(block)) for weight, B in several) for block in blocks)  # one at a time
-            return np.hstack([np.vstack([np.abs(block).T @ image for block in blocks]) for image in images])
+            several, columns = [(weight, without_signs(part)) for weight, part in parts if weight], []
+            for block in blocks:
+                x, image = np.abs(block, order="C"), np.zeros((len(V), block.shape[1]))  # few beside V
+                for weight, B in several:
+                    more = times(B, x)
+                    more *= weight
+                    image += more
+                    del more
+                del x
+                columns.append(np.vstack([np.abs(one).T @ image for one in blocks]))
+            return np.hstack(columns)
 
         A = size((1.0, self.A.K), (abs(self.A.sigma), self.A.M))
         return np.array([A, *(size((1.0, term.matrix)) for term in self.terms)])
