@@ -34,7 +34,8 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 BLOCK = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.]*\w)|(?<=\d)[-+]\d+\.?\d*(?:[eE][-+]?\d+)?(?=j)")
-GIVEN = ("meshes", "scripts")  # folders of the repository that a page finds beside it
+#: Folders that a page finds beside it; the last one holds data of others, which may lie beside the repository.
+GIVEN = {"meshes": ROOT / "meshes", "scripts": ROOT / "scripts", "5koref1": ROOT.parent / "shared" / "brake-m0"}
 RELATIVE, NOISE = 1e-6, 1e-12
 TIMES = ("ms", "µs")
 
@@ -86,8 +87,8 @@ def blocks_of(page: str) -> list[Block]:
 
 def run(page: str, folder: Path) -> tuple[list[Block], list[str], str]:
     """The blocks of a page, what each printed in this folder, and the error of the one that failed, if any."""
-    for name in GIVEN:
-        (folder / name).symlink_to(ROOT / name)
+    for name, place in GIVEN.items():
+        (folder / name).symlink_to(place)
     for one in BLOCK.finditer(page):
         if one[1] == "toml":
             (folder / "my.toml").write_text(one[2], encoding="utf-8")

@@ -67,6 +67,8 @@ def test_sentences_are_short() -> None:
 @pytest.mark.sampled(7)
 @pytest.mark.parametrize("page", [pytest.param(page, marks=slow(page)) for page, text in TEXTS.items() if blocks_of(text)])
 def test_a_page_prints_what_it_shows(page: str, tmp_path: Path) -> None:
+    if any(f"{name}/" in TEXTS[page] and not place.exists() for name, place in GIVEN.items()):
+        pytest.skip("the data of others that the page needs are not there")
     found, printed, fault = run(TEXTS[page], tmp_path)
     assert not fault, fault
     assert len(printed) == len(found)
