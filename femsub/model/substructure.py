@@ -309,8 +309,8 @@ class ReducedSubstructure(Substructure):
     inertia : Inertia, optional
         The forces of rigid accelerations on its coordinates, VᵀP. A copy with another M loses them.
     change_error : float
-        Of a model that `modified` made: the estimated relative error of its frequencies up to 0.7 of the cut-off, in which the
-        reduction's own error is included. NaN where it is not known.
+        Of a model that `modified` made: the estimated relative error of its λ up to 0.7 of the cut-off, with the damping of the
+        changes and without friction. The reduction's own error is included. NaN where it is not known.
 
     Examples
     --------

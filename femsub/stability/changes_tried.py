@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -37,8 +37,9 @@ def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -
     K⁻¹Uᵀ of changes of up to `few` motions U, and else those to the forces of the change in the model's modes. Its ports and sets
     stay.
 
-    `change_error` estimates the error of undamped frequencies; damping and friction are not in it. With r = P(iω)Vφ of the
-    changed full model it is rᵀK⁻¹r / 2ω²φᵀMφ (1 - ω²/ω_c²)⁻¹, the largest of the modes up to 0.7 of the cut-off ω_c.
+    `change_error` estimates the relative error of λ, the largest of the modes up to 0.7 of the cut-off ω_c. Of the damping it has
+    that of the changes alone, and friction is not in it. With r = P(λ)Vx of the changed full model it is
+    rᴴK⁻¹r / |λ xᵀP'(λ)x| (1 - |λ|²/ω_c²)⁻¹, without damping rᵀK⁻¹r / 2ω²φᵀMφ (1 - ω²/ω_c²)⁻¹.
 
     Parameters
     ----------
@@ -166,7 +167,11 @@ class _ChangedBasis:
         return key[1] if self.few[key] else key
 
     def changed(self, acting: Sequence[_Acting]) -> Any:
-        """The model with the changes of one of the candidates, and its `change_error`."""
+        """The model with the changes of one of the candidates, and its `change_error`.
+
+        A damping force has its static response in the basis. The inertia of that response leaves a residual outside it, which
+        modes without the damper do not have.
+        """
         model = self.model
         groups = dict.fromkeys(self._group(key) for key, *_ in acting)
         new = np.concatenate([np.zeros(0, dtype=int), *(self.columns[key] for key in groups)])
@@ -197,33 +202,56 @@ class _ChangedBasis:
                        kinds=(*model.kinds, *("residual",) * (T.shape[1] - model.size)), estimate=None, estimated=None)
         wide._set(wider=model.wider)  # for the changes that name a part
 
-        # the error of its undamped frequencies
         limit = (SHARE * model.cutoff) ** 2
         # columns of a change may nearly depend on V: then the highest modes, which are not looked at, have fewer digits
         modes = all_modes(wide.K, wide.M, EPS**0.5, wide.rigid_motion) if self.contact is None else \
             all_modes(wide.K + block(self.held), wide.M, EPS**0.5)
-        moving = (modes.eigenvalues > EPS**0.5 * limit) & (modes.eigenvalues <= limit)
-        square = modes.eigenvalues[moving]
-        energy = self._residual_energy(acting, square, at, T @ modes.shapes[:, moving])
-        error = np.abs(energy) / (2 * square) / (1 - np.minimum(square / model.cutoff**2, SHARE**2))
+        elastic = modes.eigenvalues > EPS**0.5 * limit
+        moving = elastic & (modes.eigenvalues <= limit)
+        value, x, rate = 1j * np.sqrt(modes.eigenvalues[moving]), T @ modes.shapes[:, moving], 2 * modes.eigenvalues[moving]
+        if any(key[0] in "DH" and weight for key, _, weight in acting):
+            value, x, rate = self._damped(acting, at, T @ modes.shapes[:, elastic], modes.eigenvalues[elastic], limit)
+        share = np.minimum(np.abs(value / model.cutoff), SHARE) ** 2
+        error = self._residual_energy(acting, value, at, x) / np.abs(rate) / (1 - share)
         wide._set(change_error=float(error.max(initial=0.0)))
         return wide
 
-    def _residual_energy(self, acting: Sequence[_Acting], square: Array, at: Array, x: Array) -> Array:
-        """rᵀK⁻¹r of modes ω² (k,) with the columns `at` of W times x, (len(at), k)."""
-        weights = [weight * (-square if key[0] == "M" else 1.0) * (key[0] in "MK") for key, _, weight in acting]
+    def _damped(self, acting: Sequence[_Acting], at: Array, shapes: Array, stiffness: Array, limit: float
+                ) -> tuple[Array, Array, Array]:
+        """λ (k,) above the axis with |λ|² up to `limit`, the columns `at` of W times x, and λ xᵀP'(λ)x of λ² + λC + Ω² + iH.
+
+        C and H are those of the changes in the small model's elastic modes, `shapes` and Ω², without its own damping.
+        """
+        parts = {"D": np.zeros((len(stiffness),) * 2), "H": np.zeros((len(stiffness),) * 2)}
+        for key, term, weight in acting:
+            if key[0] in parts:
+                moved = self.moved[key][:, at] @ shapes
+                parts[key[0]] += weight * (moved.T @ (term.A @ moved))
+        C, K = parts["D"], np.diag(stiffness) + (1j * parts["H"] if parts["H"].any() else 0.0)
+        value, X = np.linalg.eig(np.block([[np.zeros_like(C), np.eye(len(C))], [-K, -C]]))
+        kept = (value.imag > 0) & (np.abs(value) ** 2 <= limit)
+        value, X = value[kept], X[:len(C), kept]
+        return value, shapes @ X, value * np.einsum("ij,ij->j", X, 2 * value * X + C @ X)
+
+    def _residual_energy(self, acting: Sequence[_Acting], value: Array, at: Array, x: Array) -> Array:
+        """rᴴK⁻¹r (k,) of r = P(λ)u, with λ (k,) and u the columns `at` of W times x, (len(at), k); λ is imaginary of a real x."""
+        square = value**2 if np.iscomplexobj(x) else -value.imag**2
+        by: dict[str, Any] = {"M": square, "K": 1.0, "D": value, "H": 1j}
         if self.energy is None:
             u = self.parts["V"][:, at] @ x
-            r = self.K @ u - (self.M @ u) * square
-            for (key, term, _), weight in zip(acting, weights, strict=True):
-                r += term.U.T @ (term.A @ (self.moved[key][:, at] @ x)) * weight
-            return np.asarray(np.einsum("ij,ij->j", r, self.responses(r)))
-        rows, y = [at, len(self.parts["V"].T) + at], [x, -square * x]
-        for (key, term, _), weight in zip(acting, weights, strict=True):
-            rows.append(self.places[key] if self.few[key] else self.places[key][at])
-            y.append(weight * (term.A @ (self.moved[key][:, at] @ x) if self.few[key] else x))
-        places, several = np.concatenate(rows), np.vstack(y)
-        return np.asarray(np.einsum("ij,ij->j", several, self.energy[np.ix_(places, places)] @ several))
+            y = self.K @ u + (self.M @ u) * square
+            for key, term, weight in acting:
+                y = y + term.U.T @ (term.A @ (self.moved[key][:, at] @ x)) * (weight * by[key[0]])
+            gram: Callable[[Array], Array] = self.responses
+        else:
+            rows, ys = [at, len(self.parts["V"].T) + at], [x, square * x]
+            for key, term, weight in acting:
+                rows.append(self.places[key] if self.few[key] else self.places[key][at])
+                ys.append((term.A @ (self.moved[key][:, at] @ x) if self.few[key] else x) * (weight * by[key[0]]))
+            places, y = np.concatenate(rows), np.vstack(ys)
+            gram = self.energy[np.ix_(places, places)].__matmul__
+        parts = (y.real, y.imag) if np.iscomplexobj(y) else (y,)
+        return np.abs(np.sum([np.einsum("ij,ij->j", part, gram(part)) for part in parts], axis=0))
 
 
 def _bytes(A: Matrix) -> tuple[Any, ...]:
