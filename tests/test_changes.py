@@ -107,6 +107,16 @@ def test_a_model_of_a_belt_is_confirmed_in_the_full_one() -> None:
     assert found.tried[1].in_full is None
 
 
+def test_a_model_without_mass_in_its_residual_modes_keeps_its_basis() -> None:
+    """Static responses have mass in common with MacNeal's residual modes, whose own mass is left out."""
+    full = fs.chain(30)
+    rom = fs.reduce(full, fs.MacNeal(5))
+    found = fs.modified(rom, [fs.AddedMass([4], 0.5)])
+    assert found.size == rom.size and np.isnan(found.change_error)
+    exact = fs.normal_modes(fs.modified(full, [fs.AddedMass([4], 0.5)]), count=2).frequencies
+    assert np.allclose(fs.normal_modes(found, count=2).frequencies, exact, rtol=1e-2)
+
+
 @pytest.mark.parametrize("amount", [1e-3, 0.3, 100.0])
 @pytest.mark.parametrize("method", [fs.CraigBampton(8), fs.CraigChang(8)])
 def test_a_heavy_damper_shows_in_the_error(method: fs.Method, amount: float) -> None:

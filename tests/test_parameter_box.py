@@ -208,6 +208,9 @@ def test_some_of_the_parameters_may_be_fixed():
     assert part.parameters == ("mu",) and part.evidence == small.evidence
     np.testing.assert_allclose(part.modes(mu=0.4).eigenvalues, small.modes(mu=0.4, speed=1.0).eigenvalues, rtol=1e-12)
     assert part.number(mu=0.4) == small.number(mu=0.4, speed=1.0)
+    point = small.fixed(speed=1.0, mu=0.4)  # all of them
+    np.testing.assert_allclose(point.modes().eigenvalues, part.modes(mu=0.4).eigenvalues, rtol=1e-12)
+    assert point.number() == part.number(mu=0.4) and len(point.modes_over()) == 1 and "one value" in repr(point)
     again = pickle.loads(pickle.dumps(part))
     assert repr(again) == repr(part) and again.number(mu=0.4) == part.number(mu=0.4)
     found = fs.complex_modes(small.at(mu=0.4, speed=1.0), band=(0.0, 0.5))

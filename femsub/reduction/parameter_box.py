@@ -331,8 +331,8 @@ class BoxModel(Affine):
         self._inside(values)
         found = cast(BoxModel, super().fixed(**values))
         rest = {name: ends for name, ends in self.box.ranges.items() if name not in values}
-        box = replace(self.box, ranges=rest) if rest else self.box
-        cells = tuple(replace(cell, ranges={key: ends for key, ends in cell.ranges.items() if key not in values} or cell.ranges,
+        box = replace(self.box, ranges=rest)
+        cells = tuple(replace(cell, ranges={key: ends for key, ends in cell.ranges.items() if key not in values},
                               states=cell.states and replace(cell.states, given={**cell.states.given, **values}))
                       for cell in self.cells
                       if all(cell.ranges[name][0] <= value < cell.ranges[name][1]  # each place once, ends of the box included
@@ -456,7 +456,7 @@ class BoxModel(Affine):
         except ValueError:
             sizes = ", ".join(f"{name} {np.shape(value)}" for name, value in values.items())
             raise InputError(f"values must be arrays of equal shape, or numbers, but these are {sizes}") from None
-        rows = np.stack([part.ravel() for part in columns], axis=1).tolist()
+        rows = np.stack([part.ravel() for part in columns], axis=1).tolist() if columns else [[]]
         places = [dict(zip(values, row, strict=True)) for row in rows]
         for place in places:  # before any work
             self.cell(**place)

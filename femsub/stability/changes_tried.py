@@ -44,7 +44,7 @@ def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -
     Parameters
     ----------
     model : Substructure
-        Full or reduced, or a system. Of a system of reduced parts the basis stays as it is.
+        Full or reduced, or a system. Of a system of reduced parts, and of a `MacNeal` model, the basis stays as it is.
     changes : sequence of changes
         `AddedMass`, `AddedSpring`, `AddedDamper`, `MaterialChange`, `JointChange`, or a `Spring`.
     few : int
@@ -84,8 +84,10 @@ def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], 
     if np.isinf(model.cutoff):
         yield from (replace(_plus(model, changes), change_error=0.0) for changes in candidates)  # nothing is left out
         return
-    if full is None or full.size != len(model.V):
-        log.info("the full model of %r is gone: the changes are projected on its basis as it is", model.name)
+    if full is None or full.size != len(model.V) or not np.allclose(
+            model.V.T @ (full.M @ model.V), model.M, rtol=0.0, atol=EPS**0.5 * np.abs(model.M).max()):
+        log.info("the changes of %r are projected on its basis as it is: its full model is gone, or its M is not the projected "
+                 "one, as with MacNeal's method", model.name)
         yield from (_plus(model, changes) for changes in candidates)
         return
     batch, sizes = list[list[_Acting]](), dict[_Key, int]()
