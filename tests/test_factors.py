@@ -328,6 +328,27 @@ def unsymmetric(n: int = 300) -> fs.Pencil:
     return fs.Pencil(sub.M, sub.D, sub.K + sp.csr_array((1e-3 * rng.standard_normal(40), (rows, columns)), shape=(n, n)))
 
 
+@pytest.mark.parametrize("kind", ["symmetric", "general"])
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_mumps_takes_the_arrays_of_a_matrix_as_they_are(kind: Any, shuffled: bool) -> None:
+    """Without stored diagonal entries, as of a saddle point, and with columns in any order."""
+    rng, n, m = np.random.default_rng(0), 300, 40
+    B = sp.csr_array(rng.standard_normal((n, m)) * (rng.random((n, m)) < 0.05) + np.eye(n, m))
+    K = sp.diags_array([4.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(n, n))
+    A = sp.csr_array(sp.block_array([[K, B], [B.T, None]]))
+    assert (A.diagonal()[n:] == 0).all() and not np.isin(np.arange(n, n + m), A.indices[A.indptr[n]:]).any()
+    given = A
+    if shuffled:
+        order = np.concatenate([rng.permutation(np.arange(*ends)) for ends in zip(A.indptr, A.indptr[1:], strict=False)])
+        given = sp.csr_array((A.data[order], A.indices[order], A.indptr), shape=A.shape)
+    factor, b = SparseFactor(given, kind, probed=False), rng.standard_normal((n + m, 3))
+    if factor.package != "mumps":
+        pytest.skip("this PETSc factors it by another package")
+    assert np.allclose(A @ factor.solve(b), b, atol=1e-10)
+    if kind == "symmetric":
+        assert factor.negative_pivots == (np.linalg.eigvalsh(A.toarray()) < 0).sum()
+
+
 def test_one_factor_solves_with_the_transpose() -> None:
     K = unsymmetric().K
     b = np.random.default_rng(1).standard_normal((K.shape[0], 70))

@@ -177,6 +177,8 @@ def _matrix(A: Matrix | Difference, kind: Kind = "general", shared: bool = False
     shared = shared and not given.sigma
     whole = shared or kind == "general"
     A = sp.csr_array(given.formed()) if whole else given.upper()
+    if shared and not A.has_sorted_indices:  # PETSc looks for the triangle behind the diagonal
+        A = A.sorted_indices()
     index = PETSc.IntType
     if A.nnz > np.iinfo(index).max:
         raise InputError(f"{A.nnz} nonzeros are more than this PETSc's {np.dtype(index).name} can count")
