@@ -70,7 +70,7 @@ def test_an_attack_runs_and_names_its_kinds(monkeypatch: pytest.MonkeyPatch, cap
 
 
 #: seeds of the attack on boxes with 40 to 90 DOF: one family of 400 takes as long as all of these
-SMALL = {"light": (4,), "strong": (10, 18), "negative": (6,), "gyroscopic": (1, 32015), "circulatory": (3, 4),
+SMALL = {"light": (4,), "strong": (10, 18), "negative": (6,), "gyroscopic": (1, 32015), "circulatory": (3, 33083),
          "mixed": (3, 32017)}
 
 

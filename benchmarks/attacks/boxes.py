@@ -33,7 +33,7 @@ KINDS = ("light", "strong", "negative", "gyroscopic", "circulatory", "mixed")
 THETAS: tuple[Any, ...] = (
     "speed", "mu", "load", lambda speed: speed**2, lambda speed: 1 / speed, lambda load: load**-2, lambda mu, load: mu * load,
     lambda mu, speed: mu / speed, lambda speed, load: speed * load, lambda mu, speed, load: mu * load / speed**2)
-ROUNDING = 1e-8  # of the top of the band: a smaller radius is not compared with the error of the dense reference
+ROUNDING = 1e-10  # of the top of the band: a smaller radius is not compared with the error of the dense reference
 BESIDE = 1e-5  # of the top of the band: λ nearer to an edge or a contour count on neither side; of a range: the last to bisect
 
 

@@ -211,10 +211,11 @@ def seen(states: States, values: Mapping[str, float], matrices: Matrices, inside
 
 
 def listed(states: States, values: Mapping[str, float], matrices: Matrices, inside: Inside, number: int,
-           sizes: RadiiAt, tol: float, fine: bool = False) -> tuple[Array, ...] | None:
+           sizes: RadiiAt, tol: float, fine: bool = False, steps: int = 6) -> tuple[Array, ...] | None:
     """λ, x, z and `sizes` of the eigenpairs inside a contour with Im λ ≥ 0; `inside` says which λ are.
 
-    Pairs whose circles are too large are iterated; if `fine`, all are.
+    Pairs whose circles are too large are iterated; if `fine`, all are. One that still moves by more than its circle after so many
+    `steps` does not count.
     These count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
     None otherwise: then the whole problem is to be solved.
     """
@@ -224,8 +225,16 @@ def listed(states: States, values: Mapping[str, float], matrices: Matrices, insi
     better = np.append(at[:len(at) * fine], waiting[:max(missing, 0)])
     with np.errstate(all="ignore"):
         while len(better):
-            lam[better], x[:, better], z[:, better] = iterated(matrices, lam[better], x[:, better], z[:, better])
-            size[better] = sizes(lam[better], x[:, better], z[:, better])
+            again = better
+            for _ in range(steps):
+                before = lam[again]
+                lam[again], x[:, again], z[:, again] = iterated(matrices, before, x[:, again], z[:, again])
+                size[again] = sizes(lam[again], x[:, again], z[:, again])
+                # the error left in the basis is about the square of the change, over the distance of the next λ
+                again = again[np.abs(lam[again] - before) > np.maximum(size[again], EPS**0.75 * np.abs(lam[again]))]
+                if not len(again):
+                    break
+            size[again] = np.inf
             at, missing = _apart(lam, size, inside, tol, number)
             waiting = waiting[~np.isin(waiting, better)]
             better = waiting[:len(waiting) * (missing > 0)]
