@@ -47,7 +47,8 @@ def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str, finer: 
     U, weight, _ = np.linalg.svd(np.hstack([*sides, EPS**0.5 / larger.norms[0] * larger.M[fixed:, fixed:]]), full_matrices=False)
     moving = np.abs(exact) > still
     exact, radius = exact[moving], model.radii.circles(exact, size)[moving]
-    both = np.append(np.arange(len(exact)), np.flatnonzero((exact.imag > 0) & upper(exact.conj())))  # two real ones, by rounding
+    # of two real ones that rounding made a pair one is listed, on either side of the axis
+    both = np.append(np.arange(len(exact)), np.flatnonzero(upper(exact.conj()) & ~np.isin(exact.conj(), exact)))
     exact, radius = np.where(np.arange(len(both)) < len(exact), exact[both], exact[both].conj()), radius[both]
     wanted = distance_outside(exact, goal.band, (-hi, hi)) <= radius  # λ of the full system may be in the band
     count = max(int(np.count_nonzero(weight > first)), int(not fixed))
