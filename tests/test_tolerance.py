@@ -17,7 +17,7 @@ import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.algebra.factor import inertia
 from femsub.algebra.petsc import SparseFactor
-from femsub.model.bands import within
+from femsub.model.bands import doubled, within
 from femsub.model.estimate import SHARE
 from femsub.modes import match, normal_modes
 from femsub.modes.normal_modes import lowest_modes
@@ -421,3 +421,11 @@ def test_a_free_system_on_a_weak_dashpot_is_reduced_to_a_tolerance(dashpot: floa
         estimate = fs.reduce(full, {name: method(band=band, tol=1e-2) for name in parts}).estimate
         assert estimate.met and len(estimate.frequencies) == 3 and len(estimate.eigenvalues) == 4
         assert np.abs(estimate.eigenvalues - drift).min() < 1e-5 * abs(drift)
+
+
+@pytest.mark.parametrize("side", [1e-7j, -1e-7j])
+def test_real_eigenvalues_that_rounding_made_a_pair_count_twice(side: complex) -> None:
+    """Whether the one that is listed lies above the axis or below it differs from processor to processor."""
+    values = np.array([-20.0, -20.0 + side, -3.0 + 4.0j])
+    assert doubled(values).tolist() == [1]
+    assert doubled(np.append(values, -20.0 - side)).tolist() == []  # both are listed

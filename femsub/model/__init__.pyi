@@ -5,6 +5,7 @@ from .bands import (
     SMALL_SHARE as SMALL_SHARE,
     beyond as beyond,
     distance_outside as distance_outside,
+    doubled as doubled,
     in_band as in_band,
     moving as moving,
     upper as upper,

@@ -58,6 +58,11 @@ def upper(values: Array) -> Array:
     return values.imag >= -DOUBLE * np.abs(values)
 
 
+def doubled(values: Array) -> Array:
+    """Places of the λ whose conjugates count as well: of two real ones that rounding made a pair only one, on either side."""
+    return np.flatnonzero(upper(values.conj()) & ~np.isin(values.conj(), values))
+
+
 def moving(values: Array, bar: Array) -> Array:
     """Which λ differ from 0 by more than rounding (their error `bar`, and the eigensolver's). Rigid motion has λ = 0."""
     return np.abs(values) > bar + 10 * EPS * np.abs(values).max(initial=0.0)

@@ -14,7 +14,7 @@ left states X and Z of the k eigenvalues inside, is analytic in the parameters p
 The pencil ZᵀaX - λ ZᵀbX has order k: as many eigenvalues as are wanted, and none besides. Where two modes become one, their
 vectors have no derivative, but Π has.
 
-Pairs whose residuals need it take a step of inverse iteration on P(λ), and the number of circles of error shows whether all are
+Pairs whose residuals need it take steps of inverse iteration on P(λ), and the number of circles of error shows whether all are
 there. The polynomials are exact at discrete Leja points, each degree at those of the one before and at new ones.
 
 Sources: T. Kato, Perturbation Theory for Linear Operators (1966), ch. 2 (Π(p)); L. Bos, S. De Marchi, A. Sommariva, M. Vianello,

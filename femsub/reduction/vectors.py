@@ -13,7 +13,7 @@ import scipy.linalg as la
 
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError
-from femsub.model import SMALL_SHARE, Affine, Estimate, Pencil, distance_outside, upper
+from femsub.model import SMALL_SHARE, Affine, Estimate, Pencil, distance_outside, doubled, upper
 from femsub.modes import solve
 from femsub.reduction.estimates.nested import MARGIN, compared
 from femsub.reduction.estimates.search import Goal
@@ -47,8 +47,7 @@ def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str, finer: 
     U, weight, _ = np.linalg.svd(np.hstack([*sides, EPS**0.5 / larger.norms[0] * larger.M[fixed:, fixed:]]), full_matrices=False)
     moving = np.abs(exact) > still
     exact, radius = exact[moving], model.radii.circles(exact, size)[moving]
-    # of two real ones that rounding made a pair one is listed, on either side of the axis
-    both = np.append(np.arange(len(exact)), np.flatnonzero(upper(exact.conj()) & ~np.isin(exact.conj(), exact)))
+    both = np.append(np.arange(len(exact)), doubled(exact))
     exact, radius = np.where(np.arange(len(both)) < len(exact), exact[both], exact[both].conj()), radius[both]
     wanted = distance_outside(exact, goal.band, (-hi, hi)) <= radius  # λ of the full system may be in the band
     count = max(int(np.count_nonzero(weight > first)), int(not fixed))
