@@ -6,7 +6,7 @@ import difflib
 import shutil
 import sys
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -143,3 +143,9 @@ def unknown_name(kind: str, found: object, valid: Iterable[str], *more: object) 
         near = difflib.get_close_matches(str(one)[:60], names, n=1, cutoff=0.5)
         text += f"unknown {kind} {shown(one)}; " + (f"did you mean {near[0]!r}? " if near else "")
     return InputError(f"{text}{'Valid' if text.endswith('? ') else 'valid'}: {', '.join(names) or 'none'}")
+
+
+def first_few(names: Sequence[str], kind: str = "", most: int = 5) -> str:
+    """'a, b, c, d, e and 2 more', so that a sentence stays one; `kind` is what they are."""
+    more = f" and {len(names) - most} more {kind}".rstrip() if len(names) > most else ""
+    return ", ".join(names[:most]) + more

@@ -13,20 +13,22 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from femsub import __version__
-from femsub.app.scene import SCENES, Result, Scene, built, load
-from femsub.app.scenes import audit
+from femsub.app import audit_command
 from femsub.checks import installed_by, package
 from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, printable
+
+if TYPE_CHECKING:
+    from femsub.app.grammar import Scene
 
 #: exit statuses as of a shell, 128 and the number of the signal: nobody reads the output any more; Ctrl-C
 READER_GONE, INTERRUPTED = 128 + signal.SIGPIPE, 128 + signal.SIGINT
 FOLDERS = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}  # how shells complete a folder
-SCENE_NAME = "a name from `femsub scenes`"
+SCENE_NAME = "a name from `femsub scenes`, or a scene file"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -40,19 +42,19 @@ def _parser() -> argparse.ArgumentParser:
     folder = shown.add_argument("folder", help="the folder that was given by --out")
     folder.complete = FOLDERS  # type: ignore[attr-defined]
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
-    _scene_argument(run, "a name from `femsub scenes`, a TOML file, a Python file of your own, or a results.json: "
-                    "that run again", files=True)
+    _scene_argument(run, "a name from `femsub scenes`, a TOML file, or a results.json: that run again", files=True)
     run.add_argument("--trust", metavar="PATH", action="append", default=[],
-                     help="a Python scene that the file names, or a folder from which its meshes include files: both are refused "
-                     "if they are not beside what names them")
+                     help="a Python file with kinds of your own that the file names, or a folder from which its meshes include files: "
+                     "both are refused if they are not beside what names them")
     _output(run, "write results.json, one CSV file per table and figures there; else nothing is written")
     checked = commands.add_parser("audit", help="check a reduced model from files, by itself or against the full one")
-    audit.add_arguments(checked)
+    audit_command.add_arguments(checked)
     _output(checked, "write results.json, CSV files and a figure there")
-    _scene_argument(commands.add_parser("keys", help="list every key of a scene: type, unit, default, meaning"), SCENE_NAME)
-    _scene_argument(commands.add_parser("new", help="print a scene file with every key: femsub new beam > my.toml"), SCENE_NAME)
-    _scene_argument(commands.add_parser("schema", help="print the JSON schema of scene files, for editors"),
-                    "one scene's schema instead of that of all", optional=True)
+    explained = commands.add_parser("keys", help="list what may stand in a scene file, or every key of one kind: femsub keys critical")
+    explained.add_argument("kind", nargs="?", default="", help="a kind, such as solid, belt or compare; or material, parameter, reduce, scene")
+    _scene_argument(commands.add_parser("new", help="print the file of a built-in scene, or the whole file that one of your own stands "
+                                        "for: femsub new beam > my.toml"), SCENE_NAME, files=True)
+    commands.add_parser("schema", help="print the JSON schema of scene files, for editors")
     completion = commands.add_parser("completion", help="print the completion script of a shell: "
                                      "femsub completion bash > ~/.local/share/bash-completion/completions/femsub")
     completion.add_argument("shell", choices=("bash", "zsh", "tcsh"))
@@ -92,9 +94,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if options.command == "run":
-            return _run(options, partial(load, options.scene, options.trust), options.trust)
+            return _run(options, partial(_loaded, options.scene, options.trust), options.trust)
         if options.command == "audit":
-            return _run(options, lambda: built(audit.keys(options)))
+            return _run(options, partial(audit_command.scene, options))
         if options.command == "doctor":
             try:
                 from femsub.app.doctor import report
@@ -130,12 +132,17 @@ def _printed(options: argparse.Namespace) -> str:
     """What the other commands print. Each imports what it needs alone."""
     match options.command:
         case "scenes":
-            wide = max(map(len, SCENES))
-            return "\n".join(f"{name:<{wide}}  {line}" for name, (_, line) in SCENES.items())
-        case "keys" | "new":
-            from femsub.app.explain import keys_text, new_text
+            scenes = _scenes()
+            wide = max(map(len, scenes))
+            return "\n".join(f"{name:<{wide}}  {line}" for name, line in scenes.items())
+        case "keys":
+            from femsub.app.explain import keys_text
 
-            return (keys_text if options.command == "keys" else new_text)(options.scene)
+            return keys_text(options.kind)
+        case "new":
+            from femsub.app.explain import new_text
+
+            return new_text(options.scene)
         case "show":
             from femsub.app.page import show
 
@@ -145,21 +152,33 @@ def _printed(options: argparse.Namespace) -> str:
             _print_warnings(caught)
             return f"written: {page}"
         case "schema":
-            from femsub.app.explain import scene_schema, schema
+            from femsub.app.explain import schema
 
-            return json.dumps(scene_schema(options.scene) if options.scene else schema(), indent=1, ensure_ascii=False)
+            return json.dumps(schema(), indent=1, ensure_ascii=False)
     shtab = package("shtab", "completion scripts are written by shtab", "shtab")
-    names = " ".join(SCENES)
+    names = " ".join(_scenes())
     preamble = {
         "bash": f"""_femsub_scene() {{ compgen -W "{names}" -- "$1"; }}
 _femsub_scene_or_file() {{
     _femsub_scene "$1"
-    for ending in toml py json; do compgen -f -X "!*.$ending" -- "$1"; done
+    for ending in toml json; do compgen -f -X "!*.$ending" -- "$1"; done
     compgen -d -S / -- "$1"
 }}""",
         "zsh": f"""_femsub_scene() {{ compadd {names}; }}
-_femsub_scene_or_file() {{ _femsub_scene; _files -g '*.(toml|py|json)'; }}"""}
+_femsub_scene_or_file() {{ _femsub_scene; _files -g '*.(toml|json)'; }}"""}
     return shtab.complete(_parser(), options.shell, preamble=preamble)
+
+
+def _scenes() -> dict[str, str]:
+    from femsub.app.grammar import built_in
+
+    return built_in()
+
+
+def _loaded(source: str, trusted: Sequence[str]) -> Scene:
+    from femsub.app.grammar import Scene
+
+    return Scene.from_file(source, trusted)
 
 
 def printable_record(record: logging.LogRecord) -> bool:
@@ -185,26 +204,27 @@ def _logged(verbose: int) -> Iterator[None]:
         log.setLevel(before)
 
 
-def _run(options: argparse.Namespace, loaded: Callable[[], tuple[Scene, Callable[..., Result]]],
-         trusted: Sequence[str] = ()) -> int:
+def _run(options: argparse.Namespace, loaded: Callable[[], Scene], trusted: Sequence[str] = ()) -> int:
     with warnings.catch_warnings(record=True) as caught, _logged(options.verbose):
         warnings.simplefilter("always", FemsubWarning)
-        scene, run = loaded()
+        from femsub.io import including
+
+        with including(*trusted):  # meshes may include files from these folders, too
+            scene = loaded()
         # Imported late: a scene that is misspelt should not wait for numpy.
         from femsub.app.record import Record
         from femsub.app.report import output_folder, progress, progress_done
-        from femsub.io import including
         from femsub.studies import fitted
 
         if options.no_figures:
-            scene = replace(scene, figures=False)
+            scene = scene.without_figures()
         with output_folder(options.out) as folder:
             try:
                 loud = logging.getLogger("femsub.app").info if options.verbose else progress
                 say = (lambda _: None) if options.quiet else loud
                 record = None if folder is None else Record(scene, folder)
-                with including(*trusted):  # meshes may include files from these folders, too
-                    result = record.run(run, say) if record else run(scene, say)
+                with including(*trusted):
+                    result = record.run(say) if record else scene.run(say)
                 written = []
                 if record is not None:
                     say("writing")
@@ -213,7 +233,7 @@ def _run(options: argparse.Namespace, loaded: Callable[[], tuple[Scene, Callable
                 progress_done()
     _print_warnings(caught)
     if not options.quiet:
-        _say(fitted(result.printed(scene.system, bool(options.verbose))))
+        _say(fitted(result.printed(scene.units, bool(options.verbose))))
     if folder is not None and not options.quiet:
         below = Counter(path.parent.name for path in written if path.parent != folder)
         names = [path.name for path in written if path.parent == folder] + [f"{name}/ ({n} files)" for name, n in below.items()]
@@ -237,6 +257,8 @@ def _print_warnings(caught: Sequence[warnings.WarningMessage]) -> None:
 
 
 def _fail(reason: object, status: int) -> int:
-    print(f"femsub: {printable(' '.join(str(reason).split()))}", file=sys.stderr)
+    """Prints why on stderr; several faults of a file have a line each."""
+    for at, line in enumerate(str(reason).splitlines() or [""]):
+        print(("  " if at else "femsub: ") + printable(" ".join(line.split())), file=sys.stderr)
     return status
 

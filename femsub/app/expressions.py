@@ -172,15 +172,15 @@ class Expression:
 
 @dataclass(frozen=True)
 class Factor:
-    """θ of an `Affine`: an expression of one parameter, the others having values."""
+    """θ of an `Affine`: an expression of some parameters, the others having values."""
 
     expression: Expression
-    parameter: str
+    parameters: tuple[str, ...]
     values: tuple[tuple[str, float], ...]
 
     @property
     def __signature__(self) -> Signature:
-        return Signature([Parameter(self.parameter, Parameter.KEYWORD_ONLY)])
+        return Signature([Parameter(name, Parameter.KEYWORD_ONLY) for name in self.parameters])
 
     def __call__(self, **given: Any) -> Any:
         return self.expression({**dict(self.values), **given})

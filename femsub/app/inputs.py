@@ -33,8 +33,9 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
         raise InputError(f"{path} does not hold the inputs of a run; name a scene, a scene file, or the results.json of a run "
                          "with --out")
     keys = _table(known["inputs"])
-    if str(keys.get("scene", "")).endswith(".py") and not any(item["path"] == keys["scene"] for item in known["files"]):
-        raise InputError(f"{path} names the Python file {keys['scene']}, but not its SHA-256; it is not run")
+    for own in keys.get("use", []):
+        if not any(item["path"] == own for item in known["files"]):
+            raise InputError(f"{path} names the Python file {own}, but not its SHA-256; it is not run")
     for item in known["files"]:
         place = path.parent / item["path"]
         if not place.is_file():
@@ -69,7 +70,7 @@ def results_of(path: Path, compared: bool = False) -> dict[str, Any] | None:
     known = {key: kind() for key, kind in SHAPE.items()} | known
     fit = all(isinstance(known[key], kind) for key, kind in SHAPE.items()) and all(
         isinstance(item, dict) and all(isinstance(item.get(key), str) for key in ("path", "sha256")) for item in known["files"])
-    if not fit or not isinstance(known["inputs"].get("units", ""), str):
+    if not fit or not isinstance(known["inputs"].get("units", ""), (str, dict)) or not isinstance(known["inputs"].get("use", []), list):
         return None
     if compared and (own := known[HASHES].get(RESULTS)) is not None and own != content_sum(RESULTS, said):
         warn(f"{path} has another content than femsub wrote, by its own sum: it is damaged, or somebody changed it. If you did, "
@@ -78,13 +79,13 @@ def results_of(path: Path, compared: bool = False) -> dict[str, Any] | None:
 
 
 def _table(value: Any, file: str = "", name: str = "") -> Any:
-    """A table without the keys that were left out, which take their defaults; values that name the file give its new name.
+    """A table whose values that name the file give its new name.
 
     'model.mat:K' names the matrix K in a file.
     """
     if isinstance(value, list):
         return [_table(item, file, name) for item in value]
     if isinstance(value, dict):
-        return {key: _table(item, file, name) for key, item in value.items() if item not in (None, "", [])}
+        return {key: _table(item, file, name) for key, item in value.items()}
     named = name and isinstance(value, str) and (value == file or value.startswith(f"{file}:"))
     return name + value[len(file):] if named else value

@@ -21,6 +21,7 @@ from math import pi
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
+from femsub.app.faults import Faults, Place
 from femsub.checks import check_band, choice, finite_number, interval, shown, whole_number
 from femsub.errors import FemsubError, InputError, unknown_name
 
@@ -113,8 +114,8 @@ class Key:
 def key(default: Any, meaning: str, **known: Any) -> Any:
     """A field of a frozen dataclass that is a key of scene files; `known` are the attributes of `Key`."""
     metadata = {"key": Key(meaning, **known)}
-    if isinstance(default, list):
-        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
+    if isinstance(default, (list, dict)):
+        return dataclasses.field(default_factory=lambda: type(default)(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -166,8 +167,10 @@ def type_words(declared: Any, many: bool = False) -> str:
         inner = item_kind(kind)
         if inner is not None:
             words.append(f"{'lists' if many else 'a list'} of {type_words(inner, True)}")
-        elif dataclasses.is_dataclass(kind):
+        elif dataclasses.is_dataclass(kind) or get_origin(kind) is dict:
             words.append("tables" if many else "a table")
+        elif kind is Any:
+            words.append("values" if many else "any value")
         else:
             words.append(WORDS[kind][many])
     return " or ".join(words)
@@ -211,6 +214,62 @@ def values_of(kind: type, table: Mapping[str, Any], where: str = "") -> dict[str
     return values
 
 
+def made(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults, hertz: bool = True) -> Any:
+    """An instance of a class of keys, from a table that stands at a place of a file; None if there are faults, which are noted.
+
+    `hertz`: whether "5 kHz" may stand for a frequency, since the unit of time is the second. The class's own checks come last.
+    """
+    before, values, declared = len(faults.found), dict[str, Any](), keys_of(kind)
+    spelling = {kind.KIND: kind.KIND.replace("-", "_")} if getattr(kind, "KIND", "") else {}
+    for name, value in table.items():
+        field = spelling.get(name, name)
+        if field not in declared or (field != name and name not in spelling):
+            valid = [key for key in declared if key not in spelling.values()]
+            faults.add((*place, name), str(unknown_name("key", name, [*valid, *spelling])))
+            continue
+        with faults.at((*place, name)):
+            values[field] = _value(declared[field], value, kind, (*place, name), faults, hertz)
+    for name, one in declared.items():
+        missing = one.required or (one.required_with and table.get(one.required_with) not in (None, "", []))
+        if missing and table.get(next((key for key, field in spelling.items() if field == name), name)) in (None, "", []):
+            faults.add(place, f"the key {name!r} is missing: {one.meaning}")
+    if len(faults.found) > before:
+        return None
+    with faults.at(place):
+        return kind(**values)
+    return None
+
+
+def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz: bool) -> Any:
+    """A value of the type, and within the bounds, of its key."""
+    if value == [] and item_kind(one.type):
+        raise InputError("it is an empty list. Leave the key out to take its default")
+    if one.in_hertz and isinstance(value, list):
+        value = [in_radians(end, hertz) for end in value]
+    elif one.unit.startswith("rad/") and isinstance(value, str):
+        value = in_radians(value, hertz)
+    for kind in kinds(one.type):
+        inner = item_kind(kind)
+        if dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
+            return made(kind, value, place, faults, hertz)
+        if inner is not None and dataclasses.is_dataclass(inner) and isinstance(value, list) and \
+                all(isinstance(item, Mapping) for item in value):
+            return [made(inner, item, (*place, at), faults, hertz) for at, item in enumerate(value)]
+    value = _typed("it", value, one.type)
+    check_value(one, "it", value, owner)
+    return value
+
+
+def in_radians(value: Any, known: bool) -> Any:
+    """2π · 5000 of "5 kHz"; other values as they are."""
+    found = HERTZ.fullmatch(value) if isinstance(value, str) else None
+    if found is None:
+        return value
+    if not known:
+        raise InputError(f"{value!r} is given in hertz, which needs the unit of time: give units, e.g. units = \"SI\"")
+    return 2 * pi * float(found[1]) * (1000 if found[2] else 1)
+
+
 def check_keys(scene: Any, where: str = "") -> None:
     """Checks each value of a scene, or of a table that stands at `where`, against what is known of its key.
 
@@ -227,26 +286,35 @@ def check_keys(scene: Any, where: str = "") -> None:
             if one.required or (one.required_with and one.required_with not in empty):
                 raise InputError(f"scene key {name!r} is missing: {one.meaning}")
             continue
-        if one.length and (isinstance(value, list) and len(value) != one.length):
-            raise InputError(f"{name} must be {one.form}, not {shown(value)}")
-        if one.form in RANGES:
-            check_band(value) if field == "band" else interval(name, value)
-        if one.distinct and (twice := [item for item in value if value.count(item) > 1]):
-            raise InputError(f"{name}: {twice[0]!r} is listed {value.count(twice[0])} times")
-        for place, item in enumerate(value if isinstance(value, list) else [value], 1):
-            if one.type in (int, list[int]):
-                whole_number(name, item, least=one.least, most=one.most)  # type: ignore[arg-type]
-            elif isinstance(item, (int, float)) and not one.admits(item):
-                words = {"above 0": "be positive", "at least 0": "not be negative"}.get(one.bounds, f"be {one.bounds}")
-                where_in_list = f" in place {place}" if isinstance(value, list) and len(value) > 1 else ""
-                raise InputError(f"{name} must {words}, but is {shown(item)}{where_in_list}")
-            if one.choices is not None and isinstance(item, str):
-                choice(name.removesuffix("s") if isinstance(value, list) else name, item, one.choices(type(scene)))
+        check_value(one, name, value, type(scene), field == "band")
+
+
+def check_value(one: Key, name: str, value: Any, owner: Any, band: bool = False) -> None:
+    """Checks a value against what is known of its key."""
+    if one.length and (isinstance(value, list) and len(value) != one.length):
+        raise InputError(f"{name} must be {one.form}, not {shown(value)}")
+    if one.form in RANGES and isinstance(value, list):
+        check_band(value) if band else interval(name, value)
+    if one.distinct and (twice := [item for item in value if value.count(item) > 1]):
+        raise InputError(f"{name}: {twice[0]!r} is listed {value.count(twice[0])} times")
+    for place, item in enumerate(value if isinstance(value, list) else [value], 1):
+        if one.type in (int, list[int]):
+            whole_number(name, item, least=one.least, most=one.most)  # type: ignore[arg-type]
+        elif isinstance(item, (int, float)) and not one.admits(item):
+            words = {"above 0": "be positive", "at least 0": "not be negative"}.get(one.bounds, f"be {one.bounds}")
+            where_in_list = f" in place {place}" if isinstance(value, list) and len(value) > 1 else ""
+            raise InputError(f"{name} must {words}, but is {shown(item)}{where_in_list}")
+        if one.choices is not None and isinstance(item, str):
+            choice(name.removesuffix("s") if isinstance(value, list) else name, item, one.choices(owner))
 
 
 def _fits(value: Any, kind: Any) -> bool:
-    if dataclasses.is_dataclass(kind):
+    if kind is Any:
+        return True
+    if dataclasses.is_dataclass(kind) or get_origin(kind) is dict:
         return isinstance(value, Mapping)
+    if (inner := item_kind(kind)) is not None:
+        return isinstance(value, list) and all(any(_fits(item, one) for one in kinds(inner)) for item in value)
     return isinstance(value, (int, float) if kind is float else kind) and (kind is bool or not isinstance(value, bool))
 
 
@@ -263,6 +331,8 @@ def _typed(name: str, value: Any, declared: Any) -> Any:
             made = kind(**values_of(kind, value, f"{name}."))
             check_keys(made, f"{name}.")
             return made
+        elif get_origin(kind) is dict and isinstance(value, Mapping):
+            return {key: _typed(f"{name}.{key}", one, get_args(kind)[1]) for key, one in value.items()}
         elif _fits(value, kind):
-            return finite_number(f"scene key {name!r}", value) if kind is float else value
-    raise InputError(f"scene key {name!r} must be {type_words(declared)}, not {shown(value)}")
+            return finite_number(name if name == "it" else f"scene key {name!r}", value) if kind is float else value
+    raise InputError(f"{name if name == 'it' else f'scene key {name!r}'} must be {type_words(declared)}, not {shown(value)}")

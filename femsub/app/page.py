@@ -16,12 +16,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from femsub.app.explain import toml
+from femsub.app.explain import toml_lines
 from femsub.app.inputs import RESULTS, results_of
 from femsub.app.moving import MODE_FILE, Moving, read_mode
 from femsub.app.report import output_folder, put
-from femsub.app.scene import OWN, SCENES
-from femsub.app.units import SYSTEMS, UNKNOWN
+from femsub.app.units import Units
 from femsub.checks import Array, package, unlike
 from femsub.errors import FemsubError, InputError, warn
 from femsub.studies import ANSWERS, label
@@ -57,8 +56,7 @@ def show(folder: Path) -> Path:
     with output_folder(str(folder)) if folder.is_dir() else nullcontext():
         path = folder / RESULTS
         data = results_of(path, compared=True)
-        kind = data["inputs"].get("scene") if data else None
-        if data is None or not isinstance(kind, str) or not (kind in SCENES or kind.endswith(OWN)):
+        if data is None or not data["inputs"]:
             raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
         place = folder / MODE_FILE
         if place.is_file() and (known := data["sha256"].get(MODE_FILE)) and (why := unlike(place, known)):
@@ -103,9 +101,8 @@ def _sent(mode: Moving) -> dict[str, Any]:
 
 
 def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
-    kind = data["inputs"]["scene"]
     by = f"femsub {data.get('versions', {}).get('femsub', '')}, {str(data.get('date', ''))[:16].replace('T', ' ')} UTC"
-    yield f"<header><h1>{escape(str(data['scene']))}</h1><p>{escape(f'Scene {kind}, run by {by}')}</p></header>"
+    yield f"<header><h1>{escape(str(data['scene']))}</h1><p>{escape(f'Run by {by}')}</p></header>"
     found = data["verdict"]
     yield f'<section id="verdict" class="{found["answer"].replace(" ", "-")}"><h2>{escape(found["question"])}</h2>'
     yield f'<p class="answer"><strong>{ANSWERS[found["answer"]]}.</strong> {escape(found["headline"])}</p>'
@@ -119,7 +116,7 @@ def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
         yield f'<section id="warnings"><h2>Warnings of the run</h2><ul>{lines}</ul></section>'
     if mode is not None:
         (growth, omega), said = mode.facts["eigenvalue"], str(mode.facts["title"])
-        at = SYSTEMS.get(data["inputs"].get("units", ""), UNKNOWN).said(f"{omega:.6g} rad/time")
+        at = Units.of(data["inputs"].get("units", "")).said(f"{omega:.6g} rad/time")
         fewer = f" Drawn are {len(mode.points)} of {mode.facts['nodes']} nodes." if len(mode.points) < mode.facts["nodes"] else ""
         sliders = "".join(f'<label>{title} <input type="range" id="{name}" min="{low}" max="{high}" step="{step}" '
                           f'value="{value}"><output></output></label>' for name, title, low, high, step, value in SLIDERS)
@@ -135,14 +132,14 @@ def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
     for name, table in data["tables"].items():
         yield from _table(name, table, rows_of(data, table))
     yield "</section>"
-    yield ('<section id="inputs"><h2>Inputs</h2><p class="note">As a scene file, with every key as it was used. Places of files '
+    yield ('<section id="inputs"><h2>Inputs</h2><p class="note">As a scene file. Places of files '
            f"are relative to the folder of the results.</p><pre>{escape(inputs_toml(data['inputs']))}</pre></section>")
     versions = {**data.get("versions", {}), **{f"machine: {key}": value for key, value in data.get("machine", {}).items()}}
     facts = [(key, ", ".join(map(str, value)) if isinstance(value, list) else value) for key, value in versions.items()]
     facts += [(str(item.get("path")), f"SHA-256 {item.get('sha256')}") for item in data.get("files", [])]
     facts.append(("run ended", data.get("date", "")))
     if mode is None:
-        facts.append(("mode", f"{MODE_FILE} is not there. A run with the output page writes it, if the scene finds a mode"))
+        facts.append(("mode", f"{MODE_FILE} is not there. A run with page = true writes it, if complex-modes finds a mode"))
     lines = "".join(f"<tr><th scope=row>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts)
     yield f'<section id="versions"><h2>Versions and machine</h2><div class="scroll"><table>{lines}</table></div></section>'
 
@@ -195,15 +192,4 @@ def _cell(value: Any) -> str:
 
 def inputs_toml(inputs: Mapping[str, Any]) -> str:
     """The inputs as a scene file: keys first, then tables."""
-    return "\n".join(_toml_lines(inputs, "")) + "\n"
-
-
-def _toml_lines(table: Mapping[str, Any], header: str) -> Iterator[str]:
-    known = {key: value for key, value in table.items() if value not in (None, "", [], {})}
-    tables = {key: value for key, value in known.items()
-              if isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict))}
-    yield from (f"{key} = {toml(value)}" for key, value in known.items() if key not in tables)
-    for key, value in tables.items():
-        for item in value if isinstance(value, list) else [value]:
-            yield f"\n{'[[' if isinstance(value, list) else '['}{header}{key}{']]' if isinstance(value, list) else ']'}"
-            yield from _toml_lines(item, f"{header}{key}.")
+    return "\n".join(toml_lines(inputs, "")) + "\n"

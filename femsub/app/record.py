@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from femsub.app.grammar import Scene, copied
 from femsub.app.inputs import RESULTS, results_of
-from femsub.app.keys import keys_of
 from femsub.app.report import machine, remove, results, to_json, versions, write
-from femsub.app.scene import SCENES, Progress, Result, Scene, Writer, first_of
+from femsub.app.result import Progress, Result
 from femsub.checks import hash_of, installed_by, is_there, resolved
-from femsub.errors import FemsubWarning, InputError, warn
-from femsub.io import texts_read
+from femsub.errors import FemsubWarning, InputError, first_few, warn
+from femsub.io import Writer, texts_read
 
-#: the paper whose study the scenes of the chain repeat
-PAPER = ("the conference paper that compares Hurty/Craig-Bampton and Craig-Chang on a chain of masses on a belt "
-         "(section Vehicle Noise and Vibration)")
 OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of what scenes write
 
 
@@ -39,67 +36,56 @@ class Record:
         self.scene, self.folder = scene, folder
         if scene.figures and find_spec("matplotlib") is None:
             warn(f"no figures are drawn, they need matplotlib: {installed_by('matplotlib')}", FemsubWarning)
-            self.scene = replace(scene, figures=False)
+            self.scene = scene.without_figures()
         if scene.paged:
             from femsub.app.page import check_plotly
 
             check_plotly()  # not after hours
         self.last: dict[str, Any] = {}  # the files that the last run of this scene wrote into the folder, with their hashes
-        place, module = folder / RESULTS, type(scene).__module__.rpartition(".")[2]
-        known_as = module, f"{module}:{type(scene).__name__}"
-        # the name of a built-in scene, or the place of the Python file of another
-        kind = self._place(Path(scene.own)) if scene.own else next(
-            name for name, (found, _) in SCENES.items() if found in known_as)
+        place = folder / RESULTS
         if is_there(place):
             known = results_of(place)
             if known is None:
                 raise InputError(f"{place} was not written by femsub; choose another folder for --out")
-            if (known["scene"], known["inputs"].get("scene", kind)) != (scene.name, kind):
+            if known["scene"] != scene.name:
                 others = [path.name for path in sorted(folder.iterdir()) if path.suffix in OURS]
                 raise InputError(f"the output folder {folder} holds the results of another scene, {known['scene']!r} "
-                                 f"({first_of(others)}); choose another folder for --out, or delete them")
+                                 f"({first_few(others)}); choose another folder for --out, or delete them")
             self.last = {name: known["sha256"].get(name) for name in known["written"] if isinstance(name, str)}
-        keys = asdict(scene)
-        self.inputs: dict[str, Any] = {"scene": kind} | {name: keys[name] for name in keys_of(type(scene))}
-        self.files = self._described([Path(scene.own)] if scene.own else [])
-        for table, name in _file_keys(type(scene), self.inputs):
-            path, matrix = Path(keys.get("folder", ".")) / table[name], ""
+        self.inputs, self.files = copied(scene.table), list[dict[str, Any]]()
+        for table, name in scene.file_places(self.inputs):
+            path, matrix = scene.folder / table[name], ""
             if not path.is_file() and ":" in path.name:  # 'model.mat:K' names the matrix K in a file
                 file, _, matrix = path.name.rpartition(":")
                 path, matrix = path.with_name(file), f":{matrix}"
             self.files += self._described([path])
             table[name] = self._place(path) + matrix
 
-    def run(self, run: Callable[[Scene, Progress], Result], progress: Progress) -> Result:
+    def run(self, progress: Progress) -> Result:
         """Runs the scene; text files that its files include are noted."""
         with texts_read() as texts:
-            result = run(self.scene, progress)
+            result = self.scene.run(progress)
         known = {item["path"] for item in self.files}
         self.files += self._described(path for path in dict.fromkeys(texts) if self._place(path) not in known)
         return result
 
     def write(self, result: Result, warned: Sequence[str] = ()) -> list[Path]:
         """Writes the results, takes away what only the last run of this scene wrote, and warns of other files of results."""
-        drawn = {name: number for name, number in self.scene.PAPER.items() if name in result.drawings and self.scene.figures}
         data: dict[str, Any] = {
             "scene": self.scene.name, "date": datetime.now(UTC).isoformat(timespec="seconds"), "versions": versions(),
             "machine": machine(), "inputs": self.inputs, "files": self.files}
-        if drawn:
-            data["paper"] = {"paper": PAPER, "figures": {f"{name}.png": number for name, number in drawn.items()}}
         if warned:
             data["warnings"] = list(warned)
-        result = replace(result, data=data | results(
-            result, self.scene.system, [name for name in self.scene.OUTPUTS if name not in self.scene.outputs]))
+        result = replace(result, data=data | results(result, self.scene.units))
         if self.scene.paged:
             result = replace(result, files=result.files | _page(result))
-        notes = {name: f"corresponds to {number} of the conference paper" for name, number in drawn.items()}
-        written = write(result, self.folder, self.scene.figures, units=self.scene.system, notes=notes)
+        written = write(result, self.folder, self.scene.figures, units=self.scene.units, notes=result.notes)
         names = {path.relative_to(self.folder).as_posix() for path in written}
         inputs = {item["path"] for item in self.files}
         remove(self.folder, {name: known for name, known in self.last.items() if name not in names | inputs})
         strange = sorted({path.name for path in self.folder.iterdir() if path.suffix in OURS} - names - inputs)
         if strange:
-            warn(f"{self.folder} also holds files that are not of this run: {first_of(strange)}", FemsubWarning)
+            warn(f"{self.folder} also holds files that are not of this run: {first_few(strange)}", FemsubWarning)
         return written
 
     def _place(self, path: Path) -> str:
@@ -133,14 +119,3 @@ def _page(result: Result) -> dict[str, Writer]:
         write_page(json.loads(to_json(result.data)), mode, file)
 
     return {PAGE_FILE: page}
-
-
-def _file_keys(kind: type, table: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
-    """The keys of a scene, and of the tables in it, that name a file: the table and the key."""
-    for name, one in keys_of(kind).items():
-        value = table.get(name)
-        if one.file and value:
-            yield table, name
-        if one.table is not None and value:
-            for item in value if isinstance(value, list) else [value]:
-                yield from _file_keys(one.table, item)

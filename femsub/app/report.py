@@ -19,7 +19,7 @@ import numpy as np
 
 import femsub
 from femsub.algebra import completed, processors
-from femsub.app.scene import Result
+from femsub.app.result import Result
 from femsub.app.units import UNKNOWN, Units
 from femsub.checks import csv_cell, hash_of, is_there, resolved
 from femsub.errors import InputError, printable
@@ -108,9 +108,9 @@ def remove(folder: Path, hashes: Mapping[Any, Any]) -> None:
                     (whole / parent).rmdir()
 
 
-def results(result: Result, units: Units = UNKNOWN, left_out: Sequence[str] = ()) -> dict[str, Any]:
+def results(result: Result, units: Units = UNKNOWN) -> dict[str, Any]:
     """The data, with Hz beside rad per unit of time where the units are known; what the columns of its tables mean; its charts;
-    its verdict, which was not asked for these outputs.
+    its verdict.
     """
     tables = {}
     for name, one in result.tables.items():
@@ -118,11 +118,9 @@ def results(result: Result, units: Units = UNKNOWN, left_out: Sequence[str] = ()
         tables[name] = {"title": units.said(one.title), "columns": [
             {"key": at.key, "head": units.said(at.head), "unit": units.said(at.unit), "meaning": at.meaning, "role": at.role}
             for at in replace(one, rows=rows, only=()).every], **({"place": place} if place else {"rows": rows})}
-    undone = [f"The output {name} failed: {reason}." for name, reason in result.data.get("failed", {}).items()]
+    undone = [f"What was asked as {name} failed: {reason}." for name, reason in result.data.get("failed", {}).items()]
     if not result.data.get("complete", True):
         undone.append("The run was interrupted. What came after is missing.")
-    if left_out:
-        undone.append(f"Outputs of this scene that were not asked for: {', '.join(left_out)}.")
     charts = [units.with_hertz(chart.plain(units.known)) for chart in result.charts]
     return {**units.with_hertz(result.data), "tables": tables, "charts": [one for one in charts if one["places"]],
             "verdict": answer([*result.shown, Remark(unchecked=undone)]).said(units.said)}

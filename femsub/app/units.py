@@ -25,9 +25,27 @@ class Units:
     force: str = "force"
 
     @property
+    def system(self) -> str:
+        """'SI' or 'mm-t-s', or ''."""
+        return next((name for name, one in SYSTEMS.items() if one == self), "")
+
+    @property
     def known(self) -> bool:
         """Whether the scene has named them; then the unit of time is the second."""
         return self.time == "s"
+
+    @classmethod
+    def of(cls, given: Any) -> Units:
+        """Those of 'SI' or 'mm-t-s', or of a mapping of length, time and mass to names; plain words for ''."""
+        if not isinstance(given, Mapping):
+            return SYSTEMS.get(given, UNKNOWN) if isinstance(given, str) else UNKNOWN
+        length, time, mass = (str(given.get(name, name)) for name in ("length", "time", "mass"))
+        return cls(length, time, mass, str(given.get("force") or cls.force_of(length, mass, time)))
+
+    @staticmethod
+    def force_of(length: str, mass: str, time: str) -> str:
+        """'N' where the unit of force is one, else in words."""
+        return "N" if (length, mass, time) in (("m", "kg", "s"), ("mm", "t", "s")) else f"{mass}·{length}/{time}²"
 
     def frequency(self, omega: float) -> str:
         """'123.4 Hz', or '775.2 rad/time'."""

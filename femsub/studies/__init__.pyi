@@ -6,13 +6,11 @@ from .charts import (
 )
 from .charts_changes import changes_chart as changes_chart
 from .charts_components import (
-    belt_places_chart as belt_places_chart,
-    belt_sweep_chart as belt_sweep_chart,
-    critical_slopes_chart as critical_slopes_chart,
+    critical_chart as critical_chart,
     eigenvalue_chart as eigenvalue_chart,
     friction_chart as friction_chart,
+    growth_chart as growth_chart,
     response_chart as response_chart,
-    size_sweep_chart as size_sweep_chart,
     springs_chart as springs_chart,
 )
 from .charts_errors import (
@@ -30,8 +28,14 @@ from .charts_motion import (
     spectrogram_chart as spectrogram_chart,
 )
 from .charts_scatter import scatter_chart as scatter_chart, scatter_tables as scatter_tables
-from .error_vs_time import all_frequencies as all_frequencies, elastic as elastic
-from .losses import Loss as Loss, first_loss as first_loss
+from .error_vs_time import (
+    all_frequencies as all_frequencies,
+    elastic as elastic,
+    in_words as in_words,
+    key_of as key_of,
+    reduced_by as reduced_by,
+)
+from .losses import Loss as Loss, first_loss as first_loss, with_value as with_value
 from .results import Row as Row, Study as Study
 from .self_excitation import table_rows as table_rows
 from .tables import (

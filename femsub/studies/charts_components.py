@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from femsub.studies.charts import ROUNDING, Chart, Heat, Level, Panel, Series, finite, floored, hover_of, look
 from femsub.studies.tables import grouped
 
-SLOPE, ERROR = "critical slope dμ/dv  [time/length]", "relative error  [-]"
-MISSING = "A slope below the border destabilises. Where a point is missing, the band reaches above the model's cut-off."
+ERROR = "relative error  [-]"
+MISSING = "Where a point is missing, the band reaches above the model's cut-off, or stability is never lost."
 HOLLOW = "Right of the line Re λ = 0 a mode grows. Hollow marks of reduced models lie above their cut-off."
 RESPONSE = "The error is bounded: the difference from the full model's receptance, and what is not known of both."
 PLANE = "Re λ  [1/time]", "Im λ  [rad/time]"
 #: line, hollow and width of models of one method: the most modes first on springs, last in receptances
 STYLES = (("solid", False, 1.6), ("dash", True, 1.2), ("dot", True, 0.9))
 SHADES = ("#9ecae1", "#4292c6", "#08519c", "#000000")
-
-Curve: TypeAlias = tuple[str, str, str, Sequence[Mapping[str, Any]]]  # name, model, line, rows
-
 
 def friction_chart(speeds: Any, curves: Sequence[Mapping[str, Any]], titles: Mapping[str, str], speed: float,
                    slope: float) -> Chart:
@@ -31,78 +28,64 @@ def friction_chart(speeds: Any, curves: Sequence[Mapping[str, Any]], titles: Map
                      for curve in curves if curve["law"] == law], "sliding speed v  [length/time]", "friction coefficient μ  [-]",
                     title, levels=[Level(speed, f"v0 = {speed:g}, μ' = {slope:.4f}", colour="#4d4d4d")], share={"y": "mu"})
               for law, title in titles.items()]
-    return Chart("friction", "Friction laws", panels, len(panels), height=2.8)
+    return Chart("friction-law", "Friction laws", panels, len(panels), height=2.8)
 
 
-def belt_sweep_chart(found: Mapping[str, Any]) -> Chart:
-    """max Re λ of the full model over the slope and the belt's place with the borders of all models (the paper's Fig. 3a), and
-    beside it the deviation of the reduced models' borders."""
-    full, belts, lines, errors = next(panel for panel in found["panels"] if panel["model"] == "full"), found["belts"], [], []
+def growth_chart(found: Mapping[str, Any]) -> Chart:
+    """max Re λ of the full model over the slope and what varies, as the belt's place, with the borders of all models (the paper's
+    Fig. 3a), and beside it the deviation of the reduced models' borders."""
+    full, belts, lines, errors = next(panel for panel in found["panels"] if panel["model"] == "full"), found["at"], [], []
     growth, border = finite(full["growth"]), finite(full["critical_slope"])
     top = float(np.nanmax(np.abs(growth), initial=0.0)) or 1.0
     heat = Heat(belts, np.abs(found["slopes"]), growth.T, "max Re λ  [1/time]", 1e-3 * top, top, signed=True)
     lines.append(Series("full", belts, -border, "full", "solid", size=8.0, hollow=True))
     for panel in found["panels"]:
         if panel["model"] != "full":
-            other, mine = panel["interface"] != full["interface"], finite(panel["critical_slope"])
-            one = Series(f"{look(panel['model']).label}, {panel['interface']}", belts, -mine, panel["model"],
+            other, mine = panel["rest"] != full["rest"], finite(panel["critical_slope"])
+            one = Series(f"{look(panel['model']).label}{panel['rest'] and ', '}{panel['rest']}", belts, -mine, panel["model"],
                          "dot" if other else "solid", size=4.0, hollow=other)
             lines.append(one)
             errors.append(replace(one, y=floored(np.abs(mine / border - 1))))
-    x, common = "belt under mass  [-]", {"x": "belt"}
-    return Chart("belt-sweep", "Growth and critical slope over the belt's place; in braces the interface", [
+    x, common = f"{found['over']}  [-]", {"x": "over"}
+    return Chart("growth", f"Growth and critical slope over {found['over']}", [
         Panel(lines, x, "-dμ/dv  [time/length]", "full model: growth, and the borders of all", "y", share=common, heat=heat),
         Panel(errors, x, ERROR, "error of the reduced models' borders", rounding=True, share=common)], 2, columns=3)
 
 
-def size_sweep_chart(curves: Sequence[Mapping[str, Any]], belt: int) -> Chart:
-    """Critical slope, and its relative error, over the size of the reduced model (the paper's Fig. 3b)."""
-    places, panels = grouped(curves, "interface"), []
-    for key, label, rounding in (("slope", SLOPE, False), ("error", ERROR, True)):
+def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], said: str, title: str) -> Chart:
+    """Critical values and their errors over what varies in numbers, or over the size of the reduced models (the paper's Fig. 3b).
+
+    Whatever else varies has panels of its own.
+    """
+    x = next((name for name in varied if len({row[name] for row in rows}) > 1 and all(
+        isinstance(row[name], (int, float)) for row in rows)), "size")
+    rest = [name for name in varied if name != x]
+    words = {"DOF": "size", f"critical {said}": "value", "relative error": "error", "ω [rad/time]": "omega",
+             "static port error": "port_error", "why": "reason"}
+    panels = []
+    places = grouped(rows, *rest) if rest else {"": list(rows)}
+    for key, label, log in (("value", f"critical {said}", False), ("error", ERROR, True)):
         for name, mine in places.items():
-            series = []
-            for at, curve in enumerate(mine):
-                hover = {"DOF": curve["sizes"], "critical slope": curve["slope"], "relative error": curve["error"]}
-                series.append(Series(look(curve["method"]).label, curve["sizes"], (floored if rounding else finite)(curve[key]),
-                                     curve["method"], "solid", size=nested(at), hover=hover))
-            levels = [] if rounding else [Level(mine[0]["full"], f"full model: {mine[0]['full']:.6f}", "y")]
-            panels.append(Panel(series, "DOF of the reduced model  [-]", label,
-                                "" if rounding else f"belt under m{belt}, interface {name}", "y" * rounding, levels,
-                                rounding=rounding, share={"x": "size", "y": key}, among=f"interface {name}"))
-    return Chart("size-sweep", "Critical slope over the model's size", panels, len(places), note=MISSING,
+            place = ", ".join(f"{word} {value}" for word, value in zip(rest, [name] if len(rest) == 1 else name, strict=True)) if rest else ""
+            full, series = [row for row in mine if row["model"] == "full"], list[Series]()
+            models = grouped((row for row in mine if row["model"] != "full"), *(("model",) if x == "size" else ("model", "modes")))
+            for at, (which, own) in enumerate(models.items()):
+                own = sorted(own, key=lambda row: row[x])
+                model, modes = (which, None) if x == "size" else which
+                called = look(model).label + (f", {modes} modes" if len(models) > len({row["model"] for row in own}) and modes is not None
+                                              and len({two for _, two in models}) > 1 else "")
+                series.append(Series(called, [row[x] for row in own], (floored if log else finite)([row[key] for row in own]), model,
+                                     "solid", size=nested(at), hover=hover_of(own, words)))
+            levels = [Level(full[0]["value"], f"full model: {full[0]['value']:.6f}", "y")] if x == "size" and full and not log and \
+                np.isfinite(full[0]["value"]) else []
+            if x != "size" and full and not log:
+                series.append(Series("full", [row[x] for row in full], finite([row["value"] for row in full]), "full", "solid", size=8.0,
+                                     hollow=True))
+            panels.append(Panel(series, "DOF of the reduced model  [-]" if x == "size" else f"{x}  [-]", label,
+                                place if not log else "", "y" * log, levels, rounding=log, share={"x": "x", "y": key},
+                                among=place or "critical"))
+    return Chart("critical", f"{title}: critical {said}", panels, len(places), note=MISSING,
                  width=1.0 if len(places) > 1 else 0.65, height=2.4)
-
-
-def critical_slopes_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
-    """Critical slopes, or their errors, over the size of the reduced models: for a page."""
-    full, *reduced = rows
-    levels = [Level(full["slope"], f"full, {full['size']} DOF", "y")] if np.isfinite(full["slope"]) else []
-    curves: list[Curve] = [(look(model).label, model, "solid", sorted(own, key=lambda row: row["size"]))
-                           for model, own in grouped(reduced, "model").items()]
-    return _slopes("Critical slope over the model's size", "DOF of the reduced model  [-]", levels, curves, "size")
-
-
-def belt_places_chart(rows: Sequence[Mapping[str, Any]], given: str) -> Chart:
-    """Critical slopes, or their errors, over the belt's place, with the interface given and with the belt in it: for a page."""
-    curves: list[Curve] = []
-    for method in dict.fromkeys(row["method"] for row in rows):
-        for widened in (False, True):
-            own = [row for row in rows if row["method"] == method and (row["interface"] != given) == widened]
-            curves.append((look(method).label + ", belt in the interface" * widened, method, "dot" if widened else "solid", own))
-    exact = [{"belt": belt, "slope": full, "error": None} for belt, full in {row["belt"]: row["full"] for row in rows}.items()]
-    curves.append(("full model", "full", "solid", exact))
-    return _slopes("Critical slope over the belt's place", "belt under mass number  [-]", [], curves, "belt")
-
-
-def _slopes(title: str, x: str, levels: Sequence[Level], curves: Sequence[Curve], over: str) -> Chart:
-    words = {"DOF": "size", "interface": "interface", "critical slope": "slope", "relative error": "error",
-            "ω [rad/time]": "omega", "static port error": "port_error", "why": "reason"}
-    return Chart("critical-slope", title, [
-        Panel([Series(name, [row[over] for row in rows], drawn(row[key] for row in rows), model, line,
-                      hover=hover_of(rows, words))
-               for name, model, line, rows in curves if rows], x, label, label.split("  ")[0], "y" * (key == "error"),
-              () if key == "error" else levels, among="critical slope", where="page")
-        for key, label, drawn in (("slope", SLOPE, list), ("error", ERROR, floored))], note=MISSING)
 
 
 def nested(at: int) -> float:
@@ -149,7 +132,7 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str, clump: flo
         panels.append(Panel(_spectra(several, True) if name in frames else (), *PLANE,
                             "the grey part, enlarged" if name in frames else "", levels=line, limits=limits,
                             where="figure"))
-    return Chart("eigenvalues", f"Eigenvalues: {title}", panels, len(places), note=HOLLOW, width=1.0 if len(places) > 1 else 0.7,
+    return Chart("complex-modes", f"Eigenvalues: {title}", panels, len(places), note=HOLLOW, width=1.0 if len(places) > 1 else 0.7,
                  height=3.6, columns=3)
 
 
@@ -165,7 +148,7 @@ def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False, crowd:
             if len(own):
                 hover = {"DOF": [model["size"]] * len(own), "Re λ": own.real, "ω [rad/time]": own.imag,
                         "error bar of Re λ": np.asarray(model["error_bar"])[chosen],
-                        "damping ratio": [-z.real / abs(z) if z.imag else None for z in own]}
+                        "damping [%]": [-100 * z.real / abs(z) if z.imag else None for z in own]}
                 series.append(Series(word, own.real, own.imag, model["model"], size=size, hollow=hollow, hover=hover))
     return series
 
@@ -193,7 +176,7 @@ def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8)
 
     left = [f"{modes}" for modes in counts if modes not in drawn]
     about = f"not drawn, but in the table: models with {', '.join(left)} modes" if left else ""
-    return Chart("joined-interface", title, [panel(drawn, "figure"), panel(counts, "page")], about=about,
+    return Chart("springs", title, [panel(drawn, "figure"), panel(counts, "page")], about=about,
                  note="Soft springs leave the interface nearly free, stiff ones nearly fixed. Errors of zero are drawn at "
                  f"{ROUNDING:g}.", height=4.0, columns=3)
 
@@ -214,7 +197,7 @@ def response_chart(curves: Sequence[Mapping[str, Any]], title: str) -> Chart:
             at = seen.setdefault(curve["model"], 0)
             seen[curve["model"]] += 1
             line, _, width = STYLES[at % len(STYLES)] if curve["model"] != "full" else ("solid", False, 2.2)
-            series.append(Series(f"{look(curve['model']).label}, {curve['size']} DOF", curve["omega"],
+            series.append(Series(f"{look(curve['model']).label}, {curve['size']} DOF{curve.get('words', '')}", curve["omega"],
                                  np.asarray(curve[key], dtype=float), curve["model"], line, "", width=width))
         panels.append(Panel(series, "ω  [rad/time]", label, logs=logs, rounding=key == "error", share={"x": "omega"}))
-    return Chart("frequency-response", title, panels, note=RESPONSE, height=2.0, columns=3)
+    return Chart("response", title, panels, note=RESPONSE, height=2.0, columns=3)

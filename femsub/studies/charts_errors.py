@@ -33,8 +33,8 @@ def error_time_chart(studies: Sequence[tuple[str, Study]], top: int = 2) -> Char
     kinds = [kind for kind in COMPONENT if any(getattr(row, kind) > ROUNDING for rows in shown for row in rows)][:top]
     kinds = kinds or ["error_growth"]
     panels = [panel for (interface, one), rows in zip(studies, shown, strict=True)
-              for panel in _panels(one, rows, COMPONENT, kinds, f"interface {interface}" if len(studies) > 1 else "")]
-    return _chart("error-time", [one for _, one in studies], studies[0][1].name, panels, len(kinds))
+              for panel in _panels(one, rows, COMPONENT, kinds, interface if len(studies) > 1 else "")]
+    return _chart("compare", [one for _, one in studies], studies[0][1].name, panels, len(kinds))
 
 
 def errors_chart(found: Study, title: str, name: str) -> Chart:

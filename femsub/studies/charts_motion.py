@@ -33,7 +33,7 @@ def signals_chart(tracks: Sequence[Any], periods: int = 10) -> Chart:
         run = item.run
         if len(run.t) < 2:
             continue
-        v, speed = run.velocity("belt"), run.contact.belts[0].speed
+        v = item.v
         known = item.spectrum is not None and len(item.spectrum.peaks)
         period = 2 * np.pi / item.spectrum.peaks[0] if known else np.ptp(run.t) / 20
         t, whole = run.t, v
@@ -44,9 +44,9 @@ def signals_chart(tracks: Sequence[Any], periods: int = 10) -> Chart:
         about = f"{_name(item)}{'' if run.complete else ' (interrupted)'}"
         for x, y, title in ((t, whole, about), (run.t[late], v[late], f"last {periods} periods")):
             panels.append(Panel([Series(_name(item), x, y, item.kind, "solid", "", width=0.7, legend=False)], "t  [time]",
-                                "velocity v  [length/time]", title, levels=[Level(speed, "speed of the belt", "y")],
+                                "velocity v  [length/time]", title, levels=[] if item.speed is None else [Level(item.speed, "speed of the belt", "y")],
                                 share={"y": "v"}, among=about))
-    return Chart("signals", "Velocity under the belt", panels, 2, note="Dashed: the speed of the belt.", height=1.7,
+    return Chart("motion-signals", "Velocity at the contact", panels, 2, note="Dashed: the speed of the belt.", height=1.7,
                  about="the least and the largest value over time, and the last periods")
 
 
@@ -76,7 +76,7 @@ def spectra_chart(tracks: Sequence[Any], highest: float, labelled: int = 4) -> C
                     hover={"ω [rad/time]": peaks, "amplitude": heights})],
             "ω  [rad/time]", "amplitude  [length/time]", f"{name}: t = {item.window[0]:g} to {item.window[1]:g}", "y",
             limits={"x": (0, highest), "y": (top * 1e-4, top * 5)}, share={"x": "omega", "y": "amplitude"}))
-    return Chart("spectrum", "Spectra of the velocity under the belt", panels, note="Marks are the peaks.", height=1.7)
+    return Chart("motion-spectrum", "Spectra of the velocity under the belt", panels, note="Marks are the peaks.", height=1.7)
 
 
 def spectrogram_chart(made: Sequence[tuple[Any, Any]], highest: float, decades: int = 3) -> Chart:
@@ -88,7 +88,7 @@ def spectrogram_chart(made: Sequence[tuple[Any, Any]], highest: float, decades: 
                     top / 10**decades, top)
         panels.append(Panel((), "t  [time]", "ω  [rad/time]", _name(item), limits={"y": (0, highest)}, share={"y": "omega"},
                             where="figure", heat=heat))
-    return Chart("spectrogram", "Spectra over time of the velocity v under the belt", panels, len(panels), height=2.6)
+    return Chart("motion-spectrogram", "Spectra over time of the velocity v under the belt", panels, len(panels), height=2.6)
 
 
 def period_chart(rows: Sequence[Mapping[str, Any]], floor: float = 1e-8) -> Chart:
@@ -103,7 +103,7 @@ def period_chart(rows: Sequence[Mapping[str, Any]], floor: float = 1e-8) -> Char
         series.append(Series(look(kind).label, hover["s per period"], [max(error, floor) for error in hover["error"]], kind,
                              "solid", width=0.8, labels=[str(size) for size in hover["DOF"]], hover=hover))
     levels = [Level(full["seconds_per_period"], f"full model, {full['size']} DOF"), Level(0.01, "1 %", "y", "dot", "#808080")]
-    return Chart("error-time", "Error against run time in the limit cycle; numbers: DOF", [Panel(
+    return Chart("compare-motion", "Error against run time in the limit cycle; numbers: DOF", [Panel(
         series, "run time of a simulated period  [s]", "relative error of the rms velocity  [-]", logs="xy", levels=levels)],
         note="Below and to the left is better. Dashed: the full model.", height=3.2)
 
@@ -141,7 +141,7 @@ def bifurcation_chart(branches: Sequence[Mapping[str, Any]], dots: Sequence[Mapp
                     series, UNITS[parameter], label, f"from the mode at ω = {family:.4g} rad/time" if key != "omega" else "",
                     levels=[Level(now, "value of the scene", line="dot", colour="#999999")], share={"x": f"{family}"},
                     among=f"from the mode at ω = {family:.4g} rad/time", where="" if key in ("rms", "omega") else "page"))
-    return Chart("bifurcation", f"{title}: limit cycles over the {parameter}, v under the belt", panels, across, note=NOTE,
+    return Chart("branch", f"{title}: limit cycles over the {parameter}, v under the belt", panels, across, note=NOTE,
                  width=1.0 if across > 1 else 0.7, height=2.3, columns=3 if across == 1 else 4)
 
 

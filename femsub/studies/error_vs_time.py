@@ -156,7 +156,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
             try:
                 with warnings.catch_warnings(), timed() as spent:
                     warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
-                    one.model, seconds = _clocked(_reduced, model, one.steps, asked, ports, bases)
+                    one.model, seconds = _clocked(reduced_by, model, one.steps, given, ports, None, bases)
                 one.phases.append(spent | {"basis": seconds - sum(spent.values()) + (bases.lent if bases else 0.0)})
             except FemsubError as error:
                 refused.append((one.steps, error))
@@ -164,7 +164,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         # without an interface several methods keep the same shapes: models that others are already are left out
         for one in list(small) if not turn and not len(model.interface) else ():
             for other in small[:small.index(one)]:
-                if _key(other.steps) != _key(one.steps) and twins(other.model, one.model):
+                if key_of(other.steps) != key_of(one.steps) and twins(other.model, one.model):
                     refused.append((one.steps, InputError(f"without an interface it is the same as {_name(other.steps)}")))
                     small.remove(one)
                     break
@@ -198,7 +198,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         rows = [replace(row, error_response=error) for row, error in zip(rows, asked.response_errors(models, at), strict=True)]
     return Study(model.name, band, repeats, rows[0], with_front(rows[1:], band[1]), assembly=assembly, parameter=parameter,
                  values=values, between=between, left_out=tuple(_left_out(refused, small)), models=models,
-                 spectra=tuple(full.spectra), interface=len(model.interface))
+                 spectra=tuple(full.spectra), interface=len(model.interface), steps=tuple(one.steps for one in small))
 
 
 @dataclass(eq=False)
@@ -258,7 +258,7 @@ class Comparison:
                      for part in stored) / 1e6
         frequencies = elastic(modes)[in_band(elastic(modes), self.band)]
         return Row(
-            method=_key(one.steps), modes=sum(kept.values()), size=model.size, parts=kept if reduced and isinstance(
+            method=key_of(one.steps), modes=sum(kept.values()), size=model.size, parts=kept if reduced and isinstance(
                 model, System) else {}, cutoff=model.cutoff, memory=memory,
             error_eigenvalue=_largest(each.eigenvalue for each in found),
             error_growth=_largest(each.growth for each in found), error_real=_largest(each.real for each in found),
@@ -360,13 +360,15 @@ def _alike(one: Method, other: Method) -> bool:
         replace(one, modes=other.modes) == other
 
 
-def _reduced(model: Substructure, steps: Sequence[Step], asked: Comparison, ports: bool, bases: Bases | None) -> Substructure:
-    """The model after all steps."""
+def reduced_by(model: Substructure, steps: Sequence[Step], contacts: Sequence[Contact], ports: bool, workers: int | None = None,
+               bases: Bases | None = None) -> Substructure:
+    """The model after all steps. A tolerance holds under the contacts; `ports` of contact modes are those of the contacts."""
     if bases is not None:
         bases.lent = 0.0
     for step in steps:
-        joining: Any = asked.places if isinstance(step, ContactModes) and ports and asked.contacts else ports
-        judged: Any = asked.contacts or None  # the contacts under which a tolerance holds; contact modes have them themselves
+        places = [name for contact in contacts for name in contact.ports]
+        joining: Any = places if isinstance(step, ContactModes) and ports and contacts else ports
+        judged: Any = contacts or None  # the contacts under which a tolerance holds; contact modes have them themselves
         if bases is not None and isinstance(step, Method) and step.modes is not None:
             model = bases.first(model, step, joining)
             continue
@@ -374,7 +376,7 @@ def _reduced(model: Substructure, steps: Sequence[Step], asked: Comparison, port
                 all(one.modes is not None for one in step.values()):
             step = {name: bases.first(model.parts[name], one, ports) for name, one in step.items()}  # type: ignore[misc]
         tolerance = isinstance(step, Method) and step.band is not None and not isinstance(step, ContactModes)
-        model = reduce(model, step, joining, judged if tolerance else None)
+        model = reduce(model, step, joining, judged if tolerance else None, workers=workers)
     return model
 
 
@@ -469,7 +471,7 @@ def _singles(steps: Sequence[Step]) -> list[Method]:
     return [one for step in steps for one in (step.values() if isinstance(step, Mapping) else [step])]
 
 
-def _key(steps: Sequence[Step]) -> str:
+def key_of(steps: Sequence[Step]) -> str:
     """The key of the first step, or of that of all parts; 'mixed' where they differ, 'full' without any."""
     keys = {one.row_key for one in _singles(steps[:1])} if steps else {"full"}
     return keys.pop() if len(keys) == 1 else "mixed"
@@ -477,7 +479,7 @@ def _key(steps: Sequence[Step]) -> str:
 
 def _name(steps: Sequence[Step]) -> str:
     """The label of the method, or what each part is reduced by."""
-    return in_words(steps) if _key(steps) == "mixed" else label(_key(steps))
+    return in_words(steps) if key_of(steps) == "mixed" else label(key_of(steps))
 
 
 def in_words(steps: Sequence[Step]) -> str:

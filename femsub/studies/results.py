@@ -198,6 +198,8 @@ class Study:
         The full model's modes, at each value of the parameter.
     interface : int
         The number of interface DOF.
+    steps : tuple
+        How each of `models` was reduced.
 
     Examples
     --------
@@ -220,6 +222,7 @@ class Study:
     models: tuple[Substructure, ...] = field(default=(), compare=False)
     spectra: tuple[ComplexModes, ...] = field(default=(), compare=False)
     interface: int = 0
+    steps: tuple[Any, ...] = field(default=(), compare=False)
 
     def __repr__(self) -> str:
         best = min(self.rows, key=lambda row: row.error_eigenvalue, default=None)

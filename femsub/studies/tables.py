@@ -141,7 +141,7 @@ KNOWN = {one.key: one for one in (
     Column("missed", "missed", "d", "", "unstable modes of the full model that are stable in the small one"),
     Column("invented", "invented", "d", "", "unstable modes of the small model that are stable in the full one"),
     Column("springs", "springs", ".3g", "", "stiffness of the springs over that of the interface"),
-    Column("damping", "equivalent damping", ".2e", "", "-2 Re λ / |λ|"),
+    Column("damping", "damping [%]", ".3g", "%", "damping ratio, -Re λ / |λ| in %; below 0 a motion grows"),
     Column("seconds", "seconds", ".2g", "s", "time of the computation"),
     Column("steps", "steps", "d", "", "steps of the integration"),
     Column("energy_residual", "energy balance", ".0e", "", "energy lost or gained by the integration, over that turned over"),

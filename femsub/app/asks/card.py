@@ -1,0 +1,52 @@
+"""Cards of the modes that grow: the real modes that meet in each, and what feeds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import femsub as fs
+from femsub.app.asks import Ask, parameter_of
+from femsub.app.asks.complex_modes import least_stable
+from femsub.app.keys import key
+from femsub.app.result import Result
+from femsub.studies import Remark
+
+if TYPE_CHECKING:
+    from femsub.app.grammar import Scene
+    from femsub.app.models import Models
+    from femsub.app.result import Result
+
+
+@dataclass(frozen=True)
+class Card(Ask):
+    """A card of each mode that grows, or of the least stable one: partner modes, and the work of each force."""
+
+    card: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
+    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
+    parameter: str = key("mu", "the key of contacts that is 0 without friction")
+
+    KIND: ClassVar[str] = "card"
+    NEEDS: ClassVar[tuple[str, ...]] = ("contact",)
+
+    def check(self, scene: Scene) -> None:
+        super().check(scene)
+        for name in self.at:
+            parameter_of(scene, name)
+
+    def run(self, models: Models) -> Result:
+        known = models.chosen(self.card)[0]
+        modes = models.spectrum(known, self.at, models.band_of(self.band))
+        which = [int(one) for one in modes.unstable]
+        if not which and (at := least_stable(modes)) is not None:
+            which = [at]
+        cards = fs.mode_cards(known.model, models.at(self.at), modes, which,
+                              full=models.full if not models.alone and known.before else None, parameter=self.parameter)
+        shown: list[Any] = []
+        data: list[dict[str, Any]] = []
+        for number, card in enumerate(cards, 1):
+            shown += [repr(card), card.sentence]
+            for table in card.tables:
+                shown.append(replace(table, name=f"card-{number}-{table.name}" if table.name else ""))
+            data.append({"sentence": card.sentence, "eigenvalue": complex(modes.eigenvalues[which[number - 1]])})
+        return Result({"card": data}, [*shown, Remark([card.sentence for card in cards])])

@@ -1,0 +1,145 @@
+"""Reduced models against the full one: errors over run time, and which model is recommended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import femsub as fs
+from femsub import studies
+from femsub.app.asks import Ask, parameter_of, range_of, rowed
+from femsub.app.keys import key
+from femsub.app.models import Known
+from femsub.app.result import Result
+from femsub.modes import NEAR, match
+from femsub.reduction import PORT_LIMIT
+from femsub.studies import Table, column, elastic
+
+if TYPE_CHECKING:
+    from femsub.app.grammar import Scene
+    from femsub.app.models import Models
+    from femsub.app.result import Result
+    from femsub.studies import Study
+
+
+ERRORS = ("growth", "critical", "held", "response")
+
+
+@dataclass(frozen=True)
+class Compare(Ask):
+    """Each reduced model beside the full one: frequencies, growth rates, and run time; the smallest one that may replace it.
+
+    Times are those of models made and solved anew, in turns.
+    """
+
+    compare: list[str] = key(["growth", "critical", "held"], "what is compared beside frequencies: growth rates, the critical value of "
+                             "the parameter, frequencies with the interface held, receptances", choices=lambda _: ERRORS)
+    parameter: str = key("", "of which the critical value is compared", otherwise="'slope' of a belt", example="mu")
+    values: list[float] = key([], "values of the parameter at which growth rates are compared", otherwise="as the contacts are given",
+                              example=[0.2, 0.4])
+    between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]")
+    frequencies: int = key(400, "frequencies of the band at which receptances are compared", least=2, most=100_000)
+    listed: int = key(0, "natural frequencies that are printed, of the full and the recommended model", least=0)
+
+    KIND: ClassVar[str] = "compare"
+    NEEDS: ClassVar[tuple[str, ...]] = ("reduce",)
+
+    def check(self, scene: Scene) -> None:
+        super().check(scene)
+        if self.parameter:
+            parameter_of(scene, self.parameter)
+        if self.over:
+            range_of(scene, self.parameter, self.between)
+
+    @property
+    def over(self) -> bool:
+        """Whether a range of a parameter is searched."""
+        return bool(self.parameter) and self.parameter != "slope" and "critical" in self.compare
+
+    def run(self, models: Models) -> Result:
+        rows, shown, made = list[dict[str, Any]](), list[Any](), list[tuple[str, fs.Study]]()
+        recommended: list[dict[str, Any]] = []
+        frequencies: list[dict[str, Any]] = []
+        choices: list[Any] = []
+        left_out: list[str] = []
+        for values, own in self.variants(models):
+            found = self.study(own)
+            words = ", ".join(f"{name} {value}" for name, value in values.items())
+            made.append((words, found))
+            rows += rowed(values, found.flat)
+            choice = studies.study_choice(found, own.scene.reduce.tolerance, words)
+            choices.append(choice)
+            recommended.append({**values, "sentence": choice.sentence, "model": choice.row})
+            left_out += found.left_out
+            shown += [f"Error against run time{f', {words}' if words else ''}", str(found), choice.sentence]
+            if self.listed:
+                more, listed = self.beside(own, found)
+                shown += more
+                frequencies += rowed(values, listed)
+        table = Table("compare", rows, title="Error against run time")
+        shown += [table, *self.charts(models, made), *choices]
+        data = {"rows": rows, "band": made[0][1].band, "recommended": recommended, "left_out": left_out, "frequencies": frequencies,
+                "tolerance": models.scene.reduce.tolerance, "values": list(made[0][1].values)}
+        return Result({"compare": data}, shown)
+
+    def study(self, models: Models) -> Study:
+        """The comparison of one full model with those reduced from it; what it has solved is there for other asks."""
+        keys, (lo, hi) = models.scene.reduce, models.band_of(self.band)
+        made, steps = models.reductions(), [list(one[2]) for one in models.reductions()]
+        over = {"parameter": self.parameter, "between": range_of(models.scene, self.parameter, self.between)} if self.over else {}
+        if not over and (self.parameter or "critical" not in self.compare):
+            over = {"parameter": self.parameter if self.values else ""}
+        at = np.linspace(lo or hi / self.frequencies, hi, self.frequencies) if "response" in self.compare else None
+        known = models.scene.store.get(("first", "slope", models._key)) if not over else None
+        kinds = [("full", 0), *((key, count) for key, count, _ in made)]
+        critical = [known[one] for one in kinds] if known and all(one in known for one in kinds) else None
+        contacts = models.linear
+        found = fs.study(models.full, [tuple(one) for one in steps], (lo, hi), contacts=contacts, ports=keys.ports,
+                         repeats=keys.repeats, held="held" in self.compare and not over, at=at, assembly=models.assembly,
+                         critical=critical, values=self.values, progress=models.say, **over)
+        for own, model in zip(found.steps, found.models, strict=True):
+            key, count, _ = next(one for one in made if tuple(one[2]) == tuple(own))
+            if len(own) == 1:  # of several steps the models between are not known
+                place = "reduced", models._key, repr(tuple(own)), keys.ports, repr(contacts) if isinstance(
+                    own[0], fs.ContactModes) else ""
+                models.scene.store.setdefault(place, Known(key, count, model, [models.full], tuple(own)))
+        values = [{self.parameter: value} for value in found.values] or [{}]
+        for given, spectrum in zip(values, found.spectra, strict=True):
+            if spectrum.evidence != "not checked":
+                models.scene.store.setdefault(("modes", id(models.full), tuple(given.items()), (lo, hi), repr(contacts)), spectrum)
+        return found
+
+    def charts(self, models: Models, made: list[tuple[str, Study]]) -> list[Any]:
+        """The errors over the seconds."""
+        title = models.scene.name
+        if made[0][1].between is not None:
+            return [studies.friction_errors_chart(found, title, "compare") for _, found in made]
+        if models.alone:
+            return [studies.error_time_chart(made)]
+        return [studies.errors_chart(found, f"{title} {words}".strip(), "compare" + f"-{words.replace(' ', '-')}" * bool(words))
+                for words, found in made]
+
+    def beside(self, models: Models, found: Study) -> tuple[list[Any], list[dict[str, Any]]]:
+        """The full model's natural frequencies in the band, and those of the recommended model."""
+        own, best = elastic(fs.normal_modes(models.full, band=found.band)), found.recommended(models.scene.reduce.tolerance)
+        rows: list[dict[str, Any]] = [{"mode": i, "omega": omega} for i, omega in enumerate(own, start=1)]
+        of, columns = "", ["mode", "omega"]
+        if best is not None:
+            of, columns = f", and of {best.label} with {best.size} DOF", [*columns, "reduced", "error"]
+            theirs = studies.all_frequencies(found.models[found.rows.index(best)])
+            for at, to in zip(*match(own, theirs), strict=True):
+                if abs(theirs[to] - own[at]) <= NEAR * own[at]:
+                    rows[at] |= {"reduced": theirs[to], "error": abs(theirs[to] - own[at]) / own[at]}
+        notes: list[Any] = []
+        worst = max(found.rows, key=lambda row: row.port_error, default=None)
+        if worst is not None and worst.port_error > PORT_LIMIT:
+            notes.append(f"the static response to the contact is off by up to {100 * worst.port_error:.2g} % ({worst.label} with "
+                         f"{worst.size} DOF). Set ports = true, or put the contact into the interface")
+        if not rows:
+            return notes, []
+        more = [f"and {len(rows) - self.listed} more"] * (len(rows) > self.listed)
+        return [*notes, f"natural frequencies of the full model in the band{of}, in rad/time:", Table(
+            "compare-frequencies", rows, [column("reduced", "reduced ω", ".6g") if one == "reduced" else one for one in columns],
+            "Natural frequencies", most=self.listed), *more], rows

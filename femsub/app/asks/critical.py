@@ -1,0 +1,178 @@
+"""Where stability is first lost over a parameter, of the full and the reduced models."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import femsub as fs
+from femsub import ReducedSubstructure, studies
+from femsub.app.asks import Ask, parameter_of, range_of, rowed
+from femsub.app.keys import key
+from femsub.app.result import Result
+from femsub.errors import InputError, first_few
+from femsub.modes import relative_error
+from femsub.studies import Table, Verdict, column, label, span
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from femsub.app.grammar import Scene
+    from femsub.app.models import Known, Models
+    from femsub.app.result import Result, Shown
+
+
+@dataclass(frozen=True)
+class Critical(Ask):
+    """The first loss of stability over a parameter, and with `every` all losses and regains with their proof.
+
+    'slope' of a belt is the largest dμ/dv ≤ 0 at which a mode of the band reaches the axis. It has no range.
+    """
+
+    critical: str = key("slope", "the parameter: a key of the contacts, a name in factors of matrices, or [parameter.NAME]",
+                        required=True, example="mu")
+    between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]; 'slope' has none",
+                               example=[0.0, 0.6])
+    every: bool = key(False, "whether all losses and regains are sought, and counted, of the full model or the pencil")
+    models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: ("full", "reduced", "all", "best"))
+    reference: list[float] = key([], "values that are known, one for each that varies, to compare with", otherwise="none")
+
+    KIND: ClassVar[str] = "critical"
+    PENCIL: ClassVar[bool] = True
+
+    @property
+    def by_slope(self) -> bool:
+        """Whether it is the slope of a belt, up to 0."""
+        return self.critical == "slope" and not self.between
+
+    def check(self, scene: Scene) -> None:
+        super().check(scene)
+        parameter_of(scene, self.critical)
+        if not self.by_slope:
+            range_of(scene, self.critical, self.between)
+        elif not any(type(one).KIND == "belt" for one in scene.contacts.values()):
+            raise InputError("between is missing: only the slope of a belt has no range")
+
+    def run(self, models: Models) -> Result:
+        rows, crossings, lost = list[dict[str, Any]](), list[dict[str, Any]](), dict[str, Any]()
+        names = self.varying
+        for number, (values, own) in enumerate(self.variants(models)):
+            known = self.reference[number] if number < len(self.reference) else None
+            if models.pencil or self.every:
+                for one in own.chosen("full" if models.pencil and self.models == "all" else self.models):
+                    found = self.all_of(own, one)
+                    lost[" ".join(map(str, values.values())) or own.scene.name] = found
+                    crossings += rowed(values, [{**one.head, **row} for row in crossed(found, known)])
+                if models.pencil:
+                    continue
+            rows += rowed(values, self.first_of(own))
+        data: dict[str, Any] = {"critical": rows or crossings}
+        band = models.given_band if models.pencil else models.band_of(self.band)
+        shown: list[Shown] = [f"Critical {self.said}{f', modes from {span(band)}' if band else ''}"]
+        if rows:
+            columns = [*names, "model", "modes", "size", column("value", f"critical {self.said}", ".6g", cell=never),
+                       column("omega", "at ω", ".5g"), "error", "port_error"]
+            shown.append(Table("critical", rows, columns, f"Critical {self.said}", keys=len(names) + 3))
+            shown += dict.fromkeys(f"{label(row['model'])} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"])
+            if any(row["omega"] == 0 for row in rows):
+                shown.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
+                             f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
+                             f"{models.band[1]:.6g}]")
+            shown.append(studies.critical_chart(rows, names, self.said, models.scene.name))
+        if crossings:
+            several = len(crossings) != len({(row["model"], *(row[name] for name in names)) for row in crossings})
+            columns = [*names, *([] if models.pencil else ["model", "size"]), column("stability", form="s"),
+                       column("value", self.said, "s", cell=digits), column("kind", form="s"), "omega",
+                       *([column("reference", "known", ".10f"), column("error", "error", ".0e")] if self.reference else []), "evidence"]
+            name = "critical-all" if rows else "critical"
+            shown += [*([f"All losses and regains of stability, over {self.said}:"] if several or rows else []),
+                      Table(name, crossings, columns, "Losses and regains of stability"), *self.verdict(crossings, lost, band)]
+            data["critical-all"] = {"rows": crossings, "not_excluded": {name: [list(one) for one in found.open]
+                                                                       for name, found in lost.items()}}
+        models.scene.store["critical", self.critical] = {name: [*found.losses, *found.regains] for name, found in lost.items()}
+        models.scene.store["first", self.critical, models._key] = {
+            (row["model"], row["modes"]): row["value"] for row in rows if np.isfinite(row["value"])}
+        return Result(data, shown)
+
+    @property
+    def said(self) -> str:
+        """The parameter in texts."""
+        return {"slope": "dμ/dv", "mu": "μ"}.get(self.critical, self.critical)
+
+    def first_of(self, models: Models) -> list[dict[str, Any]]:
+        """A row for each model: its first loss, beside that of the full one."""
+        between = None if self.by_slope else range_of(models.scene, self.critical, self.between)
+        band, rows = models.band_of(self.band), list[dict[str, Any]]()
+        chosen = models.chosen(self.models)
+        ordered = sorted(chosen, key=lambda one: one is models.exact) if between else chosen  # a large model is sought near the others'
+        found: dict[int, Any] = {}
+        near = float("nan")
+        for one in ordered:
+            models.say(f"critical {self.critical} of {one.kind} with {one.model.size} DOF")
+            model, contacts = models.over(one, [self.critical])
+            found[id(one)] = studies.first_loss(model, contacts, self.critical, between, band, near)
+            near = found[id(one)].value
+        exact = found[id(models.exact)].value if id(models.exact) in found else float("nan")
+        for one in chosen:
+            loss = found[id(one)]
+            error = max((one.model.port_error.get(name, 0.0) for name in models.places), default=0.0) if isinstance(
+                one.model, ReducedSubstructure) else 0.0
+            rows.append({**one.head, "value": loss.value, "omega": loss.omega, "full": exact,
+                         "error": relative_error(loss.value, exact), "port_error": error, "reason": loss.reason})
+        return rows
+
+    def all_of(self, models: Models, one: Known) -> Any:
+        """All losses and regains of a model."""
+        models.say(f"critical {self.critical}, all losses of {one.model.size} DOF")
+        model, contacts = models.over(one, [self.critical])
+        band = models.given_band if models.pencil else models.band_of(self.band)
+        if self.band:
+            band = models.band_of(self.band)
+        if self.by_slope:
+            belt = next(one for one in contacts if isinstance(one, fs.Belt))
+            return fs.critical_slope(model, belt.port, force=belt.force, contacts=[at for at in contacts if at is not belt] or None,
+                                     band=band)
+        return fs.critical_value(model, contacts, self.critical, between=range_of(models.scene, self.critical, self.between), band=band)
+
+    def verdict(self, rows: list[dict[str, Any]], lost: Mapping[str, Any], band: Any) -> list[Shown]:
+        """What was found, and what was not excluded."""
+        left = [f"{name}: not excluded are further crossings in "
+                f"{first_few([f'{start:.9g} to {end:.9g}' for start, end in found.open], 'intervals')}." for name, found in lost.items() if found.open]
+        decides = []
+        for row in rows:
+            at = "" if row["value"] is None else f" at {row['value']:.8g} by {row['kind']}"
+            closed = "" if row.get("reference") is None or row["value"] is None else f" Known is {row['reference']:.8g}."
+            decides.append(f"Stability is {row['stability']}{at} ({row['evidence']}).{closed}")
+        count = sum(row["stability"] == "lost" for row in rows)
+        return [*left, Verdict(decides, ["Values of the parameter outside the range were not searched."], "found",
+                               f"{count} loss{'es' * (count != 1)} of stability over {self.said}.", "Where is stability lost?")]
+
+
+def crossed(found: Any, known: float | None) -> list[dict[str, Any]]:
+    """A row for each loss and regain of stability."""
+    rows: list[dict[str, Any]] = []
+    located = any(one.value == found.value for one in found.losses)
+    several: list[tuple[str, Any]] = [*(("lost", one) for one in found.losses), *(("regained", one) for one in found.regains)]
+    if found.growing or not (located or (found.regains and np.isinf(found.value))):
+        where = "never lost" if np.isinf(found.value) else "lost at a place not known"
+        several.insert(0, ("lost at the begin" if found.growing else where, None))
+    for what, one in several:
+        first = located and known is not None and one is found.losses[0]
+        rows.append({"stability": what, "value": one and one.value, "kind": one.kind if one else "", "omega": one and one.omega,
+                     "reference": known if first or one is None else None,
+                     "error": abs(one.value - known) if one and first and known is not None else None, "width": one and one.width,
+                     "evidence": found.evidence})
+    return rows
+
+
+def digits(row: Mapping[str, Any]) -> str | None:
+    """The value with up to 10 places behind the point, none of them below its width."""
+    value, width = row["value"], row["width"]
+    return None if value is None else f"{value:.{min(max(-int(np.floor(np.log10(width or 1e-10))), 0), 10)}f}"
+
+
+def never(row: Mapping[str, Any]) -> Any:
+    """'never' where stability is not lost."""
+    return "never" if abs(row["value"]) == float("inf") else row["value"]

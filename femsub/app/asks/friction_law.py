@@ -1,0 +1,38 @@
+"""Friction laws as curves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from femsub import studies
+from femsub.app.asks import Ask
+from femsub.app.keys import key
+from femsub.app.result import Result
+from femsub.coupling import LAWS
+
+if TYPE_CHECKING:
+    from femsub.app.models import Models
+    from femsub.app.result import Result
+
+
+@dataclass(frozen=True)
+class FrictionLaw(Ask):
+    """μ over the sliding speed, for several widths ε, of all laws; and the belt's own speed and slope."""
+
+    friction_law: list[float] = key([1e-1, 1e-2, 1e-3], "widths ε beside the belt's own", unit="length/time", above=0)
+
+    KIND: ClassVar[str] = "friction-law"
+    NEEDS: ClassVar[tuple[str, ...]] = ("belt",)
+
+    def run(self, models: Models) -> Result:
+        belt = next(one for one in models.scene.contacts.values() if type(one).KIND == "belt")
+        side = np.concatenate([np.geomspace(1e-5, 0.05, 60), np.linspace(0.06, 1.0, 95)])
+        speeds = np.concatenate([-side[::-1], [0.0], side])
+        titles = {name: getattr(law, "label", name) for name, law in LAWS.items()}
+        widths = sorted({*self.friction_law, belt.eps}, reverse=True)  # type: ignore[attr-defined]
+        curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)} for name in LAWS for eps in widths]
+        return Result({"friction-law": {"speed": speeds, "curves": curves}}, [studies.friction_chart(
+            speeds, curves, titles, belt.speed, models.linear[0].slope or 0.0)])  # type: ignore[attr-defined]

@@ -1,0 +1,56 @@
+"""Which of several changes helps against a mode that grows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import femsub as fs
+from femsub.app.asks import Ask, parameter_of
+from femsub.app.keys import key
+from femsub.app.result import Result
+from femsub.errors import InputError
+from femsub.studies import Table, column
+from femsub.studies.charts_changes import changes_chart
+
+if TYPE_CHECKING:
+    from femsub.app.grammar import Scene
+    from femsub.app.models import Models
+    from femsub.app.result import Result
+
+
+@dataclass(frozen=True)
+class Helps(Ask):
+    """Each change by its amount, solved anew: the largest growth with it, in the order of the effect."""
+
+    helps: dict[str, float] = key({}, "changes and their amounts: {damper = 100.0} with [parameter.damper]", required=True,
+                                  example={"damper": 100.0})
+    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
+    target: float = key(0.0, "the growth that is wanted, or less; 0 is stability", unit="1/time")
+    models: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
+    solved_in_full: int = key(1, "so many of the best changes are solved in the full model as well", least=0)
+
+    KIND: ClassVar[str] = "helps"
+    NEEDS: ClassVar[tuple[str, ...]] = ("contact",)
+
+    def check(self, scene: Scene) -> None:
+        super().check(scene)
+        for name in self.helps:
+            parameter_of(scene, name)
+            if name not in scene.parameters or not scene.parameters[name].acts:
+                raise InputError(f"{name!r} is no change: [parameter.{name}] must have material, mass, spring or damper")
+        for name in self.at:
+            parameter_of(scene, name)
+
+    def run(self, models: Models) -> Result:
+        known = models.chosen(self.models)[0]
+        candidates = {name: replace(models.scene.parameters[name].change(models), amount=amount) for name, amount in self.helps.items()}
+        found = fs.what_helps(known.model, models.at(self.at), candidates, self.target, band=models.band_of(self.band),
+                              full=models.full if known.before else None, first=self.solved_in_full)
+        rows = [{"change": one.name, "amount": self.helps.get(one.name, float("nan")), "growth": one.growth, "by_slope": one.by_slope,
+                 "is_stable": one.is_stable, "in_full": one.in_full.growth if one.in_full is not None else None, "words": one.words}
+                for one in found.tried]
+        columns = [column("change", form="s"), column("amount", form=".5g"), column("growth", form=".5g"),
+                   column("by_slope", "by slope", ".5g"), "is_stable", column("in_full", "in full", ".5g")]
+        return Result({"helps": {"before": found.before.growth, "rows": rows}}, [
+            repr(found), Table("helps", rows, columns, "Changes"), changes_chart("helps", found, f"{models.scene.name}: what helps")])

@@ -1,0 +1,29 @@
+"""Effective masses of modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import femsub as fs
+from femsub.app.asks import Ask
+from femsub.app.keys import key
+from femsub.app.result import Result
+
+if TYPE_CHECKING:
+    from femsub.app.models import Models
+    from femsub.app.result import Result
+
+
+@dataclass(frozen=True)
+class Masses(Ask):
+    """How much of the mass the modes of the band move when the supports are accelerated."""
+
+    masses: list[float] = key([0.0, 0.0, 0.0], "the point that rotations are about", unit="length", form="[x, y, z]")
+
+    KIND: ClassVar[str] = "masses"
+
+    def run(self, models: Models) -> Result:
+        modes = fs.normal_modes(models.full, band=models.band_of(self.band))
+        found = fs.effective_masses(models.full, modes, origin=self.masses)
+        return Result({"masses": list(found.table.rows)}, [repr(found), replace(found.table, name="masses")])

@@ -1,0 +1,78 @@
+"""Normal modes, as a table, pictures and files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import femsub as fs
+from femsub.app.asks import Ask
+from femsub.app.keys import key
+from femsub.app.result import Result
+from femsub.app.shapes import pictures
+from femsub.modes import NEAR, match
+from femsub.studies import Remark, Table, column
+
+if TYPE_CHECKING:
+    from femsub.app.models import Models
+    from femsub.app.result import Result, Shown
+
+
+@dataclass(frozen=True)
+class Modes(Ask):
+    """Normal modes of the full model: all in the band, or so many of the lowest ones, with the elastic ones counted."""
+
+    modes: int | str = key("band", "how many elastic modes, or 'band': all that lie in it", choices=lambda _: ("band",))
+    reference: list[float] = key([], "frequencies that another program found, to compare with", unit="rad/time", above=0,
+                                 otherwise="none", example=[10.67387655, 11.10545089])
+    listed: int = key(20, "frequencies that are printed; the table that --out writes has all", least=1)
+
+    KIND: ClassVar[str] = "modes"
+
+    def run(self, models: Models) -> Result:
+        full = models.full
+        if isinstance(self.modes, int):
+            most = full.size - 6
+            found = models.normal if self.modes == models.scene.settings.elastic else fs.normal_modes(
+                full, count=max(1, min(6 + self.modes, most)))
+        else:
+            found = fs.normal_modes(full, band=models.band_of(self.band))
+        limit, count = found.counted
+        proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
+        if found.unlisted:
+            proof += f", {found.unlisted} of them outside the band"
+        rows: list[dict[str, Any]] = [
+            {"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
+            for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
+        data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
+        if not rows:
+            return Result({"modes": data}, [f"{full.name!r} has no normal mode in the band; {found.evidence}: {proof}"])
+        columns: list[Any] = ["mode", "omega", "residual"]
+        shown: list[Shown] = []
+        if self.reference:  # beside the elastic frequencies that are nearest
+            own, theirs = found.frequencies[found.rigid:], np.array(self.reference)
+            apart: list[float] = []
+            for at, to in zip(*match(own, theirs), strict=True):
+                difference = abs(float(own[at] / theirs[to] - 1))
+                if difference <= NEAR:
+                    rows[found.rigid + at] |= {"reference": float(theirs[to]), "difference": difference}
+                    apart.append(difference)
+            within = f", within {max(apart):.1e}" if apart else ""
+            shown = [Remark([f"{len(apart)} of {len(theirs)} reference frequencies are met by modes of the model{within}."])]
+            columns += [column("reference", "reference ω", ".9g"), column("difference", "rel. difference", ".1e")]
+        more = [f"and {len(rows) - self.listed} more"] * (len(rows) > self.listed)
+        shown = [f"Normal modes of {full.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}",
+                 Table("modes", rows, columns, "Normal modes", most=self.listed), *more, *shown]
+        if not models.alone and models.meshes and (bare := [name for name in full.parts if name not in models.meshes]):
+            shown.append(f"not drawn, since they have no mesh: {', '.join(bare)}")
+        drawn = models.drawn(found.shapes) if models.scene.figures else {}
+        units = models.scene.units
+        files: dict[str, Any] = {}
+        if drawn:
+            titles = [f"mode {i}: ω = {omega:.5g} rad/time" for i, omega in enumerate(found.frequencies, 1)]
+            fields = [f"mode-{i:02d} {units.frequency(omega)}" for i, omega in enumerate(found.frequencies, 1)]
+            made, files = pictures("modes", drawn, titles, f"{models.scene.name}: normal modes", models.marks, fields)
+            shown += made
+        return Result({"modes": data}, shown, files)

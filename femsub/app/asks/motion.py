@@ -1,0 +1,269 @@
+"""Motion in time of the full and the reduced models: signals, spectra, growth, and criteria beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import femsub as fs
+from femsub import studies
+from femsub.app.asks import Ask
+from femsub.app.keys import key
+from femsub.app.result import Result
+from femsub.checks import Interruptible
+from femsub.errors import InputError, unknown_name
+from femsub.modes import relative_error
+from femsub.motion import sliding
+from femsub.studies import NEVER, Remark, Table, Verdict, column, label, named, sentence
+
+if TYPE_CHECKING:
+    from femsub import ComplexModes as Found, Transient
+    from femsub.app.grammar import Scene
+    from femsub.app.models import Known, Models
+    from femsub.app.result import Result
+    from femsub.motion import Spectrum
+
+SHOW = ("growth", "quality", "signals", "spectrum", "spectrogram")
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One model's run and what is seen of it in the window; None where it was interrupted before there was enough."""
+
+    kind: str  #: 'full', or the method's key
+    model: Any
+    run: Transient
+    window: tuple[float, float]
+    spectrum: Spectrum | None
+    row: dict[str, Any]
+    v: Any  #: the velocity at the place that is observed
+    speed: float | None  #: of the belt
+
+
+@dataclass(frozen=True)
+class Motion(Ask):
+    """Each model moves under its contacts from its own steady sliding and a blow on a port."""
+
+    motion: list[float] = key([], "the time, [from, to]", unit="time", form="[from, to]", required=True, example=[0.0, 500.0])
+    in_periods: bool = key(False, "whether times are counted in periods of the mode that grows fastest, of the largest model of the last "
+                           "method")
+    window: list[float] = key([], "the part whose amplitude and spectrum are shown", unit="time", form="[from, to]",
+                              otherwise="the last quarter")
+    step: float = key(0.0, "of the grid that is recorded; in periods its part of one", unit="time", least=0,
+                      otherwise="so that it has some 20,000 points, or 40 a period")
+    impulse: float = key(1e-3, "the blow on the first port under a contact with which each model leaves its sliding equilibrium",
+                         unit="force·time")
+    observe: str = key("", "the place whose velocity is shown, 'part.port'", otherwise="the first port under a contact")
+    length: float = key(0.0, "of the spectrogram's window", unit="time", least=0, otherwise="a fiftieth of the time")
+    tol: float = key(1e-7, "error control of the integration (femsub.transient)", above=0)
+    models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: ("full", "reduced", "all", "best"))
+    show: list[str] = key(["signals", "spectrum", "spectrogram"], "what is shown beside the table; growth in time beside Re λ and "
+                          "criteria of quality need all eigenvalues of each model", choices=lambda _: SHOW)
+
+    KIND: ClassVar[str] = "motion"
+    NEEDS: ClassVar[tuple[str, ...]] = ("contact",)
+
+    def check(self, scene: Scene) -> None:
+        super().check(scene)
+        for name, one in scene.contacts.items():
+            if hasattr(one, "check_nonlinear"):
+                try:
+                    one.check_nonlinear()
+                except InputError as error:
+                    raise InputError(f"contact {name}: {error}") from None
+        if self.observe:
+            part, _, port = self.observe.partition(".")
+            if part not in scene.parts or port not in scene.parts[part].port_names:
+                raise unknown_name("port", self.observe, [f"{name}.{one}" for name, part in scene.parts.items() for one in part.port_names])
+        elif not any(one.places for one in scene.contacts.values()):
+            raise InputError("observe is missing: no contact acts on a port, so name the place 'part.port' whose velocity is shown")
+        if self.window and (self.window[0] < self.motion[0] or self.window[1] > self.motion[1]):
+            raise InputError(f"window {self.window} reaches beyond the time {self.motion}")
+
+    def run(self, models: Models) -> Result:
+        tracks: list[Track] = []
+        with Interruptible() as work:
+            for one in models.chosen(self.models):
+                tracks.append(self.track(models, one))
+                whole(tracks[-1].run)
+        rows = [item.row for item in tracks]
+        place = self.observe or models.places[0]
+        columns = ["model", "size", "rms", column("peaks", "peaks (rad/time)", ".5g", unit="rad/time",
+                                                  cell=lambda row: strongest(row["peaks"])), "sticking",
+                   "energy_residual", "seconds",
+                   column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
+        seen = [f"{named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {row['peaks'][0]:.5g} rad/time."
+                for row in rows if row["rms"] is not None and len(row["peaks"])]
+        shown: list[Any] = [
+            f"Velocity at {place}, from a blow of {self.impulse:g}", Table(
+                "motion", rows, columns, "Models in time", 2, "the run, or its window, was too short"),
+            Verdict(seen, [NEVER, "Where several motions exist, another start may end in another one. One trajectory does not "
+                           "show it."],
+                    headline="The models are compared in time, each by one trajectory. No tolerance is set, so the figures below "
+                    "are yours to judge.")]
+        found = Result({"motion": {"models": rows}} | ({} if work.complete else {"complete": False}), shown)
+        for name in self.show:
+            models.say(f"motion, {name}")
+            part: Result = getattr(self, name)(models, tracks)
+            found = Result(found.data | part.data, [*found.shown, *([""] if part.shown else []), *part.shown])
+        assert label
+        return found
+
+    def track(self, models: Models, one: Known) -> Track:
+        """A model's run, and what it shows in the window: amplitude, frequencies, sticking."""
+        run, window, (unit, _) = self.long_run(models, one)
+        place, belts = self.place(models), [contact for contact in models.contacts if isinstance(contact, fs.Belt)]
+        v = run.velocity(place)
+        row: dict[str, Any] = {"model": one.kind, "size": one.model.size, "window": list(window), "rms": None, "peaks": None,
+                               "heights": None, "sticking": None, "energy_residual": run.energy.residual, "steps": run.effort.steps,
+                               "seconds": run.effort.seconds, "end": run.end, "complete": run.complete}
+        inside, seen = (run.t >= window[0]) & (run.t <= window[1]), None
+        if run.complete and inside.sum() > 64:
+            seen = fs.spectrum(run.t, v, window)
+            row |= {"rms": fs.rms(run.t, v, window), "peaks": seen.peaks, "heights": seen.heights}
+            if belts and any(belt.port == place for belt in belts) and not run.contact.without_eps:
+                row["sticking"] = fs.sticking(run, place, window)
+        assert unit
+        return Track(one.kind, one.model, run, window, seen, row, v, belts[0].speed if belts else None)
+
+    def place(self, models: Models) -> str:
+        """The port that is observed, as the model names it."""
+        return models.port(self.observe) if self.observe else models.places[0]
+
+    def long_run(self, models: Models, one: Known) -> tuple[Transient, tuple[float, float], tuple[float, complex]]:
+        """A model's run, the window, and the unit of time with the eigenvalue that it is the period of."""
+        unit, value = self.unit(models) if self.in_periods else (1.0, 0j)
+        start, end = self.motion[0] * unit, self.motion[1] * unit
+        step = self.step * unit or (unit / 40 if self.in_periods else (end - start) / 20_000)
+        place, ports = self.place(models), [name for contact in models.contacts for name in contact.ports]
+        window = (self.window[0] * unit, self.window[1] * unit) if self.window else (0.25 * start + 0.75 * end, end)
+
+        def run() -> Transient:
+            return fs.transient(one.model, models.contacts, (start, end), impulse=self.impulse, step=step, tol=self.tol,
+                                ports=[] if place in ports else [place],
+                                progress=lambda text: models.say(f"{label(one.kind)}, {text}"))
+
+        at = "motion", id(one.model), repr(models.contacts), start, end, step, self.tol, self.impulse, place
+        found = models.kept(at, run)
+        return found, window, (unit, value)
+
+    def unit(self, models: Models) -> tuple[float, complex]:
+        """The period of the mode that grows fastest, and its eigenvalue."""
+        reference = models.best
+        modes = models.spectrum(reference)
+        at = most_unstable(modes)
+        if at is None:
+            raise InputError(f"nothing grows: {reference.model!r} is stable below its cut-off under {models.contacts!r}; take a larger "
+                             "force, less damping or another speed")
+        value = complex(modes.eigenvalues[at])
+        return 2 * np.pi / value.imag, value
+
+    def growth(self, models: Models, tracks: Sequence[Track], faint: float = 1e-6, still: float = 1e-3) -> Result:
+        """Growth of the most unstable complex mode below a model's cut-off, measured in time, beside Re λ.
+
+        `faint` and `still` are shares of the belt's speed: the mode's velocity at the begin, and that up to which it is followed.
+        There the model is linear.
+        """
+        place, rows = self.place(models), list[dict[str, Any]]()
+        measured = ("growth", "growth_of_cea", "omega", "omega_of_cea", "error")
+        speed = abs(next((item.speed for item in tracks if item.speed), 1.0))
+        with Interruptible() as work:
+            for one in models.chosen("reduced" if self.models == "best" else self.models):
+                modes = models.spectrum(one)
+                found: dict[str, Any] = dict.fromkeys(measured)
+                if (at := most_unstable(modes)) is not None:  # else too few modes: what grows lies above this model's cut-off
+                    # from a velocity `faint` until it should be `still`, and for a dozen periods at least
+                    value, shape = complex(modes.eigenvalues[at]), modes.shapes[:, at]
+                    shape = shape * (faint * speed / max(float(np.abs(one.model.port(place).T @ shape * value).max()), 1e-300))
+                    start = sliding(one.model, models.contacts).perturbed(shape.real, (value * shape).real)
+                    period = 2 * np.pi / value.imag
+                    end = max(np.log(still / faint) / value.real, 12 * period)
+                    run = whole(fs.transient(one.model, models.contacts, (0.0, end), start=start, step=period / 40, tol=1e-10,
+                                             method="lsoda"))
+                    own = fs.growth_rate(run.t, run.velocity(place), below=2 * still * speed)
+                    found = dict(zip(measured, (own.rate, value.real, own.omega, value.imag, abs(own.rate / value.real - 1)),
+                                     strict=True))
+                above = float(modes.eigenvalues[modes.above_cutoff].real.max()) if modes.above_cutoff.any() else None
+                rows.append({"model": one.kind, "size": one.model.size, **found, "above": above})
+        columns = ["model", "size", column("growth", "growth in time", ".5g"), column("growth_of_cea", "Re λ", ".5g"),
+                   column("error", "error", ".0e"), column("omega", "ω in time", ".5g"),
+                   column("omega_of_cea", "Im λ", ".5g", unit="rad/time"), column("above", "Re λ above cut-off", ".5g")]
+        head = f"Growth of the most unstable mode below the cut-off, from {faint:g} of the belt's speed"
+        if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
+            head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
+        return Result({"motion-growth": rows} | ({} if work.complete else {"complete": False}), [head, Table(
+            "motion-growth", rows, columns, "Growth in time", 2, "no mode grows below the cut-off, or none lies above it")])
+
+    def signals(self, models: Models, tracks: Sequence[Track]) -> Result:
+        """Velocities: all of the run, and the last ten periods."""
+        return Result({}, [studies.signals_chart(tracks)] * any(len(item.run.t) > 1 for item in tracks))
+
+    @staticmethod
+    def highest(tracks: Sequence[Track]) -> float:
+        """How far up spectra are drawn: the same for all."""
+        tops = [at for item in tracks for at in strongest(item.row["peaks"]) or []]
+        return 1.3 * max(tops, default=1.0)  # the highest peak stands clear of the edge
+
+    def spectrum(self, models: Models, tracks: Sequence[Track]) -> Result:
+        """Spectra in the window."""
+        known = [item for item in tracks if item.spectrum is not None]
+        rows = [{"model": item.kind, "size": item.model.size, "omega": at, "amplitude": height} for item in known
+                for at, height in zip(item.row["peaks"], item.row["heights"], strict=True)]
+        return Result({"motion-spectrum": rows}, [Table("motion-spectrum", rows, title="Peaks of the spectra"), *(
+            [studies.spectra_chart(known, self.highest(tracks))] if known else [])])
+
+    def spectrogram(self, models: Models, tracks: Sequence[Track]) -> Result:
+        """Short-time spectra of the whole runs, on one scale."""
+        unit = self.unit(models)[0] if self.in_periods else 1.0
+        length = self.length * unit or (self.motion[1] - self.motion[0]) * unit / 50
+        made = [(item, fs.spectrogram(item.run.t, item.v, length)) for item in tracks
+                if len(item.run.t) and np.ptp(item.run.t) > 2 * length]
+        rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,
+                 "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
+                for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
+        return Result({"motion-spectrogram": {"length": length, "strongest": rows}}, [
+            Table("motion-spectrogram", rows, title="Strongest frequency over time"),
+            *([studies.spectrogram_chart(made, self.highest(tracks))] if made else [])])
+
+    def quality(self, models: Models, tracks: Sequence[Track]) -> Result:
+        """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
+
+        One trajectory of each: where motions coexist it may have ended in another of them, see docs/guide/motion.md.
+        """
+        known = [item for item in tracks if item.spectrum is not None and len(item.row["peaks"])]
+        if not known or known[0].kind != "full":
+            return Result({"motion-quality": []})
+        exact, reduced = known[0], known[1:]
+        measured = [{"model": item.kind, "error_frequency": relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
+                     "error_amplitude": relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
+        rows = studies.table_rows(exact.model, [item.model for item in reduced], models.contacts, measured)
+        columns = ["model", "size", column("missing_share", "missing", ".0%"), column("spurious_share", "spurious", ".0%"),
+                   column("growth_error", "err Re λ", ".1%"), column("projection_loss", "loss", ".1%"),
+                   column("compliance_mean", "compliance", ".1%"), column("error_frequency", "err ω in time", ".1%"),
+                   column("error_amplitude", "err rms", ".1%")]
+        return Result({"motion-quality": rows}, [
+            "Quality of the reduced models under self-excitation, from linear data, beside this run's errors",
+            Table("motion-quality", rows, columns, "Quality under self-excitation"),
+            *(f"{label(row['model'])}: {row['verdict']}" for row in rows),
+            Remark([sentence(row["verdict"], named(row["model"], row["size"])) for row in rows])])
+
+
+def whole(run: Transient) -> Transient:
+    """The run, if it went to its end; an interruption goes on to whoever keeps what is done (`Interruptible`)."""
+    if not run.complete:
+        raise KeyboardInterrupt
+    return run
+
+
+def most_unstable(found: Found) -> int | None:
+    """The complex mode below a model's cut-off that grows fastest; None where none grows."""
+    at = np.flatnonzero((found.eigenvalues.imag > 0) & ~found.above_cutoff & (found.eigenvalues.real > 0))
+    return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None
+
+
+def strongest(peaks: Sequence[float] | None) -> list[float] | None:
+    """The frequencies of the three largest peaks of a spectrum, which come first in it; None where there is no spectrum."""
+    return None if peaks is None else [float(at) for at in peaks[:3]]

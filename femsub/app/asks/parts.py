@@ -1,0 +1,48 @@
+"""The parts in colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from femsub.app.asks import Ask
+from femsub.app.figures import parts_figure
+from femsub.app.keys import key
+from femsub.app.models import joined_mesh
+from femsub.app.result import Picture, Result
+from femsub.app.shapes import vtu
+from femsub.studies import Table, column
+
+if TYPE_CHECKING:
+    from femsub.app.models import Models
+    from femsub.app.result import Result
+
+
+@dataclass(frozen=True)
+class Parts(Ask):
+    """The parts that have meshes: a table, a picture, and a VTU file with the number of the part at each node, counted from 1."""
+
+    parts: bool = key(True, "that it is asked for")
+
+    KIND: ClassVar[str] = "parts"
+
+    def run(self, models: Models) -> Result:
+        meshes, name = models.meshes, models.scene.name
+        title = f"{name}: {models.full.size} DOF in {len(meshes)} part{'s' * (len(meshes) != 1)}"
+        rows: list[dict[str, Any]] = [{"part": part, "nodes": len(mesh.points), "cells": len(mesh.cells), "kind": mesh.kind}
+                                      for part, mesh in meshes.items()]
+        columns = ("part", column("nodes", form="d"), column("cells", form="d"), column("kind", form="s"))
+        if not rows:
+            return Result({"parts": rows}, ["No part has a mesh: there is nothing to draw"])
+        shown: list[Any] = [Table("parts", rows, columns, "Parts")]
+        if len({mesh.kind for mesh in meshes.values()}) > 1 or next(iter(meshes.values())).dimension == 1:
+            return Result({"parts": rows}, shown)
+        ends = np.cumsum([row["cells"] for row in rows])
+        groups = {row["part"]: np.arange(end - row["cells"], end) for row, end in zip(rows, ends, strict=True)}
+        whole = joined_mesh(list(meshes.values()), groups)
+        number = np.repeat(np.arange(1.0, len(rows) + 1), [row["nodes"] for row in rows])
+        return Result({"parts": rows}, [*shown, Picture("parts", lambda: parts_figure(meshes, title))],
+                      {"parts.vtu": partial(vtu, whole, {"part": number})})

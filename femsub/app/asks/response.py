@@ -1,0 +1,103 @@
+"""Receptances of the full and the reduced models over a band."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import femsub as fs
+from femsub import studies
+from femsub.app.asks import Ask
+from femsub.app.keys import key
+from femsub.app.result import Result
+from femsub.errors import InputError, unknown_name
+from femsub.studies import Advice, Table, column, label
+
+if TYPE_CHECKING:
+    from femsub.app.grammar import Scene
+    from femsub.app.models import Models
+    from femsub.app.result import Result
+
+
+@dataclass(frozen=True)
+class Response(Ask):
+    """h(ω), the motion at a place per force at another, and a bound of each reduced model's error."""
+
+    response: list[str] = key([], "the places that are driven, 'part.port'; one alone is driven and observed", required=True,
+                              example=["beam.belt"])
+    observe: list[str] = key([], "the places that are observed", otherwise="those that are driven")
+    frequencies: int = key(400, "frequencies of the band", least=2, most=100_000)
+    loss: float = key(0.0, "loss factor of structural damping of the whole model, beside that of its parts", least=0)
+    sliding: bool = key(False, "whether the contacts act: about the sliding state, not at rest")
+
+    KIND: ClassVar[str] = "response"
+
+    def check(self, scene: Scene) -> None:
+        super().check(scene)
+        for place in (*self.response, *self.observe):
+            name, _, port = place.partition(".")
+            if name not in scene.parts:
+                raise unknown_name("part", name, scene.parts)
+            if port not in scene.parts[name].port_names:
+                raise unknown_name(f"port of {name!r}", port, scene.parts[name].port_names)
+        if self.loss and len(scene.parts) > 1:
+            raise InputError("loss is that of a model of one part. Give loss in the tables of the parts")
+
+    def run(self, models: Models) -> Result:
+        scene, (lo, hi) = models.scene, models.band_of(self.band)
+        omega = np.linspace(lo or hi / self.frequencies, hi, self.frequencies)
+        loads = [models.port(place) for place in self.response]
+        seen = [models.port(place) for place in self.observe or self.response]
+        acting = models.linear if self.sliding else None
+        exact: Any = None
+        curves, rows, points = list[dict[str, Any]](), list[dict[str, Any]](), list[dict[str, Any]]()
+        for one in models.every:
+            models.say(f"receptance, {label(one.kind)} with {one.model.size} DOF")
+            model = fs.damped(one.model, structural=self.loss) if self.loss else one.model
+            found = fs.frequency_response(model, acting, at=omega, loads=loads, responses=seen)
+            bound = None if exact is None else found.error(exact)
+            for j, load in enumerate(self.response):
+                for i, place in enumerate(self.observe or self.response):
+                    h = found.receptance[:, i, j]
+                    words = "" if len(loads) == len(seen) == 1 else f", {place} by {load}"
+                    curve = {**one.head, "omega": omega, "magnitude": np.abs(h), "phase": np.degrees(np.angle(h)), "words": words}
+                    if exact is not None and bound is not None:
+                        size, error = np.abs(exact.receptance[:, i, j]), bound[:, i, j]
+                        worst = int(error.argmax())
+                        rows.append({**one.head, **({"load": load, "place": place} if words else {}),
+                                     "error": float(error.max() / size.max()), "omega": float(omega[worst]),
+                                     "error_local": float((error / size).max()), "evidence": found.evidence})
+                        curve["error"] = error / size
+                    curves.append(curve)
+                    points += [{**one.head, **({"load": load, "place": place} if words else {}), **{
+                        name: float(curve[name][at]) for name in ("omega", "magnitude", "phase", "error") if name in curve}}
+                        for at in range(len(omega))]
+            exact = exact or found
+        columns = ("model", "modes", "size", *(("load", "place") if rows and "load" in rows[0] else ()), column("error", "err h"),
+                   column("omega", "at ω", ".5g"), column("error_local", "err h / h", ".1e"), "evidence")
+        table = Table("response-errors", rows, columns if rows else (), "Errors of receptances", keys=3)
+        where = "about the sliding state" if self.sliding else "at rest"
+        head = (f"Receptance at {', '.join(self.observe or self.response)} {where}, loss factor {self.loss:g}, at {len(omega)} "
+                f"frequencies; full model: {exact.evidence}, {int(exact.direct.sum())} solved directly, the others by {exact.modes} modes")
+        shown: list[Any] = [head, table, Table("response", points, title="Receptances"),
+                            studies.response_chart(curves, f"{scene.name}: receptance {where}")]
+        data = {"evidence": exact.evidence, "modes": exact.modes, "direct": int(exact.direct.sum()), "sliding": self.sliding,
+                "loss": self.loss, "rows": rows}
+        if not rows:
+            return Result({"response": data}, shown)
+        tolerance = scene.reduce.tolerance
+        choice = Advice(sentence="no small model of this run is accurate enough. Keep more modes, or lower the band",
+                        full=models.full.size, band=(lo, hi), brief=table.text(scene.units.known))
+        worst_of = {(row["model"], row["modes"], row["size"]): max(
+            other["error"] for other in rows if (other["model"], other["modes"]) == (row["model"], row["modes"])) for row in rows}
+        fit = [(one, error) for one, error in worst_of.items() if error <= tolerance and one[2] < models.full.size]
+        if fit:
+            (kind, modes, size), error = min(fit, key=lambda one: (one[0][2], one[1]))
+            name, off = label(kind), f"off by at most {error:.1e}"
+            choice = replace(
+                choice, decides=[f"Its receptance is {off} of the largest one, {where}."], size=size,
+                sentence=f"for {100 * tolerance:.3g} % of the largest receptance take {name} with {size} DOF: it is {off}",
+                model=f"{name} with {modes} modes ({size} DOF)")
+        return Result({"response": data}, [*shown, choice])

@@ -1,0 +1,61 @@
+"""Derivatives of eigenvalues with respect to parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import femsub as fs
+from femsub.app.asks import Ask, parameter_of
+from femsub.app.asks.complex_modes import least_stable
+from femsub.app.keys import key
+from femsub.app.result import Result
+from femsub.studies import Table, column
+
+if TYPE_CHECKING:
+    from femsub.app.grammar import Scene
+    from femsub.app.models import Models
+    from femsub.app.result import Result
+
+
+@dataclass(frozen=True)
+class Sensitivities(Ask):
+    """∂λ/∂p of the modes that grow, or of the least stable one, with error bars: what each parameter does to growth and frequency."""
+
+    sensitivities: list[str] = key([], "the parameters: keys of the contacts, names in factors, or [parameter.NAME]", required=True,
+                                   example=["mu", "pressure"])
+    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
+    models: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
+
+    KIND: ClassVar[str] = "sensitivities"
+    PENCIL: ClassVar[bool] = True
+
+    def check(self, scene: Scene) -> None:
+        super().check(scene)
+        for name in (*self.sensitivities, *self.at):
+            parameter_of(scene, name)
+
+    def run(self, models: Models) -> Result:
+        known = models.chosen(self.models)[0]
+        modes = models.spectrum(known, self.at, models.given_band if models.pencil else models.band_of(self.band))
+        of = [int(one) for one in modes.unstable if modes.eigenvalues[one].imag > 0]
+        if not of and (at := least_stable(modes)) is not None:
+            of = [at]
+        parameters = [models.scene.parameters[name].change(models) if name in models.scene.parameters and models.scene.parameters[name].acts
+                      else name for name in self.sensitivities]
+        model = known.model
+        values = {name: self.at.get(name, models.value(name)) for name in model.parameters} if models.pencil or isinstance(
+            model, fs.BoxModel) else None
+        found = fs.sensitivities(model, None if values is not None else models.at(self.at), modes, parameters, of=of, at=values)
+        rows: list[dict[str, Any]] = [
+            {"omega": float(value.imag), "growth": float(value.real), "parameter": name,
+             "growth_slope": float(found.first[i, j].real), "frequency_slope": float(found.first[i, j].imag),
+             "error_bar": float(found.error_bar[i, j])}
+            for i, value in enumerate(np.asarray(found.eigenvalues)) for j, name in enumerate(self.sensitivities)]
+        columns = ["omega", column("growth", form=".5g"), column("parameter", form="s"), column("growth_slope", "∂Re λ/∂p", ".5g"),
+                   column("frequency_slope", "∂Im λ/∂p", ".5g"), "error_bar"]
+        whose = "of the full model" if not known.before else f"of the model of {known.model.size} DOF"
+        return Result({"sensitivities": rows}, [
+            f"Derivatives of eigenvalues {whose}: {found!r}", Table("sensitivities", rows, columns, "Derivatives of eigenvalues", keys=2)])

@@ -1,0 +1,40 @@
+"""A linear contact at ports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import femsub as fs
+from femsub.app.contacts import ContactKind
+from femsub.app.keys import key
+
+if TYPE_CHECKING:
+    from femsub import Mesh
+
+
+@dataclass(frozen=True)
+class Linear(ContactKind):
+    """Matrices on ports, W C Wᵀ: D becomes D + W C_D Wᵀ and K becomes K + W C_K Wᵀ. They may be unsymmetric."""
+
+    linear: list[str] = key([], "the ports, 'part.port'", required=True, example=["disc.normal", "disc.along"])
+    stiffness: list[list[float]] = key([], "C_K, by rows", unit="force/length", otherwise="0", example=[[1e6, 0.0], [4e5, 0.0]])
+    damping: list[list[float]] = key([], "C_D, by rows", unit="force·time/length", otherwise="0")
+
+    KIND: ClassVar[str] = "linear"
+
+    @property
+    def places(self) -> list[str]:
+        return list(self.linear)
+
+    def made(self, port: Callable[[str], str], meshes: Mapping[str, Mesh], surfaces: list[str]) -> Any:
+        given = (np.array(one) if one else None for one in (self.stiffness, self.damping))
+        return fs.LinearContact(tuple(map(port, self.linear)), *given)
+
+    @property
+    def words(self) -> str:
+        """The contact in the first lines of what is printed."""
+        return f"linear contact at {', '.join(self.linear)}"

@@ -1,0 +1,510 @@
+"""Scene files: what there is and what is asked, read, checked to the last key and name, and run.
+
+    units, band               of all numbers, and the frequencies that matter
+    [material.NAME]           E, nu, rho
+    [parameter.NAME]          what may change: its range, or its value
+    [part.NAME]               one of the kinds in `femsub.app.parts`
+    [[joint]]                 one of `femsub.app.joints`; or [joint.NAME]
+    [contact.NAME]            one of `femsub.app.contacts`
+    [reduce]                  methods and numbers of modes
+    [[ask]]                   one of `femsub.app.asks`
+
+`scene = "brake"` begins with a built-in scene. Keys of a table replace those of its table of the same name, other values replace
+its values as a whole, and so does a list of asks.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType, NoneType
+from typing import TYPE_CHECKING, Any, Self
+
+from femsub.app.asks import Ask
+from femsub.app.changes import ParameterKeys
+from femsub.app.contacts import ContactKind
+from femsub.app.faults import Faults
+from femsub.app.inputs import inputs_of
+from femsub.app.joints import GROUND, Joint
+from femsub.app.keys import key, keys_of, made
+from femsub.app.kinds import FAMILIES, Kinds
+from femsub.app.methods import ReduceKeys
+from femsub.app.parts import MaterialKeys, Part, Site
+from femsub.app.units import SYSTEMS, Units
+from femsub.checks import resolved, word
+from femsub.errors import FemsubError, InputError, unknown_name
+
+if TYPE_CHECKING:
+    from femsub import Mesh
+    from femsub.app.models import Models
+    from femsub.app.result import Progress, Result
+
+BUILT_IN = files("femsub.app") / "scenes"
+ENDING = ".toml"
+LONGEST_NAME = 100
+
+
+@dataclass(frozen=True)
+class UnitKeys:
+    """Units by their names."""
+
+    length: str = key("", "as 'mm'", required=True, example="mm")
+    time: str = key("", "as 's'; with it Hz stands beside rad/s", required=True, example="s")
+    mass: str = key("", "as 't'", required=True, example="t")
+    force: str = key("", "as 'N'", otherwise="'N' where it follows from the others, else in words")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The keys above all tables."""
+
+    name: str = key("", "for headings and file names", otherwise="the scene's name, or that of the file")
+    units: str | UnitKeys = key("", "the units of all numbers: 'SI' (m, kg, s, N), 'mm-t-s' (mm, t, s, N), or {length = \"mm\", "
+                                "mass = \"t\", time = \"s\"}; where the time is in s, Hz stands beside rad/s; nothing is converted",
+                                choices=lambda _: SYSTEMS, otherwise="no unit is claimed", example="SI")
+    band: list[float] = key([], "the frequencies that matter, in which models are compared", unit="rad/time", least=0,
+                            form="[lo, hi]", otherwise="from 0 to 2 % above the elastic modes that `elastic` says",
+                            example=[0.0, 1e4])
+    elastic: int = key(8, "elastic modes that the default of band holds", least=1, most=1000)
+    figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
+    page: bool = key(False, "whether the results are also one page to read, report.html in the folder given by --out")
+    use: list[str] = key([], "Python files with kinds of your own", otherwise="none", example=["mine.py"], file=True)
+
+
+def built_in() -> dict[str, str]:
+    """The built-in scenes: their names, and the first line of what each says of itself."""
+    order = (BUILT_IN / "order.txt").read_text(encoding="utf-8").split()
+    return {name: text_of(name).partition("\n")[0].lstrip("# ").rstrip() for name in order}
+
+
+def text_of(name: str) -> str:
+    """The file of a built-in scene.
+
+    Raises
+    ------
+    InputError
+        There is none of this name.
+    """
+    path = BUILT_IN / f"{name}{ENDING}"
+    if re.search(r"[/\\]", name) or not path.is_file():
+        raise unknown_name("scene", name, (one.name.removesuffix(ENDING) for one in BUILT_IN.iterdir() if one.name.endswith(ENDING)))
+    return path.read_text(encoding="utf-8")
+
+
+def parsed(text: str, source: str) -> dict[str, Any]:
+    """A TOML file.
+
+    Raises
+    ------
+    InputError
+        It is none.
+    """
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # text that is no TOML or no UTF-8, a number of more than 4,300 digits
+        raise InputError(f"{source} is not a TOML file: {error}") from None
+    except RecursionError:
+        raise InputError(f"{source} is no scene file: its brackets are nested too deeply") from None
+
+
+def merged(below: Mapping[str, Any], table: Mapping[str, Any], kinds: Kinds) -> dict[str, Any]:
+    """A scene with the keys of another table in place of its own."""
+    found = dict(below)
+    for name, value in table.items():
+        old = below.get(name)
+        if name in (*FAMILIES, "material", "parameter") and isinstance(value, Mapping) and isinstance(old, Mapping):
+            found[name] = dict(old) | {one: _over(old.get(one), own, kinds.names(name) if name in FAMILIES else [])
+                                       for one, own in value.items()}
+        else:
+            found[name] = _over(old, value, [])
+    return found
+
+
+def _over(old: Any, new: Any, names: Sequence[str]) -> Any:
+    """Keys over keys, unless the new table is of another kind."""
+    if not (isinstance(old, Mapping) and isinstance(new, Mapping)):
+        return new
+    another = {key for key in new if key in names} - set(old)
+    return dict(new) if another else {**old, **new}
+
+
+class Scene:
+    """A scene: its models and its asks, as a file says them. `Scene.from_file(path)` reads one.
+
+    Attributes
+    ----------
+    parts, joints, contacts, materials, parameters : dict
+        What there is, by names.
+    reduce : ReduceKeys
+        How it is reduced.
+    asks : list
+        What is asked.
+    models : Models
+        The full and the reduced models, made when they are first asked for.
+
+    Raises
+    ------
+    InputError
+        All that is wrong in it, with the lines of the file.
+    """
+
+    def __init__(self, table: Mapping[str, Any], folder: Path = Path("."), source: str = "", text: str = "",
+                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True) -> None:
+        self.folder, self.source, self.trusted = folder, source, tuple(trusted)
+        self.store: dict[Any, Any] = {} if store is None else store
+        self._allowed = allowed
+        faults = Faults(source, text)
+        with faults.at(("use",)):
+            self.kinds = Kinds(self._modules(table.get("use", [])))
+        faults.check()
+        known_as = Path(source).stem if source else ""
+        if (name := table.get("scene")) is not None:
+            with faults.at(("scene",)):
+                known_as = word("it", name)
+                table = merged(parsed(text_of(known_as), name), {key: value for key, value in table.items() if key != "scene"},
+                               self.kinds)
+            faults.check()
+        self.table = dict(table)
+        self._read(faults, known_as or "scene")
+        self._check_names(faults)
+        faults.check()
+        self.faults = faults
+
+    @classmethod
+    def from_file(cls, source: str | Path, trusted: Sequence[str] = ()) -> Self:
+        """A scene by the name of a built-in one, or from a TOML file.
+
+        A Python file that it names in `use` is run only if it lies beside it, or is one of `trusted`.
+        """
+        name, path = str(source), Path(source)
+        if not path.is_file():
+            if path.suffix == ENDING or "/" in name:
+                raise InputError(f"there is no scene file {name}")
+            text_of(name)
+            return cls({"scene": name})
+        if path.suffix == ".json":
+            table, folder = inputs_of(path)
+            return cls(table, folder, name, "", trusted, allowed=False)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, ValueError) as error:
+            raise InputError(f"{name} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        table = parsed(text, name)
+        if not table:
+            raise InputError(f"{name} is empty, or has comments only. Begin it with a part, or with scene = \"chain\" or another name "
+                             "of `femsub scenes`")
+        return cls(table, path.parent, name, text, trusted, allowed=False)
+
+    def _modules(self, names: Any) -> list[ModuleType]:
+        """The user's Python files, which are run."""
+        found = []
+        for name in names if isinstance(names, list) else [names]:
+            path = self.folder / word("it", name)
+            if not self._allowed:
+                try:
+                    whole = resolved(path)
+                    allowed = whole.parent == resolved(self.folder) or whole in map(resolved, self.trusted)
+                except ValueError:
+                    allowed = False
+                if not allowed:
+                    raise InputError(f"the Python file {path} is not beside the scene file, and would be executed. Read it first, "
+                                     f"then allow it: femsub run {self.source} --trust {path}")
+            if not path.is_file():
+                raise InputError(f"there is no file {path}")
+            spec = spec_from_file_location(f"femsub_kinds_{path.stem}", path)
+            assert spec is not None and spec.loader is not None
+            module = sys.modules[spec.name] = module_from_spec(spec)  # dataclasses look for their module there
+            try:
+                spec.loader.exec_module(module)
+            except FemsubError:
+                raise
+            except Exception as error:
+                raise InputError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
+            found.append(module)
+        return found
+
+    def _read(self, faults: Faults, known_as: str) -> None:
+        """Makes all tables into their classes; what cannot be one is noted and left out."""
+        table = self.table
+        families = {"material": MaterialKeys, "parameter": ParameterKeys}
+        above = {name: value for name, value in table.items() if name not in (*FAMILIES, *families, "reduce")}
+        settings = made(Settings, above, (), faults) or Settings()
+        self.units = Units.of(vars(settings.units) if isinstance(settings.units, UnitKeys) else settings.units)
+        hertz = self.units.known
+        if not hertz:  # frequencies again, now that no unit is known
+            made(Settings, above, (), faults, False)
+        self.settings, self.figures, self.paged = settings, settings.figures, settings.page
+        with faults.at(("name",)):
+            self.name = word("it", settings.name) or known_as
+            if len(self.name) > LONGEST_NAME or set(self.name) & set("/\\"):
+                raise InputError(f"it cannot be part of a file's name. Take at most {LONGEST_NAME} characters without / and \\")
+        found: dict[str, dict[str, Any]] = {}
+        for family in (*families, *FAMILIES):
+            found[family] = {}
+            for name, place, one in self._tables(family, faults):
+                if family in families:
+                    kind: Any = families[family]
+                else:
+                    kind = None
+                    with faults.at(place):
+                        kind = self.kinds.of(family, one)
+                if kind is not None and (item := made(kind, one, place, faults, hertz)) is not None:
+                    found[family][name] = item
+        self.materials: dict[str, MaterialKeys] = found["material"]
+        self.parameters: dict[str, ParameterKeys] = found["parameter"]
+        self.parts: dict[str, Part] = found["part"]
+        self.joints: dict[str, Joint] = found["joint"]
+        self.contacts: dict[str, ContactKind] = found["contact"]
+        self.asks: list[Ask] = list(found["ask"].values())
+        given = table.get("reduce")
+        if not isinstance(given, (Mapping, NoneType)):
+            faults.add(("reduce",), "it must be a table, [reduce]")
+        self.reduce: ReduceKeys = (isinstance(given, Mapping) and made(ReduceKeys, given, ("reduce",), faults, hertz)) or ReduceKeys([])
+        for name in self.reduce.parts_named():
+            if name not in self.parts:
+                faults.add(("reduce", "methods"), unknown_name("part", name, self.parts))
+
+    def _tables(self, family: str, faults: Faults) -> Iterator[tuple[str, tuple[Any, ...], Mapping[str, Any]]]:
+        """The tables of a family with their names and places: [family.NAME], or [[family]] in their order."""
+        several = self.table.get(family, {})
+        listed = isinstance(several, list)
+        if not (isinstance(several, Mapping) or (listed and family in ("joint", "ask", "contact"))):
+            faults.add((family,), f"it must be tables, [{family}.NAME]")
+            return
+        for name, one in enumerate(several) if listed else several.items():
+            if not isinstance(one, Mapping):
+                faults.add((family, name), f"it must be a table, [{family}.NAME]" + f" or [[{family}]]" * (family in ("joint", "ask")))
+            elif (family == "part" and not re.fullmatch(r"[^.:\s]+", str(name))) or name == GROUND:
+                faults.add((family, name), "a part's name is a word without a dot or colon, other than 'ground'")
+            else:
+                yield str(name + 1 if listed else name), (family, name), one
+
+    def place(self, family: str, name: str) -> tuple[Any, ...]:
+        """Where a table stands, from its name."""
+        return (family, int(name) - 1 if isinstance(self.table.get(family), list) else name)
+
+    # names: what refers to what
+
+    @cached_property
+    def meshes(self) -> dict[str, Mesh]:
+        """The meshes of all parts that have one, with the sets that contacts and glue need."""
+        found = {name: mesh for name in self.parts if (mesh := self.mesh(name)) is not None}
+        for joint in (*self.joints.values(), *self.contacts.values()):
+            if getattr(joint, "facing", False):
+                found |= self._facing(joint, found)
+        return found
+
+    def mesh(self, name: str) -> Mesh | None:
+        """A part's mesh, read or made once."""
+        part = self.parts[name]
+        place = ("mesh", name, repr(part), str(self.folder))
+        if place not in self.store:
+            self.store[place] = part.mesh(self.site(name))
+        found: Mesh | None = self.store[place]
+        return found
+
+    def _facing(self, joint: Any, meshes: Mapping[str, Mesh]) -> dict[str, Mesh]:
+        """The second part's mesh with the set of what lies opposite the first surface."""
+        from femsub.coupling import opposite
+
+        first, second = (self.split(one) for one in self.surfaces_of(joint))
+        at = ("facing", first, second, *(repr(self.parts[one[0]]) for one in (first, second)))
+        if at not in self.store:
+            self.store[at] = opposite(meshes[first[0]], first[1], meshes[second[0]], second[1])
+        return {second[0]: meshes[second[0]].with_sets(**{facing_set(first, second): self.store[at]})}
+
+    @staticmethod
+    def surfaces_of(joint: Any) -> list[str]:
+        """The two surfaces of a contact, or of glue, as the file has them."""
+        found: list[str] = joint.surfaces if isinstance(joint, ContactKind) else joint.ends
+        return found
+
+    @staticmethod
+    def split(end: str) -> tuple[str, str]:
+        """('disc', 'track') of 'disc.track'."""
+        name, _, rest = end.partition(".")
+        return name, rest
+
+    def site(self, name: str) -> Site:
+        """Where a part is made, with what others need of it."""
+        interface: list[Any] = []
+        ports: dict[str, Any] = {}
+        for joint in self.joints.values():
+            ports |= joint.ports().get(name, {})
+            if not joint.ports():
+                interface += [self._needed(end, at, joint) for at, end in enumerate(joint.ends) if self._part_of(end) == name]
+        for contact in self.contacts.values():
+            interface += [self._needed(end, at, contact) for at, end in enumerate(contact.surfaces) if self._part_of(end) == name]
+        flat = [one for several in interface for one in several]
+        return Site(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
+
+    def _needed(self, end: str, at: int, joint: Any) -> list[Any]:
+        """The sets or DOF of the interface that an end names."""
+        name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", end, re.DOTALL).groups()  # type: ignore[union-attr]
+        if mark == ":":
+            return [int(one) for one in rest.split(",") if one.strip().isdecimal()]
+        if not mark or rest in self.parts[name].port_names:
+            return []
+        if at == 1 and getattr(joint, "facing", False):
+            first = self.split(self.surfaces_of(joint)[0])
+            return [facing_set(first, (name, rest))]
+        try:
+            found = self.parts[name].end(rest, None)
+        except FemsubError:
+            return []
+        return [] if type(self.parts[name]).KIND == "superelement" else [found]
+
+    @staticmethod
+    def _part_of(end: str) -> str:
+        return re.split(r"[.:]", end, maxsplit=1)[0]
+
+    def _check_names(self, faults: Faults) -> None:
+        """Notes all names that do not exist, and parts that are joined to nothing."""
+        meshes: dict[str, Any] = {}
+        for name, part in self.parts.items():
+            with faults.at(("part", name)):
+                meshes[name] = self.mesh(name)
+            for material in self._materials_of(part):
+                if material not in self.materials:
+                    faults.add(("part", name, "material"), unknown_name("material", material, self.materials))
+        links: list[set[str]] = []
+        for family, several in (("joint", self.joints), ("contact", self.contacts)):
+            for name, one in several.items():
+                place = (*self.place(family, name), type(one).KIND)
+                ends = [*(one.ends if isinstance(one, Joint) else (*one.places, *one.surfaces))]
+                for end in ends:
+                    with faults.at(place):
+                        self._check_end(end, meshes, port=isinstance(one, ContactKind) and end in one.places)
+                links.append({self._part_of(end) for end in ends} - {GROUND})
+        if not self.parts and not faults.found and not all(ask.alone for ask in self.asks):
+            faults.add((), "there is no part: give a table such as [part.disc], or scene = \"chain\" or another name of `femsub scenes`")
+        if not self.asks and not faults.found:
+            faults.add((), f"nothing is asked: give a table [[ask]] with one of {', '.join(self.kinds.names('ask'))}")
+        lone = {name for ask in self.asks for name in ask.parts_named()}
+        self._check_joined(links, lone, faults)
+        if not faults.found:
+            for at, ask in enumerate(self.asks):
+                with faults.at(("ask", at)):
+                    ask.check(self)
+
+    def _check_joined(self, links: Sequence[set[str]], lone: set[str], faults: Faults) -> None:
+        """Notes parts that nothing joins to the others."""
+        if len(self.parts) < 2:
+            return
+        groups = [{name} for name in self.parts if name not in lone]
+        for link in links:
+            met = [group for group in groups if group & link]
+            if len(met) > 1:
+                groups = [group for group in groups if group not in met] + [set().union(*met)]
+        if len(groups) > 1 and not faults.found:
+            largest = max(groups, key=len)
+            for group in groups:
+                if group is not largest:
+                    for name in sorted(group):
+                        faults.add(("part", name), "it is joined to nothing: give a joint or a contact that names it, or take it out")
+
+    def _check_end(self, end: str, meshes: Mapping[str, Any], port: bool) -> None:
+        """Refuses an end of a joint or contact that is not there."""
+        if end == GROUND:
+            return
+        name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", end, re.DOTALL).groups()  # type: ignore[union-attr]
+        if name not in self.parts:
+            if isinstance(self.table.get("part", {}), Mapping) and name in self.table.get("part", {}):
+                return  # it has faults of its own
+            raise unknown_name("part", name, self.parts)
+        part = self.parts[name]
+        if type(part).KIND == "affine":
+            raise InputError(f"{name!r} is a pencil of matrices, which can be neither joined nor under a contact")
+        if port:
+            ports = part.port_names
+            if rest not in ports or mark != ".":
+                raise unknown_name(f"port of {name!r}", rest or end, ports)
+            return
+        if mark == ":":
+            if not re.fullmatch(r"\s*\d+(\s*,\s*\d+)*\s*", rest):
+                raise InputError(f"{end!r} must list DOF behind the colon, counted from 0, as '{name}:0,4,5'")
+        elif mark and rest not in part.port_names and name in meshes:
+            part.end(rest, None if meshes[name] is None else meshes[name].sets)
+
+    @staticmethod
+    def _materials_of(part: Part) -> list[str]:
+        given = getattr(part, "material", [])
+        return [given] if isinstance(given, str) else list(given.values()) if isinstance(given, Mapping) else []
+
+    # models and runs
+
+    @cached_property
+    def models(self) -> Models:
+        """The models of the scene."""
+        from femsub.app.models import Models
+
+        return Models(self)
+
+    def varied(self, changes: Mapping[str, Any]) -> Scene:
+        """The scene with other values at 'part.chain.belt' and the like."""
+        table = copied(self.table)
+        for path, value in changes.items():
+            *above, last = path.split(".")
+            here = table
+            for one in above:
+                here = here.setdefault(one, {})
+            here[last] = value
+        made = Scene(table | {"name": self.name}, self.folder, self.source, "", self.trusted, self.store, self._allowed)
+        made.figures = self.figures
+        return made
+
+    def run(self, progress: Progress) -> Result:
+        """All that is asked, in the order of the file."""
+        from femsub.app.run import run_all
+
+        return run_all(self, progress)
+
+    def without_figures(self) -> Self:
+        """The scene, which draws nothing."""
+        self.figures = False
+        return self
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(f"{name} ({type(part).KIND})" for name, part in self.parts.items())
+        return f"Scene {self.name!r}: {kinds}; asks {', '.join(ask.title for ask in self.asks)}"
+
+    def file_places(self, table: Mapping[str, Any]) -> Iterator[tuple[Any, Any]]:
+        """The values of a scene's table that name files: the table or list in which each stands, and its key or place there."""
+        def within(kind: Any, table: Any) -> Iterator[tuple[Any, Any]]:
+            for name, one in keys_of(kind).items():
+                at = kind.KIND if getattr(kind, "KIND", "").replace("-", "_") == name else name
+                value = table.get(at)
+                if one.file and isinstance(value, str) and value:
+                    yield table, at
+                elif one.file and isinstance(value, list):
+                    yield from ((value, i) for i, item in enumerate(value) if isinstance(item, str))
+                if one.table is not None and isinstance(value, (dict, list)):
+                    for item in value if isinstance(value, list) else [value]:
+                        if isinstance(item, dict):
+                            yield from within(one.table, item)
+
+        yield from within(Settings, table)
+        for family in FAMILIES:
+            several = table.get(family, {})
+            for one in several if isinstance(several, list) else several.values():
+                yield from within(self.kinds.of(family, one), one)
+
+
+def facing_set(first: tuple[str, str], second: tuple[str, str]) -> str:
+    """The name of the set of what lies opposite a surface."""
+    return f"{second[1]}-facing-{first[0]}"
+
+
+def copied(value: Any) -> Any:
+    """A table with tables and lists of its own."""
+    if isinstance(value, Mapping):
+        return {key: copied(item) for key, item in value.items()}
+    return [copied(item) for item in value] if isinstance(value, list) else value
+

@@ -1,0 +1,45 @@
+"""Joints of a scene. `Joint` is what all kinds share; their ends are 'part.set', 'part', 'part:0,4' or 'ground'."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from femsub.app.keys import key
+from femsub.app.kinds import Kind
+
+if TYPE_CHECKING:
+    from femsub import Mesh
+
+GROUND = "ground"
+ENDS = "'part.set', 'part' (all of its interface), 'part:0,4' (DOF), or 'ground'"
+
+
+@dataclass(frozen=True)
+class Joint(Kind):
+    """What all kinds of joints have."""
+
+    tolerance: float = key(0.0, "how far places that meet may lie apart", unit="length", least=0,
+                           otherwise="a small share of the distance of neighbours")
+
+    FAMILY: ClassVar[str] = "joint"
+
+    @property
+    def ends(self) -> list[str]:
+        """The ends, as the first field has them."""
+        found = getattr(self, self.KIND.replace("-", "_"))
+        return [found] if isinstance(found, str) else list(found)
+
+    @property
+    def tol(self) -> float | None:
+        """The tolerance, if one is given."""
+        return self.tolerance or None
+
+    def ports(self) -> Mapping[str, Mapping[str, Any]]:
+        """Ports that parts need for it, by parts."""
+        return {}
+
+    def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
+        """The joints between the ends, as `couple` takes them."""
+        raise NotImplementedError

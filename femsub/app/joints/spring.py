@@ -1,0 +1,28 @@
+"""Springs and dashpots between the nodes of two ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import femsub as fs
+from femsub.app.joints import ENDS, Joint
+from femsub.app.keys import key
+
+if TYPE_CHECKING:
+    from femsub import Mesh
+
+
+@dataclass(frozen=True)
+class Spring(Joint):
+    """A spring and a dashpot between each pair of DOF that meet, or at a port 'part.port'."""
+
+    spring: list[str] = key([], f"the two ends: {ENDS}", required=True, form="[first, second]", example=["pad.back", "ground"])
+    stiffness: float = key(0.0, "of each", unit="force/length", least=0)
+    damping: float = key(0.0, "of each", unit="force·time/length", least=0)
+
+    KIND: ClassVar[str] = "spring"
+
+    def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
+        return [fs.Spring(ends[0], ends[1], stiffness=self.stiffness, damping=self.damping, tol=self.tol)]

@@ -1,0 +1,32 @@
+"""Surfaces of meshes that do not match, glued."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import femsub as fs
+from femsub.app.joints import GROUND, Joint
+from femsub.app.keys import key
+from femsub.errors import InputError
+
+if TYPE_CHECKING:
+    from femsub import Mesh
+
+
+@dataclass(frozen=True)
+class Tied(Joint):
+    """Two surfaces, glued. With `facing` the second takes part with those faces alone that lie opposite the first."""
+
+    tied: list[str] = key([], "the surfaces, 'part.set'; the first is the smaller one", required=True, form="[first, second]",
+                          example=["post.bottom", "base.top"])
+    facing: bool = key(False, "whether the faces of the second one that lie opposite the first are all that is joined")
+
+    KIND: ClassVar[str] = "tied"
+
+    def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
+        for words, end in zip(self.tied, ends, strict=True):
+            if end == GROUND or end[0] not in meshes:
+                raise InputError(f"glue joins surfaces of meshes, but {words!r} is none")
+        return [fs.Tied(ends[0], ends[1], {end[0]: meshes[end[0]] for end in ends}, tol=self.tol)]

@@ -1,0 +1,84 @@
+"""Kinds: what may stand in a scene file, each a class with keys in a file of its own.
+
+A family is a folder of them: parts, joints, contacts, asks. A table of a file is of the kind whose name is one of its keys,
+`critical = "mu"`, and that key is the first field of the class. Others come from Python files that a scene names in `use`, and from
+packages by an entry point of the group `femsub.kinds`.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import ModuleType
+from typing import Any, ClassVar
+
+from femsub.errors import InputError, unknown_name
+
+FAMILIES = ("part", "joint", "contact", "ask")
+
+
+class Kind:
+    """A table of a scene file. `KIND` is the key that says of which kind it is, and `FAMILY` where it stands."""
+
+    KIND: ClassVar[str] = ""
+    FAMILY: ClassVar[str] = ""
+
+
+@cache
+def _packaged() -> dict[str, dict[str, str]]:
+    """The modules of kinds, by family and by the names of kinds; nothing is imported but the folders."""
+    found: dict[str, dict[str, str]] = {}
+    for family in FAMILIES:
+        package = import_module(f"femsub.app.{family}s")
+        found[family] = {one.name.replace("_", "-"): f"{package.__name__}.{one.name}" for one in pkgutil.iter_modules(package.__path__)}
+    return found
+
+
+def defined_in(module: ModuleType) -> Iterator[type[Kind]]:
+    """The kinds that a module defines itself."""
+    for one in vars(module).values():
+        if isinstance(one, type) and issubclass(one, Kind) and one.KIND and one.__module__ == module.__name__:
+            yield one
+
+
+class Kinds:
+    """The kinds that one scene knows: femsub's own, those of installed packages, and those of `modules`."""
+
+    def __init__(self, modules: Sequence[ModuleType] = ()) -> None:
+        self.own: dict[tuple[str, str], type[Kind]] = {}
+        for module in (*modules, *(one.load() for one in entry_points(group="femsub.kinds"))):
+            for kind in defined_in(module):
+                self.own[kind.FAMILY, kind.KIND] = kind
+
+    def names(self, family: str) -> list[str]:
+        """All of a family."""
+        return sorted({*_packaged()[family], *(name for own, name in self.own if own == family)})
+
+    def kind(self, family: str, name: str) -> type[Any]:
+        """The class of a kind."""
+        if (found := self.own.get((family, name))) is not None:
+            return found
+        module = import_module(_packaged()[family][name])
+        return next(one for one in defined_in(module) if name == one.KIND)
+
+    def of(self, family: str, table: Mapping[str, Any]) -> type[Any]:
+        """The kind that a table is of.
+
+        Raises
+        ------
+        InputError
+            The table names none, or more than one.
+        """
+        names = self.names(family)
+        known = [name for name in table if name in names]
+        if len(known) == 1:
+            return self.kind(family, known[0])
+        if known:
+            raise InputError(f"it is of the kinds {' and '.join(known)}: a table has one of them")
+        strange = next((key for key in table), None)
+        if strange is None:
+            raise InputError(f"it is empty. Name its kind: {', '.join(names)}")
+        raise unknown_name(f"kind of {family}: none of its keys names one, as", strange, names)

@@ -1,0 +1,77 @@
+"""How a scene is reduced: methods, numbers of modes, and the steps that each model takes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from femsub import reduction
+from femsub.app.keys import key
+from femsub.errors import InputError, unknown_name
+
+#: of the literature, and of Python's MacNeal
+SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-bampton", "mac-neal": "macneal"}
+WHOLE = ("contact-modes", "real-modes", "box")  # of the joined model
+FULL = "full"  # a part that stays as it is
+DEFAULT = ("craig-bampton", "craig-chang")
+
+
+def known(name: str) -> str:
+    """'craig-bampton' for CraigBampton and HCB, which are the method's names elsewhere."""
+    if name in reduction.METHODS:
+        return name
+    plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
+    return SHORT_NAMES.get(plain, plain)
+
+
+def checked(entry: Any) -> Any:
+    """An entry of methods with the names that femsub has for them.
+
+    Raises
+    ------
+    InputError
+        No such method; a table or a list in which there is none.
+    """
+    if isinstance(entry, str):
+        name = known(entry)
+        if name not in (*reduction.METHODS, *WHOLE, FULL):
+            raise unknown_name("method", entry, (*reduction.METHODS, *WHOLE))
+        return name
+    if isinstance(entry, Mapping) and entry:
+        return {part: checked(one) if not isinstance(one, Mapping) else {**one, "method": checked(one.get("method", ""))}
+                for part, one in entry.items()}
+    if isinstance(entry, list) and entry:
+        return [checked(one) for one in entry]
+    raise InputError(f"methods has {entry!r}: give the name of a method, a table of parts and methods, or a list of steps")
+
+
+@dataclass(frozen=True)
+class ReduceKeys:
+    """Reduced models: each method with each number of modes."""
+
+    methods: list[Any] = key(list(DEFAULT), "the methods: a name; {disc = \"rubin\", pad = \"guyan\"}, part by part; or steps, "
+                             "[\"rubin\", \"contact-modes\"]. Of the joined model: contact-modes, real-modes, box")
+    modes: list[int] = key([10, 20], "numbers of modes to compare, for each method; of joined parts in each part", least=0)
+    sizes: list[int] = key([], "numbers of DOF, in place of modes, of a scene with one part", least=1, otherwise="modes holds")
+    ports: bool = key(True, "whether the static response to ports joins each basis")
+    tolerance: float = key(1e-3, "relative error that the recommended model may have", above=0)
+    repeats: int = key(5, "runs per time that is measured", least=1, most=1000)
+    workers: int = key(0, "processes that reduce parts side by side", least=0, otherwise="none but this one")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "methods", [checked(one) for one in self.methods])
+
+    @property
+    def labels(self) -> str:
+        """The methods' names in texts: 'Craig-Bampton and Craig-Chang'."""
+        return " and ".join(reduction.METHODS[one].label if one in reduction.METHODS else str(one) if isinstance(one, str) else
+                            ", then ".join(map(str, one)) if isinstance(one, list) else "one for each part" for one in self.methods)
+
+    def parts_named(self) -> Iterable[str]:
+        """The parts that tables of methods name."""
+        for entry in self.methods:
+            for one in entry if isinstance(entry, list) else [entry]:
+                if isinstance(one, Mapping):
+                    yield from one

@@ -1,0 +1,448 @@
+"""The models of a scene: the full one, those reduced, their modes. Each is made when it is first asked for, and once."""
+
+from __future__ import annotations
+
+import re
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import femsub as fs
+from femsub.app.grammar import facing_set
+from femsub.app.joints import GROUND
+from femsub.app.methods import FULL
+from femsub.checks import Array
+from femsub.components import node_rows
+from femsub.errors import InputError, PortWarning
+from femsub.model import MOTIONS, contacts_at, family_of
+from femsub.modes import beside_the_full
+from femsub.reduction import METHODS, Method
+from femsub.studies import in_words, key_of, reduced_by, with_value
+
+if TYPE_CHECKING:
+    from femsub.app.grammar import Scene
+
+RIGID = len(MOTIONS)  # rigid motions that a part has at most
+BESIDE = 0.02  # relative distance of the end of the band's default from the modes below and above it
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A model: 'full' or the key of its method, the modes kept, and the models before each of its steps."""
+
+    kind: str
+    modes: int
+    model: Any
+    before: Sequence[Any] = ()
+    steps: tuple[Any, ...] = ()
+
+    @property
+    def head(self) -> dict[str, Any]:
+        """The first columns of its rows."""
+        return {"model": self.kind, "modes": self.modes, "size": self.model.size}
+
+    def expand(self, q: Array) -> Array:
+        """Motions of the full model, (n, k), of those of this one."""
+        after = [*self.before[1:], self.model]
+        for above, here in zip(reversed(self.before), reversed(after), strict=True):
+            q = above.collected(here.expand(q)) if isinstance(here, fs.System) else here.expand(q)
+        return q
+
+
+@dataclass(eq=False)
+class Models:
+    """What there is of a scene. `say` reports a step; `store` is shared by all variants of the scene."""
+
+    scene: Scene
+    say: Callable[[str], None] = field(default=lambda text: None)
+
+    def of(self, scene: Scene) -> Models:
+        """Those of a variant of the scene."""
+        return Models(scene, self.say)
+
+    def kept(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What was made before under a key, or is made now."""
+        store = self.scene.store
+        if key not in store:
+            store[key] = make()
+        return store[key]
+
+    @cached_property
+    def _key(self) -> str:
+        """All that the full model depends on."""
+        scene = self.scene
+        surfaces = [(name, one.surfaces, getattr(one, "facing", None)) for name, one in scene.contacts.items()]
+        return repr((scene.parts, scene.joints, scene.materials, surfaces, str(scene.folder)))
+
+    # the full model
+
+    @cached_property
+    def _built(self) -> tuple[Any, dict[str, fs.Mesh], dict[str, str], float]:
+        """The full model, meshes by the names of its parts, the pieces of parts that are cut, and the seconds it took."""
+        return self.kept(("full", self._key), self._build)  # type: ignore[no-any-return]
+
+    def _build(self) -> tuple[Any, dict[str, fs.Mesh], dict[str, list[str]], float]:
+        scene, parts, meshes, joints = self.scene, dict[str, Any](), dict[str, fs.Mesh](), list[Any]()
+        pieces: dict[str, list[str]] = {}
+        self.say("building the parts")
+        start = time.perf_counter()
+        for name, part in scene.parts.items():
+            with scene.faults.at(("part", name)):
+                made = part.made(scene.site(name), scene.meshes.get(name))
+                parts |= made.parts
+                meshes |= made.meshes
+                joints += made.joints
+                pieces[name] = list(made.parts)
+        scene.faults.check()
+        seconds = time.perf_counter() - start
+        rubbing = [one for one in scene.contacts.values() if one.surfaces]
+        if len(parts) == 1 and not joints and not scene.joints and not rubbing:
+            return next(iter(parts.values())), meshes, pieces, seconds
+        for name, joint in scene.joints.items():
+            with scene.faults.at(scene.place("joint", name)):
+                ends = [self._end(end, at, joint, parts) for at, end in enumerate(joint.ends)]
+                joints += joint.made(ends, meshes)
+        surfaces = []
+        for name, contact in scene.contacts.items():
+            if contact.surfaces:
+                with scene.faults.at(scene.place("contact", name)):
+                    surfaces.append(self._contact(contact, {}, meshes))
+        scene.faults.check()
+        return fs.couple(parts, [*joints, *surfaces], scene.name), meshes, pieces, time.perf_counter() - start
+
+    def _end(self, end: str, at: int, joint: Any, parts: Mapping[str, Any]) -> Any:
+        """'ground', or (part, set), (part, DOF): what `couple` takes."""
+        if end == GROUND:
+            return GROUND
+        name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", end, re.DOTALL).groups()  # type: ignore[union-attr]
+        if name not in parts:
+            raise InputError(f"{name!r} is cut into pieces, which are joined to each other alone")
+        if mark == ":":
+            return name, [int(number) for number in rest.split(",")]
+        if mark:
+            if at == 1 and getattr(joint, "facing", False):
+                return name, facing_set(self.scene.split(joint.ends[0]), (name, rest))
+            found = rest if rest in parts[name].ports else self.scene.parts[name].end(rest, None)
+            return name, f"m{found}" if type(self.scene.parts[name]).KIND == "chain" and isinstance(found, int) else \
+                f"{found:g}" if isinstance(found, float) else found
+        whole = [one for one, rows in parts[name].sets.items() if len(rows) == len(parts[name].interface_numbers)]
+        return name, whole[0] if whole else parts[name].interface.tolist()  # a set is matched by place, a list in its order
+
+    @property
+    def full(self) -> Any:
+        """The full model: a substructure, a system of several, or a pencil with parameters."""
+        return self._built[0]
+
+    @property
+    def meshes(self) -> dict[str, fs.Mesh]:
+        """The meshes by the names of the model's parts."""
+        return self._built[1]
+
+    @property
+    def assembly(self) -> float:
+        """Seconds for building the full model."""
+        return self._built[3]
+
+    @property
+    def alone(self) -> bool:
+        """Whether the model is one part that is joined to nothing."""
+        return not isinstance(self.full, fs.System)
+
+    @property
+    def pencil(self) -> bool:
+        """Whether the model is a pencil of matrices with parameters."""
+        return isinstance(self.full, fs.Affine)
+
+    def port(self, place: str) -> str:
+        """The name that 'part.port' has in the model."""
+        name, _, port = place.partition(".")
+        if self.alone:
+            return port
+        pieces = self._built[2][name]
+        return next((f"{piece}.{port}" for piece in pieces if port in self.full.parts[piece].ports), place)
+
+    def at_end(self, end: str) -> str:
+        """The name that an end 'part.set' has in the model."""
+        return end.partition(".")[2] if self.alone else end
+
+    # contacts
+
+    def _contact(self, contact: Any, values: Mapping[str, float], meshes: Mapping[str, fs.Mesh]) -> Any:
+        surfaces = list(contact.surfaces)
+        if getattr(contact, "facing", False):
+            first, second = map(self.scene.split, surfaces)
+            surfaces[1] = f"{second[0]}.{facing_set(first, second)}"
+        return contact.made(self.port, meshes, surfaces)
+
+    @cached_property
+    def contacts(self) -> list[Any]:
+        """All contacts, as they are given."""
+        found = []
+        for name, one in self.scene.contacts.items():
+            with self.scene.faults.at(self.scene.place("contact", name)):
+                found.append(self._contact(one, {}, self.meshes))
+        self.scene.faults.check()
+        for name, one in self.scene.parameters.items():  # a value in [parameter.NAME] holds for all contacts that have it
+            if one.value is not None and not one.acts and any(hasattr(contact, name) for contact in found):
+                found = list(contacts_at(found, name, one.value))
+        return found
+
+    @property
+    def linear(self) -> list[Any]:
+        """The contacts for linear analyses: of belts the slope alone."""
+        return [fs.Belt(port=one.port, force=one.force, slope=one.slope) if isinstance(one, fs.Belt) else one for one in self.contacts]
+
+    def at(self, values: Mapping[str, float]) -> list[Any]:
+        """The contacts for linear analyses at values of parameters."""
+        found = self.contacts if set(values) & {"speed", "eps"} else self.linear
+        for name, value in values.items():
+            found = with_value(found, name, value)
+        return found
+
+    @property
+    def places(self) -> list[str]:
+        """The ports at which contacts act, or, without contacts, all ports."""
+        return [name for one in self.contacts for name in one.ports] or list(self.full.ports)
+
+    # frequencies
+
+    @cached_property
+    def normal(self) -> fs.NormalModes:
+        """The lowest normal modes of the full model: those of the default band, and what is rigid."""
+        def modes() -> fs.NormalModes:
+            self.say("normal modes")
+            return fs.normal_modes(self.full, count=max(1, min(RIGID + self.scene.settings.elastic, self.full.size - RIGID)))
+
+        return self.kept(("normal", self._key, self.scene.settings.elastic), modes)  # type: ignore[no-any-return]
+
+    @cached_property
+    def given_band(self) -> tuple[float, float] | None:
+        """The band of the scene, if it has one."""
+        band = self.scene.settings.band
+        return (band[0], band[1]) if band else None
+
+    @cached_property
+    def band(self) -> tuple[float, float]:
+        """The band of the scene, or from 0 to beyond its lowest elastic modes."""
+        if self.given_band is not None:
+            return self.given_band
+        omega = self.normal.frequencies[self.normal.rigid:]
+        last = min(self.scene.settings.elastic, len(omega)) - 1
+        while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * BESIDE) * omega[last]:
+            last += 1
+        return 0.0, float((1 + BESIDE) * omega[last])
+
+    def band_of(self, given: Sequence[float]) -> tuple[float, float]:
+        """That of an ask, or of the scene."""
+        return (given[0], given[1]) if given else self.band
+
+    # reduced models
+
+    def reductions(self) -> list[tuple[str, int, tuple[Any, ...]]]:
+        """Each model's key, number of modes, and steps: for each method each number of modes."""
+        keys, found = self.scene.reduce, dict[str, tuple[str, int, tuple[Any, ...]]]()
+        for entry in keys.methods:
+            for row, count in enumerate(keys.sizes or keys.modes):
+                steps = tuple(self._step(one, row, count, bool(keys.sizes)) for one in (entry if isinstance(entry, list) else [entry]))
+                steps = tuple(one for one in steps if one is not None)
+                if steps:
+                    key = fs_key(steps)
+                    found.setdefault(repr(steps), (key, count, steps))
+        return list(found.values())
+
+    def _step(self, entry: Any, row: int, count: int, sized: bool) -> Any:
+        """A method, or a mapping of parts to methods, with so many modes or all that there is room for."""
+        full = self.full
+        if entry == FULL:
+            return None
+        if entry in ("contact-modes", "real-modes"):
+            return fs.ContactModes(min(count, full.size - 1), contacts=self.linear, friction=entry == "contact-modes")
+        if entry == "box":
+            ranges = {name: one.range for name, one in self.scene.parameters.items() if one.range}
+            return fs.ParameterBox(ranges, band=self.band)
+        if isinstance(entry, str) and self.alone:
+            if sized:
+                count -= len(full.interface)
+                if count < 0:
+                    return None
+            elif count > full.size:
+                raise InputError(f"modes: {count} are more than the {full.size} DOF of {full.name!r}")
+            return METHODS[entry](count)
+        if self.alone:
+            raise InputError("a method for each part needs several parts; give its name alone")
+        mapping: dict[str, Method] = {}
+        for part, sub in full.parts.items():
+            own = entry if isinstance(entry, str) else entry.get(part, FULL)
+            modes = count
+            if isinstance(own, Mapping):
+                given = own.get("modes", [])
+                modes = given[min(row, len(given) - 1)] if given else count
+                own = own["method"]
+            if own == FULL:
+                continue
+            kind, room = METHODS[own], len(sub.interior)
+            if not kind.held:  # of a free part; its rigid motions are counted only where so many modes are asked for
+                many = modes > sub.size - RIGID
+                room = sub.size - (fs.normal_modes(sub, count=min(1, sub.size)).rigid if many else RIGID)
+            mapping[part] = kind(min(modes, max(room, 0)))
+        return mapping
+
+    def reduced_model(self, key: str, count: int, steps: tuple[Any, ...]) -> Known:
+        """The model after all steps."""
+        def reduce() -> Known:
+            self.say(in_words(steps))
+            before, model = list[Any](), self.full
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", PortWarning)  # the figure is in the tables
+                for step in steps:
+                    before.append(model)
+                    model = reduced_by(model, [step], self.linear, self.scene.reduce.ports, self.scene.reduce.workers or None)
+            return Known(key, count if key not in METHODS or not hasattr(model, "modes") else model.modes, model, before, steps)
+
+        place = "reduced", self._key, repr(steps), self.scene.reduce.ports, repr(self.linear) if any(
+            isinstance(one, fs.ContactModes) for one in steps) else ""
+        return self.kept(place, reduce)  # type: ignore[no-any-return]
+
+    @cached_property
+    def reduced(self) -> list[Known]:
+        """The reduced models."""
+        return [self.reduced_model(*one) for one in self.reductions()]
+
+    @cached_property
+    def exact(self) -> Known:
+        """The full model."""
+        return Known(FULL, 0, self.full)
+
+    @property
+    def every(self) -> Iterator[Known]:
+        """The full model, and those reduced."""
+        yield self.exact
+        yield from self.reduced
+
+    def chosen(self, which: str) -> list[Known]:
+        """'full', 'reduced' or 'all'; 'best' is the largest model of the last method, or the full one where nothing is reduced."""
+        if which == FULL or not self.scene.reduce.methods:
+            return [self.exact]
+        if which == "best":
+            return [self.best]
+        return [*([self.exact] if which == "all" else []), *self.reduced]
+
+    @cached_property
+    def best(self) -> Known:
+        """The largest model of the last method; of joined models under contacts that of contact modes."""
+        if not self.scene.reduce.methods:
+            return self.exact
+        steps = self.reductions()
+        whole = [one for one in steps if len(one[2]) == 1 and one[0] == "contact-modes"]
+        last = whole or [one for one in steps if one[0] == steps[-1][0]]
+        found = [self.reduced_model(*one) for one in last]
+        return max(reversed(found), key=lambda one: one.model.size)
+
+    # modes and families
+
+    def spectrum(self, known: Known, values: Mapping[str, float] | None = None, band: tuple[float, float] | None = None,
+                 evidence: bool | None = None) -> fs.ComplexModes:
+        """Complex modes in a band at values of parameters, all without a band."""
+        given = dict(values or {})
+
+        def modes() -> fs.ComplexModes:
+            if self.pencil:
+                model = known.model
+                return fs.complex_modes(model.at(**{name: given.get(name, self.value(name)) for name in model.parameters}), band=band)
+            if isinstance(known.model, fs.BoxModel):
+                return known.model.at(**{name: given.get(name, self.value(name)) for name in known.model.parameters})
+            if known is self.exact or band is None:
+                self.say(f"complex modes of {known.model.size} DOF")
+                return fs.complex_modes(known.model, self.at(given), band=band, evidence=evidence)
+            return beside_the_full(known.model, self.at(given), band=band)
+
+        at = "modes", id(known.model), tuple(given.items()), band, repr(self.linear)
+        return self.kept(at, modes)  # type: ignore[no-any-return]
+
+    def value(self, name: str) -> float:
+        """The value of a parameter of matrices.
+
+        Raises
+        ------
+        InputError
+            It has none.
+        """
+        given = self.scene.parameters.get(name)
+        if given is None or given.value is None:
+            raise InputError(f"the parameter {name!r} has no value: give [parameter.{name}] with value")
+        return given.value
+
+    def over(self, known: Known, names: Sequence[str]) -> tuple[Any, Any]:
+        """A model and its contacts, for analyses over parameters: of matrices, and with changes, a family without contacts."""
+        changes = {name: one.change(self) for name, one in self.scene.parameters.items() if name in names and one.acts}
+        if self.pencil and known is self.exact:
+            part, = self.scene.parts.values()
+            values = {name: self.value(name) for name in part.names if name not in names}  # type: ignore[attr-defined]
+            site = self.scene.site(next(iter(self.scene.parts)))
+            return self.kept(("family", self._key, tuple(names), tuple(values.items())),
+                             lambda: part.family(site, tuple(names), values)), None  # type: ignore[attr-defined]
+        if isinstance(known.model, fs.BoxModel):
+            return known.model.fixed(**{name: self.value(name) for name in known.model.parameters if name not in names}), None
+        if not changes:
+            return known.model, self.at({}) if "speed" not in names else self.contacts
+        ranges = {name: self.scene.parameters[name].range for name in names}
+        return family_of(known.model, self.linear, list(names), ranges, changes=changes), None  # type: ignore[arg-type]
+
+    # shapes
+
+    def drawn(self, u: Array) -> dict[str, tuple[fs.Mesh, Array]]:
+        """The parts' meshes of each kind as one, and motions u (n, k) on it, (nodes, 3, k), the largest of all parts 1."""
+        moved = {next(iter(self._built[2])): u} if self.alone else self.full.expand(u)
+        fields: dict[str, Array] = {}
+        for name, mesh in self.meshes.items():
+            kind = self.scene.parts.get(name) or next(iter(self.scene.parts.values()))
+            found = kind.moved(mesh, self.full if self.alone else self.full.parts[name], moved[name])
+            if found is not None:
+                fields[name] = found
+        if not fields:
+            return {}
+        largest = np.max([np.linalg.norm(one, axis=1).max(axis=0) for one in fields.values()], axis=0)
+        drawn: dict[str, tuple[fs.Mesh, Array]] = {}
+        for kind_of in dict.fromkeys(self.meshes[name].kind for name in fields):
+            names = [name for name in fields if self.meshes[name].kind == kind_of]
+            shapes = np.concatenate([fields[name] for name in names]) / np.where(largest > 0, largest, 1.0)
+            drawn[kind_of] = joined_mesh([self.meshes[name] for name in names]), shapes
+        return drawn
+
+    @property
+    def marks(self) -> dict[str, Array]:
+        """Nodes of the contacts and of the interface, as rows of the one mesh; none of several kinds."""
+        if len({mesh.kind for mesh in self.meshes.values()}) != 1:
+            return {}
+        starts = dict(zip(self.meshes, np.cumsum([0, *(len(mesh.points) for mesh in self.meshes.values())]), strict=False))
+        found: dict[str, list[Array]] = {"contact": [], "interface": []}
+        for one in self.scene.contacts.values():
+            for first, second in [map(self.scene.split, one.surfaces)] if one.surfaces else []:
+                name, rows = (second[0], facing_set(first, second)) if getattr(one, "facing", False) else first
+                if rows in self.meshes[name].sets:
+                    found["contact"].append(starts[name] + self.meshes[name].sets[rows])
+        if self.alone and self.full.dofs is not None:
+            mesh, dofs = next(iter(self.meshes.values())), self.full.dofs
+            ports = [np.flatnonzero(self.full.port(name)) for one in self.contacts for name in one.ports]
+            for key, rows in (("contact", np.concatenate(ports) if ports else np.zeros(0, int)), ("interface", self.full.interface)):
+                nodes = np.unique(dofs.nodes[rows])
+                found[key].append(node_rows(mesh, nodes[np.isin(nodes, mesh.numbers)]))
+        return {key: np.concatenate(rows) for key, rows in found.items() if rows and len(np.concatenate(rows))}
+
+
+def joined_mesh(meshes: Sequence[fs.Mesh], groups: Mapping[str, Array] | None = None) -> fs.Mesh:
+    """Meshes of one kind as one, which share no nodes; `groups` are groups of its cells."""
+    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
+    return fs.Mesh(np.vstack([mesh.points for mesh in meshes]),
+                   np.vstack([mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]), meshes[0].kind,
+                   groups=groups or {})
+
+
+def fs_key(steps: Sequence[Any]) -> str:
+    """The key of the first step, or of that of all parts; 'mixed' where they differ."""
+    return key_of(steps)

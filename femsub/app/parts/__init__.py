@@ -1,0 +1,131 @@
+"""Parts of a scene: each kind makes substructures from its keys. `Part` is what all kinds share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import femsub as fs
+from femsub.app.keys import key
+from femsub.app.kinds import Kind
+from femsub.errors import InputError, unknown_name
+
+if TYPE_CHECKING:
+    from femsub import Material, Mesh, Substructure
+    from femsub.checks import Array
+
+
+@dataclass(frozen=True)
+class MaterialKeys:
+    """A material: Young's modulus, Poisson's ratio, density."""
+
+    E: float = key(0.0, "Young's modulus", unit="force/length²", above=0, required=True, example=2.1e11)
+    nu: float = key(0.3, "Poisson's ratio", above=-1, below=0.5)
+    rho: float = key(0.0, "density", unit="mass/length³", above=0, required=True, example=7850.0)
+    loss: float = key(0.0, "loss factor of its structural damping", least=0)
+
+
+class Site(NamedTuple):
+    """Where a part is made: its name, the folder of its files, all materials, and what others want of it."""
+
+    name: str
+    folder: Path
+    materials: Mapping[str, MaterialKeys]
+    interface: Sequence[Any] = ()  #: sets or DOF that joints and contacts name
+    ports: Mapping[str, Any] = {}  #: ports that joints need
+
+    def material(self, name: str) -> Material:
+        """One by its name.
+
+        Raises
+        ------
+        InputError
+            There is none of this name.
+        """
+        if name not in self.materials:
+            raise unknown_name("material", name, self.materials)
+        one = self.materials[name]
+        return fs.Material(one.E, one.nu, one.rho, one.loss)
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a part has made: substructures by their names (several of a part that is cut), joints between them, their meshes."""
+
+    parts: dict[str, Any]
+    joints: Sequence[Any] = ()
+    meshes: Mapping[str, Mesh] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Part(Kind):
+    """What all kinds of parts have."""
+
+    interface: list[int | float | str] = key([], "where it is joined, beside the sets and DOF that joints and contacts name",
+                                             otherwise="what joints and contacts name")
+    ports: dict[str, Any] = key({}, "places where contacts, loads and springs act, by their names", otherwise="none")
+    loss: float = key(0.0, "loss factor of the structural damping of the whole part", least=0)
+
+    FAMILY: ClassVar[str] = "part"
+
+    @property
+    def port_names(self) -> list[str]:
+        """Its ports."""
+        return list(self.ports)
+
+    def mesh(self, site: Site) -> Mesh | None:
+        """The mesh, which is read or made before anything is assembled; None of parts without one."""
+        return None
+
+    def prefer(self, site: Site) -> list[Any]:
+        """The interface: as it is given, then what joints and contacts name."""
+        return list(dict.fromkeys([*self.interface, *site.interface]))
+
+    def made(self, site: Site, mesh: Mesh | None) -> Made:
+        """The substructures."""
+        raise NotImplementedError
+
+    def one(self, site: Site, sub: Substructure, mesh: Mesh | None = None) -> Made:
+        """A part that is one substructure."""
+        sub = fs.damped(sub, structural=self.loss) if self.loss else sub
+        return Made({site.name: sub}, (), {site.name: mesh} if mesh is not None else {})
+
+    def end(self, words: str, sets: Iterable[str] | None) -> Any:
+        """What `couple` takes for an end 'part.words': a set's name."""
+        if sets is not None and words not in sets:
+            raise unknown_name("set", words, sets)
+        return words
+
+    def moved(self, mesh: Mesh, sub: Substructure, u: Array) -> Array | None:
+        """Displacements of the mesh's nodes, (nodes, 3, k), of motions u (n, k); None where they are not known."""
+        return None if sub.dofs is None else fs.displacements(mesh, sub.dofs, u)
+
+
+def motions(names: Iterable[Any]) -> dict[str, str]:
+    """{"inner": "xyz", "symmetry": "x"} of ["inner", "symmetry:x"]."""
+    pairs = (name.rpartition(":") if ":" in name else (name, ":", "xyz") for name in map(str, names))
+    return {name: axes for name, _, axes in pairs}
+
+
+def rates(given: Sequence[float]) -> tuple[float, float] | None:
+    """(alpha, beta) of Rayleigh damping."""
+    return (given[0], given[1]) if given else None
+
+
+RAYLEIGH: dict[str, Any] = {"unit": "1/time, time", "form": "[alpha, beta]", "otherwise": "none", "example": [5.0, 1e-7]}
+
+
+def from_file(site: Site, name: str) -> Path:
+    """A file that a part names.
+
+    Raises
+    ------
+    InputError
+        It is not there.
+    """
+    path = site.folder / name
+    if not path.is_file():
+        raise InputError(f"there is no file {path}")
+    return path

@@ -1,0 +1,105 @@
+"""Your own matrices with factors of named parameters: λ² Σ θ M + λ Σ θ D + Σ θ K."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import femsub as fs
+from femsub.algebra import as_matrix
+from femsub.app.expressions import Expression, Factor
+from femsub.app.keys import key
+from femsub.app.parts import Made, Part, Site
+from femsub.app.parts.matrices import found
+from femsub.errors import InputError
+from femsub.io import read_aligned
+
+if TYPE_CHECKING:
+    from femsub import Affine as Family, Mesh
+    from femsub.checks import Matrix
+
+
+@dataclass(frozen=True)
+class Term:
+    """One matrix of a sum, and its factor."""
+
+    matrix: str | list[list[float]] = key("", "the file of the matrix, 'model.mat:DR' of one in it, or its rows", required=True,
+                                          example="K1.mtx", file=True)
+    factor: str | float = key(1.0, "what it is multiplied by: a number, or arithmetic of parameters with + - * / **, sqrt, exp, "
+                              "log, sin, cos and pi", example="mu / speed")
+
+
+@dataclass(frozen=True)
+class Sums:
+    """The sums. Any of the matrices may be unsymmetric."""
+
+    M: list[Term] = key([], "masses", required=True)
+    D: list[Term] = key([], "dampings and gyroscopic terms", otherwise="none")
+    K: list[Term] = key([], "stiffnesses and circulatory terms", required=True)
+    massless: bool = key(False, "whether M may leave out DOF of K")
+
+
+@dataclass(frozen=True)
+class Affine(Part):
+    """A pencil of your own matrices with factors of parameters, such as D1 + mu/speed DR + speed DG and K1 + mu KR + speed² Kgeo.
+
+    It is no part that could be joined or reduced by itself. Its parameters have ranges and values in [parameter.NAME].
+    """
+
+    affine: Sums = key(None, "the matrices", required=True)
+
+    KIND: ClassVar[str] = "affine"
+    WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("interface", "ports", "loss"), "a pencil is neither joined nor has it places")
+
+    @cached_property
+    def factors(self) -> dict[str, dict[str, Expression]]:
+        """Those of M, D and K by the places of their matrices."""
+        return {sum_: {f"{sum_}[{i}]": Expression(str(term.factor), f"{sum_}[{i}].factor")
+                       for i, term in enumerate(getattr(self.affine, sum_), 1)} for sum_ in "MDK"}
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """All parameters, in the order in which they come."""
+        return tuple(dict.fromkeys(name for terms in self.factors.values() for one in terms.values() for name in one.names))
+
+    def __post_init__(self) -> None:
+        _ = self.names  # a factor that is no expression is refused here
+
+    def made(self, site: Site, mesh: Mesh | None) -> Made:
+        return Made({site.name: self.family(site, self.names, {})})
+
+    def family(self, site: Site, free: tuple[str, ...], values: Mapping[str, float]) -> Family:
+        """The pencil over free parameters; the others have values."""
+        matrices, sums = self.matrices(site), []
+        for terms in self.factors.values():
+            added: list[tuple[Any, Matrix]] = []
+            for name, one in terms.items():
+                A, line = matrices[name], one.lines(free[0], values) if len(free) == 1 else None
+                if not set(one.names) & set(free):
+                    added += [(one(values), A)] if one(values) else []
+                elif line is None:
+                    added.append((Factor(one, tuple(at for at in free if at in one.names), tuple(values.items())), A))
+                else:  # a straight line in the parameter stands as such, so that it can be certified
+                    added += [(theta, factor * A) for theta, factor in ((1.0, line[0]), (free[0], line[1])) if factor] or [(0.0, A)]
+            sums.append(added or (None if terms is self.factors["D"] else [(0.0, A)]))
+        return fs.Affine(*sums)
+
+    def matrices(self, site: Site) -> Mapping[str, Matrix]:
+        """By their places, checked, all of one size."""
+        given = {f"{sum_}[{i}]": term.matrix for sum_ in "MDK" for i, term in enumerate(getattr(self.affine, sum_), 1)}
+        paths = {name: found(site, one) for name, one in given.items() if isinstance(one, str)}
+        matrices: dict[str, Any] = {name: np.array(one) for name, one in given.items() if not isinstance(one, str)}
+        if paths:
+            base = next((name for name in paths if name[0] == "K"), next(iter(paths)))
+            matrices |= read_aligned(paths, {name: name[0] for name in paths}, base, [name for name in paths if name[0] == "M"],
+                                     self.affine.massless or len(self.affine.M) > 1)[0]
+        checked = {name: as_matrix(name, matrices[name]) for name in given}
+        size = checked["K[1]"].shape[0]
+        for name, A in checked.items():
+            if A.shape[0] != size:
+                raise InputError(f"{name} is {A.shape[0]} x {A.shape[0]}, but K[1] is {size} x {size}. All must have one size")
+        return checked

@@ -1,0 +1,117 @@
+"""A solid, from any mesh file, or a disc, a block, or a part of femsub's own brake."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import femsub as fs
+from femsub.app.keys import key
+from femsub.app.parts import RAYLEIGH, Made, Part, Site, from_file, motions, rates
+from femsub.coupling import brake_meshes
+from femsub.errors import InputError, unknown_name
+
+if TYPE_CHECKING:
+    from femsub import Material, Mesh
+    from femsub.checks import Array
+
+BRICKS = ("hexahedron", "hexahedron20", "hexahedron27")
+BRAKE = ("disc", "inboard", "outboard")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A solid that is made: a disc of `radii` about z, a block of `lengths`, or a part of femsub's own `brake`.
+
+    A block has the sets left, right, front, back, bottom and top. A disc has inner, outer, bottom, top, contact (cells on top, two
+    around, next to the outer rim, at angle 0) and mounts (three nodes of the lower edge of the outer rim, 120° apart).
+    """
+
+    radii: list[float] = key([], "of a disc", unit="length", above=0, form="[inner, outer]", otherwise="it is no disc",
+                             example=[0.05, 0.15])
+    thickness: float = key(0.0, "of a disc", unit="length", above=0, required_with="radii", example=0.012)
+    lengths: list[float] = key([], "of a block", unit="length", above=0, form="[x, y, z]", otherwise="it is no block")
+    brake: str = key("", "femsub's own brake, in m: which part", choices=lambda _: BRAKE, otherwise="it is none")
+    size: float = key(0.025, "of a part of the brake: length of its elements", unit="m", above=0)
+    elements: list[int] = key([], "bricks along the radius, around and through the thickness, or along x, y and z", least=1,
+                              form="[1, 2, 3]", otherwise="4, 48 and 2", example=[5, 48, 2])
+    cells: str = key("hexahedron20", "the kind of bricks", choices=lambda _: BRICKS)
+    at: list[float] = key([], "where the corner of a block with the least x, y, z is, or the centre of a disc's lower face",
+                          unit="length", form="[x, y, z]", otherwise="the origin")
+
+    def __post_init__(self) -> None:
+        if sum(map(bool, (self.radii, self.lengths, self.brake))) != 1:
+            raise InputError("give radii and thickness of a disc, lengths of a block, or brake")
+
+    def mesh(self, name: str) -> Mesh:
+        """The mesh with its sets."""
+        counts = self.elements or [4, 48, 2]
+        if self.brake:
+            return brake_meshes(self.size)[self.brake]
+        made = _disc(self.radii, self.thickness, counts, self.cells, name) if self.radii else fs.block(
+            self.lengths, counts, self.cells, name=name)
+        return replace(made, points=made.points + np.array(self.at)) if self.at else made
+
+
+def _disc(radii: list[float], thickness: float, counts: list[int], cells: str, name: str) -> Mesh:
+    """A disc with its contact and three mounts."""
+    mesh = fs.annulus(radii[0], radii[1], thickness, counts, cells, name=name)
+    radius, angle = np.hypot(*mesh.points[:, :2].T), np.arctan2(mesh.points[:, 1], mesh.points[:, 0])
+    width, sector = (radii[1] - radii[0]) / counts[0], 2 * np.pi / counts[1]
+    top = mesh.sets["top"]
+    patch = top[(radius[top] > radii[1] - 1.01 * width) & (np.abs(angle[top]) < 1.01 * sector)]
+    edge = np.intersect1d(mesh.sets["outer"], mesh.sets["bottom"])
+    around = np.exp(1j * angle[edge])
+    mounts = [edge[np.argmin(np.abs(around - np.exp(2j * np.pi * place)))] for place in (1 / 6, 1 / 2, 5 / 6)]
+    return mesh.with_sets(contact=patch, mounts=mounts)
+
+
+@dataclass(frozen=True)
+class NearKeys:
+    """A set of one node: that of the set `of` which is nearest to a point."""
+
+    of: str = key("", "the set that it belongs to", otherwise="any node")
+    near: list[float] = key([], "the point; with two numbers distances count along x and y alone", unit="length",
+                            required=True, example=[0.0, 0.0, 0.1])
+
+    def nodes(self, mesh: Mesh) -> Array:
+        """The node, as a row of the mesh."""
+        if self.of and self.of not in mesh.sets:
+            raise unknown_name("set", self.of, mesh.sets)
+        rows = mesh.sets[self.of] if self.of else np.arange(len(mesh.points))
+        return rows[[np.linalg.norm((mesh.points[rows] - self.near if len(self.near) == 3 else
+                                     mesh.points[rows][:, :2] - self.near[:2]), axis=1).argmin()]]
+
+
+@dataclass(frozen=True)
+class Solid(Part):
+    """A solid of hexahedra or tetrahedra. A set of nodes is held or joined in all directions, or as 'set:xy' in some."""
+
+    solid: str | Shape = key("", "a mesh file, whatever femsub.read_mesh reads, or what is made", file=True, required=True,
+                             example="part.msh")
+    material: str | dict[str, str] = key("", "the name of its material, or those of groups of cells", required=True,
+                                         example={"lining": "friction", "plate": "steel"})
+    cells: str = key("", "which kind of cells to take of a file of several kinds", otherwise="the file's only kind",
+                     example="hexahedron20")
+    supports: list[str] = key([], "sets that are held", otherwise="none", example=["hub"])
+    ports: dict[str, Any] = key({}, "places by their names: a set whose mean motion along y counts, or [set, direction], an axis, "
+                                "the surface's 'normal', or a vector", otherwise="none", example={"belt": ["contact", "y"]})
+    sets: dict[str, NearKeys] = key({}, "further sets of one node each", otherwise="none")
+    rayleigh: list[float] = key([], "[alpha, beta] of the damping D = αM + βK", **RAYLEIGH)
+
+    KIND: ClassVar[str] = "solid"
+
+    def mesh(self, site: Site) -> Mesh | None:
+        made = self.solid.mesh(site.name) if isinstance(self.solid, Shape) else fs.read_mesh(
+            from_file(site, self.solid), kind=self.cells or None)
+        return made.with_sets(**{name: one.nodes(made) for name, one in self.sets.items()}) if self.sets else made
+
+    def made(self, site: Site, mesh: Mesh | None) -> Made:
+        material: Material | dict[str, Material] = site.material(self.material) if isinstance(self.material, str) else {
+            group: site.material(name) for group, name in self.material.items()}
+        ports = {name: (one, "y") if isinstance(one, str) else tuple(one) for name, one in (self.ports | dict(site.ports)).items()}
+        assert mesh is not None
+        return self.one(site, fs.solid(mesh, material, supports=motions(self.supports), interface=motions(self.prefer(site)),
+                                       ports=ports, rayleigh=rates(self.rayleigh), name=site.name), mesh)

@@ -1,0 +1,40 @@
+"""A superelement of another program, or a folder that femsub has written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import femsub as fs
+from femsub.app.keys import key
+from femsub.app.parts import Made, Part, Site, from_file
+from femsub.app.parts.matrices import DOF
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from femsub import Mesh
+
+MODEL = "model.json"  # of a folder of write_matrices
+
+
+@dataclass(frozen=True)
+class Superelement(Part):
+    """A superelement, any one of its files. A joint names its whole boundary, 'wing', or one of its grids, 'wing.11'."""
+
+    superelement: str = key("", "its file (.asm, .pch, .op4, .op2, .nc), a .full file, or the model.json of a folder of "
+                            "write_matrices", required=True, example="wing.asm", file=True)
+    cutoff: float = key(0.0, "up to which frequency its author kept modes", unit="rad/time", least=0,
+                        otherwise="that of its highest mode, with a warning")
+    ports: dict[str, Any] = key({}, f"places by their names: lists of DOF, {DOF}", otherwise="none", example={"tip": ["11:uy"]})
+
+    KIND: ClassVar[str] = "superelement"
+
+    def made(self, site: Site, mesh: Mesh | None) -> Made:
+        path = from_file(site, self.superelement)
+        given: dict[str, Any] = {"interface": self.interface, "ports": self.ports, "cutoff": self.cutoff}
+        return self.one(site, fs.read_component(path.parent if path.name == MODEL else path, name=site.name, **{
+            name: value for name, value in given.items() if value}))
+
+    def end(self, words: str, sets: Iterable[str] | None) -> Any:
+        return words

@@ -1,0 +1,101 @@
+"""Runs a scene: all that is asked, in the order of the file. What fails, or is interrupted, takes nothing from what was done."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from femsub.app.asks import Ask
+from femsub.app.grammar import Scene
+from femsub.app.models import Models
+from femsub.app.result import Progress, Result, Shown
+from femsub.checks import Interruptible
+from femsub.errors import FemsubError
+from femsub.studies import Chart, Table
+
+
+def run_all(scene: Scene, progress: Progress) -> Result:
+    """The results of all asks.
+
+    Failures are reported in the text and in data["failed"], an interruption by data["complete"] = False.
+
+    Raises
+    ------
+    FemsubError
+        The first failure, where every ask has failed; what is wrong with the models.
+    """
+    models = Models(scene, lambda text: progress(f"{scene.name}: {text}"))
+    scene.__dict__["models"] = models
+    data, head = introduced(models)
+    parts, failed, complete = [Result({}, head)], dict[str, FemsubError](), True
+    with Interruptible() as work:
+        for name, ask in titled(scene.asks):
+            models.say(ask.KIND)
+            try:
+                part = renamed(ask.run(models), name, ask)
+            except FemsubError as error:  # the others are worth having without it
+                failed[name] = error
+                part = Result({}, [f"{name}: failed; {error}"])
+            parts.append(part)
+            complete = complete and part.data.get("complete", True)  # False: interrupted within it
+    complete = complete and work.complete
+    if failed and len(failed) == len(scene.asks):
+        raise next(iter(failed.values()))
+    for part in parts:
+        data |= part.data
+    if failed:
+        data["failed"] = {name: f"{type(error).__name__}: {error}" for name, error in failed.items()}
+    if not complete:
+        data["complete"] = False
+        parts.append(Result({}, ["Interrupted: these results are incomplete."]))
+    every = [one for part in parts for one in (*[""] * bool(part is not parts[0] and part.text()), *part.shown)]
+    notes = {name: note for part in parts for name, note in part.notes.items()}
+    return Result(data, every, {name: file for part in parts for name, file in part.files.items()}, head, notes)
+
+
+def introduced(models: Models) -> tuple[dict[str, Any], list[Shown]]:
+    """What the model is, as data and as the first lines."""
+    scene = models.scene
+    if not scene.parts:
+        return {}, []
+    full = models.full
+    data: dict[str, Any] = {"model": repr(full), "size": full.size}
+    lines: list[Shown] = [f"{scene.name}: {full!r}"]
+    if not models.alone:
+        data["parts"] = [{"part": name, "size": part.size, "interface": len(part.interface)} for name, part in full.parts.items()]
+    else:
+        data["interface"] = len(getattr(full, "interface", ()))
+    if repairs := [line for mesh in models.meshes.values() for line in mesh.repairs]:
+        data["repairs"] = repairs
+        lines.append(f"mesh: {'; '.join(repairs)}")
+    contacts = [one.words for one in scene.contacts.values()]  # type: ignore[attr-defined]
+    if contacts:
+        data["contacts"] = contacts
+        lines += contacts
+    if scene.reduce.methods:
+        counts = ", ".join(map(str, scene.reduce.sizes or scene.reduce.modes))
+        lines.append(f"{scene.reduce.labels} with {counts} {'DOF' if scene.reduce.sizes else 'modes'}"
+                     + (", static responses to ports joined" if scene.reduce.ports else ""))
+    return data, lines
+
+
+def titled(asks: list[Ask]) -> list[tuple[str, Ask]]:
+    """Each ask with the name of its results: of several of one name the later ones have a number."""
+    found: list[tuple[str, Ask]] = []
+    for ask in asks:
+        same = sum(one.title == ask.title for _, one in found)
+        found.append((f"{ask.title}-{same + 1}" if same else ask.title, ask))
+    return found
+
+
+def renamed(found: Result, name: str, ask: Ask) -> Result:
+    """A result whose tables, figures and files bear the name of the ask in place of that of its kind."""
+    def named(old: str) -> str:
+        return name + old[len(ask.KIND):] if old.startswith(ask.KIND) and name != ask.KIND else old
+
+    shown = [replace(one, name=named(one.name)) if isinstance(one, (Table, Chart)) and one.name else
+             one._replace(name=named(one.name)) if hasattr(one, "_replace") and hasattr(one, "draw") else one for one in found.shown]
+    data = {named(key): value for key, value in found.data.items()}
+    files = {named(key): value for key, value in found.files.items()}
+    notes = {named(one.name): ask.note for one in found.shown if ask.note and hasattr(one, "name")}
+    return replace(found, data=data, shown=shown, files=files, notes=notes)
